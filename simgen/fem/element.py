@@ -1,0 +1,157 @@
+"""Tetrahedral elements: shape functions, quadrature and the geometry map.
+
+``P2-P1`` is the Taylor-Hood element: quadratic displacement on (possibly curved) ten-node tetrahedra, continuous linear
+pressure. ``P1`` is the linear tetrahedron with constant strain and no pressure; it is there for comparison only.
+Node order is VTK's: corners 0-3, then the middles of the edges 01, 12, 20, 03, 13, 23.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
+TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
+
+
+def barycentric_p2(barycentric: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Quadratic shape functions at barycentric points: (q, 3 or 4) -> (q, 6 or 10)."""
+    corner = barycentric * (2.0 * barycentric - 1.0)
+    middle = 4.0 * barycentric[:, edges[:, 0]] * barycentric[:, edges[:, 1]]
+    return np.concatenate([corner, middle], axis=1)
+
+
+def barycentric_p2_gradient(barycentric: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Derivatives of the quadratic shape functions by each barycentric coordinate: (q, nodes, 3 or 4)."""
+    q, n = barycentric.shape
+    gradient = np.zeros((q, n + len(edges), n))
+    for i in range(n):
+        gradient[:, i, i] = 4.0 * barycentric[:, i] - 1.0
+    for e, (i, j) in enumerate(edges):
+        gradient[:, n + e, i] = 4.0 * barycentric[:, j]
+        gradient[:, n + e, j] = 4.0 * barycentric[:, i]
+    return gradient
+
+
+def _orbit(values: list[float]) -> np.ndarray:
+    """All distinct permutations of one barycentric point."""
+    from itertools import permutations
+
+    return np.array(sorted(set(permutations(values))))
+
+
+def tet_rule(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Symmetric quadrature with positive weights on the tetrahedron: barycentric points (q, 4), weights (q,) of sum 1.
+
+    1, 4, 8 and 14 points integrate polynomials of degree 1, 2, 3 and 5 exactly (Felippa, "A compendium of FEM integration
+    formulas for symbolic work", Eng. Comput. 21, 2004).
+    """
+    if points == 1:
+        orbits = [([0.25] * 4, 1.0)]
+    elif points == 4:
+        a = (5.0 - np.sqrt(5.0)) / 20.0
+        orbits = [([a, a, a, 1.0 - 3.0 * a], 0.25)]
+    elif points == 8:
+        a = (55.0 - 3.0 * np.sqrt(17.0) + np.sqrt(1022.0 - 134.0 * np.sqrt(17.0))) / 196.0
+        b = (55.0 - 3.0 * np.sqrt(17.0) - np.sqrt(1022.0 - 134.0 * np.sqrt(17.0))) / 196.0
+        w = 1.0 / 8.0 + np.sqrt((1715161837.0 - 406006699.0 * np.sqrt(17.0)) / 23101.0) / 3120.0
+        orbits = [([a, a, a, 1.0 - 3.0 * a], w), ([b, b, b, 1.0 - 3.0 * b], 0.25 - w)]
+    elif points == 14:
+        a, b, c = 0.092735250310891226402, 0.310885919263300609797, 0.045503704125649649492
+        wa, wb = 0.073493043116361949544, 0.112687925718015850799
+        orbits = [
+            ([a, a, a, 1.0 - 3.0 * a], wa),
+            ([b, b, b, 1.0 - 3.0 * b], wb),
+            ([c, c, 0.5 - c, 0.5 - c], (1.0 - 4.0 * (wa + wb)) / 6.0),
+        ]
+    else:
+        raise ValueError(f"no tetrahedron rule with {points} points; there are rules with 1, 4, 8 and 14")
+    parts = [_orbit([float(v) for v in point]) for point, _ in orbits]
+    weights = np.concatenate([np.full(len(p), w) for p, (_, w) in zip(parts, orbits, strict=True)])
+    return np.concatenate(parts), weights
+
+
+def triangle_rule() -> tuple[np.ndarray, np.ndarray]:
+    """Six points, degree 4 (Dunavant, Int. J. Numer. Meth. Engng 21, 1985): points (6, 3), weights (6,) of sum 1."""
+    a, wa = 0.445948490915964886, 0.223381589678011466
+    b, wb = 0.091576213509770743, 0.109951743655321868
+    points = np.concatenate([_orbit([a, a, 1.0 - 2.0 * a]), _orbit([b, b, 1.0 - 2.0 * b])])
+    return points, np.repeat([wa, wb], 3)
+
+
+@dataclass(frozen=True)
+class Element:
+    """What an element type declares: nodes, pressure nodes and quadrature points of a tetrahedron."""
+
+    name: str
+    nodes: int
+    pressures: int
+    quadrature_points: int
+
+
+P2P1 = Element("P2-P1", nodes=10, pressures=4, quadrature_points=8)
+P1 = Element("P1", nodes=4, pressures=0, quadrature_points=1)
+ELEMENTS = {element.name: element for element in (P2P1, P1)}
+
+
+@dataclass(frozen=True)
+class TetGeometry:
+    """Rest geometry of all elements at their quadrature points.
+
+    gradients : (e, q, nodes, 3) derivatives of the shape functions by rest position, 1/mm
+    volumes : (e, q) weight times det of the geometry map, mm3
+    pressure_shapes : (q, pressures) linear shape functions
+    """
+
+    gradients: np.ndarray
+    volumes: np.ndarray
+    pressure_shapes: np.ndarray
+
+
+def tet_geometry(element: Element, nodes: np.ndarray, tetrahedra: np.ndarray) -> TetGeometry:
+    """Geometry map of straight or curved elements; nodes (n, 3) mm, tetrahedra (e, 10 or 4).
+
+    Raises ValueError where the map is inverted at a quadrature point.
+    """
+    points, weights = tet_rule(element.quadrature_points)
+    if element.nodes == 10:
+        by_barycentric = barycentric_p2_gradient(points, TET_EDGES)
+    else:
+        by_barycentric = np.broadcast_to(np.eye(4), (len(points), 4, 4))
+    by_local = by_barycentric[:, :, 1:] - by_barycentric[:, :, :1]
+    position = nodes[tetrahedra[:, : element.nodes]]
+    jacobian = np.einsum("eai,qaj->eqij", position, by_local)
+    determinant = np.linalg.det(jacobian)
+    if determinant.min() <= 0.0:
+        worst = int(determinant.min(axis=1).argmin())
+        raise ValueError(f"tetrahedron {worst} is inverted: its geometry map has determinant {determinant.min():.3g}")
+    gradients = np.einsum("qaj,eqji->eqai", by_local, np.linalg.inv(jacobian))
+    return TetGeometry(gradients, determinant * weights / 6.0, points[:, : element.pressures] * 1.0)
+
+
+@dataclass(frozen=True)
+class FaceGeometry:
+    """Rest geometry of surface triangles at their quadrature points.
+
+    shapes : (q, nodes) shape functions of the displacement
+    multiplier_shapes : (q, 3) linear shape functions of the contact multipliers
+    areas : (f, q) weight times area of the (curved) face, mm2
+    """
+
+    shapes: np.ndarray
+    multiplier_shapes: np.ndarray
+    areas: np.ndarray
+
+
+def face_geometry(element: Element, nodes: np.ndarray, faces: np.ndarray) -> FaceGeometry:
+    """Surface quadrature of P2 (six nodes) or P1 (three nodes) faces; nodes (n, 3) mm, faces (f, 6)."""
+    points, weights = triangle_rule()
+    if element.nodes == 10:
+        shapes, by_barycentric = barycentric_p2(points, TRIANGLE_EDGES), barycentric_p2_gradient(points, TRIANGLE_EDGES)
+    else:
+        shapes, by_barycentric = points, np.broadcast_to(np.eye(3), (len(points), 3, 3))
+    by_local = by_barycentric[:, :, 1:] - by_barycentric[:, :, :1]
+    tangents = np.einsum("fai,qaj->fqij", nodes[faces[:, : shapes.shape[1]]], by_local)
+    normals = np.cross(tangents[..., 0], tangents[..., 1])
+    return FaceGeometry(shapes, points, 0.5 * weights * np.linalg.norm(normals, axis=-1))

@@ -1,0 +1,87 @@
+"""Near-incompressible neo-Hookean solid with its volumetric stiffness split in two.
+
+Energy per unit of rest volume (Bonet and Wood, *Nonlinear Continuum Mechanics*, 2nd ed., eq. 6.28, with
+lam/2 (J - 1)^2 as the volumetric part)::
+
+    psi(F) = mu/2 (tr F^T F - 3 - 2 ln J) + lam/2 (J - 1)^2
+
+With lam = gamma + (lam - gamma), only the second part is enforced through the continuous pressure p, so that ::
+
+    psi(F, p) = mu/2 (tr F^T F - 3 - 2 ln J) + gamma/2 (J - 1)^2 + p (J - 1) - p^2 / (2 (lam - gamma))
+
+Eliminating p pointwise returns psi(F): the split changes how one and the same material is discretised, and keeps the
+displacement block definite in deep presses (as "grad-div" stabilisation does for incompressible flow).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import warp as wp
+
+real = wp.float64
+vec3 = wp.vec3d
+mat33 = wp.mat33d
+
+
+@dataclass(frozen=True)
+class NeoHookean:
+    """Parameters of the solid in solver units (MPa)."""
+
+    mu: float
+    lam: float
+    gamma: float
+
+    @classmethod
+    def from_engineering(cls, youngs_modulus: float, poisson_ratio: float, split: float | None) -> NeoHookean:
+        """Lame parameters from E (MPa) and nu; ``split`` = gamma/mu, or None for all of lam pointwise (no pressure).
+
+        gamma stays below lam/2, so that the pressure keeps a finite stiffness for compressible solids too.
+        """
+        mu = youngs_modulus / (2.0 * (1.0 + poisson_ratio))
+        lam = 2.0 * mu * poisson_ratio / (1.0 - 2.0 * poisson_ratio)
+        gamma = lam if split is None else min(split * mu, 0.5 * lam)
+        return cls(mu, lam, gamma)
+
+    @property
+    def pressure_compliance(self) -> float:
+        """1 / (lam - gamma), 1/MPa; 0 where the element carries no pressure."""
+        return 0.0 if self.gamma == self.lam else 1.0 / (self.lam - self.gamma)
+
+
+@wp.func
+def cofactor(F: mat33) -> mat33:
+    """cof F = J F^-T: its columns are cross products of the columns of F (no division, defined for J = 0)."""
+    f0 = vec3(F[0, 0], F[1, 0], F[2, 0])
+    f1 = vec3(F[0, 1], F[1, 1], F[2, 1])
+    f2 = vec3(F[0, 2], F[1, 2], F[2, 2])
+    return wp.matrix_from_cols(wp.cross(f1, f2), wp.cross(f2, f0), wp.cross(f0, f1))
+
+
+@wp.func
+def first_piola(F: mat33, cof: mat33, J: real, p: real, mu: real, gamma: real) -> mat33:
+    """dpsi/dF = mu (F - F^-T) + (gamma (J - 1) + p) cof F."""
+    return mu * F + (gamma * (J - real(1.0)) + p - mu / J) * cof
+
+
+@wp.func
+def tangent_transposed(J: real, p: real, mu: real, gamma: real) -> real:
+    """Coefficient alpha of ``cof dF^T cof`` in dP; see :func:`first_piola_increment`."""
+    return mu / (J * J) - (gamma * (J - real(1.0)) + p) / J
+
+
+@wp.func
+def tangent_volumetric(J: real, p: real, gamma: real) -> real:
+    """Coefficient beta of ``(cof : dF) cof`` in dP; see :func:`first_piola_increment`."""
+    return gamma + (gamma * (J - real(1.0)) + p) / J
+
+
+@wp.func
+def first_piola_increment(dF: mat33, cof: mat33, J: real, p: real, dp: real, mu: real, gamma: real) -> mat33:
+    """dP = mu dF + alpha cof dF^T cof + (beta cof : dF + dp) cof.
+
+    From d(F^-T) = -F^-T dF^T F^-T and d(cof F) = ((cof : dF) cof - cof dF^T cof) / J.
+    """
+    alpha = tangent_transposed(J, p, mu, gamma)
+    beta = tangent_volumetric(J, p, gamma)
+    return mu * dF + alpha * (cof * wp.transpose(dF) * cof) + (beta * wp.ddot(cof, dF) + dp) * cof
