@@ -1,0 +1,181 @@
+"""Jobs: what is accepted, what is refused and in which words."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simgen.errors import InputError
+from simgen.job import difference, load_job
+from simgen.resources import resource
+
+MINIMAL = """\
+name: tiny
+sensors:
+  digit: {model: digit, material: solid}
+indenters: [sphere_7mm]
+trajectories: {count: 2}
+depths_mm: {first: 0.1, last: 0.3, count: 3}
+"""
+
+
+@pytest.fixture
+def write(tmp_path, monkeypatch):
+    """Write text to ``job.yaml`` in an otherwise empty current folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(text: str) -> str:
+        (tmp_path / "job.yaml").write_text(text)
+        return "job.yaml"
+
+    return write
+
+
+@pytest.mark.parametrize("file", sorted(path.name for path in resource("jobs").glob("*.yaml")))
+def test_every_bundled_job_loads_from_any_folder(file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    job = load_job(f"jobs/{file}")
+    assert job.name == file.removesuffix(".yaml")
+    assert load_job(file).hash == load_job(job.name).hash == job.hash
+
+
+def test_paired_job_is_the_full_dataset():
+    job = load_job("jobs/paired.yaml")
+    assert (job.trajectories.count, len(job.indenters), len(job.depths_m)) == (860, 9, 20)
+    assert job.samples == 154_800
+    assert list(job.sensors) == ["digit", "biotac"]
+    assert all(choice.material.preset == "solid" for choice in job.sensors.values())
+    published = load_job("jobs/paired_as_published.yaml")
+    assert difference(job.resolved(), published.resolved()) == [
+        "name: paired -> paired_as_published",
+        "sensors.biotac.material.preset: solid -> effective",
+    ]
+
+
+def test_depths_are_exact_decimals_in_metres(write):
+    np.testing.assert_array_equal(load_job(write(MINIMAL)).depths_m, [1e-4, 2e-4, 3e-4])
+
+
+def test_overrides_change_the_job_and_its_hash(write):
+    file = write(MINIMAL)
+    job = load_job(file, ["trajectories.count=5", "sensors.digit.material.youngs_modulus_pa=5e5"])
+    assert job.trajectories.count == 5
+    assert job.sensors["digit"].material.preset == "solid"
+    assert job.sensors["digit"].material.youngs_modulus_pa == 5e5
+    assert job.hash != load_job(file).hash
+
+
+def test_hash_ignores_order_of_keys_defaults_and_output_but_not_the_reference_sensor(write):
+    job = load_job(write(MINIMAL))
+    lines = MINIMAL.splitlines()
+    reordered = [*lines[3:], *lines[:3], "dataset: {output: elsewhere}"]
+    assert load_job(write("\n".join(reordered))).hash == job.hash
+    first = MINIMAL.replace("sensors:\n", "sensors:\n  other: {model: biotac}\n")
+    last = MINIMAL.replace("indenters:", "  other: {model: biotac}\nindenters:")
+    assert load_job(write(first)).hash != load_job(write(last)).hash
+
+
+def test_relative_paths_start_at_the_job_file(tmp_path, monkeypatch):
+    (tmp_path / "there").mkdir()
+    text = MINIMAL.replace("model: digit", "model: ./slab").replace("sphere_7mm", "pin.stl")
+    (tmp_path / "there" / "job.yaml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    job = load_job("there/job.yaml")
+    assert job.locate("./slab") == tmp_path / "there" / "slab"
+    assert job.locate("pin.stl") == tmp_path / "there" / "pin.stl"
+    assert job.locate("cylinder_long_7mm") == "cylinder_long_7mm"
+    assert job.indenter_names == ("pin",)
+    assert "there" not in str(job.resolved())
+
+
+# What is wrong with the job -> what the one line must say: where, which key, which value, what is allowed.
+BAD = {
+    "unknown key": ("colour: red", [], "job.yaml: colour: unknown key; allowed: name, seed, sensors"),
+    "unknown nested": (
+        "",
+        ["trajectories.cuont=3"],
+        "cuont: unknown key; allowed: count.*did you mean count",
+    ),
+    "wrong unit in key": ("depths_m: {first: 1}", [], r"depths_m: unknown key.*did you mean depths_mm\?"),
+    "unit in value": (
+        "",
+        ["sensors.digit.material.youngs_modulus_pa=539 kPa"],
+        r'override .*youngs_modulus_pa: "539 kPa" is not allowed; allowed: 1e3 to 1e9 Pa',
+    ),
+    "MPa for Pa": (
+        "",
+        ["sensors.digit.material.youngs_modulus_pa=0.539"],
+        r"youngs_modulus_pa: 0\.539 is not allowed; allowed: 1e3 to 1e9 Pa",
+    ),
+    "fluid": (
+        "",
+        ["sensors.digit.material.poisson_ratio=0.5"],
+        "poisson_ratio: 0.5 is not allowed; .*0.4999",
+    ),
+    "no trajectories": (
+        "",
+        ["trajectories.count=0"],
+        "trajectories.count: 0 is not allowed; allowed: .*1 to",
+    ),
+    "half a trajectory": ("", ["trajectories.count=1.5"], "trajectories.count: 1.5 is not allowed"),
+    "boolean for a number": ("", ["seed=true"], "seed: true is not allowed"),
+    "not a number": ("", ["depths_mm.first=.nan"], "depths_mm.first: NaN is not allowed; allowed: above 0"),
+    "zero depth": (
+        "",
+        ["depths_mm.first=0"],
+        "depths_mm.first: 0 is not allowed; allowed: above 0, to 10 mm",
+    ),
+    "depths reversed": ("", ["depths_mm.first=0.5"], "depths_mm: first must be less than last"),
+    "one depth, two ends": ("", ["depths_mm.count=1"], "depths_mm: one depth: first and last must be equal"),
+    "unknown mesh": (
+        "",
+        ["sensors.digit.mesh=fine"],
+        'digit.mesh: "fine" is not allowed; allowed: default or',
+    ),
+    "unknown element": ("", ["solver.element=P3"], 'solver.element: "P3" is not allowed; allowed: P2-P1'),
+    "no indenter": ("", ["indenters=[]"], r"indenters: \[\] is not allowed; allowed: a list of names"),
+    "text for a list": ("", ["indenters=sphere"], 'indenters: "sphere" is not allowed; allowed: a list'),
+    "indenter twice": ("", ["indenters=[a, b, a]"], "indenters: 'a' is listed twice"),
+    "value for a section": ("", ["trajectories=3"], "trajectories: 3 is not allowed; allowed: a mapping"),
+    "reserved sensor name": ("", ["sensors.press.model=digit"], "sensors: 'press' cannot name a sensor"),
+    "missing": (
+        "",
+        ["sensors.finger.mesh=coarse"],
+        "sensors.finger.model: missing; allowed: a bundled sensor",
+    ),
+    "key twice": ("name: again", [], "job.yaml: line 7 key 'name' is given twice"),
+    "broken YAML": ("a: [", [], "job.yaml: line "),
+    "not an override": ("", ["seed"], "override seed: write it as key=value"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_that_says_where_what_and_what_is_allowed(write, case):
+    extra, overrides, expected = BAD[case]
+    with pytest.raises(InputError) as caught:
+        load_job(write(MINIMAL + extra), overrides)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert re.search(expected, message), message
+
+
+def test_a_job_that_does_not_exist_names_the_bundled_ones(tmp_path):
+    with pytest.raises(InputError, match=r"no such job file; bundled jobs: paired\.yaml.*smoke\.yaml"):
+        load_job(tmp_path / "nothing.yaml")
+
+
+def test_a_job_that_is_a_list_is_refused(write):
+    with pytest.raises(InputError, match="a job is a mapping of keys to values; this is a list"):
+        load_job(write("- name"))
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from("abc"), st.integers() | st.dictionaries(st.sampled_from("xy"), st.integers())
+    )
+)
+def test_difference_is_empty_only_between_equals(data):
+    assert difference(data, data) == []
+    assert difference(data, {**data, "new": 1}) == ["new: (absent) -> 1"]
