@@ -1,0 +1,299 @@
+"""Signed distance, normal and curvature of every rigid shape, as one Warp function on CPU and GPU.
+
+Lengths in mm, float64. Shapes stand in the indenter frame: tip plane y = 0, press direction +y, body without
+end towards -y.
+
+Each analytic shape is assembled from coordinate distances (a slab, a round core) whose gradients are
+orthogonal, joined by a rounded intersection. For such a join the formula of Quilez ("Distance functions",
+iquilezles.org) is the exact distance of the filleted solid, inside and out, so its gradient is a unit vector
+and its Hessian is the curvature of the level set.
+"""
+
+import enum
+
+import warp as wp
+
+wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no banner, no line per compiled kernel
+
+
+class Kind(enum.IntEnum):
+    """The tag of a RigidShape, and the meaning of its ``size`` (mm)."""
+
+    SPHERE = 0  # radius
+    CYLINDER = 1  # radius, half length along x, fillet
+    CUBE = 2  # half width, fillet
+    RING = 3  # outer radius, hole radius, fillet
+    TEXTURE = 4  # half width, fillet, bump radius, bump offset along x and z
+    SAMPLED = 5  # unused: the shape is the zero level of a cubic B-spline
+
+
+SPHERE = wp.constant(int(Kind.SPHERE))
+CYLINDER = wp.constant(int(Kind.CYLINDER))
+CUBE = wp.constant(int(Kind.CUBE))
+RING = wp.constant(int(Kind.RING))
+TEXTURE = wp.constant(int(Kind.TEXTURE))
+
+
+@wp.struct
+class RigidShape:
+    """A rigid shape, in mm. The grid is used by ``Kind.SAMPLED`` alone.
+
+    ``coefficients[i, j, k]`` belongs to the grid point ``grid_origin + grid_spacing * (i, j, k)``.
+    """
+
+    kind: wp.int32
+    size: wp.vec4d
+    grid_origin: wp.vec3d
+    grid_spacing: wp.float64
+    coefficients: wp.array3d(dtype=wp.float64)
+
+
+@wp.struct
+class Probe:
+    """Signed distance (mm, negative inside) at a point, its gradient and its Hessian (1/mm)."""
+
+    distance: wp.float64
+    normal: wp.vec3d
+    curvature: wp.mat33d
+
+
+@wp.func
+def _slab(coordinate: wp.float64, half_width: wp.float64, axis: wp.vec3d) -> Probe:
+    """``|coordinate| - half_width``, the coordinate being measured along ``axis``."""
+    result = Probe()
+    result.distance = wp.abs(coordinate) - half_width
+    result.normal = axis
+    if coordinate < wp.float64(0.0):
+        result.normal = -axis
+    return result
+
+
+@wp.func
+def _below(height: wp.float64) -> Probe:
+    """The half space under the tip plane."""
+    result = Probe()
+    result.distance = height
+    result.normal = wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))
+    return result
+
+
+@wp.func
+def _round(offset: wp.vec3d, active: wp.vec3d, radius: wp.float64) -> Probe:
+    """``|offset| - radius``; ``active`` is 1 for each coordinate on which the offset depends, else 0."""
+    result = Probe()
+    length = wp.max(wp.length(offset), wp.float64(1.0e-9))
+    result.distance = length - radius
+    result.normal = offset / length
+    result.curvature = (wp.diag(active) - wp.outer(result.normal, result.normal)) / length
+    return result
+
+
+@wp.func
+def _shell(middle: Probe, half_thickness: wp.float64) -> Probe:
+    """``|middle| - half_thickness``."""
+    result = Probe()
+    result.distance = wp.abs(middle.distance) - half_thickness
+    sign = wp.float64(1.0)
+    if middle.distance < wp.float64(0.0):
+        sign = wp.float64(-1.0)
+    result.normal = sign * middle.normal
+    result.curvature = sign * middle.curvature
+    return result
+
+
+@wp.func
+def _rounded_intersection(a: Probe, b: Probe, fillet: wp.float64) -> Probe:
+    """``|max(q, 0)| + min(max q, 0) - fillet``, ``q = distance + fillet``, gradients orthogonal."""
+    qa = a.distance + fillet
+    qb = b.distance + fillet
+    result = Probe()
+    if wp.min(qa, qb) > wp.float64(0.0):
+        length = wp.sqrt(qa * qa + qb * qb)
+        result.distance = length - fillet
+        result.normal = (qa * a.normal + qb * b.normal) / length
+        result.curvature = (
+            qa * a.curvature
+            + qb * b.curvature
+            + wp.outer(a.normal, a.normal)
+            + wp.outer(b.normal, b.normal)
+            - wp.outer(result.normal, result.normal)
+        ) / length
+    elif qa > qb:
+        result = a
+    else:
+        result = b
+    return result
+
+
+@wp.func
+def _sphere(x: wp.vec3d, radius: wp.float64) -> Probe:
+    """A ray-shaped core along -y, grown by the radius: hemispherical tip and shaft."""
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    height = x[1] + radius
+    active = wp.vec3d(one, one, one)
+    if height < zero:
+        active = wp.vec3d(one, zero, one)
+    return _round(wp.vec3d(x[0], wp.max(height, zero), x[2]), active, radius)
+
+
+@wp.func
+def _cylinder(x: wp.vec3d, radius: wp.float64, half_length: wp.float64, fillet: wp.float64) -> Probe:
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    height = x[1] + radius
+    active = wp.vec3d(zero, one, one)
+    if height < zero:
+        active = wp.vec3d(zero, zero, one)
+    profile = _round(wp.vec3d(zero, wp.max(height, zero), x[2]), active, radius)
+    return _rounded_intersection(profile, _slab(x[0], half_length, wp.vec3d(one, zero, zero)), fillet)
+
+
+@wp.func
+def _cube(x: wp.vec3d, half_width: wp.float64, fillet: wp.float64) -> Probe:
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    column = _rounded_intersection(
+        _slab(x[0], half_width, wp.vec3d(one, zero, zero)),
+        _slab(x[2], half_width, wp.vec3d(zero, zero, one)),
+        fillet,
+    )
+    return _rounded_intersection(column, _below(x[1]), fillet)
+
+
+@wp.func
+def _ring(x: wp.vec3d, outer: wp.float64, hole: wp.float64, fillet: wp.float64) -> Probe:
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    half = wp.float64(0.5)
+    middle = _round(wp.vec3d(x[0], zero, x[2]), wp.vec3d(one, zero, one), half * (outer + hole))
+    return _rounded_intersection(_shell(middle, half * (outer - hole)), _below(x[1]), fillet)
+
+
+@wp.func
+def _texture(
+    x: wp.vec3d, half_width: wp.float64, fillet: wp.float64, bump: wp.float64, offset: wp.float64
+) -> Probe:
+    """The union (the nearer wins) of a cube, its face one bump radius low, and five hemispheres on it."""
+    zero = wp.float64(0.0)
+    nearest = _cube(wp.vec3d(x[0], x[1] + bump, x[2]), half_width, fillet)
+    # By symmetry the nearest of the four outer bumps is the one in the point's own quadrant.
+    ox = wp.where(x[0] < zero, -offset, offset)
+    oz = wp.where(x[2] < zero, -offset, offset)
+    outer = _sphere(wp.vec3d(x[0] - ox, x[1], x[2] - oz), bump)
+    if outer.distance < nearest.distance:
+        nearest = outer
+    centre = _sphere(x, bump)
+    if centre.distance < nearest.distance:
+        nearest = centre
+    return nearest
+
+
+@wp.func
+def _weights(t: wp.float64) -> wp.vec4d:
+    """Uniform cubic B-spline at the four taps around a point at fraction t of its cell."""
+    one = wp.float64(1.0)
+    three = wp.float64(3.0)
+    u = one - t
+    return wp.vec4d(
+        u * u * u,
+        three * t * t * t - wp.float64(6.0) * t * t + wp.float64(4.0),
+        three * u * u * u - wp.float64(6.0) * u * u + wp.float64(4.0),
+        t * t * t,
+    ) / wp.float64(6.0)
+
+
+@wp.func
+def _slopes(t: wp.float64) -> wp.vec4d:
+    """First derivative of `_weights`."""
+    u = wp.float64(1.0) - t
+    a = wp.float64(1.5)
+    b = wp.float64(2.0)
+    half = wp.float64(0.5)
+    return wp.vec4d(-half * u * u, a * t * t - b * t, b * u - a * u * u, half * t * t)
+
+
+@wp.func
+def _bends(t: wp.float64) -> wp.vec4d:
+    """Second derivative of `_weights`."""
+    u = wp.float64(1.0) - t
+    a = wp.float64(3.0)
+    b = wp.float64(2.0)
+    return wp.vec4d(u, a * t - b, a * u - b, t)
+
+
+@wp.func
+def _sampled(shape: RigidShape, x: wp.vec3d) -> Probe:
+    """Cubic B-spline; outside its grid: the value at the grid's nearest point plus the distance to it."""
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    h = shape.grid_spacing
+    position = (x - shape.grid_origin) / h
+    clamped = position
+    active = wp.vec3d(one, one, one)
+    corner = wp.vec3i(0, 0, 0)
+    for axis in range(3):
+        # The outermost layer of coefficients carries the taps of the last cell.
+        last = shape.coefficients.shape[axis] - 2
+        clamped[axis] = wp.clamp(position[axis], one, wp.float64(last))
+        active[axis] = wp.where(clamped[axis] == position[axis], one, zero)
+        corner[axis] = wp.min(wp.int32(wp.floor(clamped[axis])), last - 1)
+    tx = clamped[0] - wp.float64(corner[0])
+    ty = clamped[1] - wp.float64(corner[1])
+    tz = clamped[2] - wp.float64(corner[2])
+    wx, wy, wz = _weights(tx), _weights(ty), _weights(tz)
+    sx, sy, sz = _slopes(tx), _slopes(ty), _slopes(tz)
+    bx, by, bz = _bends(tx), _bends(ty), _bends(tz)
+
+    value = wp.float64(0.0)
+    gradient = wp.vec3d()
+    hessian = wp.mat33d()
+    for tap in range(64):  # above Warp's unroll limit: stays a loop, which keeps the kernel small
+        i = tap // 16
+        j = (tap // 4) % 4
+        k = tap % 4
+        c = shape.coefficients[corner[0] + i - 1, corner[1] + j - 1, corner[2] + k - 1]
+        value += c * wx[i] * wy[j] * wz[k]
+        gradient += c * wp.vec3d(sx[i] * wy[j] * wz[k], wx[i] * sy[j] * wz[k], wx[i] * wy[j] * sz[k])
+        xy = sx[i] * sy[j] * wz[k]
+        xz = sx[i] * wy[j] * sz[k]
+        yz = wx[i] * sy[j] * sz[k]
+        hessian += c * wp.mat33d(
+            bx[i] * wy[j] * wz[k], xy, xz,
+            xy, wx[i] * by[j] * wz[k], yz,
+            xz, yz, wx[i] * wy[j] * bz[k],
+        )  # fmt: skip
+
+    result = Probe()
+    result.distance = value
+    result.normal = wp.cw_mul(active, gradient) / h
+    result.curvature = wp.cw_mul(wp.outer(active, active), hessian) / (h * h)
+    excess = h * (position - clamped)
+    outside = wp.length(excess)
+    if outside > zero:
+        away = excess / outside
+        passive = wp.vec3d(one, one, one) - active
+        result.distance += outside
+        result.normal += away
+        result.curvature += (wp.diag(passive) - wp.outer(away, away)) / outside
+    return result
+
+
+@wp.func
+def probe(shape: RigidShape, x: wp.vec3d) -> Probe:
+    """Signed distance (mm), normal and curvature (1/mm) of ``shape`` at ``x`` (mm, the shape's own frame)."""
+    s = shape.size
+    result = Probe()
+    if shape.kind == SPHERE:
+        result = _sphere(x, s[0])
+    elif shape.kind == CYLINDER:
+        result = _cylinder(x, s[0], s[1], s[2])
+    elif shape.kind == CUBE:
+        result = _cube(x, s[0], s[1])
+    elif shape.kind == RING:
+        result = _ring(x, s[0], s[1], s[2])
+    elif shape.kind == TEXTURE:
+        result = _texture(x, s[0], s[1], s[2], s[3])
+    else:
+        result = _sampled(shape, x)
+    return result

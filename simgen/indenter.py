@@ -1,0 +1,246 @@
+"""Indenters: the strict table of analytic shapes, a user's own closed mesh, and their signed distance.
+
+A `RigidShape` is in mm and in the indenter frame (tip plane y = 0, press direction +y, body towards -y);
+meshes are in m.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import trimesh
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from simgen.distance import Kind, Probe, RigidShape, probe
+from simgen.errors import InputError
+from simgen.resources import resource
+from simgen.shape import mesh_distance, rigid_shape, sampled_shape, shape_array, signed_distance
+
+__all__ = [
+    "Indenter", "Kind", "Probe", "RigidShape", "indenter_names", "load_indenter", "mesh_distance", "probe",
+    "rigid_shape", "sampled_shape", "shape_array", "signed_distance",
+]  # fmt: skip
+
+MESH_SUFFIXES = (".stl", ".obj", ".ply")
+MESH_UNITS = {"m": 1.0, "mm": 1e-3}
+DRAWN_LENGTH = 0.010  # m: how much of an endless shaft a drawing shows
+
+Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class _Spec(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SphereSpec(_Spec):
+    kind: Literal["sphere"]
+    radius_mm: Length
+
+
+class CylinderSpec(_Spec):
+    kind: Literal["cylinder"]
+    radius_mm: Length
+    half_length_mm: Length
+    fillet_mm: Length
+
+
+class CubeSpec(_Spec):
+    kind: Literal["cube"]
+    half_width_mm: Length
+    fillet_mm: Length
+
+
+class RingSpec(_Spec):
+    kind: Literal["ring"]
+    outer_radius_mm: Length
+    hole_radius_mm: Length
+    fillet_mm: Length
+
+
+class TextureSpec(_Spec):
+    kind: Literal["texture"]
+    half_width_mm: Length
+    fillet_mm: Length
+    bump_radius_mm: Length
+    bump_offset_mm: Length
+
+
+class MeshSpec(_Spec):
+    kind: Literal["mesh"]
+    file: str
+    unit: Literal["m", "mm"] = "m"
+    spacing_mm: Length = 0.2
+
+
+Spec = Annotated[
+    SphereSpec | CylinderSpec | CubeSpec | RingSpec | TextureSpec | MeshSpec, Field(discriminator="kind")
+]
+_TABLE = TypeAdapter(dict[str, Spec])
+
+
+@dataclass(frozen=True)
+class Indenter:
+    """A named indenter; ``source`` is the mesh of the user's own kind (m), None for an analytic one."""
+
+    name: str
+    spec: Spec
+    source: trimesh.Trimesh | None = None
+
+    def shape(self) -> RigidShape:
+        """The shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
+        if isinstance(self.spec, MeshSpec):
+            return sampled_shape(self.source, self.spec.spacing_mm, margin_mm=3.0)
+        return rigid_shape(Kind[self.spec.kind.upper()], *(v for k, v in self.spec if k != "kind"))
+
+    def mesh(self) -> trimesh.Trimesh:
+        """A closed surface for drawing (m); an analytic shape is cut 10 mm or more below its tip."""
+        return self.source if self.source is not None else _draw(self)
+
+    @property
+    def extent(self) -> np.ndarray:
+        """(2, 3) m: the bounding box of `mesh`."""
+        return np.array(self.mesh().bounds)
+
+
+def indenter_names(file: str | Path | None = None) -> list[str]:
+    """The names in an indenter table (default: the nine of the package), in its order."""
+    return list(_read_table(_table_path(file)))
+
+
+def load_indenter(name_or_path: str | Path, file: str | Path | None = None) -> Indenter:
+    """An indenter by its name in a table, or a closed mesh in m (.stl .obj .ply) by its path.
+
+    ``file`` is the table (default: the package's ``indenters.yaml``).
+    Raises InputError for an unknown name, a bad table, and a mesh that is not closed.
+    """
+    name = str(name_or_path)
+    if Path(name).suffix.lower() in MESH_SUFFIXES:
+        spec = MeshSpec(kind="mesh", file=name)
+        return Indenter(Path(name).stem, spec, _read_mesh(Path(name), spec.unit))
+    path = _table_path(file)
+    table = _read_table(path)
+    if name not in table:
+        raise InputError(
+            f"{path}: no indenter '{name}'; allowed: {', '.join(table)}, or a mesh (.stl .obj .ply)"
+        )
+    spec = table[name]
+    if isinstance(spec, MeshSpec):
+        return Indenter(name, spec, _read_mesh(path.parent / spec.file, spec.unit))
+    return Indenter(name, spec)
+
+
+def _table_path(file: str | Path | None) -> Path:
+    return resource("indenters") / "indenters.yaml" if file is None else Path(file)
+
+
+def _read_table(path: Path) -> dict[str, Spec]:
+    try:
+        table = _TABLE.validate_python(yaml.safe_load(path.read_text()))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{path}: {key}: {first['msg']}, got {first['input']!r}") from None
+    for name, spec in table.items():
+        _check_sizes(path, name, spec)
+    return table
+
+
+def _check_sizes(path: Path, name: str, spec: Spec) -> None:
+    """A fillet fits into the shape that carries it; a ring has a wall."""
+    if isinstance(spec, RingSpec):
+        if spec.hole_radius_mm >= spec.outer_radius_mm:
+            raise InputError(
+                f"{path}: {name}.hole_radius_mm: {spec.hole_radius_mm:g}; allowed: less than outer_radius_mm "
+                f"({spec.outer_radius_mm:g})"
+            )
+        room = 0.5 * (spec.outer_radius_mm - spec.hole_radius_mm)
+    elif isinstance(spec, CylinderSpec):
+        room = min(spec.radius_mm, spec.half_length_mm)
+    elif isinstance(spec, CubeSpec | TextureSpec):
+        room = spec.half_width_mm
+    else:
+        return
+    if spec.fillet_mm > room:
+        raise InputError(f"{path}: {name}.fillet_mm: {spec.fillet_mm:g}; allowed: 0 < fillet_mm <= {room:g}")
+
+
+def _read_mesh(path: Path, unit: str) -> trimesh.Trimesh:
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise InputError(f"{path}: not a mesh format for an indenter; allowed: {' '.join(MESH_SUFFIXES)}")
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; an indenter's mesh is a closed surface (.stl .obj .ply)")
+    try:
+        mesh = trimesh.load(path, force="mesh")
+    except Exception as error:  # trimesh's readers raise whatever their parsers raise
+        raise InputError(f"{path}: cannot be read as a surface mesh ({error})") from None
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    if len(mesh.faces) == 0 or not mesh.is_watertight:
+        raise InputError(f"{path}: the surface is not watertight; an indenter needs a closed surface")
+    if mesh.volume < 0.0:
+        mesh.invert()
+    mesh.apply_scale(MESH_UNITS[unit])
+    largest = float(mesh.extents.max())
+    if not 1e-4 < largest < 0.5:
+        raise InputError(
+            f"{path}: the shape is {largest:g} m large; allowed: 0.0001..0.5 m (a mesh in mm goes into an "
+            "indenter table, with unit: mm)"
+        )
+    return mesh
+
+
+def _draw(indenter: Indenter) -> trimesh.Trimesh:
+    spec = indenter.spec
+    if isinstance(spec, TextureSpec):
+        base = CubeSpec(kind="cube", half_width_mm=spec.half_width_mm, fillet_mm=spec.fillet_mm)
+        cube = Indenter("", base).mesh()
+        cube.apply_translation([0.0, -1e-3 * spec.bump_radius_mm, 0.0])
+        bump = trimesh.creation.icosphere(subdivisions=3, radius=1e-3 * spec.bump_radius_mm)
+        o = spec.bump_offset_mm
+        centres = np.array([(0, 0), (o, o), (o, -o), (-o, o), (-o, -o)]) * 1e-3
+        bumps = [bump.copy().apply_translation([x, -1e-3 * spec.bump_radius_mm, z]) for x, z in centres]
+        return trimesh.util.concatenate([cube, *bumps])
+    if isinstance(spec, RingSpec):
+        return _revolve(indenter.shape(), spec.hole_radius_mm, spec.outer_radius_mm)
+    if isinstance(spec, SphereSpec):
+        return _revolve(indenter.shape(), 0.0, spec.radius_mm)
+    if isinstance(spec, CubeSpec):
+        half_x = half_z = spec.half_width_mm
+    else:
+        half_x, half_z = spec.half_length_mm, spec.radius_mm
+    # The closest-point map of an enclosing box covers a convex shape.
+    box = trimesh.creation.box(extents=[2.0 * half_x, 1e3 * DRAWN_LENGTH, 2.0 * half_z])
+    box = box.subdivide_to_size(0.35)
+    box.apply_translation([0.0, -0.5e3 * DRAWN_LENGTH, 0.0])
+    vertices = _onto(indenter.shape(), np.asarray(box.vertices))
+    return trimesh.Trimesh(vertices * 1e-3, box.faces, process=False)
+
+
+def _onto(shape: RigidShape, points_mm: np.ndarray) -> np.ndarray:
+    """Points outside the shape moved to their closest points on it."""
+    distance, normal, _ = signed_distance(shape, points_mm)
+    return points_mm - np.maximum(distance, 0.0)[:, None] * normal
+
+
+def _revolve(shape: RigidShape, inner: float, outer: float) -> trimesh.Trimesh:
+    """The shape of revolution about y between two radii (mm): a solid or a tube, cut at the drawn length."""
+    length = 1e3 * DRAWN_LENGTH
+    heights = -np.linspace(0.0, length, 101)[1:]
+    zero = np.zeros(100)
+    wall = np.column_stack([np.full(100, outer), heights, zero])[::-1]
+    rim = np.column_stack([np.linspace(outer, inner, 41), np.zeros((41, 2))])
+    bore = np.column_stack([np.full(100, inner), heights, zero])
+    if inner > 0.0:
+        profile = _onto(shape, np.vstack([wall, rim, bore, wall[:1]]))
+    else:
+        profile = np.vstack([[[0.0, -length, 0.0]], _onto(shape, np.vstack([wall, rim]))])
+    mesh = trimesh.creation.revolve(profile[:, :2] * 1e-3, sections=96)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1.0, 0.0, 0.0]))
+    if mesh.volume < 0.0:
+        mesh.invert()
+    return mesh
