@@ -1,6 +1,9 @@
 """Quasi-static finite-strain finite elements with frictional contact against rigid shapes.
 
-Symbols (solver units: mm, MPa, N; every array has the environment, one press, as its fastest index)
+Solver units: mm, and Young's modulus as the unit of stress, so that the same relative tolerances and the very same
+numbers serve soft and stiff gels (a press is driven by displacements). ``simgen.press`` converts at the edge.
+
+Symbols (every array has the environment, one press, as its fastest index)
 
 ====== ===================================================================================================
 X, u   rest position and displacement of a node; x = X + u
@@ -12,14 +15,13 @@ lam    Lame's first parameter, 2 mu nu / (1 - 2 nu)
 gamma  the part of ``lam`` that acts pointwise; ``lam - gamma`` acts through p (see material.py)
 g, n   gap (signed distance of the rigid shape) and its gradient, the outward normal of the shape
 t, tau normal traction (compression positive) and friction traction, per unit of rest area
-k      stiffness of the augmented Lagrangian, MPa/mm
+k      stiffness of the augmented Lagrangian, stress/mm
 ====== ===================================================================================================
 
 The state vector ``x`` of one environment is ``[u of node 0 (3), u of node 1, ..., p of corner 0, p of corner 1, ...]``;
 the solver's arrays have shape ``(unknowns, environments)``.
 
-**Contract of a term** (``operator.Elasticity``, ``contact.Contact``): ``residual(x, r)`` adds its forces to ``r``,
-``tangent(x, v, out)`` adds the action of its derivative, ``blocks(x, values)`` adds its 3 x 3 displacement
-blocks for a preconditioner. Contact terms also have ``begin_increment`` (what is lagged over a load step),
-``update_multipliers``, ``save`` and ``restore``. The solver names no term: a scene carries those that it needs.
+A scene carries the body (``operator.Elasticity``) and those contacts (``contact.Contact``) that it needs. Each adds its
+forces to a residual, the action of its derivative to a vector, and its 3 x 3 displacement blocks to a
+preconditioner's matrix; a contact also has ``begin_increment`` (what is lagged over a load step) and multipliers.
 """

@@ -26,7 +26,7 @@ mat33 = wp.mat33d
 
 @dataclass(frozen=True)
 class NeoHookean:
-    """Parameters of the solid in solver units (MPa)."""
+    """Parameters of the solid in solver units."""
 
     mu: float
     lam: float
@@ -34,7 +34,7 @@ class NeoHookean:
 
     @classmethod
     def from_engineering(cls, youngs_modulus: float, poisson_ratio: float, split: float | None) -> NeoHookean:
-        """Lame parameters from E (MPa) and nu; ``split`` = gamma/mu, or None for all of lam pointwise (no pressure).
+        """Lame parameters from E and nu; ``split`` = gamma/mu, or None for all of lam pointwise (no pressure).
 
         gamma stays below lam/2, so that the pressure keeps a finite stiffness for compressible solids too.
         """
@@ -45,7 +45,7 @@ class NeoHookean:
 
     @property
     def pressure_compliance(self) -> float:
-        """1 / (lam - gamma), 1/MPa; 0 where the element carries no pressure."""
+        """1 / (lam - gamma); 0 where the element carries no pressure."""
         return 0.0 if self.gamma == self.lam else 1.0 / (self.lam - self.gamma)
 
 

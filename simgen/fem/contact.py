@@ -1,0 +1,339 @@
+"""Contact of one surface with one rigid shape per environment, as a term of the solver.
+
+The formulas are in ``traction.py``; the kernels here gather and scatter. Used twice: the touchable surface against the
+indenter, and the BioTac's inner skin against its core.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from ..distance import RigidShape
+from ..shape import shape_array
+from .element import Element, face_geometry
+from .material import mat33, real, vec3
+from .operator import add_vec3, load_vec3
+from .traction import Surface, deformed, probe_in_sensor_frame, traction
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def contact_residual_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    x_start: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    residual_out: wp.array2d(dtype=wp.float64),
+):
+    f, env = wp.tid()
+    if active[env] == 0:
+        return
+    for q in range(s.areas.shape[1]):
+        found = traction(s, x, x_start, f, q, env)
+        if found.pressure > real(0.0):
+            force = s.areas[f, q] * (found.pressure * found.normal + found.friction)
+            for a in range(s.shapes.shape[1]):
+                add_vec3(residual_out, s.faces[f, a], env, -s.shapes[q, a] * force)
+
+
+@wp.kernel
+def contact_tangent_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    x_start: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    tangent_out: wp.array3d(dtype=mat33),
+):
+    """Store the tangent at every quadrature point: it is used for many Krylov iterations."""
+    f, env = wp.tid()
+    if active[env] == 0:
+        return
+    for q in range(s.areas.shape[1]):
+        found = traction(s, x, x_start, f, q, env)
+        tangent_out[f, q, env] = s.areas[f, q] * found.tangent
+
+
+@wp.kernel
+def contact_action_kernel(
+    s: Surface,
+    tangent: wp.array3d(dtype=mat33),
+    v: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    action_out: wp.array2d(dtype=wp.float64),
+):
+    f, env = wp.tid()
+    if active[env] == 0:
+        return
+    for q in range(s.areas.shape[1]):
+        K = tangent[f, q, env]
+        if K[0, 0] != real(0.0) or K[1, 1] != real(0.0) or K[2, 2] != real(0.0):
+            dx = vec3()
+            for a in range(s.shapes.shape[1]):
+                dx += s.shapes[q, a] * load_vec3(v, s.faces[f, a], env)
+            df = K * dx
+            for a in range(s.shapes.shape[1]):
+                add_vec3(action_out, s.faces[f, a], env, s.shapes[q, a] * df)
+
+
+@wp.kernel
+def contact_blocks_kernel(
+    s: Surface,
+    tangent: wp.array3d(dtype=mat33),
+    active: wp.array(dtype=wp.int32),
+    block_index: wp.array3d(dtype=wp.int32),
+    # outputs
+    blocks_out: wp.array2d(dtype=mat33),
+):
+    f, env = wp.tid()
+    if active[env] == 0:
+        return
+    for q in range(s.areas.shape[1]):
+        K = tangent[f, q, env]
+        if K[0, 0] != real(0.0) or K[1, 1] != real(0.0) or K[2, 2] != real(0.0):
+            for a in range(s.shapes.shape[1]):
+                for b in range(s.shapes.shape[1]):
+                    weight = s.shapes[q, a] * s.shapes[q, b]
+                    wp.atomic_add(blocks_out, block_index[f, a, b], env, weight * K)
+
+
+@wp.kernel
+def gap_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    gap_out: wp.array3d(dtype=wp.float64),
+):
+    f, q, env = wp.tid()
+    if active[env] == 0:
+        return
+    gap_out[f, q, env] = probe_in_sensor_frame(s, deformed(s, x, f, q, env), f, q, env).distance
+
+
+@wp.kernel
+def slip_fraction_kernel(
+    gap_start: wp.array3d(dtype=wp.float64),
+    gap_predicted: wp.array3d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    slip_fraction_out: wp.array3d(dtype=wp.float64),
+):
+    """A point that was apart by g0 and would overlap by -g1 spends -g1 / (g0 - g1) of the increment in contact."""
+    f, q, env = wp.tid()
+    if active[env] == 0:
+        return
+    g0 = wp.max(gap_start[f, q, env], real(0.0))
+    g1 = wp.min(gap_predicted[f, q, env], real(0.0))
+    fraction = real(1.0)
+    if g0 > real(0.0):
+        fraction = -g1 / (g0 - g1)
+    slip_fraction_out[f, q, env] = fraction
+
+
+@wp.kernel
+def project_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    x_start: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    normal_out: wp.array2d(dtype=wp.float64),
+    tangential_out: wp.array2d(dtype=vec3),
+):
+    """Integrate t and tau against the multiplier shape functions."""
+    f, env = wp.tid()
+    if active[env] == 0:
+        return
+    for q in range(s.areas.shape[1]):
+        found = traction(s, x, x_start, f, q, env)
+        if found.pressure > real(0.0):
+            for i in range(3):
+                weight = s.areas[f, q] * s.multiplier_shapes[q, i]
+                wp.atomic_add(normal_out, s.slots[f, i], env, weight * found.pressure)
+                wp.atomic_add(tangential_out, s.slots[f, i], env, weight * found.friction)
+
+
+@wp.kernel
+def update_kernel(
+    s: Surface,
+    weights: wp.array(dtype=wp.float64),
+    normal_sum: wp.array2d(dtype=wp.float64),
+    tangential_sum: wp.array2d(dtype=vec3),
+    active: wp.array(dtype=wp.int32),
+    write: wp.int32,
+    # outputs
+    change_out: wp.array2d(dtype=wp.float64),
+):
+    """Divide by the lumped weights; sum squared change and squared size (L2) of the multipliers per environment."""
+    slot, env = wp.tid()
+    if active[env] == 0:
+        return
+    w = weights[slot]
+    normal = normal_sum[slot, env] / w
+    tangential = tangential_sum[slot, env] / w
+    dn = normal - s.normal[slot, env]
+    dt = tangential - s.tangential[slot, env]
+    wp.atomic_add(change_out, 0, env, w * (dn * dn + wp.dot(dt, dt)))
+    wp.atomic_add(change_out, 1, env, w * normal * normal)
+    if write == 1:
+        s.normal[slot, env] = normal
+        s.tangential[slot, env] = tangential
+
+
+@wp.kernel
+def resultant_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    x_start: wp.array2d(dtype=wp.float64),
+    # outputs
+    force_out: wp.array(dtype=vec3),
+    moment_out: wp.array(dtype=vec3),
+    penetration_out: wp.array2d(dtype=wp.float64),
+):
+    """Force and moment on the sensor; rows of ``penetration_out``: area in contact, integral of g^2 there, max -g."""
+    f, env = wp.tid()
+    for q in range(s.areas.shape[1]):
+        found = traction(s, x, x_start, f, q, env)
+        if found.pressure > real(0.0):
+            area = s.areas[f, q]
+            force = area * (found.pressure * found.normal + found.friction)
+            wp.atomic_add(force_out, env, force)
+            wp.atomic_add(moment_out, env, wp.cross(found.position, force))
+            wp.atomic_add(penetration_out, 0, env, area)
+            wp.atomic_add(penetration_out, 1, env, area * found.gap * found.gap)
+            wp.atomic_max(penetration_out, 2, env, -found.gap)
+
+
+class Contact:
+    """A contact term: faces (f, 6) of the rest mesh (nodes in mm) against a rigid shape per environment."""
+
+    def __init__(self, element: Element, nodes, faces, stiffness: float, friction: float, device, active):
+        self.device, self.active, self.friction = device, active, friction
+        self.n_env = active.shape[0]
+        geometry = face_geometry(element, nodes, faces)
+        faces = np.ascontiguousarray(faces[:, : geometry.shapes.shape[1]], dtype=np.int32)
+        corners, slots = np.unique(faces[:, :3], return_inverse=True)
+        slots = slots.reshape(-1, 3).astype(np.int32)
+        weights = np.zeros(len(corners))
+        np.add.at(weights, slots, geometry.areas @ geometry.multiplier_shapes)
+        self.host_faces, self.n_slots = faces, len(corners)
+        self.weights = wp.array(weights, dtype=wp.float64, device=device)
+
+        s = self.surface = Surface()
+        s.positions = wp.array(nodes, dtype=vec3, device=device)
+        s.faces = wp.array(faces, dtype=wp.int32, device=device)
+        s.slots = wp.array(slots, dtype=wp.int32, device=device)
+        s.shapes = wp.array(geometry.shapes, dtype=wp.float64, device=device)
+        s.multiplier_shapes = wp.array(geometry.multiplier_shapes, dtype=wp.float64, device=device)
+        s.areas = wp.array(geometry.areas, dtype=wp.float64, device=device)
+        s.gap_offset = wp.zeros(geometry.areas.shape, dtype=wp.float64, device=device)
+        for name in ("rotation", "rotation_start"):
+            setattr(s, name, wp.array(np.tile(np.eye(3), (self.n_env, 1, 1)), dtype=mat33, device=device))
+        for name in ("origin", "origin_start"):
+            setattr(s, name, wp.zeros(self.n_env, dtype=vec3, device=device))
+        self._points = (*geometry.areas.shape, self.n_env)
+        s.slip_fraction = wp.ones(self._points, dtype=wp.float64, device=device)
+        s.normal = wp.zeros((self.n_slots, self.n_env), dtype=wp.float64, device=device)
+        s.tangential = wp.zeros((self.n_slots, self.n_env), dtype=vec3, device=device)
+        s.stiffness, s.friction = stiffness, friction
+
+        self._gap_start = wp.zeros(self._points, dtype=wp.float64, device=device)
+        self._gap_predicted = wp.zeros(self._points, dtype=wp.float64, device=device)
+        self._tangent = wp.zeros(self._points, dtype=mat33, device=device)
+        self._normal_sum, self._tangential_sum = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)
+
+    def _launch(self, kernel, inputs, outputs, dim=None):
+        dim = (len(self.host_faces), self.n_env) if dim is None else dim
+        wp.launch(kernel, dim=dim, inputs=[self.surface, *inputs], outputs=outputs, device=self.device)
+
+    def set_shapes(self, shapes: list[RigidShape], count_overlap_as_touching: wp.array | None = None):
+        """Give each environment its rigid shape and forget all tractions.
+
+        With ``count_overlap_as_touching`` (a state), points that overlap the shape there have their gap counted from
+        there: at rest a skin may lie on its core to within the accuracy of both meshes.
+        """
+        s = self.surface
+        s.rigid = shape_array(shapes, self.device)
+        s.normal.zero_()
+        s.tangential.zero_()
+        s.gap_offset.zero_()
+        if count_overlap_as_touching is not None:
+            overlap = np.maximum(-self.gap(count_overlap_as_touching)[:, :, 0], 0.0)
+            s.gap_offset = wp.array(overlap, dtype=wp.float64, device=self.device)
+
+    def set_pose(self, poses: np.ndarray):
+        """Place the shapes: (env, 4, 4), shape frame -> sensor frame, mm."""
+        self.surface.rotation.assign(np.ascontiguousarray(poses[:, :3, :3]))
+        self.surface.origin.assign(np.ascontiguousarray(poses[:, :3, 3]))
+
+    def gap(self, x) -> np.ndarray:
+        """Signed distance at all quadrature points: (face, q, env), mm."""
+        gap = wp.zeros(self._points, dtype=wp.float64, device=self.device)
+        self._launch(gap_kernel, [x, self.active], [gap], dim=self._points)
+        return gap.numpy()
+
+    def begin_increment(self, x_start, x_predicted, start_poses, poses):
+        """Start an increment at ``x_start`` and ``start_poses``; the predicted state tells when points enter contact."""
+        s = self.surface
+        s.rotation_start.assign(np.ascontiguousarray(start_poses[:, :3, :3]))
+        s.origin_start.assign(np.ascontiguousarray(start_poses[:, :3, 3]))
+        if self.friction > 0.0:
+            self.set_pose(start_poses)
+            self._launch(gap_kernel, [x_start, self.active], [self._gap_start], dim=self._points)
+            self.set_pose(poses)
+            self._launch(gap_kernel, [x_predicted, self.active], [self._gap_predicted], dim=self._points)
+            wp.launch(
+                slip_fraction_kernel,
+                dim=self._points,
+                inputs=[self._gap_start, self._gap_predicted, self.active],
+                outputs=[s.slip_fraction],
+                device=self.device,
+            )
+        self.set_pose(poses)
+
+    def residual(self, x, x_start, residual_out):
+        self._launch(contact_residual_kernel, [x, x_start, self.active], [residual_out])
+
+    def linearize(self, x, x_start):
+        self._tangent.zero_()
+        self._launch(contact_tangent_kernel, [x, x_start, self.active], [self._tangent])
+
+    def tangent(self, v, action_out):
+        """Action of the derivative at the state of the last ``linearize``."""
+        self._launch(contact_action_kernel, [self._tangent, v, self.active], [action_out])
+
+    def blocks(self, block_index, blocks_out):
+        self._launch(contact_blocks_kernel, [self._tangent, self.active, block_index], [blocks_out])
+
+    def update_multipliers(self, x, x_start, write: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Project the tractions onto the multipliers; returns L2 norms (env,) of their change and of themselves."""
+        self._normal_sum.zero_()
+        self._tangential_sum.zero_()
+        self._launch(project_kernel, [x, x_start, self.active], [self._normal_sum, self._tangential_sum])
+        change = wp.zeros((2, self.n_env), dtype=wp.float64, device=self.device)
+        inputs = [self.weights, self._normal_sum, self._tangential_sum, self.active, int(write)]
+        self._launch(update_kernel, inputs, [change], dim=(self.n_slots, self.n_env))
+        return tuple(np.sqrt(change.numpy()))
+
+    def save(self):
+        """Tractions, to be given to :meth:`restore`."""
+        return wp.clone(self.surface.normal), wp.clone(self.surface.tangential)
+
+    def restore(self, saved):
+        wp.copy(self.surface.normal, saved[0])
+        wp.copy(self.surface.tangential, saved[1])
+
+    def resultants(self, x, x_start):
+        """On the sensor: force (env, 3), moment about the origin (env, 3), and penetration rms, max (env,) mm."""
+        force = wp.zeros(self.n_env, dtype=vec3, device=self.device)
+        moment = wp.zeros(self.n_env, dtype=vec3, device=self.device)
+        penetration = wp.zeros((3, self.n_env), dtype=wp.float64, device=self.device)
+        self._launch(resultant_kernel, [x, x_start], [force, moment, penetration])
+        area, squared, deepest = penetration.numpy()
+        rms = np.sqrt(squared / np.where(area > 0.0, area, 1.0))
+        return force.numpy(), moment.numpy(), rms, np.maximum(deepest, 0.0)

@@ -1,0 +1,225 @@
+"""One load increment: Newton's method with contact multipliers updated as it goes.
+
+Every iteration solves the linearised mixed system inexactly, steps with a line search that keeps det F positive, and then
+updates the multipliers, so that both converge together (a semismooth Newton method on the augmented Lagrangian; Alart and
+Curnier 1991). Environments converge, fail and stop independently.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import warp as wp
+
+from .contact import Contact
+from .krylov import Gmres, combine, norms
+from .operator import Elasticity
+from .preconditioner import BlockPattern, BlockTriangular
+
+wp.set_module_options({"enable_backward": False})
+
+
+class Status(IntEnum):
+    """Outcome of a press at one depth; ``sentence`` says what it means and what to try."""
+
+    CONVERGED = 0
+    NEWTON_STALLED = 1
+    INVERTED = 2
+    LINEAR_SOLVER_STALLED = 3
+    NEVER_TOUCHES = 4
+    STARTS_INSIDE = 5
+
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Status.CONVERGED: "Converged: residual and contact constraint are within the job's tolerances.",
+    Status.NEWTON_STALLED: "Newton's method did not converge even in the smallest sub-step; try a finer mesh, a larger "
+    "volumetric split or less friction.",
+    Status.INVERTED: "An element would turn inside out even in the smallest sub-step; try a finer mesh or a smaller depth.",
+    Status.LINEAR_SOLVER_STALLED: "The linear solver did not reach its tolerance even in the smallest sub-step; try a larger "
+    "krylov_size.",
+    Status.NEVER_TOUCHES: "The indenter does not meet the touchable surface along its axis; check its pose.",
+    Status.STARTS_INSIDE: "The indenter already overlaps the sensor where it starts; start it further away.",
+}
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Tolerances and constants of the solver.
+
+    residual_tolerance : out-of-balance forces over contact forces (Euclidean norms over nodes)
+    contact_tolerance : change that a further multiplier update would make, over the multipliers (L2 norms)
+    linear_tolerance : residual of the linear solve over the out-of-balance forces
+    volumetric_split : gamma / mu, the part of the bulk stiffness that acts pointwise (see material.py)
+    contact_stiffness_per_mm : k / E of the augmented Lagrangian
+    max_newton_iterations : per increment; an increment that needs more is halved
+    smallest_substep : least increment, as a share of the distance between stored depths
+    krylov_size : most iterations of one linear solve
+    refactor_above : Krylov iterations above which the preconditioner is made anew
+    """
+
+    residual_tolerance: float = 1e-4
+    contact_tolerance: float = 5e-3
+    linear_tolerance: float = 1e-2
+    volumetric_split: float = 2.0
+    contact_stiffness_per_mm: float = 60.0
+    max_newton_iterations: int = 25
+    smallest_substep: float = 1.0 / 64.0
+    krylov_size: int = 80
+    refactor_above: int = 12
+
+
+SMALLEST_FORCE = 1e-9  # in units of E mm2: forces below are nothing (1e-9 x 0.539 MPa mm2 = 0.5 nN)
+LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
+
+
+@wp.kernel
+def hold_kernel(
+    held: wp.array(dtype=wp.int32),
+    # outputs
+    residual_out: wp.array2d(dtype=wp.float64),
+):
+    i, env = wp.tid()
+    if held[i] == 1:
+        residual_out[i, env] = wp.float64(0.0)
+
+
+@dataclass
+class Increment:
+    """What one increment cost and where it ended; arrays (env,)."""
+
+    status: np.ndarray
+    residual: np.ndarray
+    contact_error: np.ndarray
+    min_det: np.ndarray
+    newton_iterations: np.ndarray
+    krylov_iterations: np.ndarray
+
+
+class NewtonSolver:
+    """Solves increments of a body with its contacts; ``held`` (node,) marks nodes that do not move."""
+
+    def __init__(self, elasticity: Elasticity, contacts: list[Contact], held, n_env: int, settings: SolverSettings):
+        self.elasticity, self.contacts, self.settings, self.n_env = elasticity, contacts, settings, n_env
+        self.active = elasticity.active  # device flags that all kernels read
+        device = elasticity.device
+        self.n_unknowns = elasticity.n_displacements + elasticity.n_pressures
+        rows = np.zeros(self.n_unknowns, dtype=np.int32)
+        rows[: elasticity.n_displacements] = np.repeat(held, 3)
+        self.held = wp.array(rows, dtype=wp.int32, device=device)
+        faces = [contact.host_faces for contact in contacts]
+        pattern = BlockPattern(len(held), elasticity.host_tetrahedra, faces, held, device)
+        self.preconditioner = BlockTriangular(elasticity, contacts, pattern, n_env)
+        self.gmres = Gmres(self.n_unknowns, n_env, settings.krylov_size, device)
+        self.x_start, self.x, self._trial, self._residual, self._step = (self.vector() for _ in range(5))
+
+    def vector(self):
+        return wp.zeros((self.n_unknowns, self.n_env), dtype=wp.float64, device=self.elasticity.device)
+
+    def forces(self, x, hold: bool = True):
+        """Out-of-balance forces at x into the work vector; returns it, norms of the contact forces and least det F."""
+        r = self._residual
+        r.zero_()
+        for contact in self.contacts:
+            contact.residual(x, self.x_start, r)
+        contact_norm = norms(r)
+        min_det = wp.full(self.n_env, np.inf, dtype=wp.float64, device=r.device)
+        self.elasticity.residual(x, r, min_det)
+        if hold:
+            wp.launch(hold_kernel, dim=r.shape, inputs=[self.held], outputs=[r], device=r.device)
+        return r, contact_norm, min_det.numpy()
+
+    def _tangent(self, v, out):
+        out.zero_()
+        self.elasticity.tangent(self.x, v, out)
+        for contact in self.contacts:
+            contact.tangent(v, out)
+        wp.launch(hold_kernel, dim=out.shape, inputs=[self.held], outputs=[out], device=out.device)
+
+    def _linear_solve(self, r, active: np.ndarray, fresh: np.ndarray):
+        """Newton direction into ``self._step``; factors first where asked for, or again where GMRES needs too long."""
+        s = self.settings
+        missing = np.array([factor is None for factor in self.preconditioner.factors])
+        refactor = active & (missing | (fresh & (self._last_krylov > s.refactor_above)))
+        for contact in self.contacts:
+            contact.linearize(self.x, self.x_start)
+        if refactor.any():
+            self.preconditioner.update(self.x, np.flatnonzero(refactor))
+        precondition = lambda v, out: self.preconditioner.apply(self.x, v, out)  # noqa: E731
+        used, relative = self.gmres.solve(self._tangent, precondition, r, self._step, s.linear_tolerance, active)
+        self._last_krylov[active] = used
+        stalled = active & (relative > s.linear_tolerance)
+        return used, stalled
+
+    def update_multipliers(self, write: bool) -> np.ndarray:
+        """Relative change (env,) of all multipliers in an update, which is carried out if ``write``."""
+        change, size = np.zeros((2, self.n_env))
+        for contact in self.contacts:
+            c, n = contact.update_multipliers(self.x, self.x_start, write)
+            change, size = np.hypot(change, c), np.hypot(size, n)
+        return np.where(size > 0.0, change / np.where(size > 0.0, size, 1.0), np.where(change > 0.0, 1.0, 0.0))
+
+    def solve(self, active: np.ndarray) -> Increment:
+        """Find equilibrium from the guess ``self.x`` for the active environments (env,) bool.
+
+        ``self.x_start`` is the start of the increment; the contacts have been told of it by ``begin_increment``.
+        """
+        s = self.settings
+        running = active.copy()
+        out = Increment(np.full(self.n_env, Status.NEWTON_STALLED), *np.full((3, self.n_env), np.inf),
+                        *np.zeros((2, self.n_env), dtype=np.int64))  # fmt: skip
+        self._last_krylov = np.full(self.n_env, s.krylov_size)
+        fresh = True
+        for _ in range(s.max_newton_iterations + 1):
+            self.active.assign(running.astype(np.int32))
+            r, contact_norm, min_det = self.forces(self.x)
+            scale = np.maximum(contact_norm, SMALLEST_FORCE)
+            size = norms(r)
+            error = self.update_multipliers(write=False)
+            relative = size / scale
+            out.residual[running], out.contact_error[running] = relative[running], error[running]
+            out.min_det[running] = min_det[running]
+            bad = running & ~(min_det > LEAST_DETERMINANT)
+            out.status[bad] = Status.INVERTED
+            done = running & ~bad & (relative <= s.residual_tolerance) & (error <= s.contact_tolerance)
+            out.status[done] = Status.CONVERGED
+            running = running & ~done & ~bad & (out.newton_iterations < s.max_newton_iterations)
+            if not running.any():
+                break
+            self.active.assign(running.astype(np.int32))
+            used, stalled = self._linear_solve(r, running, np.full(self.n_env, fresh))
+            fresh = False
+            out.krylov_iterations[running] += used
+            out.newton_iterations[running] += 1
+            accepted = self._line_search(size, running)
+            out.status[running & ~accepted] = Status.INVERTED
+            out.status[stalled & ~accepted] = Status.LINEAR_SOLVER_STALLED
+            running &= accepted
+            self.active.assign(running.astype(np.int32))
+            self.update_multipliers(write=True)
+        self.active.assign(active.astype(np.int32))
+        return out
+
+    def _line_search(self, size: np.ndarray, running: np.ndarray) -> np.ndarray:
+        """x -= alpha step with the largest alpha = 1, 1/2, ... that keeps det F positive and forces bounded."""
+        alpha = np.where(running, 1.0, 0.0)
+        pending = running.copy()
+        for _ in range(7):
+            wp.copy(self._trial, self.x)
+            combine(self._step.reshape((1, *self._step.shape)), -alpha[None], self._trial)
+            r, _, min_det = self.forces(self._trial)
+            trial_size = norms(r)
+            pending = running & ~((min_det > LEAST_DETERMINANT) & (trial_size <= 10.0 * size))
+            if not pending.any():
+                break
+            alpha[pending] *= 0.5
+        alpha[pending] = 0.0
+        wp.copy(self._trial, self.x)
+        combine(self._step.reshape((1, *self._step.shape)), -alpha[None], self._trial)
+        wp.copy(self.x, self._trial)
+        return ~pending

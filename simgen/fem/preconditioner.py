@@ -1,0 +1,112 @@
+"""Block-triangular preconditioner of the mixed system, with a sparse factor of the current displacement block.
+
+    [ A  B^T ]          [ A  B^T ]
+    [ B  -C  ]    ~     [ 0  -S  ]      S = (1 / (mu + gamma) + 1 / (lam - gamma)) x lumped pressure mass
+
+(Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact of one environment
+and is factored on the host by SuperLU in single precision: GMRES around it works in double precision.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+import scipy.sparse.linalg
+import warp as wp
+
+from .material import mat33
+
+
+class BlockPattern:
+    """Sparsity of the 3 x 3 displacement blocks: where element and face matrices add, and which entries are free."""
+
+    def __init__(self, n_nodes: int, tetrahedra: np.ndarray, faces: list[np.ndarray], held: np.ndarray, device):
+        pairs = tetrahedra[:, :, None].astype(np.int64) * n_nodes + tetrahedra[:, None, :]
+        unique, inverse = np.unique(pairs, return_inverse=True)
+        self.n_blocks = len(unique)
+        self.tet_index = wp.array(inverse.reshape(pairs.shape).astype(np.int32), dtype=wp.int32, device=device)
+        self.face_index = []
+        for f in faces:
+            index = np.searchsorted(unique, f[:, :, None].astype(np.int64) * n_nodes + f[:, None, :])
+            self.face_index.append(wp.array(index.astype(np.int32), dtype=wp.int32, device=device))
+        rows, columns = np.divmod(unique, n_nodes)
+        self.free = np.flatnonzero(np.repeat(~held, 3))
+        # The scalar matrix of the free unknowns as CSC, and which block entry feeds each of its values.
+        entry = np.arange(9 * self.n_blocks).reshape(-1, 3, 3)
+        row = np.broadcast_to(3 * rows[:, None, None] + np.arange(3)[None, :, None], entry.shape).ravel()
+        column = np.broadcast_to(3 * columns[:, None, None] + np.arange(3)[None, None, :], entry.shape).ravel()
+        matrix = sparse.coo_matrix((entry.ravel() + 1.0, (row, column)), shape=(3 * n_nodes, 3 * n_nodes)).tocsc()
+        self._matrix = matrix[self.free][:, self.free]
+        self._order = np.arange(len(self.free))
+
+    def reorder(self, values: np.ndarray):
+        """Fix the elimination order: minimum degree of A + A^T, found once per scene."""
+        data = values.ravel()[self._matrix.data.astype(np.int64) - 1]
+        first = sparse.csc_matrix((data, self._matrix.indices, self._matrix.indptr), shape=self._matrix.shape)
+        factor = scipy.sparse.linalg.splu(
+            first.astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+        order = np.argsort(factor.perm_c)
+        self._matrix = self._matrix[order][:, order].tocsc()
+        self._matrix.sort_indices()
+        self.free = self.free[order]
+
+    def factor(self, values: np.ndarray):
+        """SuperLU factor of one environment's blocks (n_blocks, 3, 3)."""
+        data = values.ravel()[self._matrix.data.astype(np.int64) - 1].astype(np.float32)
+        matrix = sparse.csc_matrix((data, self._matrix.indices, self._matrix.indptr), shape=self._matrix.shape)
+        return scipy.sparse.linalg.splu(
+            matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+
+
+class BlockTriangular:
+    """Applies the preconditioner; ``update`` factors the current state of the environments that ask for it."""
+
+    def __init__(self, elasticity, contacts, pattern: BlockPattern, n_env: int):
+        self.elasticity, self.contacts, self.pattern = elasticity, contacts, pattern
+        material = elasticity.material
+        if elasticity.n_pressures:
+            compliance = 1.0 / (material.mu + material.gamma) + material.pressure_compliance
+            self.schur = (compliance * elasticity.pressure_mass)[:, None]
+        self._ordered = False
+        self._blocks = wp.zeros((pattern.n_blocks, n_env), dtype=mat33, device=elasticity.device)
+        self._z = wp.zeros((elasticity.n_displacements + elasticity.n_pressures, n_env), dtype=wp.float64,
+                           device=elasticity.device)  # fmt: skip
+        self._zero_pressure_action = wp.zeros_like(self._z)
+        self.forget()
+
+    def forget(self):
+        """Drop the factors of the last presses: a press must not depend on those before it."""
+        self.factors = [None] * self._blocks.shape[1]
+
+    def update(self, x, environments: np.ndarray):
+        """Factor the displacement blocks at state x (contacts linearised there) of the given environments."""
+        self._blocks.zero_()
+        self.elasticity.blocks(x, self.pattern.tet_index, self._blocks)
+        for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
+            contact.blocks(index, self._blocks)
+        values = self._blocks.numpy()
+        if not self._ordered:
+            self.pattern.reorder(values[:, environments[0]])
+            self._ordered = True
+        for env in environments:
+            self.factors[env] = self.pattern.factor(values[:, env])
+
+    def apply(self, x, r, z_out):
+        """z = M^-1 r; x is the state of the last linearisation."""
+        n_u = self.elasticity.n_displacements
+        residual = r.numpy()
+        z = np.zeros(residual.shape)
+        load = residual[:n_u]
+        if self.elasticity.n_pressures:
+            z[n_u:] = -residual[n_u:] / self.schur
+            self._z.assign(z)
+            self._zero_pressure_action.zero_()
+            self.elasticity.tangent(x, self._z, self._zero_pressure_action)
+            load = load - self._zero_pressure_action.numpy()[:n_u]
+        for env, factor in enumerate(self.factors):
+            if factor is not None:
+                free = self.pattern.free
+                z[free, env] = factor.solve(load[free, env].astype(np.float32))
+        z_out.assign(z)

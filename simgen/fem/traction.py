@@ -1,0 +1,127 @@
+"""Contact and Coulomb friction of a deformable surface with a rigid shape, by an augmented Lagrangian.
+
+Normal traction at a surface point: ``t = max(0, lambda - k g)``; friction traction: ``tau`` = the tangential part of
+``lambda_t - k s``, returned to the cone ``|tau| <= friction * lambda`` (Alart and Curnier, Comput. Methods Appl. Mech.
+Engrg 92, 1991). ``s`` is the slip since the start of the increment, or since the point's entry into contact if that
+came later. Multipliers are linear on each face (one per corner), contact is integrated over the quadratic faces at six
+points, and an update projects t and tau back onto the multipliers with lumped weights: with one multiplier per
+quadratic node they oscillate against incompressibility. The cone uses the multiplier, which lags by one
+update, so the tangent stays symmetric.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from ..distance import Probe, RigidShape, probe
+from .material import mat33, real, vec3
+from .operator import load_vec3
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Surface:
+    """The faces of one contact term and where its rigid shape stands, per environment."""
+
+    positions: wp.array(dtype=vec3)  # (node,) rest positions, mm
+    faces: wp.array2d(dtype=wp.int32)  # (face, 6)
+    slots: wp.array2d(dtype=wp.int32)  # (face, 3) multiplier of each corner
+    shapes: wp.array2d(dtype=wp.float64)  # (q, 6)
+    multiplier_shapes: wp.array2d(dtype=wp.float64)  # (q, 3)
+    areas: wp.array2d(dtype=wp.float64)  # (face, q) mm2
+    gap_offset: wp.array2d(dtype=wp.float64)  # (face, q) mm, rest overlap that counts as touching
+    rigid: wp.array(dtype=RigidShape)  # (env,)
+    rotation: wp.array(dtype=mat33)  # (env,) shape frame -> sensor frame
+    origin: wp.array(dtype=vec3)  # (env,) mm
+    rotation_start: wp.array(dtype=mat33)  # the same at the start of the increment
+    origin_start: wp.array(dtype=vec3)
+    slip_fraction: wp.array3d(dtype=wp.float64)  # (face, q, env) share of the increment spent in contact
+    normal: wp.array2d(dtype=wp.float64)  # (slot, env) lambda
+    tangential: wp.array2d(dtype=vec3)  # (slot, env) lambda_t
+    stiffness: wp.float64  # k
+    friction: wp.float64
+
+
+@wp.struct
+class Traction:
+    position: vec3  # mm
+    gap: wp.float64  # mm
+    normal: vec3
+    pressure: wp.float64  # t
+    friction: vec3  # tau
+    tangent: mat33  # minus the derivative of the whole traction by the position
+
+
+@wp.func
+def deformed(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32) -> vec3:
+    position = vec3()
+    for a in range(s.shapes.shape[1]):
+        node = s.faces[f, a]
+        position += s.shapes[q, a] * (s.positions[node] + load_vec3(x, node, env))
+    return position
+
+
+@wp.func
+def probe_in_sensor_frame(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> Probe:
+    R = s.rotation[env]
+    found = probe(s.rigid[env], wp.transpose(R) * (position - s.origin[env]))
+    found.distance = found.distance + s.gap_offset[f, q]
+    found.normal = R * found.normal
+    found.curvature = R * found.curvature * wp.transpose(R)
+    return found
+
+
+@wp.func
+def return_to_cone(trial: vec3, radius: real) -> vec3:
+    size = wp.length(trial)
+    if size <= radius:
+        return trial
+    return trial * (radius / size)
+
+
+@wp.func
+def return_tangent(trial: vec3, radius: real, plane: mat33) -> mat33:
+    """Derivative of :func:`return_to_cone` within the tangent plane: the plane's projector while it sticks."""
+    size = wp.length(trial)
+    if size <= radius:
+        return plane
+    direction = trial / size
+    return (radius / size) * (plane - wp.outer(direction, direction))
+
+
+@wp.func
+def traction(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    x_start: wp.array2d(dtype=wp.float64),
+    f: wp.int32,
+    q: wp.int32,
+    env: wp.int32,
+) -> Traction:
+    out = Traction()
+    out.position = deformed(s, x, f, q, env)
+    found = probe_in_sensor_frame(s, out.position, f, q, env)
+    out.gap = found.distance
+    out.normal = found.normal
+    multiplier = real(0.0)
+    for i in range(3):
+        multiplier += s.multiplier_shapes[q, i] * s.normal[s.slots[f, i], env]
+    out.pressure = multiplier - s.stiffness * out.gap
+    if out.pressure <= real(0.0):
+        out.pressure = real(0.0)
+        return out
+    out.tangent = s.stiffness * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
+    if s.friction > real(0.0) and multiplier > real(0.0):
+        held = vec3()
+        for i in range(3):
+            held += s.multiplier_shapes[q, i] * s.tangential[s.slots[f, i], env]
+        local = wp.transpose(s.rotation_start[env]) * (deformed(s, x_start, f, q, env) - s.origin_start[env])
+        slip = out.position - (s.origin[env] + s.rotation[env] * local)
+        k = s.stiffness * s.slip_fraction[f, q, env]
+        plane = wp.identity(n=3, dtype=wp.float64) - wp.outer(out.normal, out.normal)
+        trial = plane * (held - k * slip)
+        radius = s.friction * multiplier
+        out.friction = return_to_cone(trial, radius)
+        out.tangent += k * return_tangent(trial, radius, plane)
+    return out

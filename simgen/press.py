@@ -1,0 +1,291 @@
+"""Press indenters into a sensor: from first touch through all depths, to samples with their certificate."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import warp as wp
+
+from .fem.contact import Contact
+from .fem.element import ELEMENTS
+from .fem.material import NeoHookean
+from .fem.newton import NewtonSolver, SolverSettings, Status
+from .fem.operator import Elasticity
+from .first_touch import first_touch
+from .distance import RigidShape
+from .sensor import Material, Sensor
+from .shape import sampled_shape
+from .tetrahedra import interpolation_matrix
+
+__all__ = ["PressResult", "Scene", "SolverSettings", "Status", "press"]
+
+MM = 1e3  # millimetres per metre
+EXTRAPOLATION = 0.9  # share of the last step that a new one starts from
+CORE_SPACING_MM = 0.25  # grid of the core's signed distance
+CERTIFICATE = (
+    "residual",
+    "contact_error",
+    "force_balance",
+    "min_det_F",
+    "rms_penetration_m",
+    "max_penetration_m",
+    "newton_iterations",
+    "krylov_iterations",
+    "substeps",
+)
+
+
+@dataclass(frozen=True)
+class PressResult:
+    """One press on one sensor; d depths, v vertices of the output mesh.
+
+    displacement : (d, v, 3) m, NaN where the press did not get that far
+    force : (d, 3) N on the sensor, normal and friction together, in the sensor's frame
+    moment : (d, 3) N m about the origin of the sensor's frame
+    status : (d,) int8, codes of :class:`simgen.fem.newton.Status`
+    certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core and
+        reactions of the held nodes, over the indenter's force), min_det_F, penetration in m, iterations, sub-steps
+    touch : m, travel along the press axis from the given pose to first touch
+    seconds : share of this press in the wall time of its batch
+    """
+
+    displacement: np.ndarray
+    force: np.ndarray
+    moment: np.ndarray
+    status: np.ndarray
+    certificate: dict[str, np.ndarray]
+    touch: float
+    seconds: float
+
+
+class Scene:
+    """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs."""
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        material: Material,
+        element: str = "P2-P1",
+        device: str = "cpu",
+        batch: int = 1,
+        settings: SolverSettings | None = None,
+    ):
+        self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
+        self.settings = settings or SolverSettings()
+        kind = ELEMENTS[element]
+        mesh = sensor.simulation_mesh
+        n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
+        self.nodes = mesh.nodes[:n] * MM
+        held = mesh.held[:n]
+        split = self.settings.volumetric_split if kind.pressures else None
+        solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)
+        active = wp.ones(batch, dtype=wp.int32, device=device)
+        body = Elasticity(kind, self.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
+        k = self.settings.contact_stiffness_per_mm
+        self.indenter_contact = Contact(kind, self.nodes, mesh.touchable, k, material.friction, device, active)
+        self.core_contact = None
+        if sensor.core is not None and len(mesh.facing_core):
+            self.core_contact = Contact(kind, self.nodes, mesh.facing_core, k, sensor.core_friction, device, active)
+            self._core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0)
+        contacts = [c for c in (self.indenter_contact, self.core_contact) if c is not None]
+        self.solver = NewtonSolver(body, contacts, held, batch, self.settings)
+        self.unknowns = self.solver.n_unknowns
+        self._held_rows = np.flatnonzero(held)
+        self._to_output = interpolation_matrix(mesh, sensor.output_mesh.vertices)[:, :n]
+
+    @property
+    def terms(self) -> list[tuple[str, bool, str]]:
+        """Physical terms: name, whether this scene carries it, and why."""
+        material = self.material
+        pressure = self.solver.elasticity.n_pressures
+        core = self.core_contact is not None
+        return [
+            ("elasticity", True, f"E = {material.youngs_modulus_pa:g} Pa, nu = {material.poisson_ratio:g}"),
+            ("volume constraint", pressure > 0, f"{pressure} pressures" if pressure else "the element carries no pressure"),
+            ("indenter contact", True, f"{len(self.indenter_contact.host_faces)} touchable faces"),
+            ("indenter friction", material.friction > 0, f"Coulomb coefficient {material.friction:g}"),
+            ("core contact", core, "the inner skin faces a rigid core" if core else "the sensor has no core"),
+            ("core friction", core and self.sensor.core_friction > 0,
+             f"Coulomb coefficient {self.sensor.core_friction:g}" if core else "the sensor has no core"),
+            ("cavity pressure", False, "not modelled: the skin is pressed without its fluid" if core else "no cavity"),
+        ]  # fmt: skip
+
+    def reset(self, shapes: list[RigidShape]):
+        """Return to rest with new indenters (one per environment) and forget all that earlier presses left."""
+        solver = self.solver
+        for vector in (solver.x, solver.x_start):
+            vector.zero_()
+        solver.active.fill_(1)
+        solver.preconditioner.forget()
+        self.indenter_contact.set_shapes(shapes)
+        if self.core_contact is not None:
+            self.core_contact.set_shapes([self._core] * self.batch, count_overlap_as_touching=solver.x)
+
+    def output_displacement(self, env: int) -> np.ndarray:
+        """Displacement of the output mesh (v, 3), m."""
+        n_u = self.solver.elasticity.n_displacements
+        return self._to_output @ self.solver.x.numpy()[:n_u, env].reshape(-1, 3) / MM
+
+
+def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
+    """Press up to ``scene.batch`` indenters, each along its +y axis to all depths, counted from its first touch.
+
+    poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; depths_m (d,) increasing.
+    """
+    begin = time.perf_counter()
+    count = len(shapes)
+    padding = scene.batch - count
+    shapes = list(shapes) + [shapes[-1]] * padding
+    poses_mm = np.array(poses, dtype=float)
+    poses_mm[:, :3, 3] *= MM
+    poses_mm = np.concatenate([poses_mm, np.repeat(poses_mm[-1:], padding, axis=0)])
+    scene.reset(shapes)
+    travel, status = first_touch(scene.nodes, scene.indenter_contact.host_faces, shapes[:count], poses_mm[:count])
+    march = _March(scene, poses_mm, np.pad(travel, (0, padding)), np.asarray(depths_m) * MM)
+    march.fail(np.flatnonzero(status != Status.CONVERGED), status)
+    march.running[count:] = False
+    march.to_the_end()
+    seconds = (time.perf_counter() - begin) / count
+    return [march.result(env, travel[env] / MM, seconds) for env in range(count)]
+
+
+@dataclass
+class _March:
+    """The depths of one batch: every environment has its own step and its own next depth to store."""
+
+    scene: Scene
+    poses: np.ndarray
+    travel: np.ndarray
+    depths: np.ndarray
+    rows: list[list[dict]] = field(default_factory=list)
+
+    def __post_init__(self):
+        batch = self.scene.batch
+        self.rows = [[] for _ in range(batch)]
+        self.depth = np.zeros(batch)
+        self.previous = np.zeros(batch)
+        self.running = np.ones(batch, dtype=bool)
+        self.final = np.full(batch, int(Status.CONVERGED))
+        self.spacing = float(np.diff(self.depths, prepend=0.0).max())
+        self.step = np.full(batch, self.spacing)
+        self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton and Krylov iterations and sub-steps since the last row
+        self.x_previous = self.scene.solver.vector()
+
+    def fail(self, environments, status):
+        for env in environments:
+            self.running[env] = False
+            self.final[env] = status[env]
+
+    def pose(self, depth: np.ndarray) -> np.ndarray:
+        moved = self.poses.copy()
+        moved[:, :3, 3] += (self.travel + depth)[:, None] * self.poses[:, :3, 1]
+        return moved
+
+    def to_the_end(self):
+        while self.running.any():
+            self.increment()
+
+    def increment(self):
+        """One attempt of a load increment in every running environment."""
+        scene, solver = self.scene, self.scene.solver
+        stored = np.array([len(rows) for rows in self.rows])
+        goal = self.depths[np.minimum(stored, len(self.depths) - 1)]
+        target = np.minimum(self.depth + self.step, goal)
+        target = np.where(goal - target < 1e-9, goal, target)
+        wp.copy(solver.x_start, solver.x)
+        multipliers = [contact.save() for contact in solver.contacts]
+        self.extrapolate(target)
+        here = np.tile(np.eye(4), (scene.batch, 1, 1))
+        scene.indenter_contact.begin_increment(solver.x_start, solver.x, self.pose(self.depth), self.pose(target))
+        if scene.core_contact is not None:
+            scene.core_contact.begin_increment(solver.x_start, solver.x, here, here)
+        out = solver.solve(self.running)
+        self.cost += np.stack([out.newton_iterations, out.krylov_iterations, self.running.astype(np.int64)])
+        converged = self.running & (out.status == Status.CONVERGED)
+        failed = self.running & ~converged
+        if failed.any():
+            _restore(solver.x, solver.x_start, failed)
+            for contact, saved in zip(solver.contacts, multipliers, strict=True):
+                _restore(contact.surface.normal, saved[0], failed)
+                _restore(contact.surface.tangential, saved[1], failed)
+            self.step[failed] = (target - self.depth)[failed] / 2.0
+            hopeless = failed & (self.step < self.scene.settings.smallest_substep * self.spacing)
+            self.fail(np.flatnonzero(hopeless), out.status)
+        _restore(self.x_previous, solver.x_start, converged)
+        self.previous[converged] = self.depth[converged]
+        self.depth[converged] = target[converged]
+        self.step[converged] = np.minimum(2.0 * self.step[converged], self.spacing)
+        self.store(converged & (target == goal), out)
+
+    def extrapolate(self, target: np.ndarray):
+        """Guess the next state from the last two where that keeps det F positive."""
+        solver = self.scene.solver
+        last = self.depth - self.previous
+        factor = np.where(last > 0.0, EXTRAPOLATION * (target - self.depth) / np.where(last > 0.0, last, 1.0), 0.0)
+        x = solver.x_start.numpy()
+        guess = x + factor * (x - self.x_previous.numpy())
+        solver.x.assign(guess)
+        _, _, min_det = solver.forces(solver.x)
+        _restore(solver.x, solver.x_start, min_det < 0.2)
+
+    def store(self, reached: np.ndarray, out):
+        """Record the samples of the environments that have just reached a depth to store."""
+        if not reached.any():
+            return
+        scene, solver = self.scene, self.scene.solver
+        unit = scene.material.youngs_modulus_pa / MM**2  # N per unit of solver force
+        force, moment, rms, deepest = scene.indenter_contact.resultants(solver.x, solver.x_start)
+        total = force.copy()
+        if scene.core_contact is not None:
+            total += scene.core_contact.resultants(solver.x, solver.x_start)[0]
+        solver.active.assign(reached.astype(np.int32))
+        residual = solver.forces(solver.x, hold=False)[0].numpy()
+        nodal = residual[: solver.elasticity.n_displacements].reshape(-1, 3, scene.batch)
+        total += nodal[scene._held_rows].sum(axis=0).T
+        for env in np.flatnonzero(reached):
+            values = dict(
+                residual=out.residual[env],
+                contact_error=out.contact_error[env],
+                force_balance=np.linalg.norm(total[env]) / max(np.linalg.norm(force[env]), 1e-300),
+                min_det_F=out.min_det[env],
+                rms_penetration_m=rms[env] / MM,
+                max_penetration_m=deepest[env] / MM,
+                newton_iterations=self.cost[0, env],
+                krylov_iterations=self.cost[1, env],
+                substeps=self.cost[2, env],
+            )
+            displacement = scene.output_displacement(env)
+            self.rows[env].append(
+                dict(values, displacement=displacement, force=force[env] * unit, moment=moment[env] * unit / MM)
+            )
+            self.cost[:, env] = 0
+            self.running[env] = len(self.rows[env]) < len(self.depths)
+
+    def result(self, env: int, touch: float, seconds: float) -> PressResult:
+        rows, d = self.rows[env], len(self.depths)
+        shape = self.scene._to_output.shape[0]
+
+        def column(key, *inner):
+            out = np.full((d, *inner), np.nan)
+            for i, row in enumerate(rows):
+                out[i] = row[key]
+            return out
+
+        status = np.full(d, self.final[env], dtype=np.int8)
+        status[: len(rows)] = Status.CONVERGED
+        certificate = {key: column(key) for key in CERTIFICATE}
+        return PressResult(
+            column("displacement", shape, 3), column("force", 3), column("moment", 3), status, certificate, touch, seconds
+        )
+
+
+def _restore(array: wp.array, source: wp.array, environments: np.ndarray):
+    """Copy the columns of some environments from ``source``."""
+    if environments.all():
+        wp.copy(array, source)
+    elif environments.any():
+        values = array.numpy().copy()
+        values[:, environments] = source.numpy()[:, environments]
+        array.assign(values)
