@@ -174,7 +174,10 @@ def _ring(x: wp.vec3d, outer: wp.float64, hole: wp.float64, fillet: wp.float64) 
 def _texture(
     x: wp.vec3d, half_width: wp.float64, fillet: wp.float64, bump: wp.float64, offset: wp.float64
 ) -> Probe:
-    """The union (the nearer wins) of a cube, its face one bump radius low, and five hemispheres on it."""
+    """The union (the nearer wins) of a cube, its face one bump radius low, and five hemispheres on it.
+
+    Exact outside; inside, at the creases, a bound.
+    """
     zero = wp.float64(0.0)
     nearest = _cube(wp.vec3d(x[0], x[1] + bump, x[2]), half_width, fillet)
     # By symmetry the nearest of the four outer bumps is the one in the point's own quadrant.

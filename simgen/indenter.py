@@ -239,7 +239,7 @@ def _revolve(shape: RigidShape, inner: float, outer: float) -> trimesh.Trimesh:
         profile = _onto(shape, np.vstack([wall, rim, bore, wall[:1]]))
     else:
         profile = np.vstack([[[0.0, -length, 0.0]], _onto(shape, np.vstack([wall, rim]))])
-    mesh = trimesh.creation.revolve(profile[:, :2] * 1e-3, sections=96)
+    mesh = trimesh.creation.revolve(profile[:, :2], sections=96).apply_scale(1e-3)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1.0, 0.0, 0.0]))
     if mesh.volume < 0.0:
         mesh.invert()
