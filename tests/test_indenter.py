@@ -89,7 +89,7 @@ def test_distance_is_the_distance_to_the_drawn_surface():
         indenter = load_indenter(name)
         _, points, distance, _, _ = near_surface(name, 3000)
         error = np.abs(mesh_distance(indenter.mesh(), points) - distance)
-        # Inside a union the nearer part's distance is a bound only, and the drawing keeps the parts' inner walls.
+        # Inside a union the nearer part's distance is a bound, and the drawing keeps the parts' inner walls.
         measured = distance > (0.0 if name == "texture_14mm" else -0.3)
         assert error[measured].max() < 0.016, name
 
