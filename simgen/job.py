@@ -85,9 +85,18 @@ class Depths(Section):
 
 
 class Solver(Section):
-    """The finite element and the tolerances that each stored sample has to meet (`simgen.fem`)."""
+    """The finite element, and `simgen.fem.newton.SolverSettings` (which says what each means)."""
 
     element: Literal["P2-P1", "P1"] = Field("P2-P1", description="P2-P1, or P1 for comparison only")
+    residual_tolerance: float = Field(1e-4, gt=0.0, le=1e-2, description="above 0, to 1e-2")
+    contact_tolerance: float = Field(5e-3, gt=0.0, le=1e-1, description="above 0, to 1e-1")
+    linear_tolerance: float = Field(1e-2, gt=0.0, lt=1.0, description="between 0 and 1")
+    volumetric_split: float = Field(2.0, ge=0.0, le=50.0, description="gamma / mu, 0 to 50")
+    contact_stiffness_per_mm: float = Field(60.0, ge=1.0, le=1e3, description="k / E, 1 to 1000 per mm")
+    max_newton_iterations: int = Field(25, ge=1, le=1000, description="a whole number, 1 to 1000")
+    smallest_substep: float = Field(1 / 64, gt=0.0, le=1.0, description="a share of a depth, above 0, to 1")
+    krylov_size: int = Field(80, ge=1, le=1000, description="a whole number, 1 to 1000")
+    refactor_above: int = Field(12, ge=1, le=1000, description="a whole number of iterations, 1 to 1000")
 
 
 class DatasetSettings(Section):
@@ -169,6 +178,9 @@ class Job(Section):
         """sha256 of the resolved job. Keys are in the order of the schema, sensors in that of the job."""
         return hashlib.sha256(json.dumps(self.resolved()).encode()).hexdigest()
 
+    def __hash__(self) -> int:
+        return int(self.hash[:15], 16)
+
     def output(self) -> Path:
         """Where the dataset goes unless the command line says otherwise."""
         return Path(self.dataset.output or f"{self.name}.zarr").expanduser()
@@ -225,17 +237,6 @@ def job_from_dict(
         raise InputError(_one_line(error, source, sources or {})) from None
     job._folder = folder
     return job
-
-
-def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """One line ``key.sub: old -> new`` for each leaf in which two nested mappings differ."""
-    flat_old, flat_new = _flatten(old), _flatten(new)
-    keys = [*flat_old, *(key for key in flat_new if key not in flat_old)]
-    return [
-        f"{key}: {flat_old.get(key, '(absent)')} -> {flat_new.get(key, '(absent)')}"
-        for key in keys
-        if flat_old.get(key, ...) != flat_new.get(key, ...)
-    ]
 
 
 class _Loader(yaml.SafeLoader):
@@ -296,16 +297,6 @@ def _key_paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
         if isinstance(value, dict):
             paths += _key_paths(value, f"{prefix}{key}.")
     return paths
-
-
-def _flatten(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat = {}
-    for key, value in data.items():
-        if isinstance(value, Mapping):
-            flat |= _flatten(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
 
 
 def _one_line(error: ValidationError, source: str, sources: Mapping[str, str]) -> str:

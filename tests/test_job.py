@@ -4,11 +4,10 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from simgen.errors import InputError
-from simgen.job import difference, load_job
+from simgen.job import load_job
+from simgen.provenance import difference
 from simgen.resources import resource
 
 MINIMAL = """\
@@ -169,13 +168,3 @@ def test_a_job_that_does_not_exist_names_the_bundled_ones(tmp_path):
 def test_a_job_that_is_a_list_is_refused(write):
     with pytest.raises(InputError, match="a job is a mapping of keys to values; this is a list"):
         load_job(write("- name"))
-
-
-@given(
-    st.dictionaries(
-        st.sampled_from("abc"), st.integers() | st.dictionaries(st.sampled_from("xy"), st.integers())
-    )
-)
-def test_difference_is_empty_only_between_equals(data):
-    assert difference(data, data) == []
-    assert difference(data, {**data, "new": 1}) == ["new: (absent) -> 1"]

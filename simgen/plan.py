@@ -1,0 +1,95 @@
+"""From a job to all that is known before the first press: meshes, contacts, poses on every sensor, splits."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from simgen import dataset, pairing, provenance
+from simgen.errors import InputError
+from simgen.fem.newton import Status
+from simgen.job import Job
+from simgen.sensor import Material, Sensor, load_sensor
+
+
+@dataclass(frozen=True)
+class Plan:
+    """`attributes` and `arrays` (by path, see `simgen.dataset`) of the dataset that the job will fill."""
+
+    job: Job
+    device: str
+    attributes: Mapping[str, Any]
+    arrays: Mapping[str, np.ndarray]
+
+
+def make_plan(job: Job, device: str = "cpu") -> Plan:
+    """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
+
+    Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine.
+    """
+    sensors = {name: chosen_sensor(job, name) for name in job.sensors}
+    reference = next(iter(sensors.values()))
+    contacts = pairing.sample_contacts(
+        reference, job.trajectories.count, job.seed, float(job.depths_m[-1]), job.trajectories
+    )
+    trajectory = np.repeat(np.arange(job.trajectories.count, dtype=np.int32), len(job.indenters))
+    arrays = {
+        "depth": job.depths_m,
+        "press/trajectory": trajectory,
+        "press/indenter": np.tile(np.arange(len(job.indenters), dtype=np.int32), job.trajectories.count),
+        "press/split": dataset.split_by_trajectory(job.trajectories.count, job.seed)[trajectory],
+        "press/contact_pose": pairing.indenter_poses(contacts)[trajectory],
+        "press/contact_normal": contacts.normals[trajectory],
+    }
+    for name, sensor in sensors.items():
+        mesh = sensor.output_mesh
+        arrays |= {
+            f"{name}/rest_positions": mesh.vertices,
+            f"{name}/tetrahedra": mesh.tetrahedra,
+            f"{name}/surface_triangles": mesh.surface_triangles,
+            f"{name}/held": mesh.held,
+            f"{name}/touchable": mesh.touchable,
+            f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
+        }
+    return Plan(job, device, _attributes(job, device, sensors), arrays)
+
+
+def chosen_sensor(job: Job, name: str) -> Sensor:
+    """The sensor that the job names, on the mesh that it names."""
+    choice = job.sensors[name]
+    return load_sensor(job.locate(choice.model), choice.mesh)
+
+
+def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
+    """The preset of the sensor with the values that the job puts in its place.
+
+    Raises `InputError` if the sensor has no such preset.
+    """
+    choice = job.sensors[name].material
+    if choice.preset not in sensor.materials:
+        allowed = ", ".join(sensor.materials)
+        raise InputError(f"sensors.{name}.material: {choice.preset!r} is not a preset; allowed: {allowed}")
+    own = choice.model_dump(exclude={"preset"}, exclude_none=True)
+    return Material(**{**asdict(sensor.materials[choice.preset]), **own})
+
+
+def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[str, Any]:
+    return {
+        "job": job.resolved(),
+        "job_hash": job.hash,
+        "code": provenance.code_version(),
+        "packages": provenance.package_versions(),
+        "device": device,
+        "sensors": {
+            name: {
+                "simulation_mesh": sensor.simulation_mesh.hash,
+                "output_mesh": sensor.output_mesh.hash,
+                "material": asdict(chosen_material(job, name, sensor)),
+            }
+            for name, sensor in sensors.items()
+        },
+        "indenters": list(job.indenter_names),
+        "splits": list(dataset.SPLITS),
+        "status": {str(int(status)): status.sentence for status in Status},
+    }

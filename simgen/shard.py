@@ -1,0 +1,105 @@
+"""One task: press a shard's indenters into every sensor and write the shard.
+
+A worker process makes the scene of a sensor once and keeps it between tasks.
+"""
+
+import socket
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from simgen.dataset import CERTIFICATE, Dataset, write_shard
+from simgen.indenter import load_indenter
+from simgen.job import Job
+from simgen.plan import chosen_material, chosen_sensor
+from simgen.press import PressResult, Scene, SolverSettings, press
+
+Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
+"""(indenter indices, poses in the sensor's frame (b, 4, 4) m, depths (d,) m) -> one result each."""
+
+
+@dataclass(frozen=True)
+class ShardReport:
+    """What came of one task; `failed` counts samples not converged, `error` means that nothing was written."""
+
+    shard: int
+    presses: int
+    failed: int = 0
+    seconds: float = 0.0
+    seconds_by_sensor: dict[str, float] | None = None
+    host: str = ""
+    error: str | None = None
+
+
+def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
+    """Presses of one sensor by finite elements. Its scene is made once and serves all presses."""
+    sensor = chosen_sensor(job, sensor_name)
+    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
+    batch = 1 if device == "cpu" else job.dataset.presses_per_shard
+    scene = Scene(
+        sensor, chosen_material(job, sensor_name, sensor), job.solver.element, device, batch, settings
+    )
+    shapes = [load_indenter(job.locate(text)).shape() for text in job.indenters]
+
+    def presser(indenters: Sequence[int], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
+        results: list[PressResult] = []
+        for first in range(0, len(indenters), batch):
+            some = slice(first, first + batch)
+            results += press(scene, [shapes[i] for i in indenters[some]], poses[some], depths_m)
+        return results
+
+    return presser
+
+
+@lru_cache(maxsize=8)
+def _presser(build: Callable[[Job, str, str], Presser], job: Job, sensor: str, device: str) -> Presser:
+    """One presser per sensor and worker process, kept between tasks."""
+    return build(job, sensor, device)
+
+
+def run_shard(path: Path, shard: int, job: Job, device: str, build=fem_presser) -> ShardReport:
+    """Solve all presses of one shard on every sensor and write them."""
+    begin = time.perf_counter()
+    dataset = Dataset(path)
+    presses = dataset.shard_presses(shard)
+    rows = slice(presses.start, presses.stop)
+    contact_pose = dataset.root["press/contact_pose"][rows]
+    indenters = dataset.root["press/indenter"][rows].tolist()
+    values: dict[str, np.ndarray] = {}
+    seconds = {}
+    for sensor in dataset.sensors:
+        poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][rows]) @ contact_pose
+        results = _presser(build, job, sensor, device)(indenters, poses, job.depths_m)
+        values |= _columns(sensor, results)
+        seconds[sensor] = round(sum(result.seconds for result in results), 3)
+    first_touch = values[f"{dataset.sensors[0]}/touch"].copy()
+    for sensor in dataset.sensors:
+        values[f"{sensor}/touch"] -= first_touch
+    values["press/pose"] = _advance(contact_pose, first_touch)
+    write_shard(dataset, shard, values)
+    failed = sum(int(np.count_nonzero(values[f"{sensor}/status"])) for sensor in dataset.sensors)
+    return ShardReport(
+        shard, len(presses), failed, round(time.perf_counter() - begin, 3), seconds, socket.gethostname()
+    )
+
+
+def _columns(sensor: str, results: Sequence[PressResult]) -> dict[str, np.ndarray]:
+    """Results of a shard as the arrays of the dataset."""
+    columns = {
+        f"{sensor}/{key}": np.stack([np.asarray(getattr(result, key)) for result in results])
+        for key in ("displacement", "force", "moment", "status", "touch")
+    }
+    for key in CERTIFICATE:
+        columns[f"{sensor}/certificate/{key}"] = np.stack([result.certificate[key] for result in results])
+    return columns
+
+
+def _advance(poses: np.ndarray, travel: np.ndarray) -> np.ndarray:
+    """Poses (b, 4, 4) moved by travel (b,) m along their own +y."""
+    moved = poses.copy()
+    moved[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
+    return moved

@@ -1,0 +1,181 @@
+"""The dataset: round trip, fill values, overflow, splits, provenance, and shards that nobody shares."""
+
+import json
+
+import fake
+import numpy as np
+import pytest
+import zarr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simgen.dataset import (
+    DISPLACEMENT_STEP_M,
+    Dataset,
+    create,
+    open_or_create,
+    split_by_trajectory,
+    write_shard,
+)
+from simgen.errors import InputError
+from simgen.provenance import difference
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    return make(tmp_path / "d.zarr", fake.make_job())
+
+
+def make(path, job):
+    plan = fake.make_plan(job)
+    create(path, plan.attributes, plan.arrays, job)
+    return Dataset(path)
+
+
+def shard_values(dataset, shard, seed=0):
+    """Random values of the right shapes for one shard, displacements up to 2 mm."""
+    rng = np.random.default_rng([seed, shard])
+    count = len(dataset.shard_presses(shard))
+    values = {}
+    for name, array in dataset.arrays.items():
+        scale = 2e-3 if name.endswith("displacement") else 100.0
+        values[name] = rng.uniform(-1, 1, (count, *array.shape)) * scale
+        if array.dtype in ("int8", "int32"):
+            values[name] = np.abs(np.rint(values[name]))
+    return values
+
+
+def test_what_is_written_is_read_back(dataset):
+    written = {shard: shard_values(dataset, shard) for shard in range(dataset.shards)}
+    for shard, values in written.items():
+        write_shard(dataset, shard, values)
+    for name, array in dataset.arrays.items():
+        expected = np.concatenate([values[name] for values in written.values()])
+        stored = dataset[name]
+        assert stored.shape == (dataset.presses, *array.shape)
+        assert stored.dtype == array.dtype
+        if name.endswith("displacement"):
+            decoded = dataset.displacement(name.split("/")[0], slice(None))
+            # Rounding to the nearest step is off by half a step, plus the last bits of the product.
+            assert np.abs(decoded - expected).max() <= 0.5 * DISPLACEMENT_STEP_M * (1 + 1e-9)
+        else:
+            np.testing.assert_array_equal(stored, expected)
+
+
+def test_float32_displacement_is_a_choice_of_the_job(tmp_path):
+    job = fake.make_job(dataset={"displacement": "float32", "presses_per_shard": 5})
+    dataset = make(tmp_path / "d.zarr", job)
+    values = shard_values(dataset, 0)
+    write_shard(dataset, 0, values)
+    expected = values["biotac/displacement"].astype(np.float32)
+    np.testing.assert_array_equal(dataset.displacement("biotac", slice(0, 5)), expected)
+
+
+def test_samples_that_were_not_reached_hold_the_fill_value(dataset):
+    values = shard_values(dataset, 0)
+    values["digit/displacement"][1, 2:] = np.nan
+    values["digit/certificate/newton_iterations"][1, 2:] = np.nan
+    values["digit/force"][1, 2:] = np.nan
+    values["digit/status"][1, 2:] = 1
+    write_shard(dataset, 0, values)
+    reached = np.isfinite(dataset.displacement("digit", 1)).all(axis=(-1, -2))
+    np.testing.assert_array_equal(reached, [True, True, False, False])
+    np.testing.assert_array_equal(dataset["digit/status"][1, 2:], [1, 1])
+    np.testing.assert_array_equal(dataset["digit/certificate/newton_iterations"][1, 2:], [-1, -1])
+    assert np.isnan(dataset["digit/force"][1, 2:]).all()
+    assert np.isnan(dataset.displacement("digit", 5)).all(), "a shard that nobody wrote reads as not reached"
+    assert (dataset["digit/status"][2:] == -1).all()
+
+
+@settings(max_examples=30)
+@given(st.floats(min_value=-1e-2, max_value=1e-2))
+def test_int16_rounds_or_refuses_but_never_wraps(tmp_path_factory, metres):
+    dataset = make(tmp_path_factory.mktemp("d") / "d.zarr", fake.make_job())
+    values = shard_values(dataset, 0)
+    values["digit/displacement"][0, 0, 0, 0] = metres
+    if abs(np.rint(metres / DISPLACEMENT_STEP_M)) > 32767:
+        with pytest.raises(OverflowError, match=r"digit/displacement: .* displacement: float32"):
+            write_shard(dataset, 0, values)
+        assert dataset.finished() == []
+    else:
+        write_shard(dataset, 0, values)
+        stored = dataset.displacement("digit", 0, 0)[0, 0]
+        assert abs(stored - metres) <= 0.5 * DISPLACEMENT_STEP_M * (1 + 1e-6)
+
+
+def test_a_shard_is_one_file_per_array_and_no_file_is_shared(dataset):
+    empty = set(fake.contents(dataset.path))
+    write_shard(dataset, 0, shard_values(dataset, 0))
+    first = set(fake.contents(dataset.path)) - empty
+    write_shard(dataset, 1, shard_values(dataset, 1))
+    second = set(fake.contents(dataset.path)) - empty - first
+    assert len(first) == len(second) == len(dataset.arrays) + 1  # and its manifest
+    assert dataset.finished() == [0, 1]
+    assert dataset.unfinished() == [2, 3, 4, 5]
+
+
+def test_displacement_of_one_sample_is_one_chunk_and_scaled_by_its_attribute(dataset):
+    array = zarr.open_group(dataset.path, mode="r")["biotac/displacement"]
+    assert array.chunks == (1, 1, len(fake.VERTICES), 3)
+    assert array.shards == (2, 4, len(fake.VERTICES), 3)
+    assert array.attrs["scale_factor"] == DISPLACEMENT_STEP_M
+
+
+def test_every_file_but_manifests_has_a_checksum(dataset):
+    write_shard(dataset, 3, shard_values(dataset, 3))
+    files = {name for name in fake.contents(dataset.path) if not name.startswith("manifest/")}
+    assert files == set(dataset.checksums())
+
+
+def test_walking_a_dataset_with_zarr_warns_of_nothing(dataset, recwarn):
+    write_shard(dataset, 0, shard_values(dataset, 0))
+    members = dict(zarr.open_group(dataset.path, mode="r").members(max_depth=None))
+    assert set(dataset.arrays) <= set(members)
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("count, expected", [(860, (679, 86, 95)), (100, (79, 10, 11)), (2, (2, 0, 0))])
+def test_split_is_79_10_11_of_the_trajectories(count, expected):
+    split = split_by_trajectory(count, seed=1)
+    assert tuple(np.bincount(split, minlength=3)) == expected
+    np.testing.assert_array_equal(split, split_by_trajectory(count, seed=1))
+    if count == 860:
+        assert (split != split_by_trajectory(count, seed=2)).any()
+
+
+def test_another_job_into_an_existing_dataset_is_refused_with_the_difference(dataset):
+    plan = fake.make_plan(fake.make_job(trajectories={"count": 5}))
+    with pytest.raises(InputError, match=r"holds another dataset \(job.trajectories.count: 4 -> 5\)"):
+        open_or_create(dataset.path, plan.attributes, plan.arrays, plan.job)
+
+
+def test_the_same_sensors_in_another_order_are_another_dataset(dataset):
+    plan = fake.make_plan(fake.make_job(sensors={"biotac": {"model": "biotac"}, "digit": {"model": "digit"}}))
+    with pytest.raises(InputError, match=r"holds another dataset \(order of sensors\)"):
+        open_or_create(dataset.path, plan.attributes, plan.arrays, plan.job)
+
+
+def test_the_same_job_opens_what_is_there(dataset):
+    write_shard(dataset, 2, shard_values(dataset, 2))
+    plan = fake.make_plan(fake.make_job())
+    assert open_or_create(dataset.path, plan.attributes, plan.arrays, plan.job).finished() == [2]
+
+
+def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
+    with pytest.raises(InputError, match="not a dataset"):
+        Dataset(tmp_path)
+
+
+def test_the_job_in_a_dataset_is_the_job(dataset):
+    assert dataset.job.hash == fake.make_job().hash == dataset.attributes["job_hash"]
+    assert json.loads((dataset.path / "zarr.json").read_text())["attributes"]["job"]["name"] == "fake"
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from("abc"), st.integers() | st.dictionaries(st.sampled_from("xy"), st.integers())
+    )
+)
+def test_difference_is_empty_between_equals_and_names_what_is_new(data):
+    assert difference(data, data) == []
+    assert difference(data, {**data, "new": 1}) == ["new: (absent) -> 1"]
