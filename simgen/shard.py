@@ -24,7 +24,7 @@ Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
 
 @dataclass(frozen=True)
 class ShardReport:
-    """What came of one task; `failed` counts samples not converged, `error` means that nothing was written."""
+    """What came of one task; `failed` counts samples not converged, an `error` means nothing was written."""
 
     shard: int
     presses: int

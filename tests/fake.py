@@ -1,4 +1,4 @@
-"""Stand-ins that make a whole dataset in a second: a plan of two tetrahedra per sensor, a press by formula."""
+"""Stand-ins that make a whole dataset in a second: a plan on two tetrahedra, a press by formula."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ def make_job(**changes) -> Job:
 
 
 def make_plan(job: Job) -> SimpleNamespace:
-    """The attributes and arrays of `simgen.plan.Plan`, contacts in the middle of the face x = y (outward -x + ...)."""
+    """As `simgen.plan.make_plan`: attributes and arrays, contacts near the middle of one free triangle."""
     count, indenters = job.trajectories.count, len(job.indenters)
     trajectory = np.repeat(np.arange(count, dtype=np.int32), indenters)
     triangle = VERTICES[SURFACE[4]]
