@@ -1,0 +1,220 @@
+"""One contact, sampled once in the shared frame and pressed into every sensor.
+
+Contacts come from a low-discrepancy sequence over the developed skin of the reference sensor. Another sensor
+is brought to each contact by the unfolding transform: it is pitched and rolled about its axes and shifted, so
+that the point at the same place of its own developed skin (`simgen.skin`) meets the contact with the same
+normal.
+
+Shared frame, metres: x along the finger, pad side -y, z lateral.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import scipy.spatial
+import scipy.stats
+
+from simgen.errors import InputError
+from simgen.sensor import Sensor
+from simgen.skin import Skin
+
+BLOCK = 256  # contacts that are proposed at a time: a power of two, as a Sobol sequence wants
+MOST_PROPOSED = 200  # per contact found, once there have been 16 blocks: with less there is no room
+WALL_TURN_DEG = (60.0, 120.0)  # a surface turned so far from the contact's is a side wall; more is the back
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """How contacts vary and what they keep clear of."""
+
+    max_tilt_deg: float = 5.0  # of the press axis from the surface normal
+    roll_range_deg: tuple[float, float] = (-90.0, 90.0)  # of the indenter about its axis
+    max_indentation_ratio: float = 0.6  # deepest press / local thickness (the largest ball that fits under)
+    min_edge_ratio: float = 1.5  # distance to the nearest side wall / deepest press
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """n contacts on the reference sensor, shared frame, m and rad."""
+
+    points: np.ndarray  # (n, 3)
+    normals: np.ndarray  # (n, 3) outward
+    axes: np.ndarray  # (n, 3) press directions, into the sensor
+    rolls: np.ndarray  # (n,) about the press direction
+    arcs: np.ndarray  # (n,) lateral arc length from the centre line
+
+
+def sample_contacts(
+    reference: Sensor, count: int, seed: int, max_depth_m: float, settings: ContactSettings | None = None
+) -> Contacts:
+    """``count`` contacts on the touchable surface of ``reference``, each with room for the deepest press.
+
+    A scrambled Sobol sequence in (x, arc, tilt, azimuth, roll), with rejection: the first n contacts do not
+    depend on how many more are asked for. Raises InputError if there is too little room.
+    """
+    settings = settings or ContactSettings()
+    room = _Room(reference, max_depth_m, settings)
+    sequence = scipy.stats.qmc.Sobol(5, scramble=True, rng=seed)
+    blocks: list[Contacts] = []
+    found, proposed = 0, 0
+    while found < count:
+        if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
+            raise InputError(
+                f"{reference.name}: {found} of {count} contacts fit after {proposed} proposals of presses of "
+                f"{max_depth_m * 1e3:g} mm with max_indentation_ratio {settings.max_indentation_ratio:g} and "
+                f"min_edge_ratio {settings.min_edge_ratio:g}; press less deep, or allow a larger "
+                "max_indentation_ratio or a smaller min_edge_ratio"
+            )
+        block = room.keep(room.propose(sequence.random(BLOCK)))
+        blocks.append(block)
+        found += len(block.points)
+        proposed += BLOCK
+    return Contacts(**{
+        field.name: np.concatenate([getattr(block, field.name) for block in blocks])[:count]
+        for field in fields(Contacts)
+    })  # fmt: skip
+
+
+def indenter_poses(contacts: Contacts) -> np.ndarray:
+    """(n, 4, 4) indenter frame -> shared frame: tip at the contact point, +y along the press direction.
+
+    At roll 0 the frame is the shared one, turned by the least rotation that brings +y to the press direction.
+    """
+    poses = np.tile(np.eye(4), (len(contacts.points), 1, 1))
+    cos, sin = np.cos(contacts.rolls), np.sin(contacts.rolls)
+    roll = np.tile(np.eye(3), (len(cos), 1, 1))
+    roll[:, 0, 0], roll[:, 0, 2], roll[:, 2, 0], roll[:, 2, 2] = cos, sin, -sin, cos
+    poses[:, :3, :3] = _least_rotation(contacts.axes) @ roll
+    poses[:, :3, 3] = contacts.points
+    return poses
+
+
+def unfold(reference: Sensor, other: Sensor, contacts: Contacts) -> np.ndarray:
+    """(n, 4, 4) pose of ``other``: its own frame -> shared frame, one for each contact on ``reference``.
+
+    The rotation is a roll about x, then a pitch about z, without yaw. Raises InputError if the other sensor
+    has no partner for a contact.
+    """
+    poses = np.tile(np.eye(4), (len(contacts.points), 1, 1))
+    if other is reference:
+        return poses
+    points, normals = partners(other, contacts)
+    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        rotation = _roll_then_pitch(normal, contacts.normals[i])
+        if rotation is None:
+            place = _place(contacts, i)
+            raise InputError(f"{other.name}: no roll and pitch bring its normal to that of contact {place}")
+        poses[i, :3, :3] = rotation
+        poses[i, :3, 3] = contacts.points[i] - rotation @ point
+    return poses
+
+
+def partners(other: Sensor, contacts: Contacts) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) and outward normals (n, 3) on ``other``, in its own frame, at the contacts' (x, arc)."""
+    skin = Skin(other.surface)
+    found = [skin.point(point[0], arc) for point, arc in zip(contacts.points, contacts.arcs, strict=True)]
+    for i, partner in enumerate(found):
+        if partner is None:
+            raise InputError(f"{other.name}: its skin has no partner for contact {_place(contacts, i)}")
+    return np.array([p for p, _ in found]).reshape(-1, 3), np.array([n for _, n in found]).reshape(-1, 3)
+
+
+def _place(contacts: Contacts, i: int) -> str:
+    return f"{i} (x = {contacts.points[i, 0] * 1e3:.2f} mm, lateral arc {contacts.arcs[i] * 1e3:.2f} mm)"
+
+
+def _roll_then_pitch(source: np.ndarray, target: np.ndarray) -> np.ndarray | None:
+    """The rotation R = R_z(pitch) R_x(roll) with R source = target, of the two the one with the smaller roll.
+
+    The pitch leaves z alone, so the roll gives source the z of target; then both are of one length in xy, and
+    the pitch turns one onto the other. None if the yz part of source is too short for that.
+    """
+    in_yz = np.hypot(source[1], source[2])
+    if abs(target[2]) > in_yz:
+        return None
+    y = np.copysign(np.sqrt(in_yz**2 - target[2] ** 2), source[1])
+    roll = np.arctan2(target[2], y) - np.arctan2(source[2], source[1])
+    pitch = np.arctan2(target[1], target[0]) - np.arctan2(y, source[0])
+    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    about_z = np.array([[cp, -sp, 0.0], [sp, cp, 0.0], [0.0, 0.0, 1.0]])
+    return about_z @ about_x
+
+
+def _least_rotation(directions: np.ndarray) -> np.ndarray:
+    """(n, 3, 3): the least rotations (Rodrigues) of +y to unit directions (n, 3); about x for -y."""
+    x, y, z = directions.T
+    opposite = y < -1.0 + 1e-12
+    scale = 1.0 / np.where(opposite, 1.0, 1.0 + y)
+    rotation = np.empty((len(directions), 3, 3))
+    rotation[:, 0] = np.stack([1.0 - scale * x * x, x, -scale * x * z], axis=1)
+    rotation[:, 1] = np.stack([-x, y, -z], axis=1)
+    rotation[:, 2] = np.stack([-scale * x * z, z, 1.0 - scale * z * z], axis=1)
+    rotation[opposite] = np.diag([1.0, -1.0, -1.0])
+    return rotation
+
+
+class _Room:
+    """Where on a reference sensor a contact may be."""
+
+    def __init__(self, reference: Sensor, max_depth_m: float, settings: ContactSettings):
+        self.settings = settings
+        self.skin = Skin(reference.surface)
+        mesh = reference.output_mesh
+        on_surface = np.unique(mesh.surface_triangles)
+        self.touchable = mesh.touchable[on_surface]
+        self.nearest = scipy.spatial.cKDTree(mesh.vertices[on_surface])
+        low, high = mesh.vertices[mesh.touchable].min(axis=0), mesh.vertices[mesh.touchable].max(axis=0)
+        self.x_range = low[0], high[0]
+        # A convex section's arc from the centre line is no longer than its width and height together.
+        self.max_arc = np.abs([low[2], high[2]]).max() + high[1] - low[1]
+        self.ball_radius = 0.5 * max_depth_m / settings.max_indentation_ratio
+        self.edge_distance = settings.min_edge_ratio * max_depth_m
+        surface = reference.surface
+        if surface.edges_unique_length.max() > 0.5 * self.ball_radius:
+            surface = surface.subdivide_to_size(0.5 * self.ball_radius)
+        self.surface_points = scipy.spatial.cKDTree(surface.vertices)
+        self.faces = surface.triangles_center, surface.face_normals
+
+    def propose(self, uniform: np.ndarray) -> Contacts:
+        """Contacts on the skin from points (n, 5) of the unit cube; places off the skin are left out."""
+        x = self.x_range[0] + uniform[:, 0] * (self.x_range[1] - self.x_range[0])
+        arcs = self.max_arc * (2.0 * uniform[:, 1] - 1.0)
+        found = [self.skin.point(*place) for place in zip(x, arcs, strict=True)]
+        on_skin = np.array([place is not None for place in found])
+        points = np.array([place[0] for place in found if place is not None]).reshape(-1, 3)
+        normals = np.array([place[1] for place in found if place is not None]).reshape(-1, 3)
+        # Uniform over the cap of directions around the inward normal.
+        cos = 1.0 - uniform[on_skin, 2] * (1.0 - np.cos(np.radians(self.settings.max_tilt_deg)))
+        azimuth = 2.0 * np.pi * uniform[on_skin, 3]
+        sin = np.sqrt(1.0 - cos**2)
+        local = np.stack([sin * np.cos(azimuth), cos, sin * np.sin(azimuth)], axis=1)
+        axes = np.einsum("nij,nj->ni", _least_rotation(-normals), local)
+        first, last = np.radians(self.settings.roll_range_deg)
+        return Contacts(points, normals, axes, first + uniform[on_skin, 4] * (last - first), arcs[on_skin])
+
+    def keep(self, contacts: Contacts) -> Contacts:
+        """Those contacts that are touchable, on material thick enough, and far enough from side walls."""
+        kept = self.touchable[self.nearest.query(contacts.points)[1]]
+        for i in np.flatnonzero(kept):
+            point, normal = contacts.points[i], contacts.normals[i]
+            kept[i] = (
+                self._is_thick(point, normal) and self._wall_distance(point, normal) >= self.edge_distance
+            )
+        return Contacts(**{field.name: getattr(contacts, field.name)[kept] for field in fields(Contacts)})
+
+    def _is_thick(self, point: np.ndarray, normal: np.ndarray) -> bool:
+        """The ball of the asked thickness that touches the surface here from inside holds no other surface.
+
+        The facets next to the contact are no other surface: they cut into the ball however thick the gel is.
+        """
+        within = self.surface_points.query_ball_point(point - self.ball_radius * normal, self.ball_radius)
+        other = np.linalg.norm(self.surface_points.data[within] - point, axis=1) > 0.5 * self.ball_radius
+        return not other.any()
+
+    def _wall_distance(self, point: np.ndarray, normal: np.ndarray) -> float:
+        centres, normals = self.faces
+        cosine = normals @ normal
+        high, low = np.cos(np.radians(WALL_TURN_DEG))
+        wall = (cosine < high) & (cosine > low)
+        return np.linalg.norm(centres[wall] - point, axis=1).min(initial=np.inf)

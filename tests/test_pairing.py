@@ -1,0 +1,171 @@
+"""Pairing on the two bundled sensors, and on a slab of a user's own."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from simgen.sensor import load_sensor
+
+from simgen.errors import InputError
+from simgen.pairing import Contacts, ContactSettings, indenter_poses, partners, sample_contacts, unfold
+from simgen.shape import mesh_distance
+from simgen.skin import Skin
+
+COUNT, SEED, DEPTH = 200, 1, 2.0e-3
+
+
+@pytest.fixture(scope="module")
+def digit():
+    return load_sensor("digit")
+
+
+@pytest.fixture(scope="module")
+def biotac():
+    return load_sensor("biotac")
+
+
+@pytest.fixture(scope="module")
+def contacts(digit):
+    return sample_contacts(digit, COUNT, SEED, DEPTH)
+
+
+def contacts_at(sensor, places) -> Contacts:
+    """Untilted contacts at places (x, arc) in m."""
+    skin = Skin(sensor.surface)
+    points, normals = (np.array(part) for part in zip(*(skin.point(x, s) for x, s in places), strict=True))
+    return Contacts(points, normals, -normals, np.zeros(len(points)), np.array([s for _, s in places]))
+
+
+def slab(height: float = 4.0e-3) -> SimpleNamespace:
+    surface = trimesh.creation.box(extents=[0.020, height, 0.020]).subdivide_to_size(2.5e-3)
+    return SimpleNamespace(
+        name="slab",
+        surface=surface,
+        output_mesh=SimpleNamespace(
+            vertices=surface.vertices,
+            surface_triangles=surface.faces,
+            touchable=surface.vertices[:, 1] < 0.5 * height - 1e-9,
+        ),
+    )
+
+
+def test_contact_points_coincide_and_normals_align(digit, biotac, contacts):
+    poses = unfold(digit, biotac, contacts)
+    points, normals = partners(biotac, contacts)
+    rotation, shift = poses[:, :3, :3], poses[:, :3, 3]
+    # 1e-6 of the sensors' size (0.01 m), and of a unit vector.
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", rotation, points) + shift, contacts.points, atol=1e-8)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", rotation, normals), contacts.normals, atol=1e-6)
+
+
+def test_partners_lie_on_the_surface(biotac, contacts):
+    points, _ = partners(biotac, contacts)
+    assert (
+        np.abs(mesh_distance(biotac.surface, points * 1e3)).max() < 1e-5
+    )  # mm, the distance's single precision
+
+
+def test_poses_are_proper_roll_and_pitch(digit, biotac, contacts):
+    for poses in (unfold(digit, biotac, contacts), indenter_poses(contacts)):
+        rotation = poses[:, :3, :3]
+        identity = np.tile(np.eye(3), (COUNT, 1, 1))
+        np.testing.assert_allclose(rotation @ rotation.transpose(0, 2, 1), identity, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.det(rotation), 1.0, atol=1e-12)
+        np.testing.assert_array_equal(poses[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1)))
+    # R_z(pitch) R_x(roll) leaves the image of x in the xy plane.
+    np.testing.assert_allclose(unfold(digit, biotac, contacts)[:, 2, 0], 0.0, atol=1e-12)
+
+
+def test_distances_on_the_digit_are_arc_lengths_on_the_biotac(digit, biotac):
+    """Straight developed paths, measured as chords in space on either surface, on the BioTac's cylinder.
+
+    There the sections of either sensor hardly change with x, so both skins unroll without stretch; 1 % is the
+    bound that the project set.
+    """
+    ends = np.random.default_rng(0).uniform([-10e-3, -5e-3], [-4e-3, 5e-3], (30, 2, 2))
+    lengths = []
+    for sensor in (digit, biotac):
+        skin = Skin(sensor.surface)
+        paths = [np.linspace(start, end, 41) for start, end in ends]
+        points = np.array([[skin.point(*place)[0] for place in path] for path in paths])
+        lengths.append(np.linalg.norm(np.diff(points, axis=1), axis=2).sum(axis=1))
+    np.testing.assert_allclose(lengths[0], lengths[1], rtol=0.01)
+
+
+def test_identity_at_the_centre_line(digit, biotac):
+    """No roll and no lateral shift; what is left is the meshes' own asymmetry about z = 0."""
+    poses = unfold(digit, biotac, contacts_at(digit, [(x, 0.0) for x in np.linspace(-15e-3, 1e-3, 17)]))
+    roll = np.degrees(np.arctan2(poses[:, 2, 1], poses[:, 2, 2]))
+    assert np.abs(roll).max() < 0.2
+    assert np.abs(poses[:, 2, 3]).max() < 0.03e-3
+
+
+def test_the_reference_itself_does_not_move(digit, contacts):
+    np.testing.assert_array_equal(unfold(digit, digit, contacts), np.tile(np.eye(4), (COUNT, 1, 1)))
+    twin = SimpleNamespace(name="twin", surface=digit.surface)
+    np.testing.assert_allclose(unfold(digit, twin, contacts), np.tile(np.eye(4), (COUNT, 1, 1)), atol=1e-12)
+
+
+def test_indenters_stand_on_their_contacts(contacts):
+    poses = indenter_poses(contacts)
+    np.testing.assert_array_equal(poses[:, :3, 3], contacts.points)
+    np.testing.assert_allclose(poses[:, :3, 1], contacts.axes, atol=1e-12)
+
+
+def test_roll_turns_the_indenter_about_its_axis(contacts):
+    """Two poses that differ by a roll of 30 degrees differ by that turn about +y."""
+    turned = Contacts(
+        contacts.points, contacts.normals, contacts.axes, contacts.rolls + np.pi / 6, contacts.arcs
+    )
+    a, b = indenter_poses(contacts)[:, :3, :3], indenter_poses(turned)[:, :3, :3]
+    expected = trimesh.transformations.rotation_matrix(np.pi / 6, [0.0, 1.0, 0.0])[:3, :3]
+    np.testing.assert_allclose(a.transpose(0, 2, 1) @ b, np.tile(expected, (COUNT, 1, 1)), atol=1e-12)
+
+
+def test_same_seed_same_contacts_whatever_the_count(digit, contacts):
+    fewer = sample_contacts(digit, 17, SEED, DEPTH)
+    for name in ("points", "normals", "axes", "rolls", "arcs"):
+        np.testing.assert_array_equal(getattr(fewer, name), getattr(contacts, name)[:17])
+    other = sample_contacts(digit, 17, SEED + 1, DEPTH)
+    assert np.abs(other.points - fewer.points).max() > 1e-3
+
+
+def test_tilt_and_roll_stay_in_their_ranges(digit):
+    settings = ContactSettings(max_tilt_deg=20.0, roll_range_deg=(10.0, 40.0))
+    contacts = sample_contacts(digit, COUNT, SEED, DEPTH, settings)
+    tilt = np.degrees(np.arccos(-np.einsum("ni,ni->n", contacts.axes, contacts.normals)))
+    assert 15.0 < tilt.max() <= 20.0 + 1e-6
+    assert 10.0 <= np.degrees(contacts.rolls).min() < 15.0
+    assert 35.0 < np.degrees(contacts.rolls).max() <= 40.0
+    upright = sample_contacts(digit, 5, SEED, DEPTH, ContactSettings(max_tilt_deg=0.0))
+    np.testing.assert_allclose(upright.axes, -upright.normals, atol=1e-12)
+
+
+def test_contacts_keep_to_thick_gel(digit, contacts):
+    """The thickness under every contact is at least depth / ratio = 3.33 mm, less 0.1 mm between facets."""
+    back = digit.surface.bounds[1, 1]
+    thickness = (back - contacts.points[:, 1]) / -contacts.normals[:, 1]
+    assert thickness.min() > 3.33e-3 - 1e-4
+    assert len(np.unique(np.round(contacts.points, 9), axis=0)) == COUNT
+
+
+def test_contacts_keep_their_distance_from_walls():
+    """On a slab with half width 10 mm the margin of 1.5 x 2 mm is plain; contacts fill what is left."""
+    contacts = sample_contacts(slab(), COUNT, SEED, DEPTH)
+    margin = 10e-3 - np.abs(contacts.points[:, [0, 2]])
+    assert margin.min() >= 3e-3 - 0.05e-3  # the wall is sampled at the centres of faces
+    assert margin.min() < 3.5e-3
+    np.testing.assert_allclose(contacts.points[:, 1], -2e-3, atol=1e-12)
+
+
+def test_too_thin_a_sensor_is_refused():
+    with pytest.raises(InputError, match=r"slab: 0 of 5 contacts fit .* max_indentation_ratio"):
+        sample_contacts(slab(height=3e-3), 5, SEED, DEPTH)
+
+
+def test_a_contact_without_partner_is_refused(digit, contacts):
+    """A sensor that is too short, or too narrow, names the contact that it cannot meet."""
+    short = SimpleNamespace(name="short", surface=trimesh.creation.box(extents=[1e-3, 0.01, 0.02]))
+    with pytest.raises(InputError, match="short: its skin has no partner for contact"):
+        unfold(digit, short, contacts)
