@@ -14,7 +14,7 @@ from ..shape import shape_array
 from .element import Element, face_geometry
 from .material import mat33, real, vec3
 from .operator import add_vec3, load_vec3
-from .traction import Surface, deformed, probe_in_sensor_frame, traction
+from .traction import Surface, deformed, probe_in_sensor_frame, return_to_cone, traction
 
 wp.set_module_options({"enable_backward": False})
 
@@ -145,17 +145,17 @@ def project_kernel(
     normal_out: wp.array2d(dtype=wp.float64),
     tangential_out: wp.array2d(dtype=vec3),
 ):
-    """Integrate t and tau against the multiplier shape functions."""
+    """Integrate t - lambda and tau - lambda_t against the multiplier shape functions."""
     f, env = wp.tid()
     if active[env] == 0:
         return
     for q in range(s.areas.shape[1]):
         found = traction(s, x, x_start, f, q, env)
-        if found.pressure > real(0.0):
+        if found.pressure > real(0.0) or found.multiplier > real(0.0):
             for i in range(3):
                 weight = s.areas[f, q] * s.multiplier_shapes[q, i]
-                wp.atomic_add(normal_out, s.slots[f, i], env, weight * found.pressure)
-                wp.atomic_add(tangential_out, s.slots[f, i], env, weight * found.friction)
+                wp.atomic_add(normal_out, s.slots[f, i], env, weight * (found.pressure - found.multiplier))
+                wp.atomic_add(tangential_out, s.slots[f, i], env, weight * (found.friction - found.tangential))
 
 
 @wp.kernel
@@ -169,13 +169,13 @@ def update_kernel(
     # outputs
     change_out: wp.array2d(dtype=wp.float64),
 ):
-    """Divide by the lumped weights; sum squared change and squared size (L2) of the multipliers per environment."""
+    """Move the multipliers; sum squared change and squared size (lumped L2) of them per environment."""
     slot, env = wp.tid()
     if active[env] == 0:
         return
     w = weights[slot]
-    normal = normal_sum[slot, env] / w
-    tangential = tangential_sum[slot, env] / w
+    normal = wp.max(s.normal[slot, env] + normal_sum[slot, env] / w, real(0.0))
+    tangential = return_to_cone(s.tangential[slot, env] + tangential_sum[slot, env] / w, s.friction * normal)
     dn = normal - s.normal[slot, env]
     dt = tangential - s.tangential[slot, env]
     wp.atomic_add(change_out, 0, env, w * (dn * dn + wp.dot(dt, dt)))
@@ -212,7 +212,7 @@ def resultant_kernel(
 class Contact:
     """A contact term: faces (f, 6) of the rest mesh (nodes in mm) against a rigid shape per environment."""
 
-    def __init__(self, element: Element, nodes, faces, stiffness: float, friction: float, device, active):
+    def __init__(self, element: Element, nodes, faces, stiffness: tuple[float, float], friction: float, device, active):
         self.device, self.active, self.friction = device, active, friction
         self.n_env = active.shape[0]
         geometry = face_geometry(element, nodes, faces)
@@ -240,7 +240,8 @@ class Contact:
         s.slip_fraction = wp.ones(self._points, dtype=wp.float64, device=device)
         s.normal = wp.zeros((self.n_slots, self.n_env), dtype=wp.float64, device=device)
         s.tangential = wp.zeros((self.n_slots, self.n_env), dtype=vec3, device=device)
-        s.stiffness, s.friction = stiffness, friction
+        s.stiffness, s.friction_stiffness = stiffness
+        s.friction = friction
 
         self._gap_start = wp.zeros(self._points, dtype=wp.float64, device=device)
         self._gap_predicted = wp.zeros(self._points, dtype=wp.float64, device=device)

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from .contact import Contact
-from .krylov import Gmres, combine, norms
+from .krylov import Gmres, combine, dots, norms
 from .operator import Elasticity
 from .preconditioner import BlockPattern, BlockTriangular
 
@@ -56,7 +56,7 @@ class SolverSettings:
     contact_tolerance : change that a further multiplier update would make, over the multipliers (L2 norms)
     linear_tolerance : residual of the linear solve over the out-of-balance forces
     volumetric_split : gamma / mu, the part of the bulk stiffness that acts pointwise (see material.py)
-    contact_stiffness_per_mm : k / E of the augmented Lagrangian
+    contact_stiffness_per_mm, friction_stiffness_per_mm : k / E of the augmented Lagrangian
     max_newton_iterations : per increment; an increment that needs more is halved
     smallest_substep : least increment, as a share of the distance between stored depths
     krylov_size : most iterations of one linear solve
@@ -68,6 +68,7 @@ class SolverSettings:
     linear_tolerance: float = 1e-2
     volumetric_split: float = 2.0
     contact_stiffness_per_mm: float = 60.0
+    friction_stiffness_per_mm: float = 15.0
     max_newton_iterations: int = 25
     smallest_substep: float = 1.0 / 64.0
     krylov_size: int = 80
@@ -76,6 +77,9 @@ class SolverSettings:
 
 SMALLEST_FORCE = 1e-9  # in units of E mm2: forces below are nothing (1e-9 x 0.539 MPa mm2 = 0.5 nN)
 LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
+MOST_GROWTH = 10.0  # of the out-of-balance forces in one step
+OVERSHOOT = 0.3  # of the step's virtual work that may be left with the opposite sign
+MOST_TRIALS = 8
 
 
 @wp.kernel
@@ -200,26 +204,45 @@ class NewtonSolver:
             out.status[running & ~accepted] = Status.INVERTED
             out.status[stalled & ~accepted] = Status.LINEAR_SOLVER_STALLED
             running &= accepted
-            self.active.assign(running.astype(np.int32))
+            # Multipliers that are good enough rest, so that Newton's method ends with quadratic convergence.
+            self.active.assign((running & (self.update_multipliers(write=False) > s.contact_tolerance)).astype(np.int32))
             self.update_multipliers(write=True)
         self.active.assign(active.astype(np.int32))
         return out
 
     def _line_search(self, size: np.ndarray, running: np.ndarray) -> np.ndarray:
-        """x -= alpha step with the largest alpha = 1, 1/2, ... that keeps det F positive and forces bounded."""
-        alpha = np.where(running, 1.0, 0.0)
-        pending = running.copy()
-        for _ in range(7):
+        """x -= alpha step: det F stays positive, forces bounded, and the step's virtual work does not overshoot zero.
+
+        Friction makes the tangent jump between stick and slip, and full steps then cycle between two states; the
+        virtual work of the out-of-balance forces along the step changes sign in between (Crisfield's line search).
+        Returns which environments found a step.
+        """
+        work = self._work(self._residual)
+        alpha, low, high = np.where(running, 1.0, 0.0), np.zeros(self.n_env), np.full(self.n_env, np.nan)
+        work_low, work_high = work.copy(), np.full(self.n_env, np.nan)
+        allowed = OVERSHOOT * work
+        usable = np.zeros(self.n_env, dtype=bool)
+        for _ in range(MOST_TRIALS):
             wp.copy(self._trial, self.x)
             combine(self._step.reshape((1, *self._step.shape)), -alpha[None], self._trial)
             r, _, min_det = self.forces(self._trial)
-            trial_size = norms(r)
-            pending = running & ~((min_det > LEAST_DETERMINANT) & (trial_size <= 10.0 * size))
-            if not pending.any():
+            usable = (min_det > LEAST_DETERMINANT) & (norms(r) <= MOST_GROWTH * size)
+            now = self._work(r)
+            bracketed = usable & (work > 0.0)
+            over = running & bracketed & (now < -allowed)
+            under = running & bracketed & (now > allowed) & np.isfinite(high)
+            broken = running & ~usable
+            if not (over | under | broken).any():
                 break
-            alpha[pending] *= 0.5
-        alpha[pending] = 0.0
-        wp.copy(self._trial, self.x)
-        combine(self._step.reshape((1, *self._step.shape)), -alpha[None], self._trial)
+            high, work_high = np.where(over, alpha, high), np.where(over, now, work_high)
+            low, work_low = np.where(under, alpha, low), np.where(under, now, work_low)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                secant = np.clip(work_low / (work_low - work_high), 0.1, 0.9)
+            alpha = np.where(over | under, low + (high - low) * secant, np.where(broken, 0.5 * alpha, alpha))
         wp.copy(self.x, self._trial)
-        return ~pending
+        return usable | ~running
+
+    def _work(self, r) -> np.ndarray:
+        """Virtual work (env,) of forces r along the Newton step."""
+        n_u = self.elasticity.n_displacements
+        return dots(r[:n_u].reshape((1, n_u, self.n_env)), self._step[:n_u])[0]
