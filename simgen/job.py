@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
@@ -29,6 +29,7 @@ from simgen.errors import InputError
 from simgen.resources import resource
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
+Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"
 
 
@@ -63,9 +64,15 @@ class SensorChoice(Section):
 
 
 class Trajectories(Section):
-    """How many contact poses are sampled on the reference sensor, and how they vary (`simgen.pairing`)."""
+    """How many contact poses, and `simgen.pairing.ContactSettings` (which says what each key means)."""
 
     count: int = Field(ge=1, le=1_000_000, description="a whole number of contact poses, 1 to 1000000")
+    max_tilt_deg: float = Field(5.0, ge=0.0, le=45.0, description="0 to 45 degrees")
+    roll_range_deg: tuple[Angle, Angle] = Field(
+        (-90.0, 90.0), description="[first, last], -180 to 180 degrees"
+    )
+    max_indentation_ratio: float = Field(0.6, gt=0.0, lt=1.0, description="between 0 and 1")
+    min_edge_ratio: float = Field(1.5, ge=0.0, le=10.0, description="0 to 10")
 
 
 class Depths(Section):
@@ -85,7 +92,7 @@ class Depths(Section):
 
 
 class Solver(Section):
-    """The finite element, and `simgen.fem.newton.SolverSettings` (which says what each means)."""
+    """The finite element, and `simgen.fem.newton.SolverSettings` (which says what each key means)."""
 
     element: Literal["P2-P1", "P1"] = Field("P2-P1", description="P2-P1, or P1 for comparison only")
     residual_tolerance: float = Field(1e-4, gt=0.0, le=1e-2, description="above 0, to 1e-2")

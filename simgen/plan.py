@@ -30,8 +30,9 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     """
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
+    settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count"}))
     contacts = pairing.sample_contacts(
-        reference, job.trajectories.count, job.seed, float(job.depths_m[-1]), job.trajectories
+        reference, job.trajectories.count, job.seed, float(job.depths_m[-1]), settings
     )
     trajectory = np.repeat(np.arange(job.trajectories.count, dtype=np.int32), len(job.indenters))
     arrays = {

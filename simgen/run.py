@@ -13,7 +13,7 @@ from typing import Any
 from simgen.dataset import Dataset, finish, log_timing, open_or_create
 from simgen.job import Job
 from simgen.plan import Plan
-from simgen.shard import Presser, ShardReport, fem_presser, run_shard
+from simgen.shard import Presser, ShardReport, fem_presser, run_shard, warm_up
 
 TASKS_PER_WORKER = 2  # submitted and not finished: one runs, one waits
 
@@ -23,6 +23,7 @@ def run(
     output: Path,
     workers: int | None = None,
     scheduler: str | None = None,
+    on_start: Callable[[int], Any] = lambda already: None,
     on_report: Callable[[ShardReport], Any] = lambda report: None,
     build: Callable[[Job, str, str], Presser] = fem_presser,
 ) -> Dataset:
@@ -30,14 +31,17 @@ def run(
 
     `scheduler`: None for a local cluster of `workers` processes (default: one per core, or one for a GPU), an
     address of a dask scheduler that sees the same file system, or "sync" for this very process.
+    `on_start` is told how many presses are there already, `on_report` what came of each task.
     An interrupt leaves a dataset that the same call completes. A shard whose task raised is left unfinished
     and its report carries the error. Raises `InputError` if `output` holds another dataset.
     """
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
     shards = dataset.unfinished()
+    if shards and scheduler != "sync":
+        warm_up(plan, build)  # once, here, instead of in every worker at the same time
     with _executor(workers, scheduler, plan.device, len(shards)) as execute:
-        arguments = [(output.resolve(), shard, plan.job, plan.device, build) for shard in shards]
-        for report in execute(arguments):
+        on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
+        for report in execute([(output.resolve(), shard, plan.job, plan.device, build) for shard in shards]):
             log_timing(dataset, {"finished": time.time(), **asdict(report)})
             on_report(report)
     finish(dataset)

@@ -15,7 +15,7 @@ import numpy as np
 from simgen.dataset import CERTIFICATE, Dataset, write_shard
 from simgen.indenter import load_indenter
 from simgen.job import Job
-from simgen.plan import chosen_material, chosen_sensor
+from simgen.plan import Plan, chosen_material, chosen_sensor
 from simgen.press import PressResult, Scene, SolverSettings, press
 
 Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
@@ -59,6 +59,13 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
 def _presser(build: Callable[[Job, str, str], Presser], job: Job, sensor: str, device: str) -> Presser:
     """One presser per sensor and worker process, kept between tasks."""
     return build(job, sensor, device)
+
+
+def warm_up(plan: Plan, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
+    """Press once into every sensor, to the first depth, so that all kernels lie compiled in the cache."""
+    for sensor in plan.job.sensors:
+        pose = np.linalg.inv(plan.arrays[f"{sensor}/pose"][:1]) @ plan.arrays["press/contact_pose"][:1]
+        build(plan.job, sensor, plan.device)([0], pose, plan.job.depths_m[:1])
 
 
 def run_shard(path: Path, shard: int, job: Job, device: str, build=fem_presser) -> ShardReport:

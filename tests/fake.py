@@ -1,18 +1,21 @@
-"""Stand-ins that make a whole dataset in a second: a plan on two tetrahedra, a press by formula."""
+"""Stand-ins that make a whole dataset in a second: a plan on a coarse ball, a press by formula."""
 
 import os
 import signal
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import trimesh
 
 from simgen.dataset import split_by_trajectory
 from simgen.job import Job, job_from_dict
 
-VERTICES = np.array([[0, 0, 0], [2, 0, 0], [0, 0, 2], [0, -2, 0], [2, -2, 2]]) * 1e-3
-TETRAHEDRA = np.array([[0, 1, 2, 3], [1, 2, 3, 4]], np.int32)
-SURFACE = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 4, 2], [1, 3, 4], [2, 4, 3]], np.int32)
+RADIUS_M = 7e-3
+BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
+VERTICES = np.asarray(BALL.vertices)
+HELD = VERTICES[:, 1] > 0.5 * RADIUS_M
 
 
 def make_job(**changes) -> Job:
@@ -29,33 +32,31 @@ def make_job(**changes) -> Job:
 
 
 def make_plan(job: Job) -> SimpleNamespace:
-    """As `simgen.plan.make_plan`: attributes and arrays, contacts near the middle of one free triangle."""
+    """As `simgen.plan.make_plan`, with contacts around the pole at -y and both sensors in the same place."""
     count, indenters = job.trajectories.count, len(job.indenters)
     trajectory = np.repeat(np.arange(count, dtype=np.int32), indenters)
-    triangle = VERTICES[SURFACE[4]]
-    normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
-    normal /= np.linalg.norm(normal)
-    side = np.cross(normal, [0.0, 1.0, 0.0])
-    side /= np.linalg.norm(side)
-    weights = np.random.default_rng(job.seed).dirichlet([5, 5, 5], count)
+    normals = np.random.default_rng(job.seed).normal(size=(count, 3)) * [0.3, 0.1, 0.3] - [0.0, 1.0, 0.0]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    side = np.cross(normals, [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
     contact = np.tile(np.eye(4), (count, 1, 1))
-    contact[:, :3, :3] = np.stack([side, -normal, np.cross(side, -normal)], axis=1)
-    contact[:, :3, 3] = weights @ triangle
+    contact[:, :3, :3] = np.stack([np.cross(-normals, side), -normals, side], axis=2)
+    contact[:, :3, 3] = RADIUS_M * normals
     arrays = {
         "depth": job.depths_m,
         "press/trajectory": trajectory,
         "press/indenter": np.tile(np.arange(indenters, dtype=np.int32), count),
         "press/split": split_by_trajectory(count, job.seed)[trajectory],
         "press/contact_pose": contact[trajectory],
-        "press/contact_normal": np.tile(normal, (len(trajectory), 1)),
+        "press/contact_normal": normals[trajectory],
     }
     for sensor in job.sensors:
         arrays |= {
             f"{sensor}/rest_positions": VERTICES,
-            f"{sensor}/tetrahedra": TETRAHEDRA,
-            f"{sensor}/surface_triangles": SURFACE,
-            f"{sensor}/held": np.array([True, True, True, False, False]),
-            f"{sensor}/touchable": np.array([False, True, False, True, True]),
+            f"{sensor}/tetrahedra": np.array([[0, 1, 2, 3]], np.int32),
+            f"{sensor}/surface_triangles": np.asarray(BALL.faces, np.int32),
+            f"{sensor}/held": HELD,
+            f"{sensor}/touchable": ~HELD,
             f"{sensor}/pose": np.tile(np.eye(4), (len(trajectory), 1, 1)),
         }
     attributes = {"job": job.resolved(), "job_hash": job.hash, "status": {"0": "Converged.", "1": "Stalled."}}
@@ -64,8 +65,8 @@ def make_plan(job: Job) -> SimpleNamespace:
 
 def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: float) -> SimpleNamespace:
     """A `PressResult`: displacement grows with depth and depends on the pose, so every press differs."""
-    direction = np.zeros((len(VERTICES), 3))
-    direction[3:] = pose[:3, 1] + pose[:3, 3] * 100 + 0.1 * indenter
+    near = np.exp(-np.sum((VERTICES - pose[:3, 3]) ** 2, axis=1) / (2e-3 + 1e-3 * indenter) ** 2)
+    direction = np.where(HELD, 0.0, near)[:, None] * pose[:3, 1]
     ones = np.ones(len(depths))
     certificate = {
         "residual": 1e-6 * ones,
@@ -144,3 +145,13 @@ def contents(path: Path) -> dict[str, bytes]:
     """Every byte of a dataset except the timings."""
     files = (file for file in sorted(path.rglob("*")) if file.is_file() and file.name != "timings.jsonl")
     return {file.relative_to(path).as_posix(): file.read_bytes() for file in files}
+
+
+def slow_presser(job, sensor, device):
+    """0.2 s per press, so that there is time to interrupt."""
+
+    def presser(indenters, poses, depths):
+        time.sleep(0.2 * len(indenters))
+        return fake_presser(job, sensor, device)(indenters, poses, depths)
+
+    return presser

@@ -1,0 +1,112 @@
+"""The command line: parsing and printing only. Whatever a command does is a few lines of Python too.
+
+Imports are inside the commands: ``simgen --help`` is quick, and a run never imports what it does not need.
+"""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simgen.errors import InputError
+
+app = typer.Typer(
+    name="simgen",
+    help="Paired simulated touch for two tactile sensors, by quasi-static finite elements.",
+    epilog="First: simgen run jobs/smoke.yaml, then simgen check smoke.zarr, then simgen report smoke.zarr.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+JobFile = Annotated[str, typer.Argument(metavar="JOB", help="A job file, or a bundled job: smoke, paired.")]
+Overrides = Annotated[
+    list[str] | None, typer.Argument(metavar="KEY=VALUE", help="Keys to replace: trajectories.count=10")
+]
+DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET", help="A folder that `simgen run` wrote.")]
+
+
+@app.command()
+def run(
+    job: JobFile,
+    overrides: Overrides = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the dataset.", show_default="<job name>.zarr"),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes of the local cluster.", show_default="one per core, or one GPU"),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="A dask scheduler's address, or `sync`: no cluster.", show_default="local cluster"),
+    ] = None,
+    device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be done, how large, how long; do nothing.")
+    ] = False,
+):
+    """Press the job's indenters into its sensors and write the paired dataset.
+
+    Stop it at any time: the same command goes on where it stopped.
+    """
+    from simgen.job import load_job
+
+    checked = load_job(job, overrides or ())
+    if dry_run:
+        from simgen.console import print_preview
+        from simgen.preview import preview
+
+        print_preview(checked, preview(checked, device), output or checked.output(), device)
+        return
+    from simgen.console import run_with_progress
+
+    if run_with_progress(checked, output or checked.output(), workers, scheduler, device):
+        raise typer.Exit(1)
+
+
+@app.command()
+def check(dataset: DatasetFolder):
+    """Audit a dataset: presses, checksums, certificates, pairing, held vertices. Exit code 1 if it fails."""
+    from simgen.audit import check, passes
+    from simgen.console import print_findings
+    from simgen.dataset import Dataset
+
+    findings = check(Dataset(dataset))
+    print_findings(dataset, findings)
+    if not passes(findings):
+        raise typer.Exit(1)
+
+
+@app.command()
+def report(
+    dataset: DatasetFolder,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="The page to write.", show_default="<dataset name>.html"),
+    ] = None,
+):
+    """Write one self-contained HTML page: deformed meshes, force against depth, certificates, failures."""
+    from simgen.dataset import Dataset
+    from simgen.report import write_report
+
+    page = output or dataset.with_suffix(".html")
+    write_report(Dataset(dataset), page)
+    typer.echo(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)")
+
+
+def main() -> None:
+    """Entry point of the console script: bad input is one line and exit code 2, an interrupt 130."""
+    try:
+        app()
+    except InputError as error:
+        typer.secho(f"simgen: {error}", fg="red", err=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""What the commands print: the dry run, the progress of a run, the audit."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from simgen.audit import Finding, passes
+from simgen.job import Job
+
+if TYPE_CHECKING:  # these need the solver; an audit does not
+    from simgen.preview import Preview
+    from simgen.shard import ShardReport
+
+console = Console(highlight=False)
+INTERRUPTED = 130
+
+
+def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
+    sensors = " and ".join(sensor.name for sensor in seen.sensors)
+    console.print(f"[bold]{job.name}[/]  job {job.hash[:12]}  ->  {output}")
+    console.print(
+        f"{seen.trajectories:,} trajectories x {seen.indenters} indenters x {seen.depths} depths "
+        f"({job.depths_mm.first:g}..{job.depths_mm.last:g} mm) = [bold]{seen.samples:,} samples[/], "
+        f"each on {sensors}, in {seen.shards:,} shards"
+    )
+    console.print(f"size: about {_size(seen.bytes)} ({seen.bytes_source})")
+    duration = "unknown" if seen.seconds is None else f"about {_time(seen.seconds)} of one {device}"
+    console.print(f"time: {duration} ({seen.seconds_source})")
+    for sensor in seen.sensors:
+        material = sensor.material
+        console.print(
+            f"\n[bold]{sensor.name}[/]: {sensor.tetrahedra:,} tetrahedra, {sensor.nodes:,} nodes, "
+            f"{sensor.unknowns:,} unknowns; {sensor.output_vertices:,} output vertices; "
+            f"E = {material.youngs_modulus_pa:g} Pa, nu = {material.poisson_ratio:g}, "
+            f"friction {material.friction:g}"
+        )
+        table = Table("term", "carried", "why", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+        for term, carried, why in sensor.terms:
+            table.add_row(term, "[green]yes[/]" if carried else "no", why)
+        console.print(table)
+
+
+def run_with_progress(job: Job, output: Path, workers: int | None, scheduler: str | None, device: str) -> int:
+    """Run a job behind a progress bar; returns the number of shards that could not be written."""
+    from simgen.plan import make_plan
+    from simgen.run import run
+
+    with console.status("sampling contacts, posing them on every sensor"):
+        plan = make_plan(job, device)
+    watch = _Watch(job)
+    try:
+        with watch.progress:
+            dataset = run(plan, output, workers, scheduler, watch.on_start, watch.on_report)
+    except KeyboardInterrupt:
+        console.print(f"stopped; {output} holds what was finished, the same command goes on from there")
+        raise SystemExit(INTERRUPTED) from None
+    present = sum(len(dataset.shard_presses(shard)) for shard in dataset.finished())
+    console.print(f"{output}: {present} of {dataset.presses} presses; {watch.failures()}")
+    console.print(f"next: simgen check {output}  and  simgen report {output}")
+    return watch.errors
+
+
+class _Watch:
+    """A bar over presses, with presses per second, time left and failures."""
+
+    def __init__(self, job: Job):
+        self.progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("presses  {task.fields[rate]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[failures]}"),
+            console=console,
+        )
+        self.done = self.already = self.failed = self.errors = 0
+        self.began = time.monotonic()
+        self.bar = self.progress.add_task(job.name, total=job.presses, rate="compiling kernels", failures="")
+
+    def on_start(self, already: int) -> None:
+        """The tasks start; `already` presses are there from an earlier run."""
+        self.done = self.already = already
+        self.began = time.monotonic()
+        self.progress.update(self.bar, completed=already, rate="")
+
+    def on_report(self, report: "ShardReport") -> None:
+        if report.error:
+            self.errors += 1
+            self.progress.console.print(
+                f"[red]shard {report.shard} was not written: {escape(report.error)}[/]"
+            )
+        else:
+            self.done += report.presses
+            self.failed += report.failed
+        rate = (self.done - self.already) / (time.monotonic() - self.began)
+        self.progress.update(self.bar, completed=self.done, rate=f"{rate:.3g}/s", failures=self.failures())
+
+    def failures(self) -> str:
+        shards = f", {self.errors} shards not written" if self.errors else ""
+        return f"{self.failed or 'no'} samples failed{shards}"
+
+
+def print_findings(path: Path, findings: list[Finding]) -> None:
+    table = Table("", "what", "found", "allowed", "", title=f"audit of {path}", title_justify="left")
+    stated, ok, fail = "", "[green]ok[/]", "[bold red]FAIL[/]"
+    previous = None
+    for finding in findings:
+        if previous not in (None, finding.subject):
+            table.add_section()
+        mark = fail if finding.failed else stated if finding.passed is None else ok
+        subject = finding.subject if finding.subject != previous else ""
+        table.add_row(subject, finding.what, finding.found, finding.allowed, mark)
+        previous = finding.subject
+    console.print(table)
+    failures = sum(finding.failed for finding in findings)
+    verdict = (
+        "[green]passes[/]"
+        if passes(findings)
+        else f"[bold red]fails[/] in {failures} of {len(findings)} points"
+    )
+    console.print(f"{path} {verdict}")
+
+
+def _size(count: float) -> str:
+    for unit, size in (("GB", 1e9), ("MB", 1e6)):
+        if count >= size:
+            return f"{count / size:.3g} {unit}"
+    return f"{count / 1e3:.3g} kB"
+
+
+def _time(seconds: float) -> str:
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.0f} seconds"

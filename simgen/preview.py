@@ -1,0 +1,93 @@
+"""What a job would do: counts, size, time, and the physical terms that each sensor's scene carries."""
+
+from dataclasses import dataclass
+
+from simgen.dataset import CERTIFICATE
+from simgen.fem.newton import SolverSettings
+from simgen.job import Job
+from simgen.plan import chosen_material, chosen_sensor
+from simgen.press import Scene
+from simgen.sensor import Material
+
+# Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. None: not measured yet.
+SECONDS_PER_DEPTH: dict[str, float | None] = {"cpu": None, "cuda": None}
+SECONDS_SOURCE = "not measured yet"
+
+# Stored bytes of the displacement over raw ones.
+COMPRESSION = {"int16": 1.0, "float32": 1.0}
+COMPRESSION_SOURCE = "compression not measured yet, so this is an upper bound"
+
+
+@dataclass(frozen=True)
+class SensorPreview:
+    """One sensor of a job: its meshes, its material, and the terms (name, carried?, why) of its scene."""
+
+    name: str
+    model: str
+    nodes: int
+    tetrahedra: int
+    unknowns: int
+    output_vertices: int
+    material: Material
+    terms: list[tuple[str, bool, str]]
+
+
+@dataclass(frozen=True)
+class Preview:
+    """Counts and estimates; `seconds` is of one core (or GPU) and None where nothing was measured."""
+
+    trajectories: int
+    indenters: int
+    depths: int
+    samples: int
+    shards: int
+    bytes: float
+    bytes_source: str
+    seconds: float | None
+    seconds_source: str
+    sensors: list[SensorPreview]
+
+
+def preview(job: Job, device: str = "cpu") -> Preview:
+    """Load every sensor and make its scene, but sample and solve nothing."""
+    sensors = [_preview_sensor(job, name) for name in job.sensors]
+    rate = SECONDS_PER_DEPTH[device.partition(":")[0]]
+    unknowns = sum(sensor.unknowns for sensor in sensors)
+    return Preview(
+        trajectories=job.trajectories.count,
+        indenters=len(job.indenters),
+        depths=job.depths_mm.count,
+        samples=job.samples,
+        shards=-(-job.presses // job.dataset.presses_per_shard),
+        bytes=sum(_bytes(job, sensor) for sensor in sensors),
+        bytes_source=COMPRESSION_SOURCE,
+        seconds=None if rate is None else rate * unknowns / 1000 * job.samples,
+        seconds_source=SECONDS_SOURCE,
+        sensors=sensors,
+    )
+
+
+def _preview_sensor(job: Job, name: str) -> SensorPreview:
+    sensor = chosen_sensor(job, name)
+    material = chosen_material(job, name, sensor)
+    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
+    scene = Scene(sensor, material, job.solver.element, settings=settings)
+    mesh = sensor.simulation_mesh
+    return SensorPreview(
+        name,
+        job.sensors[name].model,
+        len(mesh.nodes),
+        len(mesh.tetrahedra),
+        scene.unknowns,
+        len(sensor.output_mesh.vertices),
+        material,
+        scene.terms,
+    )
+
+
+def _bytes(job: Job, sensor: SensorPreview) -> float:
+    stored = job.dataset.displacement
+    width = {"int16": 2, "float32": 4}[stored]
+    displacement = 3 * width * sensor.output_vertices * COMPRESSION[stored]
+    certificate = 6 * 8 + 1 + sum({"float64": 8, "int32": 4}[dtype] for dtype, _ in CERTIFICATE.values())
+    return job.samples * (displacement + certificate)

@@ -1,0 +1,136 @@
+"""Runs with a press by formula: any number of workers, kills and interrupts give the same bytes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import fake
+import numpy as np
+import pytest
+
+from simgen.dataset import Dataset
+from simgen.errors import InputError
+from simgen.run import run
+
+CHILD = """
+import sys, fake, pathlib
+from simgen.run import run
+if __name__ == "__main__":
+    output, scheduler, build = pathlib.Path(sys.argv[1]), sys.argv[2] or None, getattr(fake, sys.argv[3])
+    run(fake.make_plan(fake.make_job()), output, workers=2, scheduler=scheduler, build=build)
+"""
+
+
+def start(tmp_path: Path, output: Path, scheduler: str, build: str) -> subprocess.Popen:
+    script = tmp_path / "child.py"
+    script.write_text(CHILD)
+    paths = [str(Path(fake.__file__).parent), *sys.path]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    return subprocess.Popen(
+        [sys.executable, str(script), str(output), scheduler, build], env=environment, start_new_session=True
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """A dataset made in one go, in this process."""
+    path = tmp_path_factory.mktemp("whole") / "d.zarr"
+    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    return path
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_workers_do_not_change_the_bytes(whole, tmp_path, workers):
+    reports = []
+    run(
+        fake.make_plan(fake.make_job()), tmp_path / "d.zarr",
+        workers=workers, on_report=reports.append, build=fake.fake_presser,
+    )  # fmt: skip
+    assert sorted(report.shard for report in reports) == list(range(6))
+    assert fake.contents(tmp_path / "d.zarr") == fake.contents(whole)
+
+
+def test_kill_9_in_the_middle_and_a_second_run_give_the_same_bytes(whole, tmp_path):
+    path = tmp_path / "d.zarr"
+    assert start(tmp_path, path, "sync", "killed_presser").wait() == -signal.SIGKILL
+    assert Dataset(path).finished() == [0, 1]
+    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    assert fake.contents(path) == fake.contents(whole)
+
+
+def test_kill_9_while_a_shard_is_being_written_leaves_no_trace_after_a_second_run(whole, tmp_path):
+    path = tmp_path / "d.zarr"
+    job = fake.make_job()
+    run(fake.make_plan(job), path, scheduler="sync", build=fake.fake_presser)
+    # As if killed between the files of shard 1 and its manifest: some files there, one half-written aside.
+    (path / "manifest" / "000001.json").unlink()
+    (path / "digit/force/c/1/0/0").unlink()
+    (path / ".staging").mkdir()
+    (path / ".staging" / "half").write_bytes(b"half a chunk")
+    run(fake.make_plan(job), path, scheduler="sync", build=fake.fake_presser)
+    assert fake.contents(path) == fake.contents(whole)
+
+
+def test_interrupt_leaves_a_dataset_that_a_second_run_completes(whole, tmp_path):
+    path = tmp_path / "d.zarr"
+    child = start(tmp_path, path, "", "slow_presser")
+    deadline = time.monotonic() + 60
+    while not (path.exists() and Dataset(path).finished()):
+        assert time.monotonic() < deadline and child.poll() is None
+        time.sleep(0.05)
+    os.killpg(child.pid, signal.SIGINT)  # the whole group, as a terminal does
+    assert child.wait(timeout=30) != 0
+    assert 0 < len(Dataset(path).finished()) < 6
+    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    assert fake.contents(path) == fake.contents(whole)
+
+
+def test_a_finished_dataset_is_left_alone(whole):
+    before = {file: file.stat().st_mtime_ns for file in whole.rglob("*") if file.is_file()}
+    reports = []
+    plan = fake.make_plan(fake.make_job())
+    run(plan, whole, scheduler="sync", on_report=reports.append, build=fake.failing_presser)
+    assert reports == []
+    assert {file: file.stat().st_mtime_ns for file in whole.rglob("*") if file.is_file()} == before
+
+
+def test_a_press_that_fails_is_a_row_with_its_status(tmp_path):
+    path = tmp_path / "d.zarr"
+    reports = []
+    plan = fake.make_plan(fake.make_job())
+    dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.failing_presser)
+    ring = dataset["press/indenter"] == 1
+    expected = np.where(ring[:, None] & (np.arange(4) >= 2), 1, 0)
+    np.testing.assert_array_equal(dataset["digit/status"], expected)
+    assert sum(report.failed for report in reports) == 2 * np.count_nonzero(expected)
+    assert dataset.unfinished() == []
+
+
+def test_a_task_that_raises_is_reported_and_its_shard_is_left_for_the_next_run(tmp_path):
+    path = tmp_path / "d.zarr"
+    reports = []
+    plan = fake.make_plan(fake.make_job())
+    dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.overflowing_presser)
+    assert all("OverflowError: digit/displacement" in report.error for report in reports)
+    assert dataset.unfinished() == list(range(6))
+
+
+def test_poses_are_at_first_touch_of_the_reference_sensor(whole):
+    """The fake press touches after 10, 20, 30 um of travel, by indenter, on both sensors."""
+    dataset = Dataset(whole)
+    moved = dataset["press/pose"] - dataset["press/contact_pose"]
+    travel = 1e-5 * (dataset["press/indenter"] + 1)
+    np.testing.assert_allclose(
+        moved[:, :3, 3], travel[:, None] * dataset["press/contact_pose"][:, :3, 1], atol=1e-15
+    )
+    assert not moved[:, :3, :3].any()
+    np.testing.assert_array_equal(dataset["biotac/touch"], 0.0)
+
+
+def test_a_changed_job_is_refused(whole):
+    with pytest.raises(InputError, match=r"depths_mm\.last: 0\.4 -> 0\.5"):
+        changed = fake.make_job(depths_mm={"first": 0.1, "last": 0.5, "count": 4})
+        run(fake.make_plan(changed), whole, scheduler="sync", build=fake.fake_presser)
