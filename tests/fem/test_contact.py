@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+import warp as wp
+
+from simgen.distance import Kind
+from simgen.fem.contact import Contact
+from simgen.fem.element import P2P1
+from simgen.shape import rigid_shape
+
+from .box import box, top
+
+CUBE = rigid_shape(Kind.CUBE, 20.0, 1.0)  # its flat face covers the whole box
+SPHERE = rigid_shape(Kind.SPHERE, 3.5)
+STIFFNESS = (60.0, 15.0)
+
+
+def contact(friction, shape, n_env=1):
+    nodes, _, _, faces = box()
+    active = wp.ones(n_env, dtype=wp.int32, device="cpu")
+    term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, friction, "cpu", active)
+    term.set_shapes([shape] * n_env)
+    return nodes, term
+
+
+def state(x):
+    return wp.array(np.ascontiguousarray(x, dtype=float).reshape(len(x), -1), dtype=wp.float64, device="cpu")
+
+
+def pose(*translation):
+    out = np.eye(4)[None].copy()
+    out[0, :3, 3] = translation
+    return out
+
+
+def forces(term, x, x_start):
+    r = wp.zeros(x.shape, dtype=wp.float64, device="cpu")
+    term.residual(x, x_start, r)
+    return r.numpy()[:, 0]
+
+
+def test_a_flat_overlap_presses_with_stiffness_times_depth_times_area():
+    nodes, term = contact(0.0, CUBE)
+    rest = state(np.zeros(3 * len(nodes)))
+    term.set_pose(pose(0.0, 0.01, 0.0))
+    force, moment, rms, deepest = term.resultants(rest, rest)
+    np.testing.assert_allclose(force[0], [0.0, STIFFNESS[0] * 0.01 * 36.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(moment[0], 0.0, atol=1e-12)
+    assert rms[0] == pytest.approx(0.01) and deepest[0] == pytest.approx(0.01)
+    nodal = forces(term, rest, rest).reshape(-1, 3).sum(axis=0)
+    np.testing.assert_allclose(nodal, -force[0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("friction", "sideways"), [(0.0, 0.0), (0.78, 1e-4), (0.78, 0.05)])
+def test_tangent_against_finite_differences(friction, sideways):
+    """Without friction, sticking (small slip) and sliding (large slip)."""
+    nodes, term = contact(friction, SPHERE)
+    n = 3 * len(nodes)
+    rng = np.random.default_rng(0)
+    start = 1e-3 * rng.normal(size=n)
+    term.begin_increment(state(start), state(start), pose(0.3, 0.2, 0.1), pose(0.3 + sideways, 0.2, 0.1))
+    term.update_multipliers(state(start), state(start), write=True)
+    x, v = start + 1e-5 * rng.normal(size=n), rng.normal(size=n)
+    term.linearize(state(x), state(start))
+    out = wp.zeros((n, 1), dtype=wp.float64, device="cpu")
+    term.tangent(state(v), out)
+    h = 1e-8
+    difference = (forces(term, state(x + h * v), state(start)) - forces(term, state(x - h * v), state(start))) / (2 * h)
+    error = np.linalg.norm(difference - out.numpy()[:, 0]) / np.linalg.norm(difference)
+    # The friction tangent leaves out how the tangent plane turns: |tau| / R against k, below 1 %.
+    assert error < (1e-6 if friction == 0.0 else 1e-2)
+
+
+def test_multipliers_take_over_the_load():
+    nodes, term = contact(0.0, CUBE)
+    rest = state(np.zeros(3 * len(nodes)))
+    term.set_pose(pose(0.0, 0.01, 0.0))
+    change, size = term.update_multipliers(rest, rest, write=True)
+    assert change[0] == pytest.approx(size[0])
+    term.set_pose(pose(0.0, 0.0, 0.0))
+    force, _, _, _ = term.resultants(rest, rest)
+    assert force[0, 1] == pytest.approx(STIFFNESS[0] * 0.01 * 36.0)
+    assert term.update_multipliers(rest, rest, write=False)[0][0] < 1e-12
+
+
+@pytest.mark.parametrize(("slip", "expected"), [(1e-3, 15.0 * 1e-3 * 36.0), (1.0, 0.78 * 0.6 * 36.0)])
+def test_friction_sticks_then_slides_on_the_cone(slip, expected):
+    """Normal traction 0.6: sticking resists with k times slip, sliding with 0.78 times the normal force."""
+    nodes, term = contact(0.78, CUBE)
+    rest = state(np.zeros(3 * len(nodes)))
+    down = pose(0.0, 0.01, 0.0)
+    term.begin_increment(rest, rest, down, down)
+    term.update_multipliers(rest, rest, write=True)
+    flush = pose(0.0, 0.0, 0.0)
+    term.begin_increment(rest, rest, flush, pose(slip, 0.0, 0.0))
+    force, _, _, _ = term.resultants(rest, rest)
+    assert force[0, 0] == pytest.approx(expected, rel=1e-12)  # the gel is dragged along
+    assert force[0, 1] == pytest.approx(0.6 * 36.0)
+
+
+def test_slip_counts_from_entry():
+    """A face that is 0.03 above the surface and moves down by 0.04 touches for the last quarter of the step."""
+    nodes, term = contact(0.78, CUBE)
+    rest = state(np.zeros(3 * len(nodes)))
+    term.begin_increment(rest, rest, pose(0.0, -0.03, 0.0), pose(0.0, 0.01, 0.0))
+    np.testing.assert_allclose(term.surface.slip_fraction.numpy(), 0.25, rtol=1e-9)
+
+
+def test_rest_overlap_may_count_as_touching():
+    nodes, term = contact(0.0, CUBE)
+    rest = state(np.zeros(3 * len(nodes)))
+    term.set_pose(pose(0.0, 0.2, 0.0))
+    term.set_shapes([CUBE], count_overlap_as_touching=rest)
+    np.testing.assert_allclose(term.gap(rest), 0.0, atol=1e-12)
+    assert np.abs(forces(term, rest, rest)).max() < 1e-9
+
+
+def test_shapes_and_poses_belong_to_their_environment():
+    nodes, _, _, faces = box()
+    active = wp.ones(2, dtype=wp.int32, device="cpu")
+    term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", active)
+    term.set_shapes([SPHERE, CUBE])
+    term.set_pose(np.concatenate([pose(0.0, 0.2, 0.0), pose(0.0, 0.01, 0.0)]))
+    rest = state(np.zeros((3 * len(nodes), 2)))
+    together = term.resultants(rest, rest)[0]
+    for env, (shape, depth) in enumerate([(SPHERE, 0.2), (CUBE, 0.01)]):
+        _, single = contact(0.0, shape)
+        single.set_pose(pose(0.0, depth, 0.0))
+        alone = state(np.zeros(3 * len(nodes)))
+        np.testing.assert_array_equal(together[env], single.resultants(alone, alone)[0][0])

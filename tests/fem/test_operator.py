@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+import warp as wp
+
+from simgen.fem.element import P1, P2P1
+from simgen.fem.material import NeoHookean, mat33
+from simgen.fem.operator import Elasticity
+from simgen.fem.preconditioner import BlockPattern
+
+from .box import box
+
+
+def body(element, n_env=1):
+    nodes, tets, n_corners, _ = box()
+    if element is P1:
+        nodes = nodes[:n_corners]
+    solid = NeoHookean.from_engineering(1.0, 0.499, 2.0 if element.pressures else None)
+    active = wp.ones(n_env, dtype=wp.int32, device="cpu")
+    return nodes, Elasticity(element, nodes, tets, n_corners, solid, "cpu", active)
+
+
+def residual(term, x):
+    x = np.ascontiguousarray(x.reshape(len(x), -1))
+    r = wp.zeros(x.shape, dtype=wp.float64, device="cpu")
+    least = wp.full(x.shape[1], np.inf, dtype=wp.float64, device="cpu")
+    term.residual(wp.array(x, dtype=wp.float64, device="cpu"), r, least)
+    return r.numpy(), least.numpy()
+
+
+def action(term, x, v):
+    out = wp.zeros((len(x), 1), dtype=wp.float64, device="cpu")
+    term.tangent(*(wp.array(a.reshape(-1, 1), dtype=wp.float64, device="cpu") for a in (x, v)), out)
+    return out.numpy()[:, 0]
+
+
+@pytest.mark.parametrize("element", [P1, P2P1])
+def test_tangent_against_finite_differences(element):
+    _, term = body(element)
+    n = term.n_displacements + term.n_pressures
+    rng = np.random.default_rng(0)
+    x, v = 0.03 * rng.normal(size=n), rng.normal(size=n)
+    exact = action(term, x, v)
+    error = {}
+    for h in (1e-3, 1e-4, 1e-6, 1e-12):
+        difference = (residual(term, x + h * v)[0] - residual(term, x - h * v)[0])[:, 0] / (2 * h)
+        error[h] = np.linalg.norm(difference - exact) / np.linalg.norm(exact)
+    assert error[1e-3] / error[1e-4] == pytest.approx(100.0, rel=0.2)
+    assert error[1e-6] < 1e-8 < error[1e-12]
+
+
+def test_tangent_is_symmetric():
+    _, term = body(P2P1)
+    n = term.n_displacements + term.n_pressures
+    x, v, w = np.random.default_rng(1).normal(size=(3, n)) * np.array([[0.03], [1.0], [1.0]])
+    assert w @ action(term, x, v) == pytest.approx(v @ action(term, x, w), rel=1e-11)
+
+
+@pytest.mark.parametrize("element", [P1, P2P1])
+def test_affine_deformation_is_in_equilibrium(element):
+    """The Dirichlet patch test: a homogeneous state leaves no force on interior nodes."""
+    nodes, term = body(element)
+    F = np.eye(3) + np.array([[0.2, 0.1, 0.0], [0.0, -0.1, 0.2], [0.1, 0.0, 0.15]])
+    pressure = (term.material.lam - term.material.gamma) * (np.linalg.det(F) - 1.0)
+    x = np.concatenate([(nodes @ (F - np.eye(3)).T).ravel(), np.full(term.n_pressures, pressure)])
+    r, least = residual(term, x)
+    half = np.array([3.0, 2.0, 3.0])
+    interior = (np.abs(nodes - [0.0, 2.0, 0.0]) < half - 1e-9).all(axis=1)
+    forces = r[: term.n_displacements, 0].reshape(-1, 3)
+    assert interior.sum() > 3
+    assert np.abs(forces[interior]).max() < 1e-12 * np.abs(forces).max()
+    assert np.abs(r[term.n_displacements :]).max(initial=0.0) < 1e-12
+    assert least[0] == pytest.approx(np.linalg.det(F), rel=1e-12)
+
+
+@pytest.mark.parametrize("element", [P1, P2P1])
+def test_blocks_are_the_displacement_part_of_the_tangent(element):
+    nodes, term = body(element)
+    pattern = BlockPattern(len(nodes), term.host_tetrahedra, [], np.zeros(len(nodes), dtype=bool), "cpu")
+    rng = np.random.default_rng(2)
+    x = 0.03 * rng.normal(size=term.n_displacements + term.n_pressures)
+    blocks = wp.zeros((pattern.n_blocks, 1), dtype=mat33, device="cpu")
+    term.blocks(wp.array(x.reshape(-1, 1), dtype=wp.float64, device="cpu"), pattern.tet_index, blocks)
+    pairs = np.unique(term.host_tetrahedra[:, :, None].astype(np.int64) * len(nodes) + term.host_tetrahedra[:, None, :])
+    rows, columns = np.divmod(pairs, len(nodes))
+    matrix = sparse.bsr_matrix((blocks.numpy()[:, 0], columns, np.searchsorted(rows, np.arange(len(nodes) + 1))))
+    v = np.zeros(len(x))
+    v[: term.n_displacements] = rng.normal(size=term.n_displacements)
+    np.testing.assert_allclose(
+        matrix @ v[: term.n_displacements], action(term, x, v)[: term.n_displacements], rtol=0, atol=1e-11
+    )
+
+
+def test_environments_are_independent():
+    _, term = body(P2P1, n_env=3)
+    n = term.n_displacements + term.n_pressures
+    x = 0.03 * np.random.default_rng(3).normal(size=(n, 3))
+    together = residual(term, x)[0]
+    _, single = body(P2P1)
+    for env in range(3):
+        np.testing.assert_array_equal(together[:, env], residual(single, x[:, env])[0][:, 0])
+    term.active.assign(np.array([1, 0, 1], dtype=np.int32))
+    assert np.abs(residual(term, x)[0][:, 1]).max() == 0.0
