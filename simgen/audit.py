@@ -26,13 +26,14 @@ NEAREST_TRIANGLES = 64  # by their centroids, among which the closest point is s
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the audit. `passed` is None for a figure that is stated but has no limit."""
+    """One line of the audit; `passed` is None for a figure that is stated but has no limit."""
 
     subject: str
     what: str
     found: str
     allowed: str
     passed: bool | None
+    note: str = ""
 
     @property
     def failed(self) -> bool:
@@ -59,16 +60,14 @@ def _whole(dataset: Dataset) -> Iterator[Finding]:
     missing = [press for shard in dataset.unfinished() for press in dataset.shard_presses(shard)]
     found = f"{dataset.presses - len(missing)} of {dataset.presses}"
     if missing:
-        found += f" (first missing: {missing[0]})"
-    yield Finding("dataset", "presses present", found, "all", not missing)
+        found += f", not {missing[0]}"
+    yield Finding("dataset", "presses", found, "all", not missing)
     sums = dataset.checksums()
     wrong = [name for name, expected in sums.items() if _sha256(dataset, name) != expected]
-    found = f"{len(sums) - len(wrong)} of {len(sums)}" + (f" (first wrong: {wrong[0]})" if wrong else "")
-    yield Finding("dataset", "files with their checksum", found, "all", not wrong)
+    found = f"{len(sums) - len(wrong)} of {len(sums)}" + (f", not {wrong[0]}" if wrong else "")
+    yield Finding("dataset", "checksums", found, "all", not wrong)
     same = dataset.job.hash == dataset.attributes["job_hash"]
-    yield Finding(
-        "dataset", "hash of the job", dataset.job.hash[:12], dataset.attributes["job_hash"][:12], same
-    )
+    yield Finding("dataset", "job hash", dataset.job.hash[:12], dataset.attributes["job_hash"][:12], same)
 
 
 def _sha256(dataset: Dataset, name: str) -> str | None:
@@ -84,9 +83,9 @@ def _layout(dataset: Dataset) -> Iterator[Finding]:
         if stored is None or stored.shape != shape or stored.dtype != array.dtype:
             wrong.append(name)
     found = f"{len(dataset.arrays) - len(wrong)} of {len(dataset.arrays)}" + (
-        f" (not: {wrong[0]})" if wrong else ""
+        f", not {wrong[0]}" if wrong else ""
     )
-    yield Finding("dataset", "arrays with shape and type", found, "all", not wrong)
+    yield Finding("dataset", "array shapes", found, "all", not wrong)
     same = np.array_equal(dataset["depth"], dataset.job.depths_m)
     yield Finding("dataset", "depths", f"{len(dataset['depth'])}", "those of the job", same)
 
@@ -96,32 +95,45 @@ def _splits(dataset: Dataset) -> Iterator[Finding]:
     pairs = np.unique(np.stack([trajectory, split]), axis=1)
     shared = pairs.shape[1] - len(np.unique(trajectory))
     counts = np.bincount(pairs[1], minlength=len(SPLITS))
-    shown = ", ".join(f"{name} {count}" for name, count in zip(SPLITS, counts, strict=True))
-    yield Finding("dataset", "trajectories by split", shown, "none in two splits", shared == 0)
+    shown = " / ".join(str(count) for count in counts)
+    yield Finding("dataset", "splits", shown, "disjoint", shared == 0)
 
 
 def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     status = dataset[f"{sensor}/status"]
     converged = status == 0
     found = f"{np.count_nonzero(converged)} of {status.size}"
-    yield Finding(sensor, "samples converged", found, "all", bool(converged.all()))
+    yield Finding(
+        sensor, "samples converged", found, "all", bool(converged.all()), _failures(dataset, status)
+    )
 
     def worst(key: str, of=np.max) -> float:
         values = dataset[f"{sensor}/certificate/{key}"][converged]
         return float(of(values)) if values.size else np.nan
 
     for key, what, limit in (
-        ("residual", "residual, largest", dataset.job.solver.residual_tolerance),
-        ("contact_error", "contact constraint, largest error", CONTACT_ERROR),
-        ("force_balance", "force balance, largest error", FORCE_BALANCE),
+        ("residual", "residual", dataset.job.solver.residual_tolerance),
+        ("contact_error", "contact error", CONTACT_ERROR),
+        ("force_balance", "force balance", FORCE_BALANCE),
     ):
         value = worst(key)
         yield Finding(sensor, what, f"{value:.2e}", f"<= {limit:g}", value <= limit)
     value = worst("min_det_F", np.min)
-    yield Finding(sensor, "det F, smallest", f"{value:.3f}", "> 0", value > 0)
+    yield Finding(sensor, "det F, least", f"{value:.3f}", "> 0", value > 0)
     rms, deepest = worst("rms_penetration_m"), worst("max_penetration_m")
-    shown = f"{rms * 1e6:.1f} um rms, {deepest * 1e6:.1f} um"
-    yield Finding(sensor, "pointwise penetration, largest", shown, "stated", None)
+    shown = f"rms {rms * 1e6:.1f}, max {deepest * 1e6:.1f} um"
+    yield Finding(sensor, "penetration", shown, "stated", None)
+
+
+def _failures(dataset: Dataset, status: np.ndarray) -> str:
+    """What befell the samples that did not converge, one line for each status."""
+    sentences = {**dataset.attributes["status"], "-1": "Not there yet."}
+    lines = []
+    for code in np.unique(status[status != 0]):
+        press, depth = np.argwhere(status == code)[0]
+        count = np.count_nonzero(status == code)
+        lines.append(f"{count} samples, the first at press {press}, depth {depth}: {sentences[str(code)]}")
+    return "\n".join(lines)
 
 
 def _displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
@@ -134,10 +146,8 @@ def _displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         moved = max(moved, np.nanmax(np.abs(displacement[:, :, held]), initial=0.0))
         reached = np.isfinite(displacement).all(axis=(2, 3))
         gaps += int(np.count_nonzero((status[rows] == 0) & ~reached))
-    yield Finding(
-        sensor, f"held vertices ({np.count_nonzero(held)}), largest motion", f"{moved:g} m", "0 m", moved == 0
-    )
-    yield Finding(sensor, "converged samples without displacement", f"{gaps}", "0", gaps == 0)
+    yield Finding(sensor, "held vertices move", f"{moved:g} m", "0 m", moved == 0)
+    yield Finding(sensor, "displacement gaps", f"{gaps}", "0", gaps == 0)
 
 
 def _pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
@@ -147,9 +157,7 @@ def _pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     pose = dataset[f"{sensor}/pose"][first]
     rotation = pose[:, :3, :3]
     skew = np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)).max()
-    yield Finding(
-        sensor, "poses are rigid, largest error", f"{skew:.1e}", f"<= {RIGID:g}", bool(skew <= RIGID)
-    )
+    yield Finding(sensor, "poses, rigidity", f"{skew:.1e}", f"<= {RIGID:g}", bool(skew <= RIGID))
 
     point = np.einsum("nji,nj->ni", rotation, contact[:, :3, 3] - pose[:, :3, 3])
     direction = np.einsum("nji,nj->ni", rotation, normal)
@@ -159,12 +167,12 @@ def _pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     angle = float(np.degrees(np.arccos(cosine)).max())
     off = float(distance.max())
     yield Finding(
-        sensor, "contacts off its surface, largest", f"{off * 1e6:.1f} um",
-        f"<= {PAIRING_DISTANCE_M * 1e6:.0f} um (facets)", off <= PAIRING_DISTANCE_M,
+        sensor, "contact distance", f"{off * 1e6:.1f} um",
+        f"<= {PAIRING_DISTANCE_M * 1e6:.0f} um", off <= PAIRING_DISTANCE_M,
     )  # fmt: skip
     yield Finding(
-        sensor, "contact normals, largest angle", f"{angle:.2f} deg",
-        f"<= {PAIRING_ANGLE_DEG:g} deg (facets)", angle <= PAIRING_ANGLE_DEG,
+        sensor, "contact angle", f"{angle:.2f} deg",
+        f"<= {PAIRING_ANGLE_DEG:g} deg", angle <= PAIRING_ANGLE_DEG,
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import (
@@ -115,7 +116,7 @@ class _Watch:
 
 
 def print_findings(path: Path, findings: list[Finding]) -> None:
-    table = Table("", "what", "found", "allowed", "", title=f"audit of {path}", title_justify="left")
+    table = Table("", "", "found", "allowed", "", box=box.SIMPLE_HEAD, pad_edge=False)
     stated, ok, fail = "", "[green]ok[/]", "[bold red]FAIL[/]"
     previous = None
     for finding in findings:
@@ -126,6 +127,9 @@ def print_findings(path: Path, findings: list[Finding]) -> None:
         table.add_row(subject, finding.what, finding.found, finding.allowed, mark)
         previous = finding.subject
     console.print(table)
+    for finding in findings:
+        for line in finding.note.splitlines():
+            console.print(f"{finding.subject}: {escape(line)}", soft_wrap=True)
     failures = sum(finding.failed for finding in findings)
     verdict = (
         "[green]passes[/]"

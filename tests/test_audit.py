@@ -36,16 +36,16 @@ SPOILED = {
     "status": ("digit/status", (3, 1), 1, "digit: samples converged"),
     "residual": ("digit/certificate/residual", (0, 0), 1.0, "digit: residual"),
     "not a number": ("digit/certificate/residual", (0, 0), np.nan, "digit: residual"),
-    "contact": ("biotac/certificate/contact_error", (11, 3), 0.02, "biotac: contact constraint"),
+    "contact": ("biotac/certificate/contact_error", (11, 3), 0.02, "biotac: contact error"),
     "force balance": ("biotac/certificate/force_balance", (0, 0), 0.002, "biotac: force balance"),
     "inverted": ("biotac/certificate/min_det_F", (5, 2), -0.1, "biotac: det F"),
-    "held": ("biotac/displacement", (0, 0, HELD, 0), 1, "biotac: held vertices"),
-    "no displacement": ("digit/displacement", (0, 0, FREE, 0), -32768, "digit: converged samples without"),
-    "shifted": ("biotac/pose", (0, 0, 3), 1e-3, "biotac: contacts off its surface"),
-    "skewed": ("biotac/pose", (0, 0, 0), 1.01, "biotac: poses are rigid"),
-    "normal": ("press/contact_normal", 0, [0.0, 0.0, 1.0], "digit: contact normals"),
+    "held": ("biotac/displacement", (0, 0, HELD, 0), 1, "biotac: held vertices move"),
+    "no displacement": ("digit/displacement", (0, 0, FREE, 0), -32768, "digit: displacement gaps"),
+    "shifted": ("biotac/pose", (0, 0, 3), 1e-3, "biotac: contact distance"),
+    "skewed": ("biotac/pose", (0, 0, 0), 1.01, "biotac: poses, rigidity"),
+    "normal": ("press/contact_normal", 0, [0.0, 0.0, 1.0], "digit: contact angle"),
     "depth": ("depth", 0, 0.5, "dataset: depths"),
-    "split": ("press/split", 0, 2, "dataset: trajectories by split"),
+    "split": ("press/split", 0, 2, "dataset: splits"),
 }
 
 
@@ -54,18 +54,24 @@ def test_each_spoiled_array_is_found(dataset, case):
     name, index, value, line = SPOILED[case]
     change(dataset, name, index, value)
     found = failures(dataset)
-    assert "dataset: files with their checksum" in found
+    assert "dataset: checksums" in found
     assert any(failure.startswith(line) for failure in found), found
+
+
+def test_failed_samples_are_explained(dataset):
+    change(dataset, "digit/status", (3, slice(1, 3)), 1)
+    notes = [finding.note for finding in check(Dataset(dataset.path)) if finding.note]
+    assert notes == ["2 samples, the first at press 3, depth 1: Stalled."]
 
 
 def test_a_missing_shard_is_found(dataset):
     (dataset.path / "manifest" / "000002.json").unlink()
-    assert "dataset: presses present" in failures(dataset)
+    assert "dataset: presses" in failures(dataset)
 
 
 def test_a_missing_file_is_found(dataset):
     (dataset.path / "digit/force/c/1/0/0").unlink()
-    assert "dataset: files with their checksum" in failures(dataset)
+    assert "dataset: checksums" in failures(dataset)
 
 
 def test_nearest_on_surface_of_a_sphere():

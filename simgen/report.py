@@ -1,0 +1,228 @@
+"""One self-contained HTML page about a dataset: what was asked, what came out, how far it can be trusted."""
+
+import base64
+import html
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from simgen.audit import check, passes
+from simgen.dataset import CERTIFICATE, SPLITS, TIMINGS, Dataset
+from simgen.drawing import draw_points, draw_surface
+
+CURVES = 40  # most force curves drawn per indenter and sensor
+RESOLUTION = 110  # dots per inch
+
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 1100px; padding: 0 1em; }
+h1 { margin-bottom: 0; } h2 { margin-top: 2em; border-bottom: 1px solid #ccc; }
+table { border-collapse: collapse; font-size: 13px; } td, th { padding: 3px 12px 3px 0; text-align: left; }
+th { border-bottom: 1px solid #999; } td { border-bottom: 1px solid #eee; } td.number { text-align: right; }
+.fail { color: #b00020; font-weight: bold; } .ok { color: #1b7f3b; } img { max-width: 100%; }
+"""
+
+
+def write_report(dataset: Dataset, output: Path) -> None:
+    """Write the page; raises nothing on an unfinished dataset, which is shown as far as it got."""
+    sections = (_head, _audit, _contacts, _samples, _forces, _certificates, _job)
+    body = "\n".join(line for section in sections for line in section(dataset))
+    title = html.escape(dataset.job.name)
+    output.write_text(
+        f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{title}</title>"
+        f"<style>{STYLE}</style><body>\n{body}\n</body></html>\n",
+        encoding="utf-8",
+    )
+
+
+def _head(dataset: Dataset) -> Iterator[str]:
+    job, code = dataset.job, dataset.attributes.get("code", {})
+    commit = (code.get("commit") or "installed package")[:12]
+    yield f"<h1>{html.escape(job.name)}</h1>"
+    yield (
+        f"<p>{job.trajectories.count:,} trajectories x {len(job.indenters)} indenters x "
+        f"{job.depths_mm.count} depths ({job.depths_mm.first:g} to {job.depths_mm.last:g} mm) = "
+        f"<b>{job.samples:,} samples</b>, each on {' and '.join(dataset.sensors)}. Job {job.hash[:12]}, "
+        f"simgen {code.get('version', '')} ({commit}{', with changes' if code.get('dirty') else ''})."
+        f"{_seconds(dataset)}</p>"
+    )
+
+
+def _seconds(dataset: Dataset) -> str:
+    """Mean seconds per press on each sensor, from the timings of the tasks."""
+    file = dataset.path / "manifest" / TIMINGS
+    entries = [json.loads(line) for line in file.read_text().splitlines()] if file.is_file() else []
+    entries = [entry for entry in entries if entry["seconds_by_sensor"]]
+    presses = sum(entry["presses"] for entry in entries)
+    if not presses:
+        return ""
+    means = (
+        f"{sensor} {sum(entry['seconds_by_sensor'][sensor] for entry in entries) / presses:.3g} s"
+        for sensor in dataset.sensors
+    )
+    return f" Mean time per press: {', '.join(means)}."
+
+
+def _audit(dataset: Dataset) -> Iterator[str]:
+    findings = check(dataset)
+    verdict = "<span class='ok'>passes</span>" if passes(findings) else "<span class='fail'>fails</span>"
+    yield f"<h2>Audit: {verdict}</h2>"
+    rows = []
+    for finding in findings:
+        mark = "<span class='fail'>FAIL</span>" if finding.failed else "" if finding.passed is None else "ok"
+        rows.append([finding.subject, finding.what, finding.found, finding.allowed, mark])
+    yield _table(["", "", "found", "allowed", ""], rows, raw_last=True)
+    for finding in findings:
+        for line in finding.note.splitlines():
+            yield f"<p>{finding.subject}: {html.escape(line)}</p>"
+
+
+def _contacts(dataset: Dataset) -> Iterator[str]:
+    """All contacts on every sensor, in matching colours: by place along the finger and across it."""
+    yield "<h2>Contacts</h2><p>Where the trajectories touch; a trajectory has one colour on all sensors.</p>"
+    _, first = np.unique(dataset["press/trajectory"], return_index=True)
+    points = dataset["press/contact_pose"][first][:, :3, 3]
+    colours = _place_colours(points)
+    figure = Figure(figsize=(4.5 * len(dataset.sensors), 3.4), layout="constrained")
+    for axes, sensor in zip(
+        np.atleast_1d(figure.subplots(1, len(dataset.sensors))), dataset.sensors, strict=True
+    ):
+        pose = dataset[f"{sensor}/pose"][first]
+        own = np.einsum("nji,nj->ni", pose[:, :3, :3], points - pose[:, :3, 3])
+        draw_surface(axes, dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"])
+        draw_points(axes, own, colours, size=14.0 if len(points) < 100 else 5.0)
+        axes.set_title(sensor)
+    yield _picture(figure, "contacts on the sensors")
+
+
+def _place_colours(points: np.ndarray) -> np.ndarray:
+    """(n, 3) colours that vary along x (red) and z (blue)."""
+    spread = np.ptp(points, axis=0)
+    part = (points - points.min(axis=0)) / np.where(spread > 0, spread, 1.0)
+    return np.stack([0.15 + 0.8 * part[:, 0], np.full(len(points), 0.35), 0.15 + 0.8 * part[:, 2]], axis=1)
+
+
+def _samples(dataset: Dataset) -> Iterator[str]:
+    yield (
+        "<h2>Samples</h2><p>Deformed output meshes in the shared frame, seen from the pad side, coloured by "
+        "the length of the displacement: the first trajectory, half-way and as deep as it got.</p>"
+    )
+    for index, name in enumerate(dataset.indenters):
+        figure = draw_press(dataset, press=index)
+        if figure is not None:
+            yield f"<h3>{html.escape(name)}</h3>" + _picture(figure, f"deformed by {name}")
+
+
+def draw_press(dataset: Dataset, press: int) -> Figure | None:
+    """One press on every sensor, half-way and at the deepest depth that all reached; None without one."""
+    reached = np.all([dataset.root[f"{sensor}/status"][press] == 0 for sensor in dataset.sensors], axis=0)
+    if not reached[0]:
+        return None
+    last = int(np.argmin(reached)) - 1 if not reached.all() else len(reached) - 1
+    depths = sorted({last // 2, last})
+    moved = {sensor: dataset.displacement(sensor, press, slice(0, last + 1)) for sensor in dataset.sensors}
+    largest = max(np.linalg.norm(displacement, axis=-1).max() for displacement in moved.values()) * 1e3
+    columns = len(depths) * len(dataset.sensors)
+    figure = Figure(figsize=(3.3 * columns + 0.8, 3.2), layout="constrained")
+    grid = np.atleast_1d(figure.subplots(1, columns))
+    places = [(sensor, depth) for sensor in dataset.sensors for depth in depths]
+    for axes, (sensor, depth) in zip(grid, places, strict=True):
+        pose = dataset.root[f"{sensor}/pose"][press]
+        displacement = moved[sensor][depth]
+        vertices = (dataset[f"{sensor}/rest_positions"] + displacement) @ pose[:3, :3].T + pose[:3, 3]
+        length = np.linalg.norm(displacement, axis=1) * 1e3
+        triangles = dataset[f"{sensor}/surface_triangles"]
+        faces = draw_surface(axes, vertices, triangles, length, largest=largest)
+        axes.set_title(f"{sensor}, {dataset['depth'][depth] * 1e3:g} mm")
+    figure.colorbar(faces, ax=grid.tolist(), label="displacement, mm", shrink=0.8)
+    return figure
+
+
+def _forces(dataset: Dataset) -> Iterator[str]:
+    yield (
+        "<h2>Force against depth</h2><p>Component along the press axis, one line for each trajectory "
+        f"(at most {CURVES}), both sensors on one scale.</p>"
+    )
+    count = len(dataset.indenters)
+    columns = min(3, count)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(3.6 * columns, 2.8 * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
+    depth_mm = np.concatenate([[0.0], dataset["depth"] * 1e3])
+    for axes, (index, name) in zip(grid, enumerate(dataset.indenters), strict=False):
+        for number, sensor in enumerate(dataset.sensors):
+            curves = _axial_force(dataset, sensor, index)[:CURVES]
+            curves = np.concatenate([np.zeros((len(curves), 1)), curves], axis=1)
+            lines = axes.plot(depth_mm, curves.T, color=f"C{number}", linewidth=0.9, alpha=0.7)
+            lines[0].set_label(sensor)
+        axes.set_title(name, fontsize=10)
+        axes.set_xlabel("depth, mm")
+        axes.set_ylabel("force, N")
+        axes.legend(fontsize=8)
+    for axes in grid[count:]:
+        axes.set_axis_off()
+    yield _picture(figure, "force against depth")
+
+
+def _axial_force(dataset: Dataset, sensor: str, indenter: int) -> np.ndarray:
+    """(trajectory, depth) N: force on the sensor along the press direction."""
+    rows = np.flatnonzero(dataset["press/indenter"] == indenter)
+    axis = dataset["press/contact_pose"][rows][:, :3, 1]
+    own = np.einsum("nji,nj->ni", dataset[f"{sensor}/pose"][rows][:, :3, :3], axis)
+    return np.einsum("ndi,ni->nd", dataset[f"{sensor}/force"][rows], own)
+
+
+def _certificates(dataset: Dataset) -> Iterator[str]:
+    yield "<h2>Certificates</h2><p>Worst over the converged samples of each indenter.</p>"
+    header = ["sensor", "indenter", "converged", "residual", "contact error", "force balance", "least det F",
+              "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
+    rows = []
+    for sensor in dataset.sensors:
+        status = dataset[f"{sensor}/status"]
+        stored = {key: dataset[f"{sensor}/certificate/{key}"] for key in CERTIFICATE}
+        for index, name in enumerate(dataset.indenters):
+            own = (dataset["press/indenter"] == index)[:, None]
+            good = own & (status == 0)
+            converged = f"{np.count_nonzero(good)} of {np.count_nonzero(own) * status.shape[1]}"
+            if not good.any():
+                rows.append([sensor, name, converged] + [""] * 6)
+                continue
+            values = {key: array[good] for key, array in stored.items()}
+            rows.append([
+                sensor, name, converged,
+                f"{values['residual'].max():.1e}", f"{values['contact_error'].max():.1e}",
+                f"{values['force_balance'].max():.1e}", f"{values['min_det_F'].min():.3f}",
+                ", ".join(f"{values[f'{k}_penetration_m'].max() * 1e6:.1f}" for k in ("rms", "max")),
+                f"{values['newton_iterations'].mean():.1f}, {values['krylov_iterations'].mean():.0f}",
+            ])  # fmt: skip
+    yield _table(header, rows)
+
+
+def _job(dataset: Dataset) -> Iterator[str]:
+    split = dataset["press/split"]
+    counts = ", ".join(f"{name} {np.count_nonzero(split == code)}" for code, name in enumerate(SPLITS))
+    yield f"<h2>Job</h2><p>Presses by split: {counts}.</p>"
+    shown = {key: dataset.attributes.get(key) for key in ("job", "sensors", "packages", "device")}
+    yield f"<pre>{html.escape(json.dumps(shown, indent=2))}</pre>"
+
+
+def _table(header: list[str], rows: list[list[str]], raw_last: bool = False) -> str:
+    def cell(text: str, column: int) -> str:
+        return text if raw_last and column == len(header) - 1 else html.escape(text)
+
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in header)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{cell(text, column)}</td>" for column, text in enumerate(row)) + "</tr>"
+        for row in rows
+    )
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _picture(figure: Figure, about: str) -> str:
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=RESOLUTION)
+    encoded = base64.b64encode(data.getvalue()).decode()
+    return f"<img alt='{html.escape(about)}' src='data:image/png;base64,{encoded}'>"
