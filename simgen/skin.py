@@ -41,35 +41,38 @@ class Skin:
         self._vertices = np.asarray(surface.vertices, dtype=np.float64)
         self._faces = np.asarray(surface.faces)
         self._normals = corner_normals(surface)
+        x = self._vertices[self._faces, 0]
+        self._order = np.argsort(x.min(axis=1), kind="stable")
+        self._first_x = x.min(axis=1)[self._order]
+        self._longest = np.ptp(x, axis=1).max() * (1.0 + 1e-9)
 
     def point(self, x: float, arc: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """The point (3,) at arc length ``arc`` (m) of the cross-section at ``x`` (m), its unit normal (3,).
+        """The point (3,) at arc length ``arc`` of the cross-section at ``x`` (m), and its unit normal (3,).
 
-        None where there is no such section, or the arc is longer than half of the section's loop.
+        None where there is no such section, or where the arc would pass z = 0 again, opposite the pad.
         """
         ends, points, normals = self._section(x)
-        start = self._centre(points)
+        start = _centre(points)
         if start is None:
             return None
         segment, fraction = start
-        forward = int((points[segment, 1, 2] > points[segment, 0, 2]) == (arc >= 0.0))
-        loop = self._walk(ends, segment, forward)
-        # From the centre line to the end of its segment, then whole segments, each entered at its near end.
-        near = np.array([points[s, 1 - side] for s, side in loop])
-        far = np.array([points[s, side] for s, side in loop])
-        centre = (1.0 - fraction) * points[segment, 0] + fraction * points[segment, 1]
-        near[0] = centre
-        reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(far - near, axis=1))])
-        length = abs(arc)
-        if length > 0.5 * reached[-1]:
-            return None
-        index = int(np.searchsorted(reached, length, side="right")) - 1
-        s, _ = loop[index]
-        t = (length - reached[index]) / (reached[index + 1] - reached[index])
-        position = (1.0 - t) * near[index] + t * far[index]
-        along = np.linalg.norm(position - points[s, 0]) / np.linalg.norm(points[s, 1] - points[s, 0])
-        normal = (1.0 - along) * normals[s, 0] + along * normals[s, 1]
-        return position, normal / np.linalg.norm(normal)
+        neighbour = _neighbours(ends)
+        side = int((points[segment, 1, 2] > points[segment, 0, 2]) == (arc >= 0.0))
+        length = np.linalg.norm(points[:, 1] - points[:, 0], axis=1)
+        # The walk starts inside a segment: count from that segment's near end.
+        target = abs(arc) + length[segment] * (fraction if side == 1 else 1.0 - fraction)
+        first = segment
+        while target > length[segment]:
+            target -= length[segment]
+            segment, entered = neighbour[segment, side]
+            side = 1 - entered
+            if segment == first or (points[segment, 0, 2] >= 0.0) != (points[segment, 1, 2] >= 0.0):
+                return None
+        t = target / length[segment]
+        if side == 0:
+            t = 1.0 - t
+        normal = (1.0 - t) * normals[segment, 0] + t * normals[segment, 1]
+        return (1.0 - t) * points[segment, 0] + t * points[segment, 1], normal / np.linalg.norm(normal)
 
     def _section(self, x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Segments of the plane's cut: ids (s, 2) of the edges that each joins, points and normals (s, 2, 3).
@@ -77,47 +80,44 @@ class Skin:
         A vertex in the plane counts as above it, so every cut face is crossed at exactly two edges and, the
         surface being closed, the segments form closed loops.
         """
-        above = self._vertices[:, 0] >= x
-        inside = above[self._faces]
-        cut = np.flatnonzero(inside.any(axis=1) & ~inside.all(axis=1))
-        faces, inside = self._faces[cut], inside[cut]
+        near = slice(*np.searchsorted(self._first_x, [x - self._longest, x]))
+        cut = self._order[near]
+        above = self._vertices[self._faces[cut], 0] >= x
+        count = above.sum(axis=1)
+        crossed = (count == 1) | (count == 2)
+        cut, above, count = cut[crossed], above[crossed], count[crossed]
         # The lone corner is the one on its own side; the cut runs over the two edges that leave it.
-        lone = np.where((inside.sum(axis=1) == 1)[:, None], inside, ~inside).argmax(axis=1)
-        rows = np.arange(len(cut))
+        lone = np.where((count == 1)[:, None], above, ~above).argmax(axis=1)
+        faces, rows = self._faces[cut], np.arange(len(cut))
         ends, points, normals = [], [], []
         for step in (1, 2):
             other = (lone + step) % 3
-            a, b = faces[rows, lone], faces[rows, other]
+            # One order of an edge's vertices, whichever face asks: neighbours meet at the very same point.
+            swap = faces[rows, lone] > faces[rows, other]
+            low, high = np.where(swap, other, lone), np.where(swap, lone, other)
+            a, b = faces[rows, low], faces[rows, high]
             t = ((x - self._vertices[a, 0]) / (self._vertices[b, 0] - self._vertices[a, 0]))[:, None]
-            ends.append(np.minimum(a, b).astype(np.int64) * len(self._vertices) + np.maximum(a, b))
+            ends.append(a.astype(np.int64) * len(self._vertices) + b)
             points.append((1.0 - t) * self._vertices[a] + t * self._vertices[b])
-            normals.append((1.0 - t) * self._normals[cut, lone] + t * self._normals[cut, other])
+            normals.append((1.0 - t) * self._normals[cut, low] + t * self._normals[cut, high])
         return np.stack(ends, axis=1), np.stack(points, axis=1), np.stack(normals, axis=1)
 
-    @staticmethod
-    def _centre(points: np.ndarray) -> tuple[int, float] | None:
-        """The segment that crosses z = 0 on the pad side, and the fraction of it where it does."""
-        z = points[:, :, 2]
-        crossing = np.flatnonzero((z[:, 0] >= 0.0) != (z[:, 1] >= 0.0))
-        if len(crossing) == 0:
-            return None
-        t = z[crossing, 0] / (z[crossing, 0] - z[crossing, 1])
-        y = (1.0 - t) * points[crossing, 0, 1] + t * points[crossing, 1, 1]
-        lowest = int(y.argmin())
-        return int(crossing[lowest]), float(t[lowest])
 
-    @staticmethod
-    def _walk(ends: np.ndarray, segment: int, forward: int) -> list[tuple[int, int]]:
-        """The loop from ``segment``, left over its end ``forward``: (segment, end over which it is left)."""
-        at_edge: dict[int, list[tuple[int, int]]] = {}
-        for index, pair in enumerate(ends.tolist()):
-            for side in (0, 1):
-                at_edge.setdefault(pair[side], []).append((index, side))
-        loop = [(segment, forward)]
-        while True:
-            index, side = loop[-1]
-            here = at_edge[int(ends[index, side])]
-            following, entered = here[0] if here[1][0] == index else here[1]
-            if following == segment:
-                return loop
-            loop.append((following, 1 - entered))
+def _centre(points: np.ndarray) -> tuple[int, float] | None:
+    """The segment of ``points`` (s, 2, 3) that crosses z = 0 on the pad side, and the fraction there."""
+    z = points[:, :, 2]
+    crossing = np.flatnonzero((z[:, 0] >= 0.0) != (z[:, 1] >= 0.0))
+    if len(crossing) == 0:
+        return None
+    t = z[crossing, 0] / (z[crossing, 0] - z[crossing, 1])
+    y = (1.0 - t) * points[crossing, 0, 1] + t * points[crossing, 1, 1]
+    lowest = int(y.argmin())
+    return int(crossing[lowest]), float(t[lowest])
+
+
+def _neighbours(ends: np.ndarray) -> np.ndarray:
+    """(s, 2, 2): segment and side that meet each side of each segment. Each id in ``ends`` is there twice."""
+    order = np.argsort(ends.ravel(), kind="stable").reshape(-1, 2)
+    partner = np.empty(ends.size, dtype=np.int64)
+    partner[order[:, 0]], partner[order[:, 1]] = order[:, 1], order[:, 0]
+    return np.stack([partner // 2, partner % 2], axis=1).reshape(-1, 2, 2)
