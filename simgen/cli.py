@@ -70,6 +70,19 @@ def run(
 
 
 @app.command()
+def mesh(
+    sensor: Annotated[
+        str, typer.Argument(metavar="SENSOR", help="digit, biotac, or a folder with a sensor.yaml.")
+    ],
+):
+    """Make a sensor's meshes again, through the quality gates, and write them beside its sensor.yaml."""
+    from simgen.sensor import remake
+
+    for line in remake(sensor):
+        typer.echo(line)
+
+
+@app.command()
 def check(dataset: DatasetFolder):
     """Audit a dataset: presses, checksums, certificates, pairing, held vertices. Exit code 1 if it fails."""
     from simgen.audit import check, passes
@@ -94,8 +107,9 @@ def report(
     from simgen.dataset import Dataset
     from simgen.report import write_report
 
-    page = output or dataset.with_suffix(".html")
-    write_report(Dataset(dataset), page)
+    opened = Dataset(dataset)
+    page = output or Path(f"{opened.job.name}.html")
+    write_report(opened, page)
     typer.echo(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)")
 
 

@@ -1,7 +1,7 @@
 """From a job to all that is known before the first press: meshes, contacts, poses on every sensor, splits."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -72,7 +72,8 @@ def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
         allowed = ", ".join(sensor.materials)
         raise InputError(f"sensors.{name}.material: {choice.preset!r} is not a preset; allowed: {allowed}")
     own = choice.model_dump(exclude={"preset"}, exclude_none=True)
-    return Material(**{**asdict(sensor.materials[choice.preset]), **own})
+    source = {"source": f"{', '.join(own)} by the job, the rest of preset {choice.preset}"} if own else {}
+    return sensor.materials[choice.preset].model_copy(update={**own, **source})
 
 
 def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[str, Any]:
@@ -86,7 +87,7 @@ def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[st
             name: {
                 "simulation_mesh": sensor.simulation_mesh.hash,
                 "output_mesh": sensor.output_mesh.hash,
-                "material": asdict(chosen_material(job, name, sensor)),
+                "material": chosen_material(job, name, sensor).model_dump(),
             }
             for name, sensor in sensors.items()
         },

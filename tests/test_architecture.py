@@ -1,0 +1,126 @@
+"""The arrows of the house: who may import whom. Data walks one way, and so do imports."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import simgen
+
+PACKAGE = Path(simgen.__file__).parent
+
+# From left to right, as the data walk. A module may import from its own room and from rooms before it.
+HOUSE = {
+    "words": ["errors", "resources", "provenance"],
+    "job": ["job"],
+    "shapes": ["distance", "shape"],
+    "sensor": ["sensor", "sensor_schema", "sensor_meshes", "tetrahedra", "surface", "curved", "interpolation",
+               "mesh_files", "mesh_quality"],
+    "indenter": ["indenter"],
+    "pairing": ["pairing", "skin"],
+    "fem": ["fem"],
+    "press": ["press", "first_touch"],
+    "dataset": ["dataset", "audit"],
+    "run": ["plan", "shard", "run"],
+    "views": ["drawing", "pictures", "preview", "report", "console"],
+    "cli": ["cli"],
+}  # fmt: skip
+ROOM = {module: number for number, modules in enumerate(HOUSE.values()) for module in modules}
+
+
+def module_files() -> dict[str, list[Path]]:
+    """Top-level module of the package -> its files; a folder is one module."""
+    files = {path.stem: [path] for path in PACKAGE.glob("*.py") if path.stem != "__init__"}
+    folders = {path.parent.name: sorted(path.parent.rglob("*.py")) for path in PACKAGE.glob("*/__init__.py")}
+    return files | folders
+
+
+class _WithoutTypeChecking(ast.NodeTransformer):
+    def visit_If(self, node):
+        return None if ast.unparse(node.test).endswith("TYPE_CHECKING") else self.generic_visit(node)
+
+
+def imports(path: Path) -> set[str]:
+    """Dotted names that a file imports, anywhere but for type checkers; of simgen as ``simgen.module``."""
+    inside = path.relative_to(PACKAGE).with_suffix("").parts
+    found = set()
+    tree = _WithoutTypeChecking().visit(ast.parse(path.read_text(encoding="utf-8")))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = ["simgen", *inside[: len(inside) - node.level]] if node.level else []
+            base += node.module.split(".") if node.module else []
+            found |= {".".join([*base, alias.name]) for alias in node.names}
+    return found
+
+
+def own_imports(module: str) -> set[str]:
+    names = {name for file in module_files()[module] for name in imports(file)}
+    return {name.split(".")[1] for name in names if name.startswith("simgen.")} & set(module_files()) - {
+        module
+    }
+
+
+def third_party(module: str) -> set[str]:
+    return {name.split(".")[0] for file in module_files()[module] for name in imports(file)}
+
+
+def test_every_module_has_its_room():
+    assert sorted(module_files()) == sorted(ROOM)
+
+
+@pytest.mark.parametrize("module", sorted(module_files()))
+def test_imports_follow_the_arrows(module):
+    backwards = {other for other in own_imports(module) if ROOM[other] > ROOM[module]}
+    assert not backwards, f"{module} imports {backwards} from a later room"
+
+
+def test_no_module_imports_itself_in_a_circle():
+    graph = {module: own_imports(module) for module in module_files()}
+    while free := [module for module, needs in graph.items() if not needs & graph.keys()]:
+        for module in free:
+            del graph[module]
+    assert not graph, f"circle among {sorted(graph)}"
+
+
+def test_only_run_imports_dask():
+    assert [module for module in module_files() if {"dask", "distributed"} & third_party(module)] == ["run"]
+
+
+def test_only_the_command_line_imports_views():
+    views = set(HOUSE["views"])
+    for module in set(module_files()) - views - {"cli"}:
+        assert not own_imports(module) & views, module
+
+
+def test_nothing_but_training_imports_torch():
+    assert [module for module in module_files() if "torch" in third_party(module)] == []
+
+
+def loaded_after(statement: str) -> set[str]:
+    code = f"{statement}; import sys; print(*{{name.split('.')[0] for name in sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_help_needs_none_of_the_heavy_packages():
+    heavy = {
+        "numpy",
+        "scipy",
+        "warp",
+        "pyvista",
+        "zarr",
+        "dask",
+        "trimesh",
+        "matplotlib",
+        "pydantic",
+        "torch",
+    }
+    assert not heavy & loaded_after("import simgen.cli")
+
+
+def test_a_run_draws_nothing_and_learns_nothing():
+    assert not {"torch", "matplotlib"} & loaded_after("import simgen.run")

@@ -1,0 +1,76 @@
+"""The command line: help, exit codes, one line for bad input. The commands run as a user runs them."""
+
+import os
+import subprocess
+import sys
+
+import fake
+import pytest
+
+from simgen.run import run
+
+
+def simgen(*arguments, cwd) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "simgen.cli", *map(str, arguments)]
+    environment = {**os.environ, "COLUMNS": "100"}
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cli") / "d.zarr"
+    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    return path
+
+
+@pytest.mark.parametrize(
+    "command, words",
+    [
+        ([], ["run", "mesh", "check", "report", "jobs/smoke.yaml"]),
+        (["run"], ["JOB", "--output", "--workers", "--scheduler", "--device", "--dry-run"]),
+        (["mesh"], ["SENSOR", "quality gates"]),
+        (["check"], ["DATASET", "Exit code 1"]),
+        (["report"], ["DATASET", "--output", "HTML"]),
+    ],
+)
+def test_help_says_what_there_is(tmp_path, command, words):
+    done = simgen(*command, "--help", cwd=tmp_path)
+    assert done.returncode == 0
+    for word in words:
+        assert word in done.stdout
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["run", "nothing.yaml"], "nothing.yaml: no such job file; bundled jobs:"),
+        (["run", "smoke", "seed=-1"], "override seed=-1: seed: -1 is not allowed; allowed: a whole number"),
+        (["run", "smoke", "sensors.digit.model=finger", "--dry-run"], "finger"),
+        (["check", "."], ".: not a dataset"),
+        (["report", "."], ".: not a dataset"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, words):
+    done = simgen(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("simgen: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert words in done.stderr
+
+
+def test_check_passes_a_sound_dataset_and_fails_a_broken_one(dataset, tmp_path):
+    done = simgen("check", dataset, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert "passes" in done.stdout
+    (dataset / "manifest" / "000000.json").rename(tmp_path / "000000.json")
+    done = simgen("check", dataset, cwd=tmp_path)
+    (tmp_path / "000000.json").rename(dataset / "manifest" / "000000.json")
+    assert done.returncode == 1
+    assert "FAIL" in done.stdout
+    assert "10 of 12" in done.stdout
+
+
+def test_report_writes_one_page_named_after_the_job(dataset, tmp_path):
+    done = simgen("report", dataset, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "fake.html").is_file()
