@@ -1,4 +1,4 @@
-"""The plan: settings of a job are those of the modules that use them; the bundled sensors make a sound plan."""
+"""The plan: the job's settings are those of the modules that use them; bundled sensors make a sound plan."""
 
 from dataclasses import asdict
 
