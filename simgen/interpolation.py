@@ -1,0 +1,91 @@
+"""Values of a quadratic field anywhere in a curved tetrahedral mesh.
+
+Local coordinates are barycentric, (l0, l1, l2, l3) with sum 1.
+"""
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
+
+
+def shape_functions(barycentric: np.ndarray) -> np.ndarray:
+    """The ten quadratic shape functions: (..., 4) -> (..., 10); corners l (2 l - 1), middles 4 l_i l_j."""
+    corner = barycentric * (2.0 * barycentric - 1.0)
+    middle = 4.0 * barycentric[..., TET_EDGES[:, 0]] * barycentric[..., TET_EDGES[:, 1]]
+    return np.concatenate([corner, middle], axis=-1)
+
+
+def shape_gradients(barycentric: np.ndarray) -> np.ndarray:
+    """Derivatives by l1, l2, l3 with l0 = 1 - l1 - l2 - l3: (..., 4) -> (..., 10, 3)."""
+    by_l = np.zeros((*barycentric.shape[:-1], 10, 4))
+    for i in range(4):
+        by_l[..., i, i] = 4.0 * barycentric[..., i] - 1.0
+    for e, (i, j) in enumerate(TET_EDGES):
+        by_l[..., 4 + e, i] = 4.0 * barycentric[..., j]
+        by_l[..., 4 + e, j] = 4.0 * barycentric[..., i]
+    return by_l[..., 1:] - by_l[..., :1]
+
+
+def geometry_jacobian(element_nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    """Derivative of position by (l1, l2, l3): nodes (..., 10, 3), coordinates (..., 4) -> (..., 3, 3)."""
+    return np.einsum("...ni,...nj->...ij", element_nodes, shape_gradients(barycentric))
+
+
+def _invert(element_nodes: np.ndarray, points: np.ndarray, steps: int = 6) -> np.ndarray:
+    """Barycentric coordinates of points (m, 3) in their elements (m, 10, 3), inside or not: Newton's method."""
+    barycentric = np.full((len(points), 4), 0.25)
+    for _ in range(steps):
+        miss = points - np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes)
+        jacobian = geometry_jacobian(element_nodes, barycentric)
+        singular = np.abs(np.linalg.det(jacobian)) < 1e-30
+        jacobian[singular] = np.eye(3)
+        step = np.linalg.solve(jacobian, miss[..., None])[..., 0]
+        step[singular] = 0.0
+        # Far outside its element the quadratic map folds over: such a point only has to stay recognisably outside.
+        step /= np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True))
+        barycentric[:, 1:] += step
+        barycentric[:, 0] = 1.0 - barycentric[:, 1:].sum(axis=1)
+    return barycentric
+
+
+def _to_simplex(barycentric: np.ndarray) -> np.ndarray:
+    """Closest barycentric coordinates with no negative entry (Duchi et al., ICML 2008, fig. 1)."""
+    ordered = -np.sort(-barycentric, axis=-1)
+    excess = (np.cumsum(ordered, axis=-1) - 1.0) / np.arange(1, 5)
+    last = (ordered > excess).sum(axis=-1, keepdims=True) - 1
+    return np.maximum(barycentric - np.take_along_axis(excess, last, axis=-1), 0.0)
+
+
+def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray, candidates: int = 24):
+    """Element (m,), barycentric coordinates (m, 4) and distance (m,) of the place in the mesh nearest each point.
+
+    The distance is zero (to rounding) for points inside; points outside are moved to the boundary of an element, and
+    the distance says by how much, in the unit of the nodes.
+    """
+    tree = cKDTree(nodes[tetrahedra[:, :4]].mean(axis=1))
+    candidates = min(candidates, len(tetrahedra))
+    _, near = tree.query(points, k=range(1, candidates + 1))
+    near = near.ravel()
+    target = np.repeat(points, candidates, axis=0)
+    element_nodes = nodes[tetrahedra[near]]
+    barycentric = _to_simplex(_invert(element_nodes, target))
+    reached = np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes)
+    distance = np.linalg.norm(reached - target, axis=1).reshape(-1, candidates)
+    best = distance.argmin(axis=1)
+    row = np.arange(len(points))
+    pick = row * candidates + best
+    return near[pick], barycentric[pick], distance[row, best]
+
+
+def interpolation_matrix(simulation, points: np.ndarray) -> csr_matrix:
+    """Matrix (p, n) that takes nodal values of a `SimulationMesh` to points (p, 3) in m: its quadratic shape functions.
+
+    Points outside the mesh get the value of the nearest element; `locate` says how far they had to be moved.
+    """
+    element, barycentric, _ = locate(simulation.nodes, simulation.tetrahedra, np.asarray(points, dtype=float))
+    rows = np.repeat(np.arange(len(points)), 10)
+    columns = simulation.tetrahedra[element].ravel()
+    values = shape_functions(barycentric).ravel()
+    return csr_matrix((values, (rows, columns)), shape=(len(points), len(simulation.nodes)))

@@ -1,0 +1,149 @@
+"""Mesh files: those that users bring, and our own compact one. Everything is metres once it is read."""
+
+import contextlib
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import meshio
+import numpy as np
+import platformdirs
+import trimesh
+
+from simgen.errors import InputError
+from simgen.surface import enclosed_volume
+from simgen.tetrahedra import OutputMesh, SimulationMesh, boundary_triangles, signed_volumes
+
+UNITS = {"m": 1.0, "mm": 1e-3}
+SURFACE_SUFFIXES = (".stl", ".obj", ".ply")
+TET_SUFFIXES = (".msh", ".vtu", ".mesh", ".tet")
+
+
+def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
+    """A user's mesh: its closed outward surface and, where the file has tetrahedra, their vertices and corners.
+
+    .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio) tetrahedra or triangles, .tet lines ``v x y z`` and ``t a b c d``.
+    Raises InputError where the file is missing, unknown, open or has inverted tetrahedra of both signs.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SURFACE_SUFFIXES + TET_SUFFIXES:
+        raise InputError(f"{path}: unknown kind of mesh {suffix!r}, allowed {' '.join(SURFACE_SUFFIXES + TET_SUFFIXES)}")
+    if not path.is_file():
+        raise InputError(f"{path}: no such mesh file")
+    try:
+        points, cells = _read_tet(path) if suffix == ".tet" else _read_any(path, suffix)
+    except InputError:
+        raise
+    except Exception as error:  # a parser's complaint about the user's file, whatever its class
+        raise InputError(f"{path}: cannot be read as {suffix}: {' '.join(str(error).split())[:200]}") from error
+    points = np.asarray(points, dtype=float) * UNITS[unit]
+    if not np.isfinite(points).all():
+        raise InputError(f"{path}: coordinates that are not finite numbers")
+    if cells.shape[1] == 3:
+        return closed_surface(points, cells, path), None, None
+    tetrahedra = _oriented(points, cells, path)
+    return closed_surface(points, boundary_triangles(tetrahedra)[0], path), points, tetrahedra
+
+
+def _read_tet(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    rows = [line.split() for line in path.read_text().splitlines()]
+    vertices = np.array([row[1:4] for row in rows if row and row[0] == "v"], dtype=float)
+    tetrahedra = np.array([row[1:5] for row in rows if row and row[0] == "t"], dtype=np.int64)
+    return vertices, tetrahedra
+
+
+def _read_any(path: Path, suffix: str) -> tuple[np.ndarray, np.ndarray]:
+    if suffix in SURFACE_SUFFIXES:
+        mesh = trimesh.load(path, force="mesh", process=False)
+        return mesh.vertices, mesh.faces
+    with contextlib.redirect_stdout(None):
+        mesh = meshio.read(path)
+    for kind in ("tetra", "triangle"):
+        if kind in mesh.cells_dict:
+            return mesh.points[:, :3], mesh.cells_dict[kind]
+    raise InputError(f"{path}: neither tetrahedra nor triangles, but {', '.join(mesh.cells_dict)}")
+
+
+def _oriented(points: np.ndarray, tetrahedra: np.ndarray, path: Path) -> np.ndarray:
+    """The tetrahedra with positive volume; a file that orders them all the other way round is fine."""
+    volume = signed_volumes(points, tetrahedra)
+    if (volume < 0).all():
+        return tetrahedra[:, [0, 2, 1, 3]].astype(np.int32)
+    if (volume <= 0).any():
+        raise InputError(f"{path}: {(volume <= 0).sum()} of {len(volume)} tetrahedra are inverted or flat, allowed 0")
+    return tetrahedra.astype(np.int32)
+
+
+def closed_surface(points: np.ndarray, faces: np.ndarray, path: Path) -> trimesh.Trimesh:
+    """A watertight surface with its normals outwards. Raises InputError where it is open."""
+    surface = trimesh.Trimesh(points, faces, process=False)
+    surface.merge_vertices(merge_norm=True, merge_tex=True)
+    surface.remove_unreferenced_vertices()
+    if not surface.is_watertight:
+        raise InputError(f"{path}: the surface is open (an edge joins other than two faces), it must be closed")
+    if not surface.is_winding_consistent or enclosed_volume(surface.vertices, surface.faces) < 0:
+        surface.fix_normals(multibody=True)
+    return surface
+
+
+def bodies(surface: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+    """The closed bodies of a surface, largest first."""
+    return sorted(surface.split(only_watertight=False), key=lambda body: -abs(body.volume))
+
+
+def array_hash(source: str, arrays: dict[str, np.ndarray]) -> str:
+    """SHA-256 of what a mesh was made from and of its arrays."""
+    digest = hashlib.sha256(source.encode())
+    for name in sorted(arrays):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
+    return digest.hexdigest()
+
+
+def save_mesh(path: Path, mesh: SimulationMesh | OutputMesh, source: str) -> None:
+    """Write a mesh as .npz, with the hash of what it was made from. An existing file is never half replaced."""
+    arrays = {name: value for name, value in vars(mesh).items() if name != "hash"}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
+        np.savez_compressed(file, source=source, **arrays)
+    os.chmod(file.name, 0o644)
+    os.replace(file.name, path)
+
+
+def load_mesh(path: Path, kind: type, source: str):
+    """A mesh that `save_mesh` wrote, of class ``kind``; None where there is none. Raises InputError on a stale one."""
+    if not path.is_file():
+        return None
+    with np.load(path) as file:
+        stored = str(file["source"])
+        arrays = {name: file[name] for name in file.files if name != "source"}
+    if stored != source:
+        raise InputError(f"{path}: made from other geometry or settings ({stored[:12]}, now {source[:12]}): run simgen mesh")
+    return with_hash(kind, source, arrays)
+
+
+def with_hash(kind: type, source: str, arrays: dict[str, np.ndarray]):
+    """A SimulationMesh or OutputMesh from its arrays."""
+    values = dict(arrays)
+    if "n_corners" in values:
+        values["n_corners"] = int(values["n_corners"])
+    return kind(**values, hash=array_hash(source, {k: np.asarray(v) for k, v in arrays.items()}))
+
+
+def cached(source: str, kind: type, make):
+    """The mesh made from ``source`` before, else ``make()``, kept in the user's cache.
+
+    Meshing differs from run to run: whoever comes first stays, so that all processes use one mesh.
+    """
+    folder = Path(os.environ.get("SIMGEN_CACHE") or platformdirs.user_cache_dir("simgen")) / "meshes"
+    path = folder / f"{source}.npz"
+    found = load_mesh(path, kind, source)
+    if found is not None:
+        return found
+    own = path.with_suffix(f".{os.getpid()}.npz")
+    save_mesh(own, make(), source)
+    with contextlib.suppress(FileExistsError):
+        os.link(own, path)
+    own.unlink()
+    return load_mesh(path, kind, source)

@@ -1,0 +1,250 @@
+"""A tactile sensor: its gel's true surface and meshes, its rigid core, named regions, camera and electrodes.
+
+`load_sensor` takes the name of a bundled sensor or a folder with a ``sensor.yaml`` (see `simgen.sensor_schema`).
+Everything is in metres, in the sensor's own frame.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from simgen import mesh_files, sensor_meshes
+from simgen.curved import CORE, FREE, HELD, LabelledSurface
+from simgen.errors import InputError
+from simgen.resources import resource
+from simgen.sensor_schema import (
+    CameraSettings,
+    Core,
+    Electrodes,
+    Gel,
+    Material,
+    MeshSize,
+    Selection,
+    SensorDescription,
+    read_description,
+)
+from simgen.surface import ClosestPoint, enclosed_volume, shells
+from simgen.tetrahedra import OutputMesh, SimulationMesh
+
+MM = 1e-3
+FINEST_PIECES = 100_000  # triangles, at most, into which a user's surface is cut to follow its regions
+MESHING_VERSION = 1  # part of every mesh's source: raise it when the same settings make other meshes
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera and its lights, in the sensor's frame."""
+
+    position: np.ndarray  # (3,) m
+    looks_along: np.ndarray  # (3,) unit vector
+    up: np.ndarray  # (3,) unit vector: the image's upward direction
+    vertical_field_of_view_deg: float
+    width_px: int
+    height_px: int
+    lights: dict[str, np.ndarray]  # colour -> (3,) m
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One sensor, ready to be meshed, pressed and drawn. Lengths in m."""
+
+    name: str
+    surface: trimesh.Trimesh  # fine closed true surface of the gel (with its cavity, if it has one)
+    surface_region: np.ndarray  # (faces,) 0 touchable, 1 held, 2 facing the core
+    simulation_mesh: SimulationMesh
+    output_mesh: OutputMesh
+    materials: dict[str, Material]  # presets by name
+    core: trimesh.Trimesh | None  # rigid body inside; the mesh's ``facing_core`` faces may meet it
+    core_friction: float
+    electrodes: np.ndarray | None  # (k, 3) m, on the core
+    camera: Camera | None
+    held_regions: dict[str, np.ndarray]  # name -> (faces,) bool on ``surface``
+
+
+@dataclass(frozen=True)
+class SensorGeometry:
+    """What a ``sensor.yaml`` says about shape, before any mesh is made."""
+
+    description: SensorDescription
+    folder: Path
+    true: LabelledSurface
+    held_regions: dict[str, np.ndarray]
+    own_vertices: np.ndarray | None  # of a user's tetrahedral file
+    own_tetrahedra: np.ndarray | None
+    core: trimesh.Trimesh | None
+    source: str  # hash of everything above
+
+    def mesh_source(self, settings: MeshSize | str) -> str:
+        """Hash of surface and settings: what a mesh is made from."""
+        text = settings if isinstance(settings, str) else settings.model_dump_json()
+        return hashlib.sha256(f"{MESHING_VERSION} {self.source} {text}".encode()).hexdigest()
+
+    def selected(self, points: np.ndarray) -> np.ndarray:
+        """Which points (n, 3) lie in any held region."""
+        held = np.zeros(len(points), dtype=bool)
+        for selection in self.description.held.values():
+            held |= select(selection, points, self.folder)
+        return held
+
+
+def sensor_folder(model: str | Path) -> Path:
+    """The folder of a bundled sensor's name or of a user's path. Raises InputError where there is none."""
+    bundled = resource("sensor_models") / str(model)
+    folder = bundled if "/" not in str(model) and (bundled / "sensor.yaml").is_file() else Path(model)
+    folder = folder.parent if folder.name == "sensor.yaml" else folder
+    if not (folder / "sensor.yaml").is_file():
+        raise InputError(f"sensor {str(model)!r}: no such sensor; allowed: {', '.join(bundled_sensors())}, or a folder with a sensor.yaml")
+    return folder
+
+
+def bundled_sensors() -> list[str]:
+    return sorted(path.parent.name for path in resource("sensor_models").glob("*/sensor.yaml"))
+
+
+def load_sensor(model: str | Path, mesh: str = "default") -> Sensor:
+    """The sensor with its simulation mesh ``default`` or ``coarse``, and its output mesh.
+
+    Meshes come from the sensor's own folder (the bundled ones), else from the user's cache, else they are made, gated
+    and cached. Raises InputError on a bad ``sensor.yaml``, mesh file or mesh.
+    """
+    geometry = load_geometry(model)
+    description = geometry.description
+    if mesh not in ("default", "coarse"):
+        raise InputError(f"sensor {description.name}: mesh = {mesh!r}, allowed: default, coarse")
+    core_friction = description.core.friction if description.core else 0.0
+    return Sensor(
+        name=description.name,
+        surface=geometry.true.surface,
+        surface_region=geometry.true.region,
+        simulation_mesh=sensor_meshes.simulation_mesh(geometry, mesh),
+        output_mesh=sensor_meshes.output_mesh(geometry),
+        materials=description.materials,
+        core=geometry.core,
+        core_friction=core_friction,
+        electrodes=place_electrodes(description.electrodes, geometry.core) if description.electrodes else None,
+        camera=place_camera(description.camera) if description.camera else None,
+        held_regions=geometry.held_regions,
+    )
+
+
+def remake(model: str | Path) -> list[str]:
+    """Make all meshes of a sensor again, gate them, write them into its folder; one line of text for each, with the change."""
+    return sensor_meshes.remake(load_geometry(model))
+
+
+def load_geometry(model: str | Path) -> SensorGeometry:
+    """The true surface with its regions, the core and the user's own tetrahedra."""
+    folder = sensor_folder(model)
+    path = folder / "sensor.yaml"
+    description = read_description(path)
+    surface, vertices, tetrahedra = gel_surface(description.gel, folder)
+    surface = refined(surface, description.meshes.default)
+    core = core_surface(description.core, folder) if description.core else None
+    region = np.full(len(surface.faces), FREE, dtype=np.int8)
+    if core is not None:
+        cavity = cavity_faces(surface)
+        if not cavity.any():
+            raise InputError(f"{path}: core: the gel has no cavity for it: its surface must have an inner closed shell")
+        region[cavity] = CORE
+    held_regions = {}
+    for name, selection in description.held.items():
+        inside = select(selection, surface.vertices, folder)[surface.faces].all(axis=1)
+        if not inside.any():
+            raise InputError(f"{path}: held.{name}: selects no triangle of the surface, at least one is needed")
+        held_regions[name] = inside
+        region[inside] = HELD
+    return SensorGeometry(
+        description, folder, LabelledSurface(surface, region), held_regions, vertices, tetrahedra, core,
+        geometry_source(description, folder),
+    )  # fmt: skip
+
+
+def geometry_source(description: SensorDescription, folder: Path) -> str:
+    """Hash of the keys that decide shape and regions, and of the files that they name."""
+    shape = description.model_dump(include={"gel", "held", "core"}, exclude={"core": {"friction"}}, mode="json")
+    digest = hashlib.sha256(json.dumps(shape, sort_keys=True).encode())
+    for file in sorted(_files(shape)):
+        digest.update((folder / file).read_bytes())
+    return digest.hexdigest()
+
+
+def _files(value) -> set[str]:
+    if not isinstance(value, dict):
+        return set()
+    own = {value["file"]} if isinstance(value.get("file"), str) else set()
+    return own.union(*(_files(inner) for inner in value.values()))
+
+
+def gel_surface(gel: Gel, folder: Path) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
+    """Closed surface of the gel, and the vertices and tetrahedra of a tetrahedral file."""
+    return mesh_files.read_mesh(folder / gel.mesh.file, gel.mesh.unit)
+
+
+def core_surface(core: Core, folder: Path) -> trimesh.Trimesh:
+    """Closed surface of the rigid core: the largest body of its file."""
+    surface, _, _ = mesh_files.read_mesh(folder / core.mesh.file, core.mesh.unit)
+    return mesh_files.bodies(surface)[0]
+
+
+def refined(surface: trimesh.Trimesh, size: MeshSize | str) -> trimesh.Trimesh:
+    """The same surface in triangles no longer than the mesh's edges, so that its regions are not coarser than they."""
+    wanted = np.inf if isinstance(size, str) else size.edge_length_mm * MM
+    vertices, faces = surface.vertices, surface.faces
+    while np.ptp(vertices[faces], axis=1).max() > wanted and 4 * len(faces) <= FINEST_PIECES:
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def cavity_faces(surface: trimesh.Trimesh) -> np.ndarray:
+    """Which faces belong to closed shells that enclose a void: their signed volume is negative."""
+    inside = np.zeros(len(surface.faces), dtype=bool)
+    for faces in shells(surface):
+        inside[faces] = enclosed_volume(surface.vertices, surface.faces[faces]) < 0
+    return inside
+
+
+def select(selection: Selection, points: np.ndarray, folder: Path) -> np.ndarray:
+    """Which points (n, 3) in m a selection of a ``sensor.yaml`` holds: (n,) bool."""
+    mm = points / MM
+    if plane := selection.plane:
+        return np.abs(mm[:, "xyz".index(plane.axis)] - plane.at_mm) <= plane.within_mm
+    if box := selection.box:
+        bounds = [(i, b) for i, b in enumerate((box.x_mm, box.y_mm, box.z_mm)) if b is not None]
+        return np.all([(mm[:, i] >= low) & (mm[:, i] <= high) for i, (low, high) in bounds], axis=0)
+    if cylinder := selection.cylinder:
+        axis = "xyz".index(cylinder.axis)
+        across = np.delete(mm, axis, axis=1) - cylinder.center_mm
+        low, high = cylinder.along_mm
+        return (np.hypot(*across.T) <= cylinder.radius_mm) & (mm[:, axis] >= low) & (mm[:, axis] <= high)
+    body, _, _ = mesh_files.read_mesh(folder / selection.touching.file, selection.touching.unit)
+    return ClosestPoint(body.vertices, body.faces)(points)[1] <= selection.touching.within_mm * MM
+
+
+def place_electrodes(electrodes: Electrodes, core: trimesh.Trimesh) -> np.ndarray:
+    """Electrodes (k, 3) in m in the sensor's frame, moved to the nearest points of the core."""
+    x, z = (np.array(axis) / np.linalg.norm(axis) for axis in (electrodes.x_axis, electrodes.z_axis))
+    own = np.column_stack([electrodes.x_mm, electrodes.y_mm, electrodes.z_mm])
+    points = (np.array(electrodes.origin_mm) + own @ np.array([x, np.cross(z, x), z])) * MM
+    return ClosestPoint(core.vertices, core.faces)(points)[0]
+
+
+def place_camera(settings: CameraSettings) -> Camera:
+    """The camera and its lights in the sensor's frame; light angles count from the image's right, towards its top."""
+    forward, up = (np.array(v) / np.linalg.norm(v) for v in (settings.looks_along, settings.up))
+    right = np.cross(forward, up)
+    position = np.array(settings.position_mm) * MM
+    radius = settings.light_circle_mm / 2 * MM
+    angles = {colour: np.radians(angle) for colour, angle in settings.light_angles_deg.items()}
+    return Camera(
+        position=position,
+        looks_along=forward,
+        up=up,
+        vertical_field_of_view_deg=settings.vertical_field_of_view_deg,
+        width_px=settings.width_px,
+        height_px=settings.height_px,
+        lights={c: position + radius * (np.cos(a) * right + np.sin(a) * up) for c, a in angles.items()},
+    )

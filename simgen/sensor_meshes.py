@@ -1,0 +1,157 @@
+"""From a sensor's true surface to its gated simulation and output meshes: made, found again, or made anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from simgen import mesh_files, mesh_quality
+from simgen.curved import CORE, FREE, HELD, CurvedMesh, face_regions, make_quadratic
+from simgen.errors import InputError
+from simgen.sensor_schema import MeshSize
+from simgen.surface import shells
+from simgen.tetrahedra import OutputMesh, SimulationMesh, boundary_triangles, signed_volumes, tetrahedralize
+
+if TYPE_CHECKING:
+    from simgen.sensor import SensorGeometry
+
+MM = 1e-3
+ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
+OUTPUT_LIMIT = 2.0  # envelopes that a vertex may move to reach the true surface
+
+
+def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:
+    """The committed, cached or newly made simulation mesh ``default`` or ``coarse``."""
+    settings = getattr(geometry.description.meshes, name)
+    if settings is None:
+        raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes.{name}: not there, needed for mesh = {name!r}")
+    source = geometry.mesh_source(settings)
+    committed = mesh_files.load_mesh(geometry.folder / f"{name}.npz", SimulationMesh, source)
+    return committed or mesh_files.cached(source, SimulationMesh, lambda: make_simulation_mesh(geometry, settings)[0])
+
+
+def output_mesh(geometry: SensorGeometry) -> OutputMesh:
+    """The output mesh: the user's own tetrahedra, or the committed, cached or newly made one."""
+    settings = output_settings(geometry)
+    source = geometry.mesh_source(settings) + "-output"
+    if settings == "as_given":
+        return output_of(geometry, geometry.own_vertices, geometry.own_tetrahedra, source)
+    committed = mesh_files.load_mesh(geometry.folder / "output.npz", OutputMesh, source)
+    return committed or mesh_files.cached(source, OutputMesh, lambda: make_output_mesh(geometry, settings, source)[0])
+
+
+def output_settings(geometry: SensorGeometry) -> MeshSize | str:
+    meshes = geometry.description.meshes
+    return meshes.output or ("as_given" if geometry.own_tetrahedra is not None else meshes.default)
+
+
+def remake(geometry: SensorGeometry) -> list[str]:
+    """Make every mesh of the sensor again and write it into the sensor's folder; a line of text about each."""
+    lines = []
+    for name in ("default", "coarse"):
+        settings = getattr(geometry.description.meshes, name)
+        if settings is not None:
+            mesh, quality = make_simulation_mesh(geometry, settings)
+            lines.append(_replace(geometry.folder / f"{name}.npz", mesh, geometry.mesh_source(settings), quality))
+    settings = output_settings(geometry)
+    if settings != "as_given":
+        source = geometry.mesh_source(settings) + "-output"
+        mesh, quality = make_output_mesh(geometry, settings, source)
+        lines.append(_replace(geometry.folder / "output.npz", mesh, source, quality))
+    return lines
+
+
+def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality: mesh_quality.MeshQuality) -> str:
+    before = "new"
+    if path.is_file():
+        with np.load(path) as old:
+            count = len(old["nodes"] if "nodes" in old.files else old["vertices"])
+            why = "same source" if str(old["source"]) == source else "other source"
+            before = f"was {count} nodes, {why}"
+    mesh_files.save_mesh(path, mesh, source)
+    return f"{path.name}: {quality}; {before}; hash {mesh.hash[:12]}"
+
+
+def edge_lengths(geometry: SensorGeometry, size: MeshSize):
+    """Wanted edge length, m: a number, or a function of points that grows linearly towards the held regions."""
+    fine = size.edge_length_mm * MM
+    if size.held_edge_length_mm is None:
+        return fine
+    coarse, grading = size.held_edge_length_mm * MM, size.grading_mm * MM
+    held = geometry.true.part(HELD)
+
+    def wanted(points: np.ndarray) -> np.ndarray:
+        return coarse + (fine - coarse) * np.clip(held(points)[1] / grading, 0.0, 1.0)
+
+    return wanted
+
+
+def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedMesh, mesh_quality.MeshQuality]:
+    """A gated mesh of curved tetrahedra. Raises InputError with numbers where no attempt passes the gates."""
+    name = f"sensor {geometry.description.name}"
+    surface = geometry.true.surface
+    if size == "as_given" and geometry.own_tetrahedra is None:
+        raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes: as_given needs a file of tetrahedra")
+    for attempt in range(ATTEMPTS):
+        if size == "as_given":
+            vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, 1e-9
+        else:
+            limit = OUTPUT_LIMIT * size.envelope_mm * MM
+            vertices, tetrahedra = tetrahedralize(
+                surface, edge_lengths(geometry, size), size.envelope_mm * MM, cell=size.edge_length_mm * MM
+            )
+        mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit=max(limit, 0.5 * MM))
+        quality = mesh_quality.measure(mesh, geometry.true)
+        try:
+            mesh_quality.check(quality, len(shells(surface)), name)
+        except InputError:
+            if size == "as_given" or attempt == ATTEMPTS - 1:
+                raise
+        else:
+            return mesh, quality
+    raise AssertionError("unreachable")
+
+
+def make_simulation_mesh(geometry: SensorGeometry, size: MeshSize | str) -> tuple[SimulationMesh, mesh_quality.MeshQuality]:
+    """A gated simulation mesh and its numbers."""
+    curved, quality = make_curved(geometry, size)
+    held = np.zeros(len(curved.nodes), dtype=bool)
+    held[curved.faces[curved.region == HELD]] = True
+    arrays = {
+        "nodes": curved.nodes,
+        "n_corners": curved.n_corners,
+        "tetrahedra": curved.tetrahedra,
+        "held": held,
+        "touchable": curved.faces[curved.region == FREE],
+        "facing_core": curved.faces[curved.region == CORE],
+    }
+    return mesh_files.with_hash(SimulationMesh, geometry.mesh_source(size), arrays), quality
+
+
+def make_output_mesh(geometry: SensorGeometry, size: MeshSize, source: str) -> tuple[OutputMesh, mesh_quality.MeshQuality]:
+    """A gated output mesh and its numbers: the straight tetrahedra below a curved mesh."""
+    curved, quality = make_curved(geometry, size)
+    return output_of(geometry, curved.nodes[: curved.n_corners], curved.tetrahedra[:, :4], source), quality
+
+
+def output_of(geometry: SensorGeometry, vertices: np.ndarray, tetrahedra: np.ndarray, source: str) -> OutputMesh:
+    """The output mesh on given tetrahedra, with its regions."""
+    if (signed_volumes(vertices, tetrahedra) <= 0).any():
+        raise InputError(f"sensor {geometry.description.name}: inverted tetrahedra in the output mesh")
+    faces, _, _ = boundary_triangles(tetrahedra)
+    region, _ = face_regions(vertices, faces, geometry.true)
+    on_surface = np.unique(faces)
+    held = np.zeros(len(vertices), dtype=bool)
+    held[on_surface] = geometry.selected(vertices[on_surface])
+    touchable = np.zeros(len(vertices), dtype=bool)
+    touchable[faces[region == FREE]] = True
+    arrays = {
+        "vertices": vertices,
+        "tetrahedra": tetrahedra.astype(np.int32),
+        "surface_triangles": faces.astype(np.int32),
+        "held": held,
+        "touchable": touchable & ~held,
+    }
+    return mesh_files.with_hash(OutputMesh, source, arrays)

@@ -1,0 +1,212 @@
+"""The contents of a ``sensor.yaml``, strictly checked. Every key carries its unit."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from simgen.errors import InputError
+
+Unit = Literal["m", "mm"]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Vector = tuple[Number, Number, Number]
+Interval = tuple[Number, Number]
+
+
+class Section(BaseModel):
+    """A group of keys that accepts no others."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class OneOf(Section):
+    """Exactly one of the keys that are optional must stand."""
+
+    @model_validator(mode="after")
+    def _exactly_one(self):
+        choices = [name for name, field in type(self).model_fields.items() if not field.is_required()]
+        given = [name for name in choices if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"exactly one of {', '.join(choices)} is needed, found {', '.join(given) or 'none'}")
+        return self
+
+
+class Material(Section):
+    """A near-incompressible neo-Hookean solid with Coulomb friction on its surface."""
+
+    youngs_modulus_pa: Annotated[float, Field(ge=1e3, le=1e9)]
+    poisson_ratio: Annotated[float, Field(ge=0.0, le=0.4999)]
+    friction: Annotated[float, Field(ge=0.0, le=2.0)]
+    source: str = ""  # where the values come from
+
+
+class Plane(Section):
+    """Points within ``within_mm`` of a plane perpendicular to an axis."""
+
+    axis: Literal["x", "y", "z"]
+    at_mm: Number
+    within_mm: Positive = 0.01
+
+
+class Box(Section):
+    """Points inside a box; an axis that is left out is not bounded."""
+
+    x_mm: Interval | None = None
+    y_mm: Interval | None = None
+    z_mm: Interval | None = None
+
+
+class Cylinder(Section):
+    """Points inside a cylinder along an axis; the centre's two coordinates are the other two axes in order."""
+
+    axis: Literal["x", "y", "z"]
+    center_mm: Interval
+    radius_mm: Positive
+    along_mm: Interval
+
+
+class MeshFile(Section):
+    """A mesh file beside the sensor.yaml."""
+
+    file: str
+    unit: Unit
+
+
+class Touching(MeshFile):
+    """Points within a distance of the bodies in a mesh file."""
+
+    within_mm: Positive = 0.05
+
+
+class Selection(OneOf):
+    """A region of the gel's surface: where all corners of a triangle are selected."""
+
+    plane: Plane | None = None
+    box: Box | None = None
+    cylinder: Cylinder | None = None
+    touching: Touching | None = None
+
+
+class Gel(OneOf):
+    """The deformable body."""
+
+    mesh: MeshFile | None = None
+
+
+class Core(OneOf):
+    """The rigid body inside the gel: the largest closed body of its file."""
+
+    friction: Annotated[float, Field(ge=0.0, le=2.0)]
+    mesh: MeshFile | None = None
+
+
+class MeshSize(Section):
+    """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards the held regions."""
+
+    edge_length_mm: Positive
+    held_edge_length_mm: Positive | None = None
+    grading_mm: Positive = 4.0
+    envelope_mm: Positive = 0.03  # how far fTetWild's boundary may lie from the surface, before it is projected onto it
+
+
+class Meshes(Section):
+    """``default`` and ``coarse`` are solved on; ``output`` holds the stored vertices.
+
+    ``as_given`` takes the user's own tetrahedra. Without ``output``, a tetrahedral file is its own output mesh, and a
+    surface gets one of the default mesh's edge lengths.
+    """
+
+    default: MeshSize | Literal["as_given"]
+    coarse: MeshSize | Literal["as_given"] | None = None
+    output: MeshSize | Literal["as_given"] | None = None
+
+
+class CameraSettings(Section):
+    """A pinhole camera behind the gel, with lights on a circle around its axis."""
+
+    position_mm: Vector
+    looks_along: Vector
+    up: Vector
+    vertical_field_of_view_deg: Annotated[float, Field(gt=0.0, lt=180.0)]
+    width_px: Annotated[int, Field(gt=0)]
+    height_px: Annotated[int, Field(gt=0)]
+    light_circle_mm: Positive  # diameter
+    light_angles_deg: dict[Literal["red", "green", "blue"], Number]
+
+
+class Electrodes(Section):
+    """Electrode positions in a frame of their own; they are snapped to the core's surface."""
+
+    origin_mm: Vector  # of their frame, in the sensor's frame
+    x_axis: Vector  # of their frame, in the sensor's frame
+    z_axis: Vector
+    x_mm: list[Number]
+    y_mm: list[Number]
+    z_mm: list[Number]
+
+    @model_validator(mode="after")
+    def _same_length(self):
+        if not len(self.x_mm) == len(self.y_mm) == len(self.z_mm):
+            raise ValueError(f"x_mm, y_mm, z_mm have {len(self.x_mm)}, {len(self.y_mm)}, {len(self.z_mm)} entries")
+        return self
+
+
+class SensorDescription(Section):
+    """A whole ``sensor.yaml``."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$")]
+    gel: Gel
+    held: Annotated[dict[str, Selection], Field(min_length=1)]
+    core: Core | None = None
+    meshes: Meshes
+    materials: Annotated[dict[str, Material], Field(min_length=1)]
+    camera: CameraSettings | None = None
+    electrodes: Electrodes | None = None
+
+    @model_validator(mode="after")
+    def _electrodes_need_a_core(self):
+        if self.electrodes is not None and self.core is None:
+            raise ValueError("electrodes sit on the core: a core is needed")
+        return self
+
+
+def read_description(path: Path) -> SensorDescription:
+    """Parse a sensor.yaml. Raises InputError of one line: file, key path, value, what is allowed."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; a sensor is a folder with a sensor.yaml")
+    try:
+        content = yaml.safe_load(path.read_text())
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: found {type(content).__name__}, allowed: keys and values")
+    try:
+        return SensorDescription.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_one_line(error)}") from error
+
+
+def _one_line(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"]) or "sensor.yaml"
+    if first["type"] == "extra_forbidden":
+        return f"{key}: unknown key, allowed: {', '.join(_allowed(first['loc'][:-1]))}"
+    value = "" if isinstance(first["input"], dict) else f" = {first['input']!r:.60}"
+    return f"{key}{value}: {first['msg'].removeprefix('Value error, ')}"
+
+
+def _allowed(loc: tuple) -> list[str]:
+    """The keys that stand at a place of the description."""
+    model: Any = SensorDescription
+    for part in loc:
+        found = _sections(model.model_fields[part].annotation) if part in getattr(model, "model_fields", {}) else []
+        model = found[0] if found else model
+    return list(model.model_fields)
+
+
+def _sections(annotation: Any) -> list[type[Section]]:
+    if isinstance(annotation, type):
+        return [annotation] if issubclass(annotation, Section) else []
+    return [section for inner in getattr(annotation, "__args__", ()) for section in _sections(inner)]

@@ -1,0 +1,70 @@
+"""Queries on triangulated surfaces: exact closest points, and the smooth patches between sharp edges."""
+
+import numpy as np
+import trimesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+CREASE_DEG = 40.0  # a fillet meshed with three facets per quarter turn (30 deg) is still smooth, a chamfer (45) is not
+
+
+class ClosestPoint:
+    """Exact closest points on a set of triangles, by a tree over the centroids of their pieces.
+
+    Large triangles are split first, so that a centroid is near every point of its piece.
+    """
+
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray):
+        longest = np.ptp(vertices[faces].reshape(-1, 3), axis=0).max() / 25.0
+        pieces, piece_faces, self.owner = trimesh.remesh.subdivide_to_size(
+            vertices, faces, longest, max_iter=60, return_index=True
+        )
+        self.triangles = pieces[piece_faces]
+        centroids = self.triangles.mean(axis=1)
+        self.reach = np.linalg.norm(self.triangles - centroids[:, None], axis=2).max()
+        self.tree = cKDTree(centroids)
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (n, 3) -> closest points (n, 3), distances (n,), indices of the faces (n,)."""
+        points = np.asarray(points, dtype=float)
+        closest = np.empty_like(points)
+        distance = np.empty(len(points))
+        piece = np.empty(len(points), dtype=np.int64)
+        todo = np.arange(len(points))
+        k = min(8, len(self.triangles))
+        while len(todo):
+            away, near = self.tree.query(points[todo], k=range(1, k + 1))
+            on = trimesh.triangles.closest_point(
+                self.triangles[near.ravel()], np.repeat(points[todo], k, axis=0)
+            ).reshape(len(todo), k, 3)
+            gap = np.linalg.norm(on - points[todo, None], axis=2)
+            best = gap.argmin(axis=1)
+            row = np.arange(len(todo))
+            closest[todo], distance[todo], piece[todo] = on[row, best], gap[row, best], near[row, best]
+            # A triangle that was not looked at lies at least (distance of its centroid - reach) away.
+            sure = (gap[row, best] <= away[:, -1] - self.reach) | (k == len(self.triangles))
+            todo = todo[~sure]
+            k = min(4 * k, len(self.triangles))
+        return closest, distance, self.owner[piece]
+
+
+def smooth_patches(surface: trimesh.Trimesh, crease_deg: float = CREASE_DEG) -> np.ndarray:
+    """Label (f,) of the smooth patch that each face belongs to: patches meet at edges sharper than ``crease_deg``."""
+    smooth = surface.face_adjacency[surface.face_adjacency_angles < np.radians(crease_deg)]
+    n = len(surface.faces)
+    graph = coo_matrix((np.ones(len(smooth)), (smooth[:, 0], smooth[:, 1])), shape=(n, n))
+    return connected_components(graph, directed=False)[1]
+
+
+def shells(surface: trimesh.Trimesh) -> list[np.ndarray]:
+    """Face indices of each connected component of a surface."""
+    return trimesh.graph.connected_components(
+        surface.face_adjacency, nodes=np.arange(len(surface.faces)), min_len=1
+    )
+
+
+def enclosed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Signed volume within closed triangles; negative for the wall of a cavity, whose normals point inwards."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
