@@ -18,7 +18,7 @@ CONTACT_ERROR = 1e-2  # of the contact constraint
 FORCE_BALANCE = 1e-3  # of the contact force
 RIGID = 1e-9  # of a rotation matrix against orthogonality: float64 products of a few rotations
 # The output mesh is a polyhedron: a contact on the true surface lies off its facets by up to
-# edge^2 / (8 radius), 0.05 mm for edges of 1.6 mm on a radius of 6.5 mm; its normals are a few degrees off.
+# edge^2 / (8 radius), 0.05 mm for edges of 1.6 mm on a radius of 6.5 mm; its normals are some degrees off.
 PAIRING_DISTANCE_M = 5e-5
 PAIRING_ANGLE_DEG = 6.0
 NEAREST_TRIANGLES = 64  # by their centroids, among which the closest point is sought
@@ -87,7 +87,7 @@ def _layout(dataset: Dataset) -> Iterator[Finding]:
     )
     yield Finding("dataset", "array shapes", found, "all", not wrong)
     same = np.array_equal(dataset["depth"], dataset.job.depths_m)
-    yield Finding("dataset", "depths", f"{len(dataset['depth'])}", "those of the job", same)
+    yield Finding("dataset", "depths", f"{len(dataset['depth'])}", "the job's", same)
 
 
 def _splits(dataset: Dataset) -> Iterator[Finding]:
@@ -162,8 +162,8 @@ def _pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     point = np.einsum("nji,nj->ni", rotation, contact[:, :3, 3] - pose[:, :3, 3])
     direction = np.einsum("nji,nj->ni", rotation, normal)
     vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
-    distance, surface_normal = nearest_on_surface(vertices, triangles, point)
-    cosine = np.clip(np.einsum("ni,ni->n", direction, surface_normal), -1.0, 1.0)
+    distance, normals = nearest_on_surface(vertices, triangles, point)
+    cosine = np.clip(np.einsum("ni,nki->nk", direction, normals).max(axis=1), -1.0, 1.0)
     angle = float(np.degrees(np.arccos(cosine)).max())
     off = float(distance.max())
     yield Finding(
@@ -179,7 +179,10 @@ def _pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
 def nearest_on_surface(
     vertices: np.ndarray, triangles: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (n,) of points (n, 3) from a triangulated surface, and its smoothed normal (n, 3) there."""
+    """Distance (n,) of points (n, 3) from a triangulated surface, and normals (n, 2, 3) where it is nearest.
+
+    The first normal is smoothed, which suits a curved surface; the second, the facet's own, suits a crease.
+    """
     corners = vertices[triangles]
     count = min(NEAREST_TRIANGLES, len(triangles))
     _, near = cKDTree(corners.mean(axis=1)).query(points, k=count)
@@ -193,10 +196,12 @@ def nearest_on_surface(
     distance = np.linalg.norm(closest - points[:, None], axis=2)
     best = distance.argmin(axis=1)
     row = np.arange(len(points))
+    nearest = corners[near[row, best]]
     normals = _vertex_normals(vertices, triangles)[triangles[near[row, best]]]
-    weights = _barycentric(corners[near[row, best]], closest[row, best])
-    smoothed = np.einsum("nk,nki->ni", weights, normals)
-    return distance[row, best], smoothed / np.linalg.norm(smoothed, axis=1, keepdims=True)
+    smoothed = np.einsum("nk,nki->ni", _barycentric(nearest, closest[row, best]), normals)
+    facet = np.cross(nearest[:, 1] - nearest[:, 0], nearest[:, 2] - nearest[:, 0])
+    both = np.stack([smoothed, facet], axis=1)
+    return distance[row, best], both / np.linalg.norm(both, axis=2, keepdims=True)
 
 
 def _vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

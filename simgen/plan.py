@@ -10,6 +10,7 @@ from simgen import dataset, pairing, provenance
 from simgen.errors import InputError
 from simgen.fem.newton import Status
 from simgen.job import Job
+from simgen.quiet import start_warp
 from simgen.sensor import Material, Sensor, load_sensor
 
 
@@ -28,6 +29,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
 
     Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine.
     """
+    start_warp()
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
     settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count"}))

@@ -7,6 +7,7 @@ from simgen.fem.newton import SolverSettings
 from simgen.job import Job
 from simgen.plan import chosen_material, chosen_sensor
 from simgen.press import Scene
+from simgen.quiet import start_warp
 from simgen.sensor import Material
 
 # Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. None: not measured yet.
@@ -50,6 +51,7 @@ class Preview:
 
 def preview(job: Job, device: str = "cpu") -> Preview:
     """Load every sensor and make its scene, but sample and solve nothing."""
+    start_warp()
     sensors = [_preview_sensor(job, name) for name in job.sensors]
     rate = SECONDS_PER_DEPTH[device.partition(":")[0]]
     unknowns = sum(sensor.unknowns for sensor in sensors)

@@ -17,6 +17,7 @@ from simgen.indenter import load_indenter
 from simgen.job import Job
 from simgen.plan import Plan, chosen_material, chosen_sensor
 from simgen.press import PressResult, Scene, SolverSettings, press
+from simgen.quiet import start_warp
 
 Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
 """(indenter indices, poses in the sensor's frame (b, 4, 4) m, depths (d,) m) -> one result each."""
@@ -37,6 +38,7 @@ class ShardReport:
 
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     """Presses of one sensor by finite elements. Its scene is made once and serves all presses."""
+    start_warp()
     sensor = chosen_sensor(job, sensor_name)
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
     batch = 1 if device == "cpu" else job.dataset.presses_per_shard

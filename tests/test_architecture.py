@@ -13,7 +13,7 @@ PACKAGE = Path(simgen.__file__).parent
 
 # From left to right, as the data walk. A module may import from its own room and from rooms before it.
 HOUSE = {
-    "words": ["errors", "resources", "provenance"],
+    "words": ["errors", "resources", "provenance", "quiet"],
     "job": ["job"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "tetrahedra", "surface", "curved", "interpolation",
