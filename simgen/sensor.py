@@ -71,7 +71,8 @@ class SensorGeometry:
 
     description: SensorDescription
     folder: Path
-    true: LabelledSurface
+    plain: trimesh.Trimesh  # the surface as it came, for the mesher
+    true: LabelledSurface  # the same in triangles fine enough to follow its regions
     held_regions: dict[str, np.ndarray]
     own_vertices: np.ndarray | None  # of a user's tetrahedral file
     own_tetrahedra: np.ndarray | None
@@ -141,8 +142,8 @@ def load_geometry(model: str | Path) -> SensorGeometry:
     folder = sensor_folder(model)
     path = folder / "sensor.yaml"
     description = read_description(path)
-    surface, vertices, tetrahedra = gel_surface(description.gel, folder)
-    surface = refined(surface, description.meshes.default)
+    plain, vertices, tetrahedra = gel_surface(description.gel, folder)
+    surface = refined(plain, description.meshes.default)
     core = core_surface(description.core, folder) if description.core else None
     region = np.full(len(surface.faces), FREE, dtype=np.int8)
     if core is not None:
@@ -158,7 +159,7 @@ def load_geometry(model: str | Path) -> SensorGeometry:
         held_regions[name] = inside
         region[inside] = HELD
     return SensorGeometry(
-        description, folder, LabelledSurface(surface, region), held_regions, vertices, tetrahedra, core,
+        description, folder, plain, LabelledSurface(surface, region), held_regions, vertices, tetrahedra, core,
         geometry_source(description, folder),
     )  # fmt: skip
 

@@ -100,7 +100,7 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
         else:
             limit = OUTPUT_LIMIT * size.envelope_mm * MM
             vertices, tetrahedra = tetrahedralize(
-                surface, edge_lengths(geometry, size), size.envelope_mm * MM, cell=size.edge_length_mm * MM
+                geometry.plain, edge_lengths(geometry, size), size.envelope_mm * MM, cell=size.edge_length_mm * MM
             )
         mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit=max(limit, 0.5 * MM))
         quality = mesh_quality.measure(mesh, geometry.true)

@@ -20,14 +20,15 @@ class ClosestPoint:
         pieces, piece_faces, self.owner = trimesh.remesh.subdivide_to_size(
             vertices, faces, longest, max_iter=60, return_index=True
         )
-        self.triangles = pieces[piece_faces]
+        self.scale = 1.0 / longest  # trimesh compares products of lengths with absolute tolerances: keep them near 1
+        self.triangles = pieces[piece_faces] * self.scale
         centroids = self.triangles.mean(axis=1)
         self.reach = np.linalg.norm(self.triangles - centroids[:, None], axis=2).max()
         self.tree = cKDTree(centroids)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (n, 3) -> closest points (n, 3), distances (n,), indices of the faces (n,)."""
-        points = np.asarray(points, dtype=float)
+        points = np.asarray(points, dtype=float) * self.scale
         closest = np.empty_like(points)
         distance = np.empty(len(points))
         piece = np.empty(len(points), dtype=np.int64)
@@ -46,7 +47,7 @@ class ClosestPoint:
             sure = (gap[row, best] <= away[:, -1] - self.reach) | (k == len(self.triangles))
             todo = todo[~sure]
             k = min(4 * k, len(self.triangles))
-        return closest, distance, self.owner[piece]
+        return closest / self.scale, distance / self.scale, self.owner[piece]
 
 
 def smooth_patches(surface: trimesh.Trimesh, crease_deg: float = CREASE_DEG) -> np.ndarray:
