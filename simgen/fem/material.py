@@ -77,11 +77,9 @@ def tangent_volumetric(J: real, p: real, gamma: real) -> real:
 
 
 @wp.func
-def first_piola_increment(dF: mat33, cof: mat33, J: real, p: real, dp: real, mu: real, gamma: real) -> mat33:
+def first_piola_increment(dF: mat33, cof: mat33, mu: real, alpha: real, beta: real, dp: real) -> mat33:
     """dP = mu dF + alpha cof dF^T cof + (beta cof : dF + dp) cof.
 
     From d(F^-T) = -F^-T dF^T F^-T and d(cof F) = ((cof : dF) cof - cof dF^T cof) / J.
     """
-    alpha = tangent_transposed(J, p, mu, gamma)
-    beta = tangent_volumetric(J, p, gamma)
     return mu * dF + alpha * (cof * wp.transpose(dF) * cof) + (beta * wp.ddot(cof, dF) + dp) * cof

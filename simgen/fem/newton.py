@@ -140,7 +140,7 @@ class NewtonSolver:
 
     def _tangent(self, v, out):
         out.zero_()
-        self.elasticity.tangent(self.x, v, out)
+        self.elasticity.tangent(v, out)
         for contact in self.contacts:
             contact.tangent(v, out)
         wp.launch(hold_kernel, dim=out.shape, inputs=[self.held], outputs=[out], device=out.device)
@@ -150,12 +150,13 @@ class NewtonSolver:
         s = self.settings
         missing = np.array([factor is None for factor in self.preconditioner.factors])
         refactor = active & (missing | (fresh & (self._last_krylov > s.refactor_above)))
+        self.elasticity.linearize(self.x)
         for contact in self.contacts:
             contact.linearize(self.x, self.x_start)
         if refactor.any():
-            self.preconditioner.update(self.x, np.flatnonzero(refactor))
-        precondition = lambda v, out: self.preconditioner.apply(self.x, v, out)  # noqa: E731
-        used, relative = self.gmres.solve(self._tangent, precondition, r, self._step, s.linear_tolerance, active)
+            self.preconditioner.update(np.flatnonzero(refactor))
+        apply = self.preconditioner.apply
+        used, relative = self.gmres.solve(self._tangent, apply, r, self._step, s.linear_tolerance, active)
         self._last_krylov[active] = used
         stalled = active & (relative > s.linear_tolerance)
         return used, stalled

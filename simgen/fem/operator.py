@@ -23,6 +23,8 @@ from .material import (
 
 wp.set_module_options({"enable_backward": False})
 
+Nodal = wp.types.matrix(shape=(10, 3), dtype=wp.float64)  # one vector for each node of an element
+
 
 @wp.func
 def load_vec3(x: wp.array2d(dtype=wp.float64), node: wp.int32, env: wp.int32) -> vec3:
@@ -37,18 +39,47 @@ def add_vec3(x: wp.array2d(dtype=wp.float64), node: wp.int32, env: wp.int32, val
 
 
 @wp.func
-def displacement_gradient(
+def gather(x: wp.array2d(dtype=wp.float64), tetrahedra: wp.array2d(dtype=wp.int32), e: wp.int32, env: wp.int32) -> Nodal:
+    values = Nodal()
+    for a in range(tetrahedra.shape[1]):
+        node = tetrahedra[e, a]
+        for i in range(3):
+            values[a, i] = x[3 * node + i, env]
+    return values
+
+
+@wp.func
+def scatter(
     x: wp.array2d(dtype=wp.float64),
     tetrahedra: wp.array2d(dtype=wp.int32),
-    gradients: wp.array3d(dtype=vec3),
+    values: Nodal,
     e: wp.int32,
-    q: wp.int32,
     env: wp.int32,
-) -> mat33:
-    H = mat33()
+):
     for a in range(tetrahedra.shape[1]):
-        H += wp.outer(load_vec3(x, tetrahedra[e, a], env), gradients[e, q, a])
+        for i in range(3):
+            wp.atomic_add(x, 3 * tetrahedra[e, a] + i, env, values[a, i])
+
+
+@wp.func
+def displacement_gradient(values: Nodal, gradients: wp.array3d(dtype=vec3), e: wp.int32, q: wp.int32) -> mat33:
+    H = mat33()
+    for a in range(gradients.shape[2]):
+        g = gradients[e, q, a]
+        for i in range(3):
+            H[i, 0] += values[a, i] * g[0]
+            H[i, 1] += values[a, i] * g[1]
+            H[i, 2] += values[a, i] * g[2]
     return H
+
+
+@wp.func
+def add_divergence(P: mat33, gradients: wp.array3d(dtype=vec3), e: wp.int32, q: wp.int32, total: Nodal) -> Nodal:
+    for a in range(gradients.shape[2]):
+        g = gradients[e, q, a]
+        for i in range(3):
+            total[a, i] += P[i, 0] * g[0] + P[i, 1] * g[1] + P[i, 2] * g[2]
+    return total
 
 
 @wp.func
@@ -86,25 +117,27 @@ def residual_kernel(
     e, env = wp.tid()
     if active[env] == 0:
         return
+    u = gather(x, tetrahedra, e, env)
+    forces = Nodal()
+    least = real(1.0e30)
     for q in range(volumes.shape[1]):
-        F = wp.identity(n=3, dtype=wp.float64) + displacement_gradient(x, tetrahedra, gradients, e, q, env)
+        F = wp.identity(n=3, dtype=wp.float64) + displacement_gradient(u, gradients, e, q)
         p = pressure_at(x, tetrahedra, pressure_shapes, n_displacements, e, q, env)
         cof = cofactor(F)
         J = wp.determinant(F)
-        wp.atomic_min(min_det_out, env, J)
-        P = volumes[e, q] * first_piola(F, cof, J, p, mu, gamma)
-        for a in range(tetrahedra.shape[1]):
-            add_vec3(residual_out, tetrahedra[e, a], env, P * gradients[e, q, a])
+        least = wp.min(least, J)
+        forces = add_divergence(volumes[e, q] * first_piola(F, cof, J, p, mu, gamma), gradients, e, q, forces)
         constraint = volumes[e, q] * (J - real(1.0) - pressure_compliance * p)
         for b in range(pressure_shapes.shape[1]):
             row = n_displacements + tetrahedra[e, b]
             wp.atomic_add(residual_out, row, env, pressure_shapes[q, b] * constraint)
+    scatter(residual_out, tetrahedra, forces, e, env)
+    wp.atomic_min(min_det_out, env, least)
 
 
 @wp.kernel
-def tangent_kernel(
+def linearize_kernel(
     x: wp.array2d(dtype=wp.float64),
-    v: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     tetrahedra: wp.array2d(dtype=wp.int32),
     gradients: wp.array3d(dtype=vec3),
@@ -113,6 +146,36 @@ def tangent_kernel(
     n_displacements: wp.int32,
     mu: real,
     gamma: real,
+    # outputs
+    cofactor_out: wp.array3d(dtype=mat33),
+    coefficients_out: wp.array3d(dtype=wp.vec2d),
+):
+    e, env = wp.tid()
+    if active[env] == 0:
+        return
+    u = gather(x, tetrahedra, e, env)
+    for q in range(volumes.shape[1]):
+        F = wp.identity(n=3, dtype=wp.float64) + displacement_gradient(u, gradients, e, q)
+        p = pressure_at(x, tetrahedra, pressure_shapes, n_displacements, e, q, env)
+        J = wp.determinant(F)
+        alpha = tangent_transposed(J, p, mu, gamma)
+        beta = tangent_volumetric(J, p, gamma)
+        cofactor_out[e, q, env] = cofactor(F)
+        coefficients_out[e, q, env] = wp.vec2d(alpha, beta)
+
+
+@wp.kernel
+def tangent_kernel(
+    v: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    cofactors: wp.array3d(dtype=mat33),
+    coefficients: wp.array3d(dtype=wp.vec2d),
+    tetrahedra: wp.array2d(dtype=wp.int32),
+    gradients: wp.array3d(dtype=vec3),
+    volumes: wp.array2d(dtype=wp.float64),
+    pressure_shapes: wp.array2d(dtype=wp.float64),
+    n_displacements: wp.int32,
+    mu: real,
     pressure_compliance: real,
     # outputs
     action_out: wp.array2d(dtype=wp.float64),
@@ -120,33 +183,55 @@ def tangent_kernel(
     e, env = wp.tid()
     if active[env] == 0:
         return
+    du = gather(v, tetrahedra, e, env)
+    forces = Nodal()
     for q in range(volumes.shape[1]):
-        F = wp.identity(n=3, dtype=wp.float64) + displacement_gradient(x, tetrahedra, gradients, e, q, env)
-        dF = displacement_gradient(v, tetrahedra, gradients, e, q, env)
-        p = pressure_at(x, tetrahedra, pressure_shapes, n_displacements, e, q, env)
+        dF = displacement_gradient(du, gradients, e, q)
         dp = pressure_at(v, tetrahedra, pressure_shapes, n_displacements, e, q, env)
-        cof = cofactor(F)
-        J = wp.determinant(F)
-        dP = volumes[e, q] * first_piola_increment(dF, cof, J, p, dp, mu, gamma)
-        for a in range(tetrahedra.shape[1]):
-            add_vec3(action_out, tetrahedra[e, a], env, dP * gradients[e, q, a])
+        cof = cofactors[e, q, env]
+        c = coefficients[e, q, env]
+        dP = volumes[e, q] * first_piola_increment(dF, cof, mu, c[0], c[1], dp)
+        forces = add_divergence(dP, gradients, e, q, forces)
         constraint = volumes[e, q] * (wp.ddot(cof, dF) - pressure_compliance * dp)
         for b in range(pressure_shapes.shape[1]):
             row = n_displacements + tetrahedra[e, b]
             wp.atomic_add(action_out, row, env, pressure_shapes[q, b] * constraint)
+    scatter(action_out, tetrahedra, forces, e, env)
 
 
 @wp.kernel
-def blocks_kernel(
-    x: wp.array2d(dtype=wp.float64),
+def pressure_action_kernel(
+    v: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
+    cofactors: wp.array3d(dtype=mat33),
     tetrahedra: wp.array2d(dtype=wp.int32),
     gradients: wp.array3d(dtype=vec3),
     volumes: wp.array2d(dtype=wp.float64),
     pressure_shapes: wp.array2d(dtype=wp.float64),
     n_displacements: wp.int32,
+    # outputs
+    action_out: wp.array2d(dtype=wp.float64),
+):
+    """The forces of a pressure increment alone: the gradient block B^T of the mixed tangent."""
+    e, env = wp.tid()
+    if active[env] == 0:
+        return
+    forces = Nodal()
+    for q in range(volumes.shape[1]):
+        dp = pressure_at(v, tetrahedra, pressure_shapes, n_displacements, e, q, env)
+        forces = add_divergence((volumes[e, q] * dp) * cofactors[e, q, env], gradients, e, q, forces)
+    scatter(action_out, tetrahedra, forces, e, env)
+
+
+@wp.kernel
+def blocks_kernel(
+    active: wp.array(dtype=wp.int32),
+    cofactors: wp.array3d(dtype=mat33),
+    coefficients: wp.array3d(dtype=wp.vec2d),
+    tetrahedra: wp.array2d(dtype=wp.int32),
+    gradients: wp.array3d(dtype=vec3),
+    volumes: wp.array2d(dtype=wp.float64),
     mu: real,
-    gamma: real,
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
     blocks_out: wp.array2d(dtype=mat33),
@@ -156,12 +241,9 @@ def blocks_kernel(
     if active[env] == 0:
         return
     for q in range(volumes.shape[1]):
-        F = wp.identity(n=3, dtype=wp.float64) + displacement_gradient(x, tetrahedra, gradients, e, q, env)
-        p = pressure_at(x, tetrahedra, pressure_shapes, n_displacements, e, q, env)
-        cof = cofactor(F)
-        J = wp.determinant(F)
-        alpha = volumes[e, q] * tangent_transposed(J, p, mu, gamma)
-        beta = volumes[e, q] * tangent_volumetric(J, p, gamma)
+        cof = cofactors[e, q, env]
+        alpha = volumes[e, q] * coefficients[e, q, env][0]
+        beta = volumes[e, q] * coefficients[e, q, env][1]
         for a in range(tetrahedra.shape[1]):
             ga = gradients[e, q, a]
             ha = cof * ga
@@ -191,6 +273,9 @@ class Elasticity:
             shares = geometry.volumes @ geometry.pressure_shapes[:, b]
             np.add.at(self.pressure_mass, tetrahedra[:, b], shares)
         self.volume = float(geometry.volumes.sum())
+        points = (*geometry.volumes.shape, active.shape[0])
+        self._cofactors = wp.zeros(points, dtype=mat33, device=device)
+        self._coefficients = wp.zeros(points, dtype=wp.vec2d, device=device)
 
     def _mesh(self):
         return [self.tetrahedra, self.gradients, self.volumes, self.pressure_shapes, self.n_displacements]
@@ -205,12 +290,24 @@ class Elasticity:
         inputs = [x, self.active, *self._mesh(), m.mu, m.gamma, m.pressure_compliance]
         self._launch(residual_kernel, inputs, [residual_out, min_det_out])
 
-    def tangent(self, x, v, action_out):
+    def linearize(self, x):
+        """Keep what the derivative at state x needs, for the calls below."""
         m = self.material
-        inputs = [x, v, self.active, *self._mesh(), m.mu, m.gamma, m.pressure_compliance]
+        inputs = [x, self.active, *self._mesh(), m.mu, m.gamma]
+        self._launch(linearize_kernel, inputs, [self._cofactors, self._coefficients])
+
+    def tangent(self, v, action_out):
+        """Add the action of the derivative on v."""
+        m = self.material
+        inputs = [v, self.active, self._cofactors, self._coefficients, *self._mesh(), m.mu, m.pressure_compliance]
         self._launch(tangent_kernel, inputs, [action_out])
 
-    def blocks(self, x, block_index, blocks_out):
-        m = self.material
-        inputs = [x, self.active, *self._mesh(), m.mu, m.gamma, block_index]
+    def pressure_action(self, v, action_out):
+        """Add the forces of the pressures in v."""
+        self._launch(pressure_action_kernel, [v, self.active, self._cofactors, *self._mesh()], [action_out])
+
+    def blocks(self, block_index, blocks_out):
+        """Add the displacement part of the derivative, as 3 x 3 blocks."""
+        mesh = [self.tetrahedra, self.gradients, self.volumes]
+        inputs = [self.active, self._cofactors, self._coefficients, *mesh, self.material.mu, block_index]
         self._launch(blocks_kernel, inputs, [blocks_out])

@@ -73,17 +73,17 @@ class BlockTriangular:
         self._blocks = wp.zeros((pattern.n_blocks, n_env), dtype=mat33, device=elasticity.device)
         self._z = wp.zeros((elasticity.n_displacements + elasticity.n_pressures, n_env), dtype=wp.float64,
                            device=elasticity.device)  # fmt: skip
-        self._zero_pressure_action = wp.zeros_like(self._z)
+        self._pressure_forces = wp.zeros_like(self._z)
         self.forget()
 
     def forget(self):
         """Drop the factors of the last presses: a press must not depend on those before it."""
         self.factors = [None] * self._blocks.shape[1]
 
-    def update(self, x, environments: np.ndarray):
-        """Factor the displacement blocks at state x (contacts linearised there) of the given environments."""
+    def update(self, environments: np.ndarray):
+        """Factor the displacement blocks of the last linearisation for the given environments."""
         self._blocks.zero_()
-        self.elasticity.blocks(x, self.pattern.tet_index, self._blocks)
+        self.elasticity.blocks(self.pattern.tet_index, self._blocks)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
             contact.blocks(index, self._blocks)
         values = self._blocks.numpy()
@@ -93,8 +93,8 @@ class BlockTriangular:
         for env in environments:
             self.factors[env] = self.pattern.factor(values[:, env])
 
-    def apply(self, x, r, z_out):
-        """z = M^-1 r; x is the state of the last linearisation."""
+    def apply(self, r, z_out):
+        """z = M^-1 r."""
         n_u = self.elasticity.n_displacements
         residual = r.numpy()
         z = np.zeros(residual.shape)
@@ -102,9 +102,9 @@ class BlockTriangular:
         if self.elasticity.n_pressures:
             z[n_u:] = -residual[n_u:] / self.schur
             self._z.assign(z)
-            self._zero_pressure_action.zero_()
-            self.elasticity.tangent(x, self._z, self._zero_pressure_action)
-            load = load - self._zero_pressure_action.numpy()[:n_u]
+            self._pressure_forces.zero_()
+            self.elasticity.pressure_action(self._z, self._pressure_forces)
+            load = load - self._pressure_forces.numpy()[:n_u]
         for env, factor in enumerate(self.factors):
             if factor is not None:
                 free = self.pattern.free

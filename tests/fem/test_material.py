@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simgen.fem.material import NeoHookean, cofactor, first_piola, first_piola_increment, mat33
+from simgen.fem.material import (
+    NeoHookean,
+    cofactor,
+    first_piola,
+    first_piola_increment,
+    mat33,
+    tangent_transposed,
+    tangent_volumetric,
+)
 
 MU, GAMMA, P = 0.7, 1.3, 0.4
 
@@ -24,7 +32,9 @@ def evaluate(
     J = wp.determinant(F[i])
     cof = cofactor(F[i])
     P_out[i] = first_piola(F[i], cof, J, p, mu, gamma)
-    dP_out[i] = first_piola_increment(dF[i], cof, J, p, dp, mu, gamma)
+    alpha = tangent_transposed(J, p, mu, gamma)
+    beta = tangent_volumetric(J, p, gamma)
+    dP_out[i] = first_piola_increment(dF[i], cof, mu, alpha, beta, dp)
 
 
 def stress(F, dF=None, p=P, dp=0.0, mu=MU, gamma=GAMMA):

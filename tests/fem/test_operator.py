@@ -30,7 +30,9 @@ def residual(term, x):
 
 def action(term, x, v):
     out = wp.zeros((len(x), 1), dtype=wp.float64, device="cpu")
-    term.tangent(*(wp.array(a.reshape(-1, 1), dtype=wp.float64, device="cpu") for a in (x, v)), out)
+    x, v = (wp.array(a.reshape(-1, 1), dtype=wp.float64, device="cpu") for a in (x, v))
+    term.linearize(x)
+    term.tangent(v, out)
     return out.numpy()[:, 0]
 
 
@@ -80,7 +82,8 @@ def test_blocks_are_the_displacement_part_of_the_tangent(element):
     rng = np.random.default_rng(2)
     x = 0.03 * rng.normal(size=term.n_displacements + term.n_pressures)
     blocks = wp.zeros((pattern.n_blocks, 1), dtype=mat33, device="cpu")
-    term.blocks(wp.array(x.reshape(-1, 1), dtype=wp.float64, device="cpu"), pattern.tet_index, blocks)
+    term.linearize(wp.array(x.reshape(-1, 1), dtype=wp.float64, device="cpu"))
+    term.blocks(pattern.tet_index, blocks)
     pairs = np.unique(term.host_tetrahedra[:, :, None].astype(np.int64) * len(nodes) + term.host_tetrahedra[:, None, :])
     rows, columns = np.divmod(pairs, len(nodes))
     matrix = sparse.bsr_matrix((blocks.numpy()[:, 0], columns, np.searchsorted(rows, np.arange(len(nodes) + 1))))
@@ -101,3 +104,15 @@ def test_environments_are_independent():
         np.testing.assert_array_equal(together[:, env], residual(single, x[:, env])[0][:, 0])
     term.active.assign(np.array([1, 0, 1], dtype=np.int32))
     assert np.abs(residual(term, x)[0][:, 1]).max() == 0.0
+
+
+def test_pressure_action_is_the_pressure_part_of_the_tangent():
+    _, term = body(P2P1)
+    n = term.n_displacements + term.n_pressures
+    rng = np.random.default_rng(4)
+    x, v = 0.03 * rng.normal(size=n), np.zeros(n)
+    v[term.n_displacements :] = rng.normal(size=term.n_pressures)
+    whole = action(term, x, v)
+    part = wp.zeros((n, 1), dtype=wp.float64, device="cpu")
+    term.pressure_action(wp.array(v.reshape(-1, 1), dtype=wp.float64, device="cpu"), part)
+    np.testing.assert_allclose(part.numpy()[: term.n_displacements, 0], whole[: term.n_displacements], atol=1e-13)
