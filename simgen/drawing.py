@@ -6,12 +6,14 @@ Faces are projected in parallel, those that look away are dropped, the rest draw
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import to_rgb
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
 
 FROM_PAD = np.array([-0.45, -1.0, 0.55])  # shared frame: the pad side is -y, the tip -x
 LIGHT = np.array([-0.3, -0.8, 0.9])
 AMBIENT = 0.45
-PLAIN = "0.8"
+PLAIN = "#d9d4c7"
+# From the gel's own pale colour to dark: what does not move looks like gel, and the shading stays visible.
+COLOURS = LinearSegmentedColormap.from_list("displacement", [PLAIN, "#f2b34c", "#d1422f", "#5c0f3c"])
 
 
 def camera(towards_viewer: np.ndarray) -> np.ndarray:
@@ -42,7 +44,7 @@ def draw_surface(
     order = order[normal[order, 2] > 0]
     light = view @ LIGHT / np.linalg.norm(LIGHT)
     shade = AMBIENT + (1 - AMBIENT) * np.clip(normal[order] @ light, 0.0, 1.0)
-    faces = PolyCollection(corners[order, :, :2], cmap="viridis")
+    faces = PolyCollection(corners[order, :, :2], cmap=COLOURS)
     faces.set_clim(0.0, largest)
     if values is None:
         rgba = np.tile(faces.to_rgba(0.0), (len(order), 1))
