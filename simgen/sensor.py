@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from simgen import mesh_files, sensor_meshes
+from simgen import geometry, mesh_files, sensor_meshes
 from simgen.curved import CORE, FREE, HELD, LabelledSurface
 from simgen.errors import InputError
 from simgen.resources import resource
@@ -112,23 +112,23 @@ def load_sensor(model: str | Path, mesh: str = "default") -> Sensor:
     Meshes come from the sensor's own folder (the bundled ones), else from the user's cache, else they are made, gated
     and cached. Raises InputError on a bad ``sensor.yaml``, mesh file or mesh.
     """
-    geometry = load_geometry(model)
-    description = geometry.description
+    shape = load_geometry(model)
+    description = shape.description
     if mesh not in ("default", "coarse"):
         raise InputError(f"sensor {description.name}: mesh = {mesh!r}, allowed: default, coarse")
     core_friction = description.core.friction if description.core else 0.0
     return Sensor(
         name=description.name,
-        surface=geometry.true.surface,
-        surface_region=geometry.true.region,
-        simulation_mesh=sensor_meshes.simulation_mesh(geometry, mesh),
-        output_mesh=sensor_meshes.output_mesh(geometry),
+        surface=shape.true.surface,
+        surface_region=shape.true.region,
+        simulation_mesh=sensor_meshes.simulation_mesh(shape, mesh),
+        output_mesh=sensor_meshes.output_mesh(shape),
         materials=description.materials,
-        core=geometry.core,
+        core=shape.core,
         core_friction=core_friction,
-        electrodes=place_electrodes(description.electrodes, geometry.core) if description.electrodes else None,
+        electrodes=place_electrodes(description.electrodes, shape.core) if description.electrodes else None,
         camera=place_camera(description.camera) if description.camera else None,
-        held_regions=geometry.held_regions,
+        held_regions=shape.held_regions,
     )
 
 
@@ -144,7 +144,7 @@ def load_geometry(model: str | Path) -> SensorGeometry:
     description = read_description(path)
     plain, vertices, tetrahedra = gel_surface(description.gel, folder)
     surface = refined(plain, description.meshes.default)
-    core = core_surface(description.core, folder) if description.core else None
+    core = core_surface(description.core, description.gel, folder) if description.core else None
     region = np.full(len(surface.faces), FREE, dtype=np.int8)
     if core is not None:
         cavity = cavity_faces(surface)
@@ -182,11 +182,17 @@ def _files(value) -> set[str]:
 
 def gel_surface(gel: Gel, folder: Path) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
     """Closed surface of the gel, and the vertices and tetrahedra of a tetrahedral file."""
+    if gel.polar_shell is not None:
+        return geometry.shell_surface(gel.polar_shell), None, None
+    if gel.dome is not None:
+        return geometry.dome_surface(gel.dome), None, None
     return mesh_files.read_mesh(folder / gel.mesh.file, gel.mesh.unit)
 
 
-def core_surface(core: Core, folder: Path) -> trimesh.Trimesh:
-    """Closed surface of the rigid core: the largest body of its file."""
+def core_surface(core: Core, gel: Gel, folder: Path) -> trimesh.Trimesh:
+    """Closed surface of the rigid core."""
+    if (own := core.polar_core) is not None:
+        return geometry.core_body(own.table, own.axis_y_mm, own.spacing_mm, gel.polar_shell, own.clearance_mm)
     surface, _, _ = mesh_files.read_mesh(folder / core.mesh.file, core.mesh.unit)
     return mesh_files.bodies(surface)[0]
 
@@ -238,7 +244,7 @@ def place_camera(settings: CameraSettings) -> Camera:
     forward, up = (np.array(v) / np.linalg.norm(v) for v in (settings.looks_along, settings.up))
     right = np.cross(forward, up)
     position = np.array(settings.position_mm) * MM
-    radius = settings.light_circle_mm / 2 * MM
+    radius = settings.light_circle_radius_mm * MM
     angles = {colour: np.radians(angle) for colour, angle in settings.light_angles_deg.items()}
     return Camera(
         position=position,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 MM = 1e-3
 ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
-OUTPUT_LIMIT = 2.0  # envelopes that a vertex may move to reach the true surface
+LIMIT = 5.0  # envelopes that a node may move along its patches; a mid-edge node also bridges the bulge of the surface
 
 
 def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:
@@ -98,11 +98,11 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
         if size == "as_given":
             vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, 1e-9
         else:
-            limit = OUTPUT_LIMIT * size.envelope_mm * MM
+            limit = LIMIT * size.envelope * MM
             vertices, tetrahedra = tetrahedralize(
-                geometry.plain, edge_lengths(geometry, size), size.envelope_mm * MM, cell=size.edge_length_mm * MM
+                geometry.plain, edge_lengths(geometry, size), size.envelope * MM, cell=size.edge_length_mm * MM
             )
-        mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit=max(limit, 0.5 * MM))
+        mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit=limit)
         quality = mesh_quality.measure(mesh, geometry.true)
         try:
             mesh_quality.check(quality, len(shells(surface)), name)

@@ -89,17 +89,85 @@ class Selection(OneOf):
     touching: Touching | None = None
 
 
+class PolarTable(Section):
+    """Radius of a body about a line along x. It closes in a tip at ``tip_mm`` and in a flat end at its last row."""
+
+    tip_mm: Number  # x of the tip, where the radius is 0
+    angles_deg: Annotated[list[Number], Field(min_length=3)]  # 0 (towards -y) to 180 (towards +y)
+    rows_mm: Annotated[list[list[Number]], Field(min_length=3)]  # x, then the radius at each angle
+
+    @model_validator(mode="after")
+    def _rectangular_and_rising(self):
+        if self.angles_deg[0] != 0 or self.angles_deg[-1] != 180 or not _rising(self.angles_deg):
+            raise ValueError("angles_deg must rise from 0 to 180")
+        if any(len(row) != 1 + len(self.angles_deg) for row in self.rows_mm):
+            raise ValueError(f"each row of rows_mm must have x and {len(self.angles_deg)} radii")
+        if not _rising([self.tip_mm, *(row[0] for row in self.rows_mm)]):
+            raise ValueError("x must rise from tip_mm through the rows of rows_mm")
+        if min(min(row[1:]) for row in self.rows_mm) <= 0:
+            raise ValueError("radii must be greater than 0")
+        return self
+
+
+class PolarShell(Section):
+    """A closed skin between an outer and an inner surface about one line along x at y = ``axis_y_mm``, z = 0."""
+
+    axis_y_mm: Number
+    spacing_mm: Positive  # edge length of the triangulation
+    outer: PolarTable
+    inner: PolarTable
+
+
+class PolarCore(Section):
+    """A rigid body inside a `PolarShell`, at least ``clearance_mm`` away from its inner surface."""
+
+    axis_y_mm: Number
+    spacing_mm: Positive
+    clearance_mm: Positive
+    table: PolarTable
+
+
+class Dome(Section):
+    """A height field over a D-shaped outline: half circle at the tip, straight sides, rounded corners at the rear end."""
+
+    back_y_mm: Number  # the flat back; the dome rises towards -y
+    half_width_mm: Positive
+    arch_center_x_mm: Number
+    end_x_mm: Number
+    corner_radius_mm: Positive
+    rim_radius_mm: Positive  # fillet between wall and dome
+    spacing_mm: Positive  # edge length of the triangulation
+    x_mm: Annotated[list[Number], Field(min_length=4)]  # of the rows of thickness_mm
+    z_mm: Annotated[list[Number], Field(min_length=4)]  # of its columns; even in z
+    thickness_mm: list[list[Positive]]  # of the dome above the back, carried on smoothly to the rim, without its fillet
+
+    @model_validator(mode="after")
+    def _rectangular_and_rising(self):
+        if not (_rising(self.x_mm) and _rising(self.z_mm)):
+            raise ValueError("x_mm and z_mm must rise")
+        if len(self.thickness_mm) != len(self.x_mm) or {len(row) for row in self.thickness_mm} != {len(self.z_mm)}:
+            raise ValueError(f"thickness_mm must have {len(self.x_mm)} rows of {len(self.z_mm)} values")
+        return self
+
+
+def _rising(values: list[float]) -> bool:
+    return all(a < b for a, b in zip(values, values[1:], strict=False))
+
+
 class Gel(OneOf):
-    """The deformable body."""
+    """The deformable body: a mesh file, or one of the parametric shapes of `simgen.geometry`."""
 
     mesh: MeshFile | None = None
+    polar_shell: PolarShell | None = None
+    dome: Dome | None = None
 
 
 class Core(OneOf):
-    """The rigid body inside the gel: the largest closed body of its file."""
+    """The rigid body inside the gel: the largest closed body of a file, or a parametric one inside a polar shell."""
 
     friction: Annotated[float, Field(ge=0.0, le=2.0)]
     mesh: MeshFile | None = None
+    polar_core: PolarCore | None = None
 
 
 class MeshSize(Section):
@@ -108,7 +176,12 @@ class MeshSize(Section):
     edge_length_mm: Positive
     held_edge_length_mm: Positive | None = None
     grading_mm: Positive = 4.0
-    envelope_mm: Positive = 0.03  # how far fTetWild's boundary may lie from the surface, before it is projected onto it
+    envelope_mm: Positive | None = None  # how far fTetWild may stray from the surface, onto which nodes are then projected
+
+    @property
+    def envelope(self) -> float:
+        """In mm; by default a tenth of the edge length."""
+        return self.envelope_mm or 0.1 * self.edge_length_mm
 
 
 class Meshes(Section):
@@ -132,7 +205,7 @@ class CameraSettings(Section):
     vertical_field_of_view_deg: Annotated[float, Field(gt=0.0, lt=180.0)]
     width_px: Annotated[int, Field(gt=0)]
     height_px: Annotated[int, Field(gt=0)]
-    light_circle_mm: Positive  # diameter
+    light_circle_radius_mm: Positive
     light_angles_deg: dict[Literal["red", "green", "blue"], Number]
 
 
@@ -169,6 +242,8 @@ class SensorDescription(Section):
     def _electrodes_need_a_core(self):
         if self.electrodes is not None and self.core is None:
             raise ValueError("electrodes sit on the core: a core is needed")
+        if self.core is not None and self.core.polar_core is not None and self.gel.polar_shell is None:
+            raise ValueError("core.polar_core needs gel.polar_shell")
         return self
 
 
