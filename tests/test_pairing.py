@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 from simgen.sensor import load_sensor
 
 from simgen.errors import InputError
@@ -64,6 +65,14 @@ def test_partners_lie_on_the_surface(biotac, contacts):
     assert (
         np.abs(mesh_distance(biotac.surface, points * 1e3)).max() < 1e-5
     )  # mm, the distance's single precision
+
+
+def test_partners_lie_on_touchable_skin(biotac, contacts):
+    """Not under the nail plate or the rear plate: the nearest surface vertex may be touched."""
+    on_surface = np.unique(biotac.output_mesh.surface_triangles)
+    nearest = cKDTree(biotac.output_mesh.vertices[on_surface]).query(partners(biotac, contacts)[0])[1]
+    assert not biotac.output_mesh.touchable[on_surface].all()
+    assert biotac.output_mesh.touchable[on_surface[nearest]].all()
 
 
 def test_poses_are_proper_roll_and_pitch(digit, biotac, contacts):
