@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
-from simgen.sensor import load_sensor
 
 from simgen.errors import InputError
 from simgen.pairing import Contacts, ContactSettings, indenter_poses, partners, sample_contacts, unfold
+from simgen.sensor import load_sensor
 from simgen.shape import mesh_distance
 from simgen.skin import Skin
 
