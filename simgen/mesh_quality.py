@@ -42,9 +42,9 @@ class MeshQuality:
 
     def __str__(self) -> str:
         return (
-            f"{self.nodes} nodes, {self.tetrahedra} tetrahedra, mean ratio >= {self.least_mean_ratio:.3f}, "
+            f"{self.tetrahedra} tetrahedra, mean ratio >= {self.least_mean_ratio:.3f}, "
             f"det >= {self.least_determinant:.3f}, volume {self.volume * 1e9:.1f} mm3 ({self.volume_error:+.2%}), "
-            f"{self.held_nodes} held nodes, held area {self.held_area_error:+.1%}"
+            f"held area {self.held_area_error:+.1%}"
         )
 
 

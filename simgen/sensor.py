@@ -81,7 +81,7 @@ class SensorGeometry:
 
     def mesh_source(self, settings: MeshSize | str) -> str:
         """Hash of surface and settings: what a mesh is made from."""
-        text = settings if isinstance(settings, str) else settings.model_dump_json()
+        text = settings if isinstance(settings, str) else settings.model_dump_json(exclude_none=True)
         return hashlib.sha256(f"{MESHING_VERSION} {self.source} {text}".encode()).hexdigest()
 
     def selected(self, points: np.ndarray) -> np.ndarray:
@@ -166,7 +166,7 @@ def load_geometry(model: str | Path) -> SensorGeometry:
 
 def geometry_source(description: SensorDescription, folder: Path) -> str:
     """Hash of the keys that decide shape and regions, and of the files that they name."""
-    shape = description.model_dump(include={"gel", "held", "core"}, exclude={"core": {"friction"}}, mode="json")
+    shape = description.model_dump(include={"gel", "held", "core"}, exclude={"core": {"friction"}}, exclude_none=True)
     digest = hashlib.sha256(json.dumps(shape, sort_keys=True).encode())
     for file in sorted(_files(shape)):
         digest.update((folder / file).read_bytes())

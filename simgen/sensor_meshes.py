@@ -64,14 +64,15 @@ def remake(geometry: SensorGeometry) -> list[str]:
 
 
 def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality: mesh_quality.MeshQuality) -> str:
+    """Write a mesh over the one before; a line that says what it is and what has changed."""
+    points = "vertices" if isinstance(mesh, OutputMesh) else "nodes"
     before = "new"
     if path.is_file():
         with np.load(path) as old:
-            count = len(old["nodes"] if "nodes" in old.files else old["vertices"])
-            why = "same source" if str(old["source"]) == source else "other source"
-            before = f"was {count} nodes, {why}"
+            inputs = "same" if str(old["source"]) == source else "other"
+            before = f"was {len(old[points])} {points} from {inputs} geometry and settings"
     mesh_files.save_mesh(path, mesh, source)
-    return f"{path.name}: {quality}; {before}; hash {mesh.hash[:12]}"
+    return f"{path.name}: {len(getattr(mesh, points))} {points}, {quality}; {before}; hash {mesh.hash[:12]}"
 
 
 def edge_lengths(geometry: SensorGeometry, size: MeshSize):
