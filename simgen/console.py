@@ -1,5 +1,6 @@
 """What the commands print: the dry run, the progress of a run, the audit."""
 
+import signal
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -60,6 +61,7 @@ def run_with_progress(job: Job, output: Path, workers: int | None, scheduler: st
 
     with console.status("sampling contacts, posing them on every sensor"):
         plan = make_plan(job, device)
+    signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code takes it away
     watch = _Watch(job)
     try:
         with watch.progress:

@@ -17,6 +17,9 @@ from simgen.shard import Presser, ShardReport, fem_presser, run_shard, warm_up
 
 TASKS_PER_WORKER = 2  # submitted and not finished: one runs, one waits
 
+# A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
+IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+
 
 def run(
     plan: Plan,
@@ -71,12 +74,14 @@ def _executor(workers: int | None, scheduler: str | None, device: str, tasks: in
             yield lambda arguments: _submit(client, arguments)
         return
     cores = workers or (_cores() if device == "cpu" else 1)
-    with (
-        LocalCluster(
-            n_workers=min(cores, tasks), threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
-        ) as cluster,
-        Client(cluster) as client,
-    ):
+    options = {
+        "n_workers": min(cores, tasks),
+        "threads_per_worker": 1,
+        "dashboard_address": None,
+        "silence_logs": "CRITICAL",
+        "preload": [IGNORE_INTERRUPTS],
+    }
+    with LocalCluster(**options) as cluster, Client(cluster) as client:
         yield lambda arguments: _submit(client, arguments)
 
 
