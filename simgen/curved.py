@@ -1,8 +1,9 @@
 """Curved quadratic tetrahedra: corner and mid-edge nodes of the boundary are moved onto the true surface.
 
-Each boundary face belongs to the smooth patch of the true surface that is nearest to its centre, and each boundary node
-to the patches of its faces. A node of two or three patches (an edge or a corner of the body) is projected onto them in
-turn until it lies on all (von Neumann's alternating projections), so that sharp edges stay sharp.
+Each boundary face belongs to the smooth patch of the true surface that is nearest to its centre, and each
+boundary node to the patches of its faces. A node of two or three patches (an edge or a corner of the body) is
+projected onto them in turn until it lies on all (von Neumann's alternating projections), so that sharp edges
+stay sharp.
 """
 
 from collections import defaultdict
@@ -20,7 +21,7 @@ ROUNDS = 30  # of alternating projections
 
 
 def _determinant_points() -> np.ndarray:
-    """Barycentric points at which the geometry map is checked: corners, mid-edges, face centres and 15 inside."""
+    """Barycentric points where the geometry map is checked: corners, mid-edges, face centres, 15 inside."""
     corners = np.eye(4)
     middles = corners[TET_EDGES].mean(axis=1)
     centres = corners[TET_FACES].mean(axis=1)
@@ -43,7 +44,9 @@ class LabelledSurface:
 
     def on_patch(self, patch: int) -> ClosestPoint:
         if patch not in self._on_patch:
-            self._on_patch[patch] = ClosestPoint(self.surface.vertices, self.surface.faces[self.patch == patch])
+            self._on_patch[patch] = ClosestPoint(
+                self.surface.vertices, self.surface.faces[self.patch == patch]
+            )
         return self._on_patch[patch]
 
     def part(self, region: int) -> ClosestPoint | None:
@@ -55,7 +58,7 @@ class LabelledSurface:
         return float(self.surface.area_faces[self.region == region].sum())
 
     def project(self, points: np.ndarray, patches: list[tuple[int, ...]], limit: float) -> np.ndarray:
-        """Each point onto all of its patches; onto the nearest face of any where that is further than ``limit``."""
+        """Each point onto all of its patches; where that is further than ``limit``, onto the nearest face."""
         on = np.array(points)
         members = defaultdict(list)
         for i, own in enumerate(patches):
@@ -85,13 +88,15 @@ class CurvedMesh:
 
 
 def determinants(nodes: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
-    """Determinant of the geometry map at `DETERMINANT_POINTS`, by the volume of the straight element: (e, points)."""
+    """Determinant of the geometry map, by that of the straight element, at `DETERMINANT_POINTS`: (e, d)."""
     det = np.linalg.det(geometry_jacobian(nodes[tetrahedra][:, None], DETERMINANT_POINTS[None]))
     return det / (6.0 * signed_volumes(nodes, tetrahedra))[:, None]
 
 
-def face_regions(vertices: np.ndarray, faces: np.ndarray, true: LabelledSurface) -> tuple[np.ndarray, np.ndarray]:
-    """Region (f,) and smooth patch (f,) of boundary triangles: those of the true surface's point nearest the centre."""
+def face_regions(
+    vertices: np.ndarray, faces: np.ndarray, true: LabelledSurface
+) -> tuple[np.ndarray, np.ndarray]:
+    """Region (f,) and smooth patch (f,) of boundary triangles: the true surface's, nearest their centre."""
     nearest = true.closest(vertices[faces].mean(axis=1))[2]
     return true.region[nearest], true.patch[nearest]
 
@@ -102,9 +107,9 @@ def make_quadratic(
     """Ten-node tetrahedra with their boundary nodes on the true surface.
 
     limit: the furthest that a node is moved along its patches, m.
-    least_det: an element whose determinant anywhere falls below this part of its straight one keeps straight edges.
+    least_det: an element keeps straight edges if its determinant falls below this part of the straight one.
     """
-    faces, owner, _ = boundary_triangles(tetrahedra)
+    faces, _, _ = boundary_triangles(tetrahedra)
     region, patch = face_regions(vertices, faces, true)
     vertices = _project_corners(vertices, tetrahedra, faces, patch, true, limit)
 
@@ -151,7 +156,8 @@ def _edge_numbers(edges: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def _project_corners(vertices, tetrahedra, faces, patch, true, limit) -> np.ndarray:
-    """Boundary corners on the true surface, as far as the tetrahedra around them keep half of their volume."""
+    """Boundary corners on the true surface, as far as the tetrahedra around them keep half of their volume.
+    """
     on_corner = defaultdict(set)
     for corner, label in zip(faces.ravel(), np.repeat(patch, 3), strict=True):
         on_corner[corner].add(int(label))

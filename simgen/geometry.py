@@ -1,4 +1,5 @@
-"""Parametric surfaces of the bundled sensors, from tables of measured dimensions. mm in the tables, metres out.
+"""Parametric surfaces of the bundled sensors, from tables of measured dimensions. mm in the tables, metres
+out.
 
 `PolarBody` is a body around a line along x, given by its radius over (x, angle): the BioTac's skin and core.
 `Dome` is a height field over a D-shaped outline with an upright wall and a rounded rim: the DIGIT's gel.
@@ -36,7 +37,7 @@ class PolarBody:
         return PchipInterpolator(self.x, np.concatenate([np.zeros((1, len(angles))), radius**2]), axis=0)
 
     def stations(self, spacing: float) -> np.ndarray:
-        """x of the rings, mm: evenly spaced along the profile on the pad, the tip left out, the rear's edge included."""
+        """x of the rings, mm, evenly spaced along the profile: without the tip, with the rear's edge."""
         s = np.linspace(0.0, 1.0, 4001)
         x = self.x[0] + (self.x[-1] - self.x[0]) * s**2
         r = np.sqrt(self.squared(np.array([np.pi / 2]))(x)[:, 0])
@@ -45,9 +46,13 @@ class PolarBody:
         return np.interp(np.linspace(0.0, arc[-1], count + 1)[1:], arc, x)
 
     def surface(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-        """Closed outward triangulation with edges of about ``spacing`` mm: vertices (v, 3) in mm, faces (f, 3)."""
+        """Closed outward triangulation with edges of about ``spacing`` mm: vertices (v, 3) in mm, faces (f,
+        3).
+        """
         stations = self.stations(spacing)
-        around = 2 * int(np.ceil(np.pi * np.sqrt(self.squared(np.linspace(0, np.pi, 19))(self.x).max()) / spacing))
+        around = 2 * int(
+            np.ceil(np.pi * np.sqrt(self.squared(np.linspace(0, np.pi, 19))(self.x).max()) / spacing)
+        )
         angle = 2.0 * np.pi * np.arange(around) / around
         radius = np.sqrt(self.squared(np.minimum(angle, 2.0 * np.pi - angle))(stations))
         # The flat rear end: its edge is drawn in towards the middle.
@@ -60,7 +65,9 @@ class PolarBody:
             self.axis_y - radius * np.cos(angle),
             radius * np.sin(angle),
         ], axis=-1)  # fmt: skip
-        vertices = np.concatenate([[[self.x[0], self.axis_y, 0.0]], ring.reshape(-1, 3), [[x[-1], self.axis_y, 0.0]]])
+        vertices = np.concatenate(
+            [[[self.x[0], self.axis_y, 0.0]], ring.reshape(-1, 3), [[x[-1], self.axis_y, 0.0]]]
+        )
         faces = closed_rings(len(x), around)
         return vertices, faces
 
@@ -95,7 +102,9 @@ def shell_surface(shell: PolarShell) -> trimesh.Trimesh:
     return trimesh.util.concatenate([outer, inner])
 
 
-def core_body(table: PolarTable, axis_y: float, spacing: float, shell: PolarShell, clearance: float) -> trimesh.Trimesh:
+def core_body(
+    table: PolarTable, axis_y: float, spacing: float, shell: PolarShell, clearance: float
+) -> trimesh.Trimesh:
     """The rigid core, kept at least ``clearance`` (mm) inside the skin's inner surface; m."""
     core = outward(*PolarBody(table, axis_y).surface(spacing))
     skin = outward(*PolarBody(shell.inner, shell.axis_y_mm).surface(shell.spacing_mm))
@@ -112,7 +121,8 @@ def core_body(table: PolarTable, axis_y: float, spacing: float, shell: PolarShel
 def outline(dome: Dome, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Closed D-shaped outline: points (n, 2) as (x, z) in mm and their inward unit normals (n, 2).
 
-    Straight sides of half width w join a half circle of radius w at the tip and two rounded corners at the rear end.
+    Straight sides of half width w join a half circle of radius w at the tip and two rounded corners at the
+    rear end.
     """
     w, c, e, r = dome.half_width_mm, dome.arch_center_x_mm, dome.end_x_mm, dome.corner_radius_mm
 
@@ -147,7 +157,8 @@ def dome_surface(dome: Dome) -> trimesh.Trimesh:
     def thickness(points: np.ndarray) -> np.ndarray:
         return crown(points[:, 0], np.abs(points[:, 1]), grid=False)
 
-    # Inwards from the wall's top edge: a quarter circle in distance and height, then rings that shrink to the middle.
+    # Inwards from the wall's top edge: a quarter circle in distance and height, then rings that shrink to the
+    # middle.
     top = thickness(rim) - fillet
     rings = [(rim, np.zeros(len(rim)))]
     wall_rings = int(np.ceil(top.max() / spacing))

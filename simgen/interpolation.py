@@ -34,7 +34,8 @@ def geometry_jacobian(element_nodes: np.ndarray, barycentric: np.ndarray) -> np.
 
 
 def _invert(element_nodes: np.ndarray, points: np.ndarray, steps: int = 6) -> np.ndarray:
-    """Barycentric coordinates of points (m, 3) in their elements (m, 10, 3), inside or not: Newton's method."""
+    """Barycentric coordinates of points (m, 3) in their elements (m, 10, 3), inside or not: Newton's method.
+    """
     barycentric = np.full((len(points), 4), 0.25)
     for _ in range(steps):
         miss = points - np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes)
@@ -43,7 +44,8 @@ def _invert(element_nodes: np.ndarray, points: np.ndarray, steps: int = 6) -> np
         jacobian[singular] = np.eye(3)
         step = np.linalg.solve(jacobian, miss[..., None])[..., 0]
         step[singular] = 0.0
-        # Far outside its element the quadratic map folds over: such a point only has to stay recognisably outside.
+        # Far outside its element the quadratic map folds over: such a point only has to stay recognisably
+        # outside.
         step /= np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True))
         barycentric[:, 1:] += step
         barycentric[:, 0] = 1.0 - barycentric[:, 1:].sum(axis=1)
@@ -59,10 +61,10 @@ def _to_simplex(barycentric: np.ndarray) -> np.ndarray:
 
 
 def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray, candidates: int = 24):
-    """Element (m,), barycentric coordinates (m, 4) and distance (m,) of the place in the mesh nearest each point.
+    """Element (m,), barycentric coordinates (m, 4) and distance (m,) of the mesh's point nearest each point.
 
-    The distance is zero (to rounding) for points inside; points outside are moved to the boundary of an element, and
-    the distance says by how much, in the unit of the nodes.
+    The distance is zero (to rounding) for points inside; points outside are moved to the boundary of an
+    element, and the distance says by how much, in the unit of the nodes.
     """
     tree = cKDTree(nodes[tetrahedra[:, :4]].mean(axis=1))
     candidates = min(candidates, len(tetrahedra))
@@ -80,7 +82,7 @@ def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray, candid
 
 
 def interpolation_matrix(simulation, points: np.ndarray) -> csr_matrix:
-    """Matrix (p, n) that takes nodal values of a `SimulationMesh` to points (p, 3) in m: its quadratic shape functions.
+    """Quadratic shape functions as a matrix (p, n): nodal values of a `SimulationMesh` to points (p, 3), m.
 
     Points outside the mesh get the value of the nearest element; `locate` says how far they had to be moved.
     """

@@ -21,14 +21,17 @@ TET_SUFFIXES = (".msh", ".vtu", ".mesh", ".tet")
 
 
 def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
-    """A user's mesh: its closed outward surface and, where the file has tetrahedra, their vertices and corners.
+    """A user's mesh: its closed outward surface; vertices and tetrahedra where the file has them.
 
-    .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio) tetrahedra or triangles, .tet lines ``v x y z`` and ``t a b c d``.
-    Raises InputError where the file is missing, unknown, open or has inverted tetrahedra of both signs.
+    .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio) tetrahedra or triangles, .tet lines ``v x y z`` and
+    ``t a b c d``. Raises InputError where the file is missing, unknown, open or has inverted tetrahedra of
+    both signs.
     """
     suffix = path.suffix.lower()
     if suffix not in SURFACE_SUFFIXES + TET_SUFFIXES:
-        raise InputError(f"{path}: unknown kind of mesh {suffix!r}, allowed {' '.join(SURFACE_SUFFIXES + TET_SUFFIXES)}")
+        raise InputError(
+            f"{path}: unknown kind of mesh {suffix!r}, allowed {' '.join(SURFACE_SUFFIXES + TET_SUFFIXES)}"
+        )
     if not path.is_file():
         raise InputError(f"{path}: no such mesh file")
     try:
@@ -36,7 +39,9 @@ def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None
     except InputError:
         raise
     except Exception as error:  # a parser's complaint about the user's file, whatever its class
-        raise InputError(f"{path}: cannot be read as {suffix}: {' '.join(str(error).split())[:200]}") from error
+        raise InputError(
+            f"{path}: cannot be read as {suffix}: {' '.join(str(error).split())[:200]}"
+        ) from error
     points = np.asarray(points, dtype=float) * UNITS[unit]
     if not np.isfinite(points).all():
         raise InputError(f"{path}: coordinates that are not finite numbers")
@@ -71,7 +76,9 @@ def _oriented(points: np.ndarray, tetrahedra: np.ndarray, path: Path) -> np.ndar
     if (volume < 0).all():
         return tetrahedra[:, [0, 2, 1, 3]].astype(np.int32)
     if (volume <= 0).any():
-        raise InputError(f"{path}: {(volume <= 0).sum()} of {len(volume)} tetrahedra are inverted or flat, allowed 0")
+        raise InputError(
+            f"{path}: {(volume <= 0).sum()} of {len(volume)} tetrahedra are inverted or flat, allowed 0"
+        )
     return tetrahedra.astype(np.int32)
 
 
@@ -81,7 +88,9 @@ def closed_surface(points: np.ndarray, faces: np.ndarray, path: Path) -> trimesh
     surface.merge_vertices(merge_norm=True, merge_tex=True)
     surface.remove_unreferenced_vertices()
     if not surface.is_watertight:
-        raise InputError(f"{path}: the surface is open (an edge joins other than two faces), it must be closed")
+        raise InputError(
+            f"{path}: the surface is open (an edge joins other than two faces), it must be closed"
+        )
     if not surface.is_winding_consistent or enclosed_volume(surface.vertices, surface.faces) < 0:
         surface.fix_normals(multibody=True)
     return surface
@@ -102,7 +111,8 @@ def array_hash(source: str, arrays: dict[str, np.ndarray]) -> str:
 
 
 def save_mesh(path: Path, mesh: SimulationMesh | OutputMesh, source: str) -> None:
-    """Write a mesh as .npz, with the hash of what it was made from. An existing file is never half replaced."""
+    """Write a mesh as .npz, with the hash of what it was made from. An existing file is never half replaced.
+    """
     arrays = {name: value for name, value in vars(mesh).items() if name != "hash"}
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
@@ -112,14 +122,18 @@ def save_mesh(path: Path, mesh: SimulationMesh | OutputMesh, source: str) -> Non
 
 
 def load_mesh(path: Path, kind: type, source: str):
-    """A mesh that `save_mesh` wrote, of class ``kind``; None where there is none. Raises InputError on a stale one."""
+    """A mesh that `save_mesh` wrote, of class ``kind``; None where there is none. Raises InputError on a
+    stale one.
+    """
     if not path.is_file():
         return None
     with np.load(path) as file:
         stored = str(file["source"])
         arrays = {name: file[name] for name in file.files if name != "source"}
     if stored != source:
-        raise InputError(f"{path}: made from other geometry or settings ({stored[:12]}, now {source[:12]}): run simgen mesh")
+        raise InputError(
+            f"{path}: made from other geometry or settings than sensor.yaml now says: run simgen mesh"
+        )
     return with_hash(kind, source, arrays)
 
 

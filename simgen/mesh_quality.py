@@ -1,9 +1,10 @@
 """Gates that a mesh has to pass before anything is pressed into it. They fail loudly, with numbers.
 
-The measure of a straight tetrahedron is its mean ratio, eta = 12 (3 V)^(2/3) / sum of squared edges (Liu and Joe, BIT 34,
-1994): 1 for the regular one, 0 for a flat one. It is 3 / (AMIPS energy), and fTetWild works until no element has an energy
-above 10, which is eta = 0.3. The gate stands at 0.15: room for the move of boundary nodes onto the true surface, and
-far from the slivers that ruin the conditioning of the stiffness, whose largest eigenvalue grows as 1 / eta^(3/2) per element.
+The measure of a straight tetrahedron is its mean ratio, eta = 12 (3 V)^(2/3) / sum of squared edges (Liu and
+Joe, BIT 34, 1994): 1 for the regular one, 0 for a flat one. It is 3 / (AMIPS energy), and fTetWild works
+until no element has an energy above 10, which is eta = 0.3. The gate stands at 0.15: room for the move of
+boundary nodes onto the true surface, and far from the slivers that ruin the conditioning of the stiffness,
+whose largest eigenvalue grows as 1 / eta^(3/2) per element.
 """
 
 from dataclasses import dataclass
@@ -43,7 +44,8 @@ class MeshQuality:
     def __str__(self) -> str:
         return (
             f"{self.tetrahedra} tetrahedra, mean ratio >= {self.least_mean_ratio:.3f}, "
-            f"det >= {self.least_determinant:.3f}, volume {self.volume * 1e9:.1f} mm3 ({self.volume_error:+.2%}), "
+            f"det >= {self.least_determinant:.3f}, "
+            f"volume {self.volume * 1e9:.1f} mm3 ({self.volume_error:+.2%}), "
             f"held area {self.held_area_error:+.1%}"
         )
 
@@ -82,7 +84,7 @@ def measure(mesh: CurvedMesh, true: LabelledSurface) -> MeshQuality:
     """The quality of a curved mesh beside its true surface."""
     corners = mesh.tetrahedra[:, :4]
     least_det = determinants(mesh.nodes, mesh.tetrahedra).min()
-    # The quadratic faces, each as four flat ones: their volume and area are right to the fourth order of curvature.
+    # Each quadratic face as four flat ones.
     flat = mesh.faces[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]]
     volume = enclosed_volume(mesh.nodes, flat.reshape(-1, 3))
     true_volume = enclosed_volume(true.surface.vertices, true.surface.faces)
@@ -106,7 +108,7 @@ def measure(mesh: CurvedMesh, true: LabelledSurface) -> MeshQuality:
 
 
 def check(quality: MeshQuality, shells: int, name: str) -> None:
-    """Raises InputError with every gate that the mesh fails; ``shells`` is the number of closed shells of the surface."""
+    """Raises InputError with every gate that the mesh fails. shells: closed shells of the true surface."""
     gates = [
         (quality.least_mean_ratio >= LEAST_MEAN_RATIO,
          f"a tetrahedron of mean ratio {quality.least_mean_ratio:.3g}, least allowed {LEAST_MEAN_RATIO}"),
@@ -115,8 +117,8 @@ def check(quality: MeshQuality, shells: int, name: str) -> None:
         (abs(quality.volume_error) <= VOLUME_TOLERANCE,
          f"volume off by {quality.volume_error:+.2%}, allowed {VOLUME_TOLERANCE:.0%}"),
         (quality.components == 1, f"{quality.components} separate bodies, allowed 1"),
-        (quality.boundary_shells == shells, f"{quality.boundary_shells} boundary shells, the surface has {shells}"),
-        (quality.open_edges == 0, f"{quality.open_edges} boundary edges that do not join two faces, allowed 0"),
+        (quality.boundary_shells == shells, f"{quality.boundary_shells} closed shells, allowed {shells}"),
+        (quality.open_edges == 0, f"{quality.open_edges} open boundary edges, allowed 0"),
         (quality.held_nodes > 0, "no held node, at least 3 are needed"),
         (abs(quality.held_area_error) <= HELD_AREA_TOLERANCE,
          f"held area off by {quality.held_area_error:+.1%}, allowed {HELD_AREA_TOLERANCE:.0%}"),

@@ -1,7 +1,7 @@
 """A tactile sensor: its gel's true surface and meshes, its rigid core, named regions, camera and electrodes.
 
-`load_sensor` takes the name of a bundled sensor or a folder with a ``sensor.yaml`` (see `simgen.sensor_schema`).
-Everything is in metres, in the sensor's own frame.
+`load_sensor` takes the name of a bundled sensor or a folder with a ``sensor.yaml`` (see
+`simgen.sensor_schema`). Everything is in metres, in the sensor's own frame.
 """
 
 import hashlib
@@ -98,7 +98,8 @@ def sensor_folder(model: str | Path) -> Path:
     folder = bundled if "/" not in str(model) and (bundled / "sensor.yaml").is_file() else Path(model)
     folder = folder.parent if folder.name == "sensor.yaml" else folder
     if not (folder / "sensor.yaml").is_file():
-        raise InputError(f"sensor {str(model)!r}: no such sensor; allowed: {', '.join(bundled_sensors())}, or a folder with a sensor.yaml")
+        allowed = ", ".join(bundled_sensors())
+        raise InputError(f"sensor {str(model)!r}: allowed: {allowed}, or a folder with a sensor.yaml")
     return folder
 
 
@@ -109,8 +110,8 @@ def bundled_sensors() -> list[str]:
 def load_sensor(model: str | Path, mesh: str = "default") -> Sensor:
     """The sensor with its simulation mesh ``default`` or ``coarse``, and its output mesh.
 
-    Meshes come from the sensor's own folder (the bundled ones), else from the user's cache, else they are made, gated
-    and cached. Raises InputError on a bad ``sensor.yaml``, mesh file or mesh.
+    Meshes come from the sensor's own folder (the bundled ones), else from the user's cache, else they are
+    made, gated and cached. Raises InputError on a bad ``sensor.yaml``, mesh file or mesh.
     """
     shape = load_geometry(model)
     description = shape.description
@@ -133,7 +134,10 @@ def load_sensor(model: str | Path, mesh: str = "default") -> Sensor:
 
 
 def remake(model: str | Path) -> list[str]:
-    """Make all meshes of a sensor again, gate them, write them into its folder; one line of text for each, with the change."""
+    """Make all meshes of a sensor again, gate them, write them into its folder; a line on each and its change.
+
+    Raises InputError where a mesh fails its gates; what was there before then stays.
+    """
     return sensor_meshes.remake(load_geometry(model))
 
 
@@ -149,24 +153,30 @@ def load_geometry(model: str | Path) -> SensorGeometry:
     if core is not None:
         cavity = cavity_faces(surface)
         if not cavity.any():
-            raise InputError(f"{path}: core: the gel has no cavity for it: its surface must have an inner closed shell")
+            raise InputError(
+                f"{path}: core: the gel has no cavity for it: its surface must have an inner closed shell"
+            )
         region[cavity] = CORE
     held_regions = {}
     for name, selection in description.held.items():
         inside = select(selection, surface.vertices, folder)[surface.faces].all(axis=1)
         if not inside.any():
-            raise InputError(f"{path}: held.{name}: selects no triangle of the surface, at least one is needed")
+            raise InputError(
+                f"{path}: held.{name}: selects no triangle of the surface, at least one is needed"
+            )
         held_regions[name] = inside
         region[inside] = HELD
     return SensorGeometry(
-        description, folder, plain, LabelledSurface(surface, region), held_regions, vertices, tetrahedra, core,
-        geometry_source(description, folder),
+        description, folder, plain, LabelledSurface(surface, region), held_regions, vertices, tetrahedra,
+        core, geometry_source(description, folder),
     )  # fmt: skip
 
 
 def geometry_source(description: SensorDescription, folder: Path) -> str:
     """Hash of the keys that decide shape and regions, and of the files that they name."""
-    shape = description.model_dump(include={"gel", "held", "core"}, exclude={"core": {"friction"}}, exclude_none=True)
+    shape = description.model_dump(
+        include={"gel", "held", "core"}, exclude={"core": {"friction"}}, exclude_none=True
+    )
     digest = hashlib.sha256(json.dumps(shape, sort_keys=True).encode())
     for file in sorted(_files(shape)):
         digest.update((folder / file).read_bytes())
@@ -198,7 +208,7 @@ def core_surface(core: Core, gel: Gel, folder: Path) -> trimesh.Trimesh:
 
 
 def refined(surface: trimesh.Trimesh, size: MeshSize | str) -> trimesh.Trimesh:
-    """The same surface in triangles no longer than the mesh's edges, so that its regions are not coarser than they."""
+    """The same surface in triangles no longer than the mesh's edges: regions are as fine as the mesh."""
     wanted = np.inf if isinstance(size, str) else size.edge_length_mm * MM
     vertices, faces = surface.vertices, surface.faces
     while np.ptp(vertices[faces], axis=1).max() > wanted and 4 * len(faces) <= FINEST_PIECES:
@@ -240,7 +250,7 @@ def place_electrodes(electrodes: Electrodes, core: trimesh.Trimesh) -> np.ndarra
 
 
 def place_camera(settings: CameraSettings) -> Camera:
-    """The camera and its lights in the sensor's frame; light angles count from the image's right, towards its top."""
+    """Camera and lights in the sensor's frame; light angles count from the image's right to its top."""
     forward, up = (np.array(v) / np.linalg.norm(v) for v in (settings.looks_along, settings.up))
     right = np.cross(forward, up)
     position = np.array(settings.position_mm) * MM

@@ -19,17 +19,21 @@ if TYPE_CHECKING:
 
 MM = 1e-3
 ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
-LIMIT = 5.0  # envelopes that a node may move along its patches; a mid-edge node also bridges the bulge of the surface
+LIMIT = 5.0  # envelopes that a node may move onto its patches; a mid-edge node also bridges the bulge
 
 
 def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:
     """The committed, cached or newly made simulation mesh ``default`` or ``coarse``."""
     settings = getattr(geometry.description.meshes, name)
     if settings is None:
-        raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes.{name}: not there, needed for mesh = {name!r}")
+        raise InputError(
+            f"{geometry.folder / 'sensor.yaml'}: meshes.{name}: not there, needed for mesh = {name!r}"
+        )
     source = geometry.mesh_source(settings)
     committed = mesh_files.load_mesh(geometry.folder / f"{name}.npz", SimulationMesh, source)
-    return committed or mesh_files.cached(source, SimulationMesh, lambda: make_simulation_mesh(geometry, settings)[0])
+    return committed or mesh_files.cached(
+        source, SimulationMesh, lambda: make_simulation_mesh(geometry, settings)[0]
+    )
 
 
 def output_mesh(geometry: SensorGeometry) -> OutputMesh:
@@ -39,7 +43,9 @@ def output_mesh(geometry: SensorGeometry) -> OutputMesh:
     if settings == "as_given":
         return output_of(geometry, geometry.own_vertices, geometry.own_tetrahedra, source)
     committed = mesh_files.load_mesh(geometry.folder / "output.npz", OutputMesh, source)
-    return committed or mesh_files.cached(source, OutputMesh, lambda: make_output_mesh(geometry, settings, source)[0])
+    return committed or mesh_files.cached(
+        source, OutputMesh, lambda: make_output_mesh(geometry, settings, source)[0]
+    )
 
 
 def output_settings(geometry: SensorGeometry) -> MeshSize | str:
@@ -48,13 +54,16 @@ def output_settings(geometry: SensorGeometry) -> MeshSize | str:
 
 
 def remake(geometry: SensorGeometry) -> list[str]:
-    """Make every mesh of the sensor again and write it into the sensor's folder; a line of text about each."""
+    """Make every mesh of the sensor again and write it into the sensor's folder; a line of text about each.
+    """
     lines = []
     for name in ("default", "coarse"):
         settings = getattr(geometry.description.meshes, name)
         if settings is not None:
             mesh, quality = make_simulation_mesh(geometry, settings)
-            lines.append(_replace(geometry.folder / f"{name}.npz", mesh, geometry.mesh_source(settings), quality))
+            lines.append(
+                _replace(geometry.folder / f"{name}.npz", mesh, geometry.mesh_source(settings), quality)
+            )
     settings = output_settings(geometry)
     if settings != "as_given":
         source = geometry.mesh_source(settings) + "-output"
@@ -63,7 +72,9 @@ def remake(geometry: SensorGeometry) -> list[str]:
     return lines
 
 
-def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality: mesh_quality.MeshQuality) -> str:
+def _replace(
+    path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality: mesh_quality.MeshQuality
+) -> str:
     """Write a mesh over the one before; a line that says what it is and what has changed."""
     points = "vertices" if isinstance(mesh, OutputMesh) else "nodes"
     before = "new"
@@ -76,7 +87,8 @@ def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality
 
 
 def edge_lengths(geometry: SensorGeometry, size: MeshSize):
-    """Wanted edge length, m: a number, or a function of points that grows linearly towards the held regions."""
+    """Wanted edge length, m: a number, or a function of points that grows linearly towards the held regions.
+    """
     fine = size.edge_length_mm * MM
     if size.held_edge_length_mm is None:
         return fine
@@ -89,7 +101,9 @@ def edge_lengths(geometry: SensorGeometry, size: MeshSize):
     return wanted
 
 
-def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedMesh, mesh_quality.MeshQuality]:
+def make_curved(
+    geometry: SensorGeometry, size: MeshSize | str
+) -> tuple[CurvedMesh, mesh_quality.MeshQuality]:
     """A gated mesh of curved tetrahedra. Raises InputError with numbers where no attempt passes the gates."""
     name = f"sensor {geometry.description.name}"
     surface = geometry.true.surface
@@ -101,7 +115,10 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
         else:
             limit = LIMIT * size.envelope * MM
             vertices, tetrahedra = tetrahedralize(
-                geometry.plain, edge_lengths(geometry, size), size.envelope * MM, cell=size.edge_length_mm * MM
+                geometry.plain,
+                edge_lengths(geometry, size),
+                size.envelope * MM,
+                cell=size.edge_length_mm * MM,
             )
         mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit=limit)
         quality = mesh_quality.measure(mesh, geometry.true)
@@ -115,7 +132,9 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
     raise AssertionError("unreachable")
 
 
-def make_simulation_mesh(geometry: SensorGeometry, size: MeshSize | str) -> tuple[SimulationMesh, mesh_quality.MeshQuality]:
+def make_simulation_mesh(
+    geometry: SensorGeometry, size: MeshSize | str
+) -> tuple[SimulationMesh, mesh_quality.MeshQuality]:
     """A gated simulation mesh and its numbers."""
     curved, quality = make_curved(geometry, size)
     held = np.zeros(len(curved.nodes), dtype=bool)
@@ -131,13 +150,17 @@ def make_simulation_mesh(geometry: SensorGeometry, size: MeshSize | str) -> tupl
     return mesh_files.with_hash(SimulationMesh, geometry.mesh_source(size), arrays), quality
 
 
-def make_output_mesh(geometry: SensorGeometry, size: MeshSize, source: str) -> tuple[OutputMesh, mesh_quality.MeshQuality]:
+def make_output_mesh(
+    geometry: SensorGeometry, size: MeshSize, source: str
+) -> tuple[OutputMesh, mesh_quality.MeshQuality]:
     """A gated output mesh and its numbers: the straight tetrahedra below a curved mesh."""
     curved, quality = make_curved(geometry, size)
     return output_of(geometry, curved.nodes[: curved.n_corners], curved.tetrahedra[:, :4], source), quality
 
 
-def output_of(geometry: SensorGeometry, vertices: np.ndarray, tetrahedra: np.ndarray, source: str) -> OutputMesh:
+def output_of(
+    geometry: SensorGeometry, vertices: np.ndarray, tetrahedra: np.ndarray, source: str
+) -> OutputMesh:
     """The output mesh on given tetrahedra, with its regions."""
     if (signed_volumes(vertices, tetrahedra) <= 0).any():
         raise InputError(f"sensor {geometry.description.name}: inverted tetrahedra in the output mesh")

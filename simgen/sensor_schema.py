@@ -1,5 +1,6 @@
 """The contents of a ``sensor.yaml``, strictly checked. Every key carries its unit."""
 
+import itertools
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,7 +30,9 @@ class OneOf(Section):
         choices = [name for name, field in type(self).model_fields.items() if not field.is_required()]
         given = [name for name in choices if getattr(self, name) is not None]
         if len(given) != 1:
-            raise ValueError(f"exactly one of {', '.join(choices)} is needed, found {', '.join(given) or 'none'}")
+            raise ValueError(
+                f"exactly one of {', '.join(choices)} is needed, found {', '.join(given) or 'none'}"
+            )
         return self
 
 
@@ -59,7 +62,8 @@ class Box(Section):
 
 
 class Cylinder(Section):
-    """Points inside a cylinder along an axis; the centre's two coordinates are the other two axes in order."""
+    """Points inside a cylinder along an axis; the centre's two coordinates are the other two axes in order.
+    """
 
     axis: Literal["x", "y", "z"]
     center_mm: Interval
@@ -90,7 +94,7 @@ class Selection(OneOf):
 
 
 class PolarTable(Section):
-    """Radius of a body about a line along x. It closes in a tip at ``tip_mm`` and in a flat end at its last row."""
+    """Radius of a body about a line along x; it ends in a tip and, at its last row, in a flat face."""
 
     tip_mm: Number  # x of the tip, where the radius is 0
     angles_deg: Annotated[list[Number], Field(min_length=3)]  # 0 (towards -y) to 180 (towards +y)
@@ -110,7 +114,8 @@ class PolarTable(Section):
 
 
 class PolarShell(Section):
-    """A closed skin between an outer and an inner surface about one line along x at y = ``axis_y_mm``, z = 0."""
+    """A closed skin between an outer and an inner surface about one line along x at y = ``axis_y_mm``, z = 0.
+    """
 
     axis_y_mm: Number
     spacing_mm: Positive  # edge length of the triangulation
@@ -128,7 +133,9 @@ class PolarCore(Section):
 
 
 class Dome(Section):
-    """A height field over a D-shaped outline: half circle at the tip, straight sides, rounded corners at the rear end."""
+    """A height field over a D-shaped outline: half circle at the tip, straight sides, rounded corners at the
+    rear end.
+    """
 
     back_y_mm: Number  # the flat back; the dome rises towards -y
     half_width_mm: Positive
@@ -139,19 +146,23 @@ class Dome(Section):
     spacing_mm: Positive  # edge length of the triangulation
     x_mm: Annotated[list[Number], Field(min_length=4)]  # of the rows of thickness_mm
     z_mm: Annotated[list[Number], Field(min_length=4)]  # of its columns; even in z
-    thickness_mm: list[list[Positive]]  # of the dome above the back, carried on smoothly to the rim, without its fillet
+    thickness_mm: list[
+        list[Positive]
+    ]  # of the dome above the back, carried on smoothly to the rim, without its fillet
 
     @model_validator(mode="after")
     def _rectangular_and_rising(self):
         if not (_rising(self.x_mm) and _rising(self.z_mm)):
             raise ValueError("x_mm and z_mm must rise")
-        if len(self.thickness_mm) != len(self.x_mm) or {len(row) for row in self.thickness_mm} != {len(self.z_mm)}:
+        if len(self.thickness_mm) != len(self.x_mm) or {len(row) for row in self.thickness_mm} != {
+            len(self.z_mm)
+        }:
             raise ValueError(f"thickness_mm must have {len(self.x_mm)} rows of {len(self.z_mm)} values")
         return self
 
 
 def _rising(values: list[float]) -> bool:
-    return all(a < b for a, b in zip(values, values[1:], strict=False))
+    return all(a < b for a, b in itertools.pairwise(values))
 
 
 class Gel(OneOf):
@@ -163,7 +174,7 @@ class Gel(OneOf):
 
 
 class Core(OneOf):
-    """The rigid body inside the gel: the largest closed body of a file, or a parametric one inside a polar shell."""
+    """The rigid body inside the gel: the largest closed body of a file, or one inside a polar shell."""
 
     friction: Annotated[float, Field(ge=0.0, le=2.0)]
     mesh: MeshFile | None = None
@@ -171,12 +182,16 @@ class Core(OneOf):
 
 
 class MeshSize(Section):
-    """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards the held regions."""
+    """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards the
+    held regions.
+    """
 
     edge_length_mm: Positive
     held_edge_length_mm: Positive | None = None
     grading_mm: Positive = 4.0
-    envelope_mm: Positive | None = None  # how far fTetWild may stray from the surface, onto which nodes are then projected
+    envelope_mm: Positive | None = (
+        None  # how far fTetWild may stray from the surface, onto which nodes are then projected
+    )
 
     @property
     def envelope(self) -> float:
@@ -187,8 +202,8 @@ class MeshSize(Section):
 class Meshes(Section):
     """``default`` and ``coarse`` are solved on; ``output`` holds the stored vertices.
 
-    ``as_given`` takes the user's own tetrahedra. Without ``output``, a tetrahedral file is its own output mesh, and a
-    surface gets one of the default mesh's edge lengths.
+    ``as_given`` takes the user's own tetrahedra. Without ``output``, a tetrahedral file is its own output
+    mesh, and a surface gets one of the default mesh's edge lengths.
     """
 
     default: MeshSize | Literal["as_given"]
@@ -222,7 +237,9 @@ class Electrodes(Section):
     @model_validator(mode="after")
     def _same_length(self):
         if not len(self.x_mm) == len(self.y_mm) == len(self.z_mm):
-            raise ValueError(f"x_mm, y_mm, z_mm have {len(self.x_mm)}, {len(self.y_mm)}, {len(self.z_mm)} entries")
+            raise ValueError(
+                f"x_mm, y_mm, z_mm have {len(self.x_mm)}, {len(self.y_mm)}, {len(self.z_mm)} entries"
+            )
         return self
 
 
@@ -276,7 +293,11 @@ def _allowed(loc: tuple) -> list[str]:
     """The keys that stand at a place of the description."""
     model: Any = SensorDescription
     for part in loc:
-        found = _sections(model.model_fields[part].annotation) if part in getattr(model, "model_fields", {}) else []
+        found = (
+            _sections(model.model_fields[part].annotation)
+            if part in getattr(model, "model_fields", {})
+            else []
+        )
         model = found[0] if found else model
     return list(model.model_fields)
 

@@ -6,7 +6,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-CREASE_DEG = 40.0  # a fillet meshed with three facets per quarter turn (30 deg) is still smooth, a chamfer (45) is not
+CREASE_DEG = (
+    40.0  # a fillet meshed with three facets per quarter turn (30 deg) is still smooth, a chamfer (45) is not
+)
 
 
 class ClosestPoint:
@@ -20,7 +22,9 @@ class ClosestPoint:
         pieces, piece_faces, self.owner = trimesh.remesh.subdivide_to_size(
             vertices, faces, longest, max_iter=60, return_index=True
         )
-        self.scale = 1.0 / longest  # trimesh compares products of lengths with absolute tolerances: keep them near 1
+        self.scale = (
+            1.0 / longest
+        )  # trimesh compares products of lengths with absolute tolerances: keep them near 1
         self.triangles = pieces[piece_faces] * self.scale
         centroids = self.triangles.mean(axis=1)
         self.reach = np.linalg.norm(self.triangles - centroids[:, None], axis=2).max()
@@ -51,7 +55,7 @@ class ClosestPoint:
 
 
 def smooth_patches(surface: trimesh.Trimesh, crease_deg: float = CREASE_DEG) -> np.ndarray:
-    """Label (f,) of the smooth patch that each face belongs to: patches meet at edges sharper than ``crease_deg``."""
+    """Label (f,) of each face's smooth patch; patches meet at edges sharper than ``crease_deg``."""
     smooth = surface.face_adjacency[surface.face_adjacency_angles < np.radians(crease_deg)]
     n = len(surface.faces)
     graph = coo_matrix((np.ones(len(smooth)), (smooth[:, 0], smooth[:, 1])), shape=(n, n))
@@ -66,6 +70,7 @@ def shells(surface: trimesh.Trimesh) -> list[np.ndarray]:
 
 
 def enclosed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Signed volume within closed triangles; negative for the wall of a cavity, whose normals point inwards."""
+    """Signed volume within closed triangles; negative for the wall of a cavity, whose normals point inwards.
+    """
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)

@@ -1,7 +1,8 @@
-"""Tetrahedral meshes of a gel: the quadratic one that is solved on and the linear one whose vertices are stored.
+"""Tetrahedral meshes of a gel: a quadratic one to solve on, and a linear one whose vertices are stored.
 
-pytetwild (fTetWild: Hu et al., "Fast tetrahedral meshing in the wild", ACM TOG 39, 2020) makes the tetrahedra;
-`simgen.curved` gives them their mid-edge nodes on the true surface and `simgen.mesh_quality` judges them.
+pytetwild (fTetWild: Hu et al., "Fast tetrahedral meshing in the wild", ACM TOG 39, 2020) makes the
+tetrahedra; `simgen.curved` gives them their mid-edge nodes on the true surface and `simgen.mesh_quality`
+judges them.
 """
 
 import contextlib
@@ -19,20 +20,24 @@ __all__ = [
     "interpolation_matrix", "signed_volumes", "sizing_grid", "tetrahedralize",
 ]  # fmt: skip
 
-TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # outward for a tetrahedron of positive volume
+# Outward for a tetrahedron of positive volume.
+TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 @dataclass(frozen=True)
 class SimulationMesh:
-    """Curved ten-node tetrahedra of a gel, in metres. Node order is VTK's: corners 0-3, edges 01 12 20 03 13 23."""
+    """Curved ten-node tetrahedra of a gel. Node order is VTK's: corners 0-3, edges 01 12 20 03 13 23.
+
+    Quadratic triangles are corners 0-2, edges 01 12 20, outward from the gel.
+    """
 
     nodes: np.ndarray  # (n, 3) float64, m; corner nodes first
     n_corners: int  # nodes[:n_corners] are corners of tetrahedra
     tetrahedra: np.ndarray  # (e, 10) int32, positive volume
     held: np.ndarray  # (n,) bool: zero displacement
-    touchable: np.ndarray  # (f, 6) int32: outward P2 triangles that an indenter may touch (corners, edges 01 12 20)
-    facing_core: np.ndarray  # (g, 6) int32: P2 triangles that may meet the rigid core, outward from the gel
+    touchable: np.ndarray  # (f, 6) int32: triangles that an indenter may touch
+    facing_core: np.ndarray  # (g, 6) int32: triangles that may meet the rigid core
     hash: str  # of the arrays and of what they were made from
 
 
@@ -55,7 +60,7 @@ def signed_volumes(vertices: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
 
 
 def boundary_triangles(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces that belong to one tetrahedron only: outward corners (f, 3), tetrahedron (f,), local face number (f,)."""
+    """Faces of one tetrahedron only: outward corners (f, 3), tetrahedron (f,), local face number (f,)."""
     faces = tetrahedra[:, TET_FACES].reshape(-1, 3)
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     single = np.sort(first[count == 1])
@@ -63,7 +68,7 @@ def boundary_triangles(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 
 def sizing_grid(low: np.ndarray, high: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """A box of cubes, each cut into six tetrahedra along its diagonal (Kuhn): points (p, 3), tetrahedra (t, 4)."""
+    """A box of cubes, each cut into six tetrahedra (Kuhn): points (p, 3), tetrahedra (t, 4)."""
     counts = np.maximum(np.ceil((high - low) / cell).astype(int), 1) + 1
     axes = [np.linspace(low[i], high[i], counts[i]) for i in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -85,7 +90,8 @@ def tetrahedralize(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Tetrahedra of positive volume inside a closed surface: vertices (v, 3), tetrahedra (t, 4) int32.
 
-    edge_length: a number in m, or a function of points (p, 3) that returns the wanted edge lengths (p,) in m, sampled
+    edge_length: a number in m, or a function of points (p, 3) that returns the wanted edge lengths (p,) in m,
+    sampled
         on a grid of spacing ``cell``.
     envelope: how far, in m, the mesh's boundary may lie from the surface.
 
@@ -94,7 +100,9 @@ def tetrahedralize(
     diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     sizing = {}
     if callable(edge_length):
-        points, grid = sizing_grid(surface.vertices.min(axis=0) - cell, surface.vertices.max(axis=0) + cell, cell)
+        points, grid = sizing_grid(
+            surface.vertices.min(axis=0) - cell, surface.vertices.max(axis=0) + cell, cell
+        )
         values = edge_length(points)
         sizing = {"bg_vertices": points, "bg_tets": grid, "bg_values": values}
         edge_length = float(values.max())
