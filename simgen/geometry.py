@@ -8,6 +8,7 @@ out.
 import numpy as np
 import trimesh
 from scipy.interpolate import PchipInterpolator, RectBivariateSpline
+from scipy.spatial import cKDTree
 
 from simgen.sensor_schema import Dome, PolarShell, PolarTable
 from simgen.surface import ClosestPoint
@@ -110,11 +111,13 @@ def core_body(
     skin = outward(*PolarBody(shell.inner, shell.axis_y_mm).surface(shell.spacing_mm))
     wall = ClosestPoint(skin.vertices, skin.faces)
     vertices = np.array(core.vertices)
+    near = np.flatnonzero(cKDTree(skin.vertices).query(vertices)[0] < 2.0 * shell.spacing_mm * MM)
     for _ in range(3):  # moving off one wall can bring a vertex near another
-        on, _, face = wall(vertices)
+        on, _, face = wall(vertices[near])
         inwards = -skin.face_normals[face]
-        gap = np.einsum("ij,ij->i", vertices - on, inwards)
-        vertices += np.maximum(clearance * MM - gap, 0.0)[:, None] * inwards
+        missing = clearance * MM - np.einsum("ij,ij->i", vertices[near] - on, inwards)
+        vertices[near] += np.maximum(missing, 0.0)[:, None] * inwards
+        near = near[missing > 0.0]
     return trimesh.Trimesh(vertices, core.faces, process=False)
 
 

@@ -134,7 +134,7 @@ def load_sensor(model: str | Path, mesh: str = "default") -> Sensor:
 
 
 def remake(model: str | Path) -> list[str]:
-    """Make all meshes of a sensor again, gate them, write them into its folder; a line on each and its change.
+    """Make all meshes of a sensor again, gate them and write them into its folder: a line on each.
 
     Raises InputError where a mesh fails its gates; what was there before then stays.
     """

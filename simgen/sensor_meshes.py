@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simgen import mesh_files, mesh_quality
+from simgen import mesh_files
 from simgen.curved import CORE, FREE, HELD, CurvedMesh, face_regions, make_quadratic
 from simgen.errors import InputError
+from simgen.mesh_quality import MeshQuality, check, measure
 from simgen.sensor_schema import MeshSize
 from simgen.surface import shells
 from simgen.tetrahedra import OutputMesh, SimulationMesh, boundary_triangles, signed_volumes, tetrahedralize
@@ -54,27 +55,23 @@ def output_settings(geometry: SensorGeometry) -> MeshSize | str:
 
 
 def remake(geometry: SensorGeometry) -> list[str]:
-    """Make every mesh of the sensor again and write it into the sensor's folder; a line of text about each.
-    """
-    lines = []
+    """Make and gate every mesh of the sensor, then write them into its folder; a line of text about each."""
+    made = []
     for name in ("default", "coarse"):
         settings = getattr(geometry.description.meshes, name)
         if settings is not None:
-            mesh, quality = make_simulation_mesh(geometry, settings)
-            lines.append(
-                _replace(geometry.folder / f"{name}.npz", mesh, geometry.mesh_source(settings), quality)
-            )
+            made.append((name, geometry.mesh_source(settings), *make_simulation_mesh(geometry, settings)))
     settings = output_settings(geometry)
     if settings != "as_given":
         source = geometry.mesh_source(settings) + "-output"
-        mesh, quality = make_output_mesh(geometry, settings, source)
-        lines.append(_replace(geometry.folder / "output.npz", mesh, source, quality))
-    return lines
+        made.append(("output", source, *make_output_mesh(geometry, settings, source)))
+    return [
+        _replace(geometry.folder / f"{name}.npz", mesh, source, quality)
+        for name, source, mesh, quality in made
+    ]
 
 
-def _replace(
-    path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality: mesh_quality.MeshQuality
-) -> str:
+def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality: MeshQuality) -> str:
     """Write a mesh over the one before; a line that says what it is and what has changed."""
     points = "vertices" if isinstance(mesh, OutputMesh) else "nodes"
     before = "new"
@@ -87,8 +84,7 @@ def _replace(
 
 
 def edge_lengths(geometry: SensorGeometry, size: MeshSize):
-    """Wanted edge length, m: a number, or a function of points that grows linearly towards the held regions.
-    """
+    """Wanted edge length, m: a number, or a function of points that grows linearly towards the held regions."""
     fine = size.edge_length_mm * MM
     if size.held_edge_length_mm is None:
         return fine
@@ -101,9 +97,7 @@ def edge_lengths(geometry: SensorGeometry, size: MeshSize):
     return wanted
 
 
-def make_curved(
-    geometry: SensorGeometry, size: MeshSize | str
-) -> tuple[CurvedMesh, mesh_quality.MeshQuality]:
+def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedMesh, MeshQuality]:
     """A gated mesh of curved tetrahedra. Raises InputError with numbers where no attempt passes the gates."""
     name = f"sensor {geometry.description.name}"
     surface = geometry.true.surface
@@ -121,9 +115,9 @@ def make_curved(
                 cell=size.edge_length_mm * MM,
             )
         mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit=limit)
-        quality = mesh_quality.measure(mesh, geometry.true)
+        quality = measure(mesh, geometry.true)
         try:
-            mesh_quality.check(quality, len(shells(surface)), name)
+            check(quality, len(shells(surface)), name)
         except InputError:
             if size == "as_given" or attempt == ATTEMPTS - 1:
                 raise
@@ -134,7 +128,7 @@ def make_curved(
 
 def make_simulation_mesh(
     geometry: SensorGeometry, size: MeshSize | str
-) -> tuple[SimulationMesh, mesh_quality.MeshQuality]:
+) -> tuple[SimulationMesh, MeshQuality]:
     """A gated simulation mesh and its numbers."""
     curved, quality = make_curved(geometry, size)
     held = np.zeros(len(curved.nodes), dtype=bool)
@@ -150,9 +144,7 @@ def make_simulation_mesh(
     return mesh_files.with_hash(SimulationMesh, geometry.mesh_source(size), arrays), quality
 
 
-def make_output_mesh(
-    geometry: SensorGeometry, size: MeshSize, source: str
-) -> tuple[OutputMesh, mesh_quality.MeshQuality]:
+def make_output_mesh(geometry: SensorGeometry, size: MeshSize, source: str) -> tuple[OutputMesh, MeshQuality]:
     """A gated output mesh and its numbers: the straight tetrahedra below a curved mesh."""
     curved, quality = make_curved(geometry, size)
     return output_of(geometry, curved.nodes[: curved.n_corners], curved.tetrahedra[:, :4], source), quality
