@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import io
 import os
 import tempfile
 from pathlib import Path
@@ -17,7 +18,8 @@ from simgen.tetrahedra import OutputMesh, SimulationMesh, boundary_triangles, si
 
 UNITS = {"m": 1.0, "mm": 1e-3}
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply")
-TET_SUFFIXES = (".msh", ".vtu", ".mesh", ".tet")
+MESHIO_FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".mesh": "medit"}
+TET_SUFFIXES = (*MESHIO_FORMATS, ".tet")
 
 
 def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
@@ -62,8 +64,12 @@ def _read_any(path: Path, suffix: str) -> tuple[np.ndarray, np.ndarray]:
     if suffix in SURFACE_SUFFIXES:
         mesh = trimesh.load(path, force="mesh", process=False)
         return mesh.vertices, mesh.faces
-    with contextlib.redirect_stdout(None):
-        mesh = meshio.read(path)
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            mesh = meshio.read(path, file_format=MESHIO_FORMATS[suffix])
+    except SystemExit as error:  # meshio prints what is wrong and exits
+        raise ValueError(said.getvalue() or "broken") from error
     for kind in ("tetra", "triangle"):
         if kind in mesh.cells_dict:
             return mesh.points[:, :3], mesh.cells_dict[kind]

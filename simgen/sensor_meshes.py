@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from simgen.sensor import SensorGeometry
 
 MM = 1e-3
+EXACT = 1e-9  # m: a user's own vertices are on the surface already
 ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
 LIMIT = 5.0  # envelopes that a node may move onto its patches; a mid-edge node also bridges the bulge
 
@@ -84,7 +85,7 @@ def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality
 
 
 def edge_lengths(geometry: SensorGeometry, size: MeshSize):
-    """Wanted edge length, m: a number, or a function of points that grows linearly towards the held regions."""
+    """Wanted edge length, m: a number, or a function of points that grows towards the held regions."""
     fine = size.edge_length_mm * MM
     if size.held_edge_length_mm is None:
         return fine
@@ -99,31 +100,28 @@ def edge_lengths(geometry: SensorGeometry, size: MeshSize):
 
 def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedMesh, MeshQuality]:
     """A gated mesh of curved tetrahedra. Raises InputError with numbers where no attempt passes the gates."""
-    name = f"sensor {geometry.description.name}"
-    surface = geometry.true.surface
-    if size == "as_given" and geometry.own_tetrahedra is None:
+    as_given = size == "as_given"
+    if as_given and geometry.own_tetrahedra is None:
         raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes: as_given needs a file of tetrahedra")
-    for attempt in range(ATTEMPTS):
-        if size == "as_given":
-            vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, 1e-9
+    attempts = 1 if as_given else ATTEMPTS
+    for attempt in range(1, attempts + 1):
+        if as_given:
+            vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, EXACT
         else:
-            limit = LIMIT * size.envelope * MM
-            vertices, tetrahedra = tetrahedralize(
-                geometry.plain,
-                edge_lengths(geometry, size),
-                size.envelope * MM,
-                cell=size.edge_length_mm * MM,
-            )
-        mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit=limit)
+            envelope, cell = size.envelope * MM, size.edge_length_mm * MM
+            wanted = edge_lengths(geometry, size)
+            vertices, tetrahedra = tetrahedralize(geometry.plain, wanted, envelope, cell)
+            limit = LIMIT * envelope
+        mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit)
         quality = measure(mesh, geometry.true)
         try:
-            check(quality, len(shells(surface)), name)
+            check(quality, len(shells(geometry.true.surface)), f"sensor {geometry.description.name}")
         except InputError:
-            if size == "as_given" or attempt == ATTEMPTS - 1:
+            if attempt == attempts:
                 raise
         else:
-            return mesh, quality
-    raise AssertionError("unreachable")
+            break
+    return mesh, quality
 
 
 def make_simulation_mesh(

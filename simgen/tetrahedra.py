@@ -13,6 +13,7 @@ import numpy as np
 import pytetwild
 import trimesh
 
+from simgen.errors import InputError
 from simgen.interpolation import TET_EDGES, interpolation_matrix
 
 __all__ = [
@@ -118,5 +119,7 @@ def tetrahedralize(
             num_threads=1,
             **sizing,
         )
+    if not len(tetrahedra):
+        raise InputError(f"no tetrahedron inside the surface at an edge length of {edge_length * 1e3:.3g} mm")
     used, tetrahedra = np.unique(tetrahedra, return_inverse=True)
     return vertices[used], tetrahedra.reshape(-1, 4).astype(np.int32)
