@@ -31,12 +31,13 @@ def draw_surface(
     values: np.ndarray | None = None,
     *,
     largest: float = 1.0,
+    towards_viewer: np.ndarray = FROM_PAD,
 ) -> PolyCollection:
     """Draw a closed surface, m, outward triangles; `values` (vertex,) colour it from 0 to `largest`.
 
     Returns the collection, from which a colour bar can be made.
     """
-    view = camera(FROM_PAD)
+    view = camera(towards_viewer)
     corners = vertices[triangles] @ view.T * 1e3
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)

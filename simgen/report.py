@@ -16,6 +16,7 @@ from simgen.drawing import draw_points, draw_surface
 
 CURVES = 40  # most force curves drawn per indenter and sensor
 RESOLUTION = 110  # dots per inch
+OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal: a press is seen from there
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 1100px; padding: 0 1em; }
@@ -107,8 +108,8 @@ def _place_colours(points: np.ndarray) -> np.ndarray:
 
 def _samples(dataset: Dataset) -> Iterator[str]:
     yield (
-        "<h2>Samples</h2><p>Deformed output meshes in the shared frame, seen from the pad side, coloured by "
-        "the length of the displacement: the first trajectory, half-way and as deep as it got.</p>"
+        "<h2>Samples</h2><p>Deformed output meshes in the shared frame, seen along the contact's normal, "
+        "coloured by the length of the displacement: first trajectory, half-way and deepest.</p>"
     )
     for index, name in enumerate(dataset.indenters):
         figure = draw_press(dataset, press=index)
@@ -125,6 +126,7 @@ def draw_press(dataset: Dataset, press: int) -> Figure | None:
     depths = sorted({last // 2, last})
     moved = {sensor: dataset.displacement(sensor, press, slice(0, last + 1)) for sensor in dataset.sensors}
     largest = max(np.linalg.norm(displacement, axis=-1).max() for displacement in moved.values()) * 1e3
+    towards_viewer = dataset.root["press/contact_normal"][press] + OBLIQUE
     columns = len(depths) * len(dataset.sensors)
     figure = Figure(figsize=(3.3 * columns + 0.8, 3.2), layout="constrained")
     grid = np.atleast_1d(figure.subplots(1, columns))
@@ -135,7 +137,9 @@ def draw_press(dataset: Dataset, press: int) -> Figure | None:
         vertices = (dataset[f"{sensor}/rest_positions"] + displacement) @ pose[:3, :3].T + pose[:3, 3]
         length = np.linalg.norm(displacement, axis=1) * 1e3
         triangles = dataset[f"{sensor}/surface_triangles"]
-        faces = draw_surface(axes, vertices, triangles, length, largest=largest)
+        faces = draw_surface(
+            axes, vertices, triangles, length, largest=largest, towards_viewer=towards_viewer
+        )
         axes.set_title(f"{sensor}, {dataset['depth'][depth] * 1e3:g} mm")
     figure.colorbar(faces, ax=grid.tolist(), label="displacement, mm", shrink=0.8)
     return figure
