@@ -66,7 +66,7 @@ class SolverSettings:
     residual_tolerance: float = 1e-4
     contact_tolerance: float = 5e-3
     linear_tolerance: float = 1e-2
-    volumetric_split: float = 2.0
+    volumetric_split: float = 3.0
     contact_stiffness_per_mm: float = 60.0
     friction_stiffness_per_mm: float = 15.0
     max_newton_iterations: int = 25
@@ -80,6 +80,7 @@ LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
 MOST_GROWTH = 10.0  # of the out-of-balance forces in one step
 OVERSHOOT = 0.3  # of the step's virtual work that may be left with the opposite sign
 MOST_TRIALS = 8
+PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
 
 @wp.kernel
@@ -180,6 +181,7 @@ class NewtonSolver:
                         *np.zeros((2, self.n_env), dtype=np.int64))  # fmt: skip
         self._last_krylov = np.full(self.n_env, s.krylov_size)
         fresh = True
+        best, since_best = np.full(self.n_env, np.inf), np.zeros(self.n_env, dtype=int)
         for _ in range(s.max_newton_iterations + 1):
             self.active.assign(running.astype(np.int32))
             r, contact_norm, min_det = self.forces(self.x)
@@ -193,7 +195,10 @@ class NewtonSolver:
             out.status[bad] = Status.INVERTED
             done = running & ~bad & (relative <= s.residual_tolerance) & (error <= s.contact_tolerance)
             out.status[done] = Status.CONVERGED
-            running = running & ~done & ~bad & (out.newton_iterations < s.max_newton_iterations)
+            better = relative < 0.9 * best
+            best, since_best = np.where(better, relative, best), np.where(better, 0, since_best + 1)
+            hopeful = (since_best <= PATIENCE) & (out.newton_iterations < s.max_newton_iterations)
+            running = running & ~done & ~bad & hopeful
             if not running.any():
                 break
             self.active.assign(running.astype(np.int32))

@@ -1,14 +1,15 @@
 """Contact and Coulomb friction of a deformable surface with a rigid shape, by an augmented Lagrangian.
 
 Normal traction at a surface point: ``t = max(0, lambda - k g)``; friction traction: ``tau`` = the tangential part of
-``lambda_t - k s``, returned to the cone ``|tau| <= friction * lambda`` (Alart and Curnier, Comput. Methods Appl. Mech.
+``lambda_t - k s``, returned to the cone ``|tau| <= friction min(lambda, t)`` (Alart and Curnier, Comput. Methods Appl. Mech.
 Engrg 92, 1991). ``s`` is the slip since the start of the increment, or since the point's entry into contact if that
 came later. Multipliers are linear on each face (one per corner), contact is integrated over the quadratic faces at six
 points: with one multiplier per quadratic node they oscillate against incompressibility. An update moves each multiplier
 by the weighted mean of t - lambda (and tau - lambda_t) around its corner; its fixed point is the L2 projection of the
 tractions, free of the creep that a lumped projection of t and tau themselves lets in at every step (measured:
 the force of a frictional press then falls by 3 % and depends on k). The cone uses the multiplier, which lags by
-one update, so the tangent stays symmetric.
+one update and so keeps the tangent symmetric, or t where that is less: a point that opens must lose its friction
+steadily, not at once.
 """
 
 from __future__ import annotations
@@ -123,7 +124,9 @@ def traction(
         k = s.friction_stiffness * s.slip_fraction[f, q, env]
         plane = wp.identity(n=3, dtype=wp.float64) - wp.outer(out.normal, out.normal)
         trial = plane * (out.tangential - k * slip)
-        radius = s.friction * out.multiplier
+        radius = s.friction * wp.min(out.multiplier, out.pressure)
         out.friction = return_to_cone(trial, radius)
         out.tangent += k * return_tangent(trial, radius, plane)
+        if out.pressure < out.multiplier and wp.length(trial) > radius:
+            out.tangent += s.friction * s.stiffness * wp.outer(wp.normalize(trial), out.normal)
     return out
