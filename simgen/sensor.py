@@ -159,7 +159,7 @@ def load_geometry(model: str | Path) -> SensorGeometry:
         region[cavity] = CORE
     held_regions = {}
     for name, selection in description.held.items():
-        inside = select(selection, surface.vertices, folder)[surface.faces].all(axis=1)
+        inside = select(selection, surface.triangles_center, folder)
         if not inside.any():
             raise InputError(
                 f"{path}: held.{name}: selects no triangle of the surface, at least one is needed"

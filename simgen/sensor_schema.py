@@ -85,7 +85,7 @@ class Touching(MeshFile):
 
 
 class Selection(OneOf):
-    """A region of the gel's surface: where all corners of a triangle are selected."""
+    """A region of the gel's surface: the triangles whose centre is selected."""
 
     plane: Plane | None = None
     box: Box | None = None
