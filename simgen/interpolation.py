@@ -8,6 +8,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
+INSIDE = 1e-12  # of the mesh's size: a point this near to an element's point is in the element
 
 
 def shape_functions(barycentric: np.ndarray) -> np.ndarray:
@@ -34,8 +35,7 @@ def geometry_jacobian(element_nodes: np.ndarray, barycentric: np.ndarray) -> np.
 
 
 def _invert(element_nodes: np.ndarray, points: np.ndarray, steps: int = 6) -> np.ndarray:
-    """Barycentric coordinates of points (m, 3) in their elements (m, 10, 3), inside or not: Newton's method.
-    """
+    """Barycentric coordinates of points (m, 3) in elements (m, 10, 3), inside or not: Newton's method."""
     barycentric = np.full((len(points), 4), 0.25)
     for _ in range(steps):
         miss = points - np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes)
@@ -60,25 +60,37 @@ def _to_simplex(barycentric: np.ndarray) -> np.ndarray:
     return np.maximum(barycentric - np.take_along_axis(excess, last, axis=-1), 0.0)
 
 
-def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray, candidates: int = 24):
+def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
     """Element (m,), barycentric coordinates (m, 4) and distance (m,) of the mesh's point nearest each point.
 
     The distance is zero (to rounding) for points inside; points outside are moved to the boundary of an
     element, and the distance says by how much, in the unit of the nodes.
     """
     tree = cKDTree(nodes[tetrahedra[:, :4]].mean(axis=1))
-    candidates = min(candidates, len(tetrahedra))
-    _, near = tree.query(points, k=range(1, candidates + 1))
+    element = np.zeros(len(points), dtype=np.int64)
+    barycentric = np.zeros((len(points), 4))
+    distance = np.full(len(points), np.inf)
+    todo = np.arange(len(points))
+    for candidates in (6, 32):  # few will do for nearly all points inside
+        _, near = tree.query(points[todo], k=range(1, min(candidates, len(tetrahedra)) + 1))
+        found = _nearest(nodes, tetrahedra, points[todo], near)
+        element[todo], barycentric[todo], distance[todo] = found
+        todo = np.flatnonzero(distance > INSIDE * np.ptp(nodes))
+    return element, barycentric, distance
+
+
+def _nearest(nodes, tetrahedra, points, near) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The best of the candidate elements ``near`` (m, k) for each point, as `locate` returns it."""
+    count = near.shape[1]
     near = near.ravel()
-    target = np.repeat(points, candidates, axis=0)
+    target = np.repeat(points, count, axis=0)
     element_nodes = nodes[tetrahedra[near]]
     barycentric = _to_simplex(_invert(element_nodes, target))
     reached = np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes)
-    distance = np.linalg.norm(reached - target, axis=1).reshape(-1, candidates)
-    best = distance.argmin(axis=1)
+    distance = np.linalg.norm(reached - target, axis=1).reshape(-1, count)
     row = np.arange(len(points))
-    pick = row * candidates + best
-    return near[pick], barycentric[pick], distance[row, best]
+    pick = row * count + distance.argmin(axis=1)
+    return near[pick], barycentric[pick], distance.ravel()[pick]
 
 
 def interpolation_matrix(simulation, points: np.ndarray) -> csr_matrix:
