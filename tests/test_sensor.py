@@ -7,10 +7,10 @@ import pytest
 import trimesh
 import yaml
 
-from simgen.curved import FREE, determinants
+from simgen.curved import CORE, FREE, determinants
 from simgen.errors import InputError
 from simgen.interpolation import locate
-from simgen.mesh_quality import LEAST_DETERMINANT, LEAST_MEAN_RATIO, components, mean_ratio
+from simgen.mesh_quality import LEAST_DETERMINANT, LEAST_MEAN_RATIO, components, curved_area, mean_ratio
 from simgen.resources import resource
 from simgen.sensor import bundled_sensors, load_geometry, load_sensor, remake
 from simgen.tetrahedra import interpolation_matrix
@@ -108,7 +108,19 @@ def test_faces_point_outwards_and_regions_do_not_overlap(bundled, mesh):
     _, _, distance = locate(found.nodes, found.tetrahedra, away)
     assert np.quantile(distance, 0.02) > 0.3 * step
     assert not found.held[found.touchable].all(axis=1).any()
-    assert len(found.facing_core) == 0 if sensor.core is None else len(found.facing_core) > 300
+
+
+@pytest.mark.parametrize("mesh", ["default", "coarse"])
+def test_regions_of_the_mesh_have_the_area_of_the_true_surface(bundled, mesh):
+    sensor = bundled[mesh]
+    found, true = sensor.simulation_mesh, sensor.surface.area_faces
+    assert curved_area(found.nodes, found.touchable) == pytest.approx(
+        true[sensor.surface_region == FREE].sum(), rel=0.02
+    )
+    assert curved_area(found.nodes, found.facing_core) == pytest.approx(
+        true[sensor.surface_region == CORE].sum(), rel=0.005
+    )
+    assert (len(found.facing_core) > 0) == (sensor.core is not None)
 
 
 def test_fields_travel_from_the_simulation_mesh_to_the_output_mesh(bundled):
@@ -117,8 +129,7 @@ def test_fields_travel_from_the_simulation_mesh_to_the_output_mesh(bundled):
         _, _, distance = locate(found.nodes, found.tetrahedra, points)
         print(sensor.name, len(found.nodes), f"moved by {distance.max() * 1e3:.4f} mm at most")
         # The rim of the DIGIT has a radius of 0.6 mm, and elements of 1 to 2 mm cut it short; elsewhere a
-        # curved face
-        # strays from a curved surface by the third order of its size.
+        # curved face strays from the surface by the third order of its size.
         assert distance.max() < 0.25e-3
         assert np.quantile(distance, 0.98) < 0.03e-3
         matrix = interpolation_matrix(found, points)
@@ -158,6 +169,7 @@ def test_a_slab_is_meshed_once_and_cached(slab, slab_folder):
     assert load_sensor(slab_folder).simulation_mesh.hash == slab.simulation_mesh.hash
     assert list(slab_folder.glob("*.npz")) == []
     np.testing.assert_allclose(np.ptp(slab.surface.vertices, axis=0), [20e-3, 4e-3, 20e-3])
+    assert slab.surface.is_watertight
 
 
 def test_regions_of_the_slab(slab):
@@ -260,8 +272,8 @@ def test_published_biotac(reference, tmp_path):
     mm = output.vertices[output.held] * 1e3
     nail = (np.abs(mm[:, 1] - 3.48) < 0.01) & (np.abs(mm[:, 2]) < 3.45)
     rear = np.abs(mm[:, 0] - 6.65) < 0.01
-    # The published simulation holds 144 vertices under the nail plate, 30 on the rear one and 15 that touch the
-    # core; it does not say how near a vertex has to be.
+    # The published simulation holds 144 vertices under the nail plate, 30 on the rear one and 15 that touch
+    # the core; it does not say how near a vertex has to be.
     assert nail.sum() == pytest.approx(144, abs=15)
     assert rear.sum() == 30
     assert 5 <= (~nail & ~rear).sum() <= 40
