@@ -93,9 +93,11 @@ class SensorGeometry:
 
 
 def sensor_folder(model: str | Path) -> Path:
-    """The folder of a bundled sensor's name or of a user's path. Raises InputError where there is none."""
-    bundled = resource("sensor_models") / str(model)
-    folder = bundled if "/" not in str(model) and (bundled / "sensor.yaml").is_file() else Path(model)
+    """The folder of a bundled sensor's name or of a user's path; raises InputError where there is none.
+
+    A text that is a bundled name means that one: a folder of the same name is ``./digit``, or a `Path`.
+    """
+    folder = resource("sensor_models") / model if model in bundled_sensors() else Path(model)
     folder = folder.parent if folder.name == "sensor.yaml" else folder
     if not (folder / "sensor.yaml").is_file():
         allowed = ", ".join(bundled_sensors())

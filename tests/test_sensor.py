@@ -325,6 +325,14 @@ def test_errors_are_one_line_with_file_key_value_and_what_is_allowed(slab_folder
     assert str(folder) in str(error.value)
 
 
+def test_a_users_folder_may_bear_a_bundled_name(slab_folder, tmp_path, monkeypatch):
+    shutil.copytree(slab_folder, tmp_path / "digit")
+    monkeypatch.chdir(tmp_path)
+    assert load_geometry("./digit").description.name == "slab"
+    assert load_geometry(tmp_path / "digit" / "sensor.yaml").description.name == "slab"
+    assert load_geometry("digit").description.name == "digit"
+
+
 def test_unknown_sensors_and_meshes(slab_folder):
     with pytest.raises(InputError, match="allowed: biotac, digit, or a folder"):
         load_sensor("gelsight")
