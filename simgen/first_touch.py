@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from .distance import RigidShape
 from .fem.element import TRIANGLE_EDGES, barycentric_p2
 from .fem.newton import Status
-from .distance import RigidShape
 from .shape import signed_distance
 
 RETREAT_MM = 10.0  # the approach starts this far behind the given pose and ends as far beyond it

@@ -9,13 +9,13 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
+from .distance import RigidShape
 from .fem.contact import Contact
 from .fem.element import ELEMENTS
 from .fem.material import NeoHookean
 from .fem.newton import NewtonSolver, SolverSettings, Status
 from .fem.operator import Elasticity
 from .first_touch import first_touch
-from .distance import RigidShape
 from .sensor import Material, Sensor
 from .shape import sampled_shape
 from .tetrahedra import interpolation_matrix
@@ -46,8 +46,8 @@ class PressResult:
     force : (d, 3) N on the sensor, normal and friction together, in the sensor's frame
     moment : (d, 3) N m about the origin of the sensor's frame
     status : (d,) int8, codes of :class:`simgen.fem.newton.Status`
-    certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core and
-        reactions of the held nodes, over the indenter's force), min_det_F, penetration in m, iterations, sub-steps
+    certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core
+        and reactions of the held nodes, over the indenter's force), min_det_F, penetration in m, iterations, sub-steps
     touch : m, travel along the press axis from the given pose to first touch
     seconds : share of this press in the wall time of its batch
     """
@@ -94,7 +94,7 @@ class Scene:
         self.solver = NewtonSolver(body, contacts, held, batch, self.settings)
         self.unknowns = self.solver.n_unknowns
         self._held_rows = np.flatnonzero(held)
-        # Vertices of the held regions are at rest by definition; next to a region's edge the two meshes differ a little.
+        # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
         self._to_output = free @ interpolation_matrix(mesh, sensor.output_mesh.vertices)[:, :n]
 
@@ -106,7 +106,7 @@ class Scene:
         core = self.core_contact is not None
         return [
             ("elasticity", True, f"E = {material.youngs_modulus_pa:g} Pa, nu = {material.poisson_ratio:g}"),
-            ("volume constraint", pressure > 0, f"{pressure} pressures" if pressure else "the element carries no pressure"),
+            ("volume constraint", pressure > 0, f"{pressure} pressures" if pressure else "the element has no pressure"),
             ("indenter contact", True, f"{len(self.indenter_contact.host_faces)} touchable faces"),
             ("indenter friction", material.friction > 0, f"Coulomb coefficient {material.friction:g}"),
             ("core contact", core, "the inner skin faces a rigid core" if core else "the sensor has no core"),
@@ -173,7 +173,7 @@ class _March:
         self.final = np.full(batch, int(Status.CONVERGED))
         self.spacing = float(np.diff(self.depths, prepend=0.0).max())
         self.step = np.full(batch, self.spacing)
-        self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton and Krylov iterations and sub-steps since the last row
+        self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
         self.x_previous = self.scene.solver.vector()
 
     def fail(self, environments, status):
@@ -248,17 +248,17 @@ class _March:
         nodal = residual[: solver.elasticity.n_displacements].reshape(-1, 3, scene.batch)
         total += nodal[scene._held_rows].sum(axis=0).T
         for env in np.flatnonzero(reached):
-            values = dict(
-                residual=out.residual[env],
-                contact_error=out.contact_error[env],
-                force_balance=np.linalg.norm(total[env]) / max(np.linalg.norm(force[env]), 1e-300),
-                min_det_F=out.min_det[env],
-                rms_penetration_m=rms[env] / MM,
-                max_penetration_m=deepest[env] / MM,
-                newton_iterations=self.cost[0, env],
-                krylov_iterations=self.cost[1, env],
-                substeps=self.cost[2, env],
-            )
+            values = {
+                "residual": out.residual[env],
+                "contact_error": out.contact_error[env],
+                "force_balance": np.linalg.norm(total[env]) / max(np.linalg.norm(force[env]), 1e-300),
+                "min_det_F": out.min_det[env],
+                "rms_penetration_m": rms[env] / MM,
+                "max_penetration_m": deepest[env] / MM,
+                "newton_iterations": self.cost[0, env],
+                "krylov_iterations": self.cost[1, env],
+                "substeps": self.cost[2, env],
+            }
             displacement = scene.output_displacement(env)
             self.rows[env].append(
                 dict(values, displacement=displacement, force=force[env] * unit, moment=moment[env] * unit / MM)
@@ -279,9 +279,8 @@ class _March:
         status = np.full(d, self.final[env], dtype=np.int8)
         status[: len(rows)] = Status.CONVERGED
         certificate = {key: column(key) for key in CERTIFICATE}
-        return PressResult(
-            column("displacement", shape, 3), column("force", 3), column("moment", 3), status, certificate, touch, seconds
-        )
+        vectors = column("displacement", shape, 3), column("force", 3), column("moment", 3)
+        return PressResult(*vectors, status, certificate, touch, seconds)
 
 
 def _restore(array: wp.array, source: wp.array, environments: np.ndarray):

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from fem.box import box
 
 from simgen.distance import Kind
 from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
 from simgen.tetrahedra import OutputMesh, SimulationMesh
-
-from fem.box import box
 
 SPHERE, CUBE = rigid_shape(Kind.SPHERE, 3.5), rigid_shape(Kind.CUBE, 7.0, 1.0)
 GEL = Material(youngs_modulus_pa=539e3, poisson_ratio=0.499, friction=0.78)
@@ -64,13 +63,14 @@ def test_a_press_converges_with_its_certificate(central, scene):
 
 
 def test_geometry_of_a_press(central, block, scene):
-    """Held vertices stay; the force is along the axis by symmetry; what lies under a flat indenter goes down with it."""
+    """Held vertices stay; the force is along the axis by symmetry; what lies under a flat indenter goes with it."""
     assert np.abs(central.displacement[:, block.output_mesh.held]).max() < 1e-18  # rounding of the interpolation
     assert (np.diff(central.force[:, 1]) > 0.0).all() and central.force[0, 1] > 0.0
     # Kuhn's tetrahedra lean along one diagonal, so the coarse mesh is not quite symmetric.
     assert np.abs(central.force[:, [0, 2]]).max() < 0.03 * central.force[:, 1].max()
     flat = press(scene, [CUBE], pose(), DEPTHS)[0]
-    inner = (block.output_mesh.vertices[:, 1] == 0.0) & (np.abs(block.output_mesh.vertices[:, [0, 2]]) < 3e-3).all(axis=1)
+    vertices = block.output_mesh.vertices
+    inner = (vertices[:, 1] == 0.0) & (np.abs(vertices[:, [0, 2]]) < 3e-3).all(axis=1)
     assert inner.sum() == 9
     for moved, depth in zip(flat.displacement[:, inner, 1], DEPTHS, strict=True):
         np.testing.assert_allclose(moved, depth, rtol=0.01)  # the issue's 1 % on the contact constraint

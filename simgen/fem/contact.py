@@ -279,7 +279,7 @@ class Contact:
         return gap.numpy()
 
     def begin_increment(self, x_start, x_predicted, start_poses, poses):
-        """Start an increment at ``x_start`` and ``start_poses``; the predicted state tells when points enter contact."""
+        """Start an increment at ``x_start`` and ``start_poses``; the prediction tells when points enter contact."""
         s = self.surface
         s.rotation_start.assign(np.ascontiguousarray(start_poses[:, :3, :3]))
         s.origin_start.assign(np.ascontiguousarray(start_poses[:, :3, 3]))

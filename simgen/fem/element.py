@@ -44,8 +44,8 @@ def _orbit(values: list[float]) -> np.ndarray:
 def tet_rule(points: int) -> tuple[np.ndarray, np.ndarray]:
     """Symmetric quadrature with positive weights on the tetrahedron: barycentric points (q, 4), weights (q,) of sum 1.
 
-    1, 4, 8 and 14 points integrate polynomials of degree 1, 2, 3 and 5 exactly (Felippa, "A compendium of FEM integration
-    formulas for symbolic work", Eng. Comput. 21, 2004).
+    1, 4, 8 and 14 points integrate polynomials of degree 1, 2, 3 and 5 exactly (Felippa, "A compendium of FEM
+    integration formulas for symbolic work", Eng. Comput. 21, 2004).
     """
     if points == 1:
         orbits = [([0.25] * 4, 1.0)]

@@ -1,8 +1,8 @@
 """One load increment: Newton's method with contact multipliers updated as it goes.
 
-Every iteration solves the linearised mixed system inexactly, steps with a line search that keeps det F positive, and then
-updates the multipliers, so that both converge together (a semismooth Newton method on the augmented Lagrangian; Alart and
-Curnier 1991). Environments converge, fail and stop independently.
+Every iteration solves the linearised mixed system inexactly, steps with a line search that keeps det F positive, and
+then updates the multipliers, so that both converge together (a semismooth Newton method on the augmented Lagrangian;
+Alart and Curnier 1991). Environments converge, fail and stop independently.
 """
 
 from __future__ import annotations
@@ -39,10 +39,11 @@ class Status(IntEnum):
 _SENTENCES = {
     Status.CONVERGED: "Converged: residual and contact constraint are within the job's tolerances.",
     Status.NEWTON_STALLED: "Newton's method did not converge even in the smallest sub-step; try a finer mesh, a larger "
-    "volumetric split or less friction.",
-    Status.INVERTED: "An element would turn inside out even in the smallest sub-step; try a finer mesh or a smaller depth.",
-    Status.LINEAR_SOLVER_STALLED: "The linear solver did not reach its tolerance even in the smallest sub-step; try a larger "
-    "krylov_size.",
+    "volumetric_split or less friction.",
+    Status.INVERTED: "An element would turn inside out even in the smallest sub-step; try a finer mesh or a smaller "
+    "depth.",
+    Status.LINEAR_SOLVER_STALLED: "The linear solver did not reach its tolerance even in the smallest sub-step; try a "
+    "larger krylov_size.",
     Status.NEVER_TOUCHES: "The indenter does not meet the touchable surface along its axis; check its pose.",
     Status.STARTS_INSIDE: "The indenter already overlaps the sensor where it starts; start it further away.",
 }
@@ -211,7 +212,8 @@ class NewtonSolver:
             out.status[stalled & ~accepted] = Status.LINEAR_SOLVER_STALLED
             running &= accepted
             # Multipliers that are good enough rest, so that Newton's method ends with quadratic convergence.
-            self.active.assign((running & (self.update_multipliers(write=False) > s.contact_tolerance)).astype(np.int32))
+            unfinished = running & (self.update_multipliers(write=False) > s.contact_tolerance)
+            self.active.assign(unfinished.astype(np.int32))
             self.update_multipliers(write=True)
         self.active.assign(active.astype(np.int32))
         return out

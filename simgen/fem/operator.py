@@ -39,7 +39,9 @@ def add_vec3(x: wp.array2d(dtype=wp.float64), node: wp.int32, env: wp.int32, val
 
 
 @wp.func
-def gather(x: wp.array2d(dtype=wp.float64), tetrahedra: wp.array2d(dtype=wp.int32), e: wp.int32, env: wp.int32) -> Nodal:
+def gather(
+    x: wp.array2d(dtype=wp.float64), tetrahedra: wp.array2d(dtype=wp.int32), e: wp.int32, env: wp.int32
+) -> Nodal:
     values = Nodal()
     for a in range(tetrahedra.shape[1]):
         node = tetrahedra[e, a]

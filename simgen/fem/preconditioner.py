@@ -3,8 +3,8 @@
     [ A  B^T ]          [ A  B^T ]
     [ B  -C  ]    ~     [ 0  -S  ]      S = (1 / (mu + gamma) + 1 / (lam - gamma)) x lumped pressure mass
 
-(Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact of one environment
-and is factored on the host by SuperLU in single precision: GMRES around it works in double precision.
+(Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact of one
+environment and is factored on the host by SuperLU in single precision: GMRES around it works in double precision.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def test_curved_elements_measure_a_ball():
     """Quadratic elements on a sphere: the volume error falls at least as h^4 when the mesh is refined."""
     error = []
     for n in (2, 4):
-        nodes, tets, corners, _ = box((n, n, n), (2.0, 2.0, 2.0))
+        nodes, tets, _, _ = box((n, n, n), (2.0, 2.0, 2.0))
         nodes = nodes - [0.0, 1.0, 0.0]
         radius = np.linalg.norm(nodes, axis=1)
         cube = np.abs(nodes).max(axis=1)
@@ -78,5 +78,5 @@ def test_curved_elements_measure_a_ball():
 
 def test_an_inverted_element_is_refused():
     nodes, tets, _, _ = box((1, 1, 1))
-    with pytest.raises(ValueError, match="tetrahedron .* is inverted"):
+    with pytest.raises(ValueError, match=r"tetrahedron .* is inverted"):
         tet_geometry(P2P1, nodes, tets[:, [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]])
