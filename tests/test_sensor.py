@@ -101,12 +101,12 @@ def test_faces_point_outwards_and_regions_do_not_overlap(bundled, mesh):
     assert len(np.unique(np.sort(faces[:, :3], axis=1), axis=0)) == len(faces)
     a, b, c = (found.nodes[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
-    centre = (a + b + c) / 3
+    centre = np.einsum("k,fki->fi", [-1 / 9] * 3 + [4 / 9] * 3, found.nodes[faces])  # of the curved face
     # A step outwards leaves the gel: the mesh point nearest to it is about that step away.
     step = 2e-4
     away = centre + step * normal / np.linalg.norm(normal, axis=1, keepdims=True)
     _, _, distance = locate(found.nodes, found.tetrahedra, away)
-    assert np.quantile(distance, 0.02) > 0.3 * step
+    assert np.quantile(distance, 0.02) > 0.5 * step
     assert not found.held[found.touchable].all(axis=1).any()
 
 
