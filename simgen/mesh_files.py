@@ -5,6 +5,7 @@ import hashlib
 import io
 import os
 import tempfile
+import uuid
 from pathlib import Path
 
 import meshio
@@ -161,7 +162,7 @@ def cached(source: str, kind: type, make):
     found = load_mesh(path, kind, source)
     if found is not None:
         return found
-    own = path.with_suffix(f".{os.getpid()}.npz")
+    own = path.with_suffix(f".{uuid.uuid4().hex}.npz")
     save_mesh(own, make(), source)
     with contextlib.suppress(FileExistsError):
         os.link(own, path)
