@@ -97,14 +97,14 @@ class Solver(Section):
     element: Literal["P2-P1", "P1"] = Field("P2-P1", description="P2-P1, or P1 for comparison only")
     residual_tolerance: float = Field(1e-4, gt=0.0, le=1e-2, description="above 0, to 1e-2")
     contact_tolerance: float = Field(5e-3, gt=0.0, le=1e-1, description="above 0, to 1e-1")
-    linear_tolerance: float = Field(1e-2, gt=0.0, lt=1.0, description="between 0 and 1")
+    linear_tolerance: float = Field(5e-2, gt=0.0, lt=1.0, description="between 0 and 1")
     volumetric_split: float = Field(3.0, ge=0.0, le=50.0, description="gamma / mu, 0 to 50")
     contact_stiffness_per_mm: float = Field(60.0, ge=1.0, le=1e3, description="k / E, 1 to 1000 per mm")
     friction_stiffness_per_mm: float = Field(15.0, ge=0.1, le=1e3, description="k / E, 0.1 to 1000 per mm")
     max_newton_iterations: int = Field(25, ge=1, le=1000, description="a whole number, 1 to 1000")
     smallest_substep: float = Field(1 / 64, gt=0.0, le=1.0, description="a share of a depth, above 0, to 1")
     krylov_size: int = Field(80, ge=1, le=1000, description="a whole number, 1 to 1000")
-    refactor_above: int = Field(12, ge=1, le=1000, description="a whole number of iterations, 1 to 1000")
+    refactor_above: int = Field(10, ge=1, le=1000, description="a whole number of iterations, 1 to 1000")
 
 
 class DatasetSettings(Section):
