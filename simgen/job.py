@@ -21,6 +21,7 @@ from pydantic import (
     Field,
     PrivateAttr,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -30,6 +31,8 @@ from simgen.resources import resource
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
+# int16 in steps of 0.1 um reaches 3.2767 mm; the gel follows the indenter, and a little beyond it.
+DEEPEST_INT16_MM = 3.2
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"
 
 
@@ -130,7 +133,7 @@ class Job(Section):
     trajectories: Trajectories
     depths_mm: Depths
     solver: Solver = Solver()
-    dataset: DatasetSettings = DatasetSettings()
+    dataset: DatasetSettings = Field(DatasetSettings(), validate_default=True)
     _folder: Path = PrivateAttr(default=Path())  # of the job file: relative paths start there
 
     @field_validator("sensors")
@@ -151,6 +154,17 @@ class Job(Section):
             if names.count(name) > 1:
                 raise ValueError(f"{name!r} is listed twice")
         return indenters
+
+    @field_validator("dataset")
+    @classmethod
+    def _displacements_fit(cls, dataset: DatasetSettings, info: ValidationInfo) -> DatasetSettings:
+        depths = info.data.get("depths_mm")
+        if depths and dataset.displacement == "int16" and depths.last > DEEPEST_INT16_MM:
+            raise ValueError(
+                f"displacement int16 holds up to 3.2767 mm, too little for depths_mm.last = {depths.last:g}; "
+                f"allowed: displacement float32, or depths_mm.last up to {DEEPEST_INT16_MM:g}"
+            )
+        return dataset
 
     @property
     def depths_m(self) -> np.ndarray:
@@ -206,7 +220,7 @@ def indenter_name(text: str) -> str:
 def load_job(path: str | Path, overrides: Iterable[str] = ()) -> Job:
     """Read a job file; `overrides` are ``key.sub=value`` strings, their values read as YAML.
 
-    A path that does not exist is looked up among the bundled jobs (``jobs/smoke.yaml`` or ``smoke.yaml``).
+    ``smoke``, ``smoke.yaml`` and ``jobs/smoke.yaml`` that do not exist are looked up among the bundled jobs.
     Raises `InputError` with one line that names the file, the key, the value and what is allowed.
     """
     file = find_job(path)
@@ -221,10 +235,15 @@ def load_job(path: str | Path, overrides: Iterable[str] = ()) -> Job:
 
 
 def find_job(path: str | Path) -> Path:
-    """The job file itself, or the bundled one of that name. Raises `InputError` if there is neither."""
+    """The job file itself, or for ``NAME`` and ``jobs/NAME`` the bundled one of that name.
+
+    Raises `InputError` if there is neither.
+    """
     path = Path(path).expanduser()
     bundled = resource("jobs")
-    candidates = (path, bundled / path.name, bundled / f"{path.name}.yaml")
+    candidates = [path]
+    if path.parent in (Path(), Path("jobs")):
+        candidates += [bundled / path.name, bundled / f"{path.name}.yaml"]
     for candidate in candidates:
         if candidate.is_file():
             return candidate

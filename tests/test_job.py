@@ -128,6 +128,11 @@ BAD = {
     ),
     "depths reversed": ("", ["depths_mm.first=0.5"], "depths_mm: first must be less than last"),
     "one depth, two ends": ("", ["depths_mm.count=1"], "depths_mm: one depth: first and last must be equal"),
+    "too deep for int16": (
+        "",
+        ["depths_mm.last=4"],
+        r"dataset: displacement int16 .* depths_mm\.last = 4; allowed: displacement float32, or .* up to 3\.2",
+    ),
     "unknown mesh": (
         "",
         ["sensors.digit.mesh=fine"],
@@ -163,6 +168,19 @@ def test_bad_input_is_one_line_that_says_where_what_and_what_is_allowed(write, c
 def test_a_job_that_does_not_exist_names_the_bundled_ones(tmp_path):
     with pytest.raises(InputError, match=r"no such job file; bundled jobs: paired\.yaml.*smoke\.yaml"):
         load_job(tmp_path / "nothing.yaml")
+
+
+@pytest.mark.parametrize("path", ["nowhere/paired.yaml", "jobs/old/paired.yaml", "/nowhere/jobs/paired"])
+def test_a_mistyped_path_never_means_a_bundled_job(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"{path}: no such job file; bundled jobs: paired"):
+        load_job(path)
+
+
+def test_float32_and_the_deepest_of_int16_are_accepted(write):
+    file = write(MINIMAL)
+    assert load_job(file, ["depths_mm.last=4", "dataset.displacement=float32"]).depths_m[-1] == 4e-3
+    assert load_job(file, ["depths_mm.last=3.2"]).dataset.displacement == "int16"
 
 
 def test_a_job_that_is_a_list_is_refused(write):
