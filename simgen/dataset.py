@@ -59,18 +59,15 @@ STAGING = ".staging"
 TIMINGS = "timings.jsonl"
 
 CERTIFICATE = {
-    "residual": ("float64", "force residual over the scale of internal forces"),
-    "contact_error": (
-        "float64",
-        "violation of the contact constraint that the multipliers enforce, relative",
-    ),
+    "residual": ("float64", "out-of-balance forces over contact forces, Euclidean norms over the nodes"),
+    "contact_error": ("float64", "relative change (L2) that one more update would make to the multipliers"),
     "force_balance": ("float64", "|contact force + reaction of what is held| / |contact force|"),
-    "min_det_F": ("float64", "smallest det F over all quadrature points; positive: no element is inverted"),
+    "min_det_F": ("float64", "least det F over the elements' quadrature points; positive where no element is inverted"),
     "rms_penetration_m": ("float64", "root mean square pointwise penetration over the contact area, m"),
     "max_penetration_m": ("float64", "largest pointwise penetration, m"),
     "newton_iterations": ("int32", "Newton iterations of this depth, all sub-steps"),
     "krylov_iterations": ("int32", "iterations of the linear solver of this depth"),
-    "substeps": ("int32", "load steps taken from the depth before"),
+    "substeps": ("int32", "load increments attempted from the depth before, failed ones included"),
 }
 
 
