@@ -26,10 +26,10 @@ def test_boundary_triangles_are_closed_and_outward():
 
 
 def test_meshes_are_positive_fill_the_surface_and_follow_the_sizing_field():
-    box = trimesh.creation.box([10e-3, 8e-3, 10e-3])
+    box = trimesh.creation.box([10e-3, 20e-3, 10e-3])
 
     def fine_below(points):
-        return np.where(points[:, 1] < 0, 1.0e-3, 3e-3)
+        return np.where(points[:, 1] < 0, 1.2e-3, 4e-3)
 
     vertices, tetrahedra = tetrahedralize(box, fine_below, envelope=3e-5, cell=1e-3)
     volumes = signed_volumes(vertices, tetrahedra)
@@ -38,4 +38,5 @@ def test_meshes_are_positive_fill_the_surface_and_follow_the_sizing_field():
     ends = vertices[tetrahedra[:, TET_EDGES]]
     length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).mean(axis=1)
     height = vertices[tetrahedra].mean(axis=1)[:, 1]
-    assert length[height < -2e-3].mean() < 0.7 * length[height > 2e-3].mean()
+    # fTetWild grades slowly: three meshes gave 0.66, 0.61 and 0.65; a field that is ignored gives about 1.
+    assert length[height < -4e-3].mean() < 0.8 * length[height > 4e-3].mean()
