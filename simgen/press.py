@@ -11,14 +11,14 @@ import warp as wp
 
 from .distance import RigidShape
 from .fem.contact import Contact
-from .fem.element import ELEMENTS
+from .fem.element import ELEMENTS, TET_EDGES
 from .fem.material import NeoHookean
 from .fem.newton import NewtonSolver, SolverSettings, Status
 from .fem.operator import Elasticity
 from .first_touch import first_touch
 from .sensor import Material, Sensor
 from .shape import sampled_shape
-from .tetrahedra import interpolation_matrix
+from .tetrahedra import SimulationMesh, interpolation_matrix
 
 __all__ = ["PressResult", "Scene", "SolverSettings", "Status", "press"]
 
@@ -48,7 +48,7 @@ class PressResult:
     status : (d,) int8, codes of :class:`simgen.fem.newton.Status`
     certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core
         and reactions of the held nodes, over the indenter's force), min_det_F, penetration in m, iterations, sub-steps
-    touch : m, travel along the press axis from the given pose to first touch
+    touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of its batch
     """
 
@@ -96,7 +96,9 @@ class Scene:
         self._held_rows = np.flatnonzero(held)
         # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
-        self._to_output = free @ interpolation_matrix(mesh, sensor.output_mesh.vertices)[:, :n]
+        self._to_output = free @ interpolation_matrix(mesh, sensor.output_mesh.vertices)
+        if kind.nodes == 4:
+            self._to_output = self._to_output @ corners_to_nodes(mesh)
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:
@@ -118,8 +120,7 @@ class Scene:
     def reset(self, shapes: list[RigidShape]):
         """Return to rest with new indenters (one per environment) and forget all that earlier presses left."""
         solver = self.solver
-        for vector in (solver.x, solver.x_start):
-            vector.zero_()
+        solver.x.zero_()
         solver.active.fill_(1)
         solver.preconditioner.forget()
         self.indenter_contact.set_shapes(shapes)
@@ -130,6 +131,16 @@ class Scene:
         """Displacement of the output mesh (v, 3), m."""
         n_u = self.solver.elasticity.n_displacements
         return self._to_output @ self.solver.x.numpy()[:n_u, env].reshape(-1, 3) / MM
+
+
+def corners_to_nodes(mesh: SimulationMesh) -> sparse.csr_array:
+    """Linear displacements at all nodes from those at the corners: (nodes, corners); a mid-edge node has the mean."""
+    edges = mesh.tetrahedra[:, TET_EDGES].reshape(-1, 2)
+    middles, first = np.unique(mesh.tetrahedra[:, 4:].ravel(), return_index=True)
+    rows = np.concatenate([np.arange(mesh.n_corners), middles, middles])
+    columns = np.concatenate([np.arange(mesh.n_corners), edges[first, 0], edges[first, 1]])
+    values = np.where(rows < mesh.n_corners, 1.0, 0.5)
+    return sparse.csr_array((values, (rows, columns)), shape=(len(mesh.nodes), mesh.n_corners))
 
 
 def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
@@ -151,7 +162,8 @@ def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: n
     march.running[count:] = False
     march.to_the_end()
     seconds = (time.perf_counter() - begin) / count
-    return [march.result(env, travel[env] / MM, seconds) for env in range(count)]
+    touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)
+    return [march.result(env, float(touch[env]), seconds) for env in range(count)]
 
 
 @dataclass
@@ -174,7 +186,7 @@ class _March:
         self.spacing = float(np.diff(self.depths, prepend=0.0).max())
         self.step = np.full(batch, self.spacing)
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
-        self.x_previous = self.scene.solver.vector()
+        self.x_start, self.x_previous = self.scene.solver.vector(), self.scene.solver.vector()
 
     def fail(self, environments, status):
         for env in environments:
@@ -193,30 +205,31 @@ class _March:
     def increment(self):
         """One attempt of a load increment in every running environment."""
         scene, solver = self.scene, self.scene.solver
+        solver.active.assign(self.running.astype(np.int32))
         stored = np.array([len(rows) for rows in self.rows])
         goal = self.depths[np.minimum(stored, len(self.depths) - 1)]
         target = np.minimum(self.depth + self.step, goal)
         target = np.where(goal - target < 1e-9, goal, target)
-        wp.copy(solver.x_start, solver.x)
+        wp.copy(self.x_start, solver.x)
         multipliers = [contact.save() for contact in solver.contacts]
         self.extrapolate(target)
         here = np.tile(np.eye(4), (scene.batch, 1, 1))
-        scene.indenter_contact.begin_increment(solver.x_start, solver.x, self.pose(self.depth), self.pose(target))
+        scene.indenter_contact.begin_increment(self.x_start, solver.x, self.pose(self.depth), self.pose(target))
         if scene.core_contact is not None:
-            scene.core_contact.begin_increment(solver.x_start, solver.x, here, here)
+            scene.core_contact.begin_increment(self.x_start, solver.x, here, here)
         out = solver.solve(self.running)
         self.cost += np.stack([out.newton_iterations, out.krylov_iterations, self.running.astype(np.int64)])
         converged = self.running & (out.status == Status.CONVERGED)
         failed = self.running & ~converged
         if failed.any():
-            _restore(solver.x, solver.x_start, failed)
+            _restore(solver.x, self.x_start, failed)
             for contact, saved in zip(solver.contacts, multipliers, strict=True):
                 _restore(contact.surface.normal, saved[0], failed)
                 _restore(contact.surface.tangential, saved[1], failed)
             self.step[failed] = (target - self.depth)[failed] / 2.0
             hopeless = failed & (self.step < self.scene.settings.smallest_substep * self.spacing)
             self.fail(np.flatnonzero(hopeless), out.status)
-        _restore(self.x_previous, solver.x_start, converged)
+        _restore(self.x_previous, self.x_start, converged)
         self.previous[converged] = self.depth[converged]
         self.depth[converged] = target[converged]
         self.step[converged] = np.minimum(2.0 * self.step[converged], self.spacing)
@@ -227,11 +240,11 @@ class _March:
         solver = self.scene.solver
         last = self.depth - self.previous
         factor = np.where(last > 0.0, EXTRAPOLATION * (target - self.depth) / np.where(last > 0.0, last, 1.0), 0.0)
-        x = solver.x_start.numpy()
+        x = self.x_start.numpy()
         guess = x + factor * (x - self.x_previous.numpy())
         solver.x.assign(guess)
         _, _, min_det = solver.forces(solver.x)
-        _restore(solver.x, solver.x_start, min_det < 0.2)
+        _restore(solver.x, self.x_start, min_det < 0.2)
 
     def store(self, reached: np.ndarray, out):
         """Record the samples of the environments that have just reached a depth to store."""
@@ -239,10 +252,10 @@ class _March:
             return
         scene, solver = self.scene, self.scene.solver
         unit = scene.material.youngs_modulus_pa / MM**2  # N per unit of solver force
-        force, moment, rms, deepest = scene.indenter_contact.resultants(solver.x, solver.x_start)
+        force, moment, rms, deepest = scene.indenter_contact.resultants(solver.x)
         total = force.copy()
         if scene.core_contact is not None:
-            total += scene.core_contact.resultants(solver.x, solver.x_start)[0]
+            total += scene.core_contact.resultants(solver.x)[0]
         solver.active.assign(reached.astype(np.int32))
         residual = solver.forces(solver.x, hold=False)[0].numpy()
         nodal = residual[: solver.elasticity.n_displacements].reshape(-1, 3, scene.batch)

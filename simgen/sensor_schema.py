@@ -40,7 +40,7 @@ class Material(Section):
     """A near-incompressible neo-Hookean solid with Coulomb friction on its surface."""
 
     youngs_modulus_pa: Annotated[float, Field(ge=1e3, le=1e9)]
-    poisson_ratio: Annotated[float, Field(ge=0.0, le=0.4999)]
+    poisson_ratio: Annotated[float, Field(ge=0.01, le=0.49999)]
     friction: Annotated[float, Field(ge=0.0, le=2.0)]
     source: str = ""  # where the values come from
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from ..distance import RigidShape
+from ..distance import RigidShape, probe
 from ..shape import shape_array
 from .element import Element, face_geometry
 from .material import mat33, real, vec3
@@ -23,7 +23,6 @@ wp.set_module_options({"enable_backward": False})
 def contact_residual_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
-    x_start: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     # outputs
     residual_out: wp.array2d(dtype=wp.float64),
@@ -32,7 +31,7 @@ def contact_residual_kernel(
     if active[env] == 0:
         return
     for q in range(s.areas.shape[1]):
-        found = traction(s, x, x_start, f, q, env)
+        found = traction(s, x, f, q, env)
         if found.pressure > real(0.0):
             force = s.areas[f, q] * (found.pressure * found.normal + found.friction)
             for a in range(s.shapes.shape[1]):
@@ -43,7 +42,6 @@ def contact_residual_kernel(
 def contact_tangent_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
-    x_start: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     # outputs
     tangent_out: wp.array3d(dtype=mat33),
@@ -53,7 +51,7 @@ def contact_tangent_kernel(
     if active[env] == 0:
         return
     for q in range(s.areas.shape[1]):
-        found = traction(s, x, x_start, f, q, env)
+        found = traction(s, x, f, q, env)
         tangent_out[f, q, env] = s.areas[f, q] * found.tangent
 
 
@@ -116,30 +114,38 @@ def gap_kernel(
 
 
 @wp.kernel
-def slip_fraction_kernel(
-    gap_start: wp.array3d(dtype=wp.float64),
-    gap_predicted: wp.array3d(dtype=wp.float64),
+def anchor_kernel(
+    s: Surface,
+    x_start: wp.array2d(dtype=wp.float64),
+    x_predicted: wp.array2d(dtype=wp.float64),
+    rotation_start: wp.array(dtype=mat33),
+    origin_start: wp.array(dtype=vec3),
     active: wp.array(dtype=wp.int32),
     # outputs
-    slip_fraction_out: wp.array3d(dtype=wp.float64),
+    anchor_out: wp.array3d(dtype=vec3),
 ):
-    """A point that was apart by g0 and would overlap by -g1 spends -g1 / (g0 - g1) of the increment in contact."""
+    """Where slip begins to count: at the start, or where a point that is apart by g0 and would overlap by -g1 enters.
+
+    In the shape's frame, on the straight path to the predicted state. A point that is not predicted to enter is
+    anchored at the end of that path.
+    """
     f, q, env = wp.tid()
     if active[env] == 0:
         return
-    g0 = wp.max(gap_start[f, q, env], real(0.0))
-    g1 = wp.min(gap_predicted[f, q, env], real(0.0))
-    fraction = real(1.0)
+    start = wp.transpose(rotation_start[env]) * (deformed(s, x_start, f, q, env) - origin_start[env])
+    predicted = wp.transpose(s.rotation[env]) * (deformed(s, x_predicted, f, q, env) - s.origin[env])
+    g0 = probe(s.rigid[env], start).distance + s.gap_offset[f, q]
+    g1 = wp.min(probe(s.rigid[env], predicted).distance + s.gap_offset[f, q], real(0.0))
+    entry = real(0.0)
     if g0 > real(0.0):
-        fraction = -g1 / (g0 - g1)
-    slip_fraction_out[f, q, env] = fraction
+        entry = g0 / (g0 - g1)
+    anchor_out[f, q, env] = start + entry * (predicted - start)
 
 
 @wp.kernel
 def project_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
-    x_start: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     # outputs
     normal_out: wp.array2d(dtype=wp.float64),
@@ -150,7 +156,7 @@ def project_kernel(
     if active[env] == 0:
         return
     for q in range(s.areas.shape[1]):
-        found = traction(s, x, x_start, f, q, env)
+        found = traction(s, x, f, q, env)
         if found.pressure > real(0.0) or found.multiplier > real(0.0):
             for i in range(3):
                 weight = s.areas[f, q] * s.multiplier_shapes[q, i]
@@ -189,7 +195,6 @@ def update_kernel(
 def resultant_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
-    x_start: wp.array2d(dtype=wp.float64),
     # outputs
     force_out: wp.array(dtype=vec3),
     moment_out: wp.array(dtype=vec3),
@@ -198,7 +203,7 @@ def resultant_kernel(
     """Force and moment on the sensor; rows of ``penetration_out``: area in contact, integral of g^2 there, max -g."""
     f, env = wp.tid()
     for q in range(s.areas.shape[1]):
-        found = traction(s, x, x_start, f, q, env)
+        found = traction(s, x, f, q, env)
         if found.pressure > real(0.0):
             area = s.areas[f, q]
             force = area * (found.pressure * found.normal + found.friction)
@@ -232,19 +237,15 @@ class Contact:
         s.multiplier_shapes = wp.array(geometry.multiplier_shapes, dtype=wp.float64, device=device)
         s.areas = wp.array(geometry.areas, dtype=wp.float64, device=device)
         s.gap_offset = wp.zeros(geometry.areas.shape, dtype=wp.float64, device=device)
-        for name in ("rotation", "rotation_start"):
-            setattr(s, name, wp.array(np.tile(np.eye(3), (self.n_env, 1, 1)), dtype=mat33, device=device))
-        for name in ("origin", "origin_start"):
-            setattr(s, name, wp.zeros(self.n_env, dtype=vec3, device=device))
+        s.rotation = wp.array(np.tile(np.eye(3), (self.n_env, 1, 1)), dtype=mat33, device=device)
+        s.origin = wp.zeros(self.n_env, dtype=vec3, device=device)
         self._points = (*geometry.areas.shape, self.n_env)
-        s.slip_fraction = wp.ones(self._points, dtype=wp.float64, device=device)
+        s.anchor = wp.zeros(self._points, dtype=vec3, device=device)
         s.normal = wp.zeros((self.n_slots, self.n_env), dtype=wp.float64, device=device)
         s.tangential = wp.zeros((self.n_slots, self.n_env), dtype=vec3, device=device)
         s.stiffness, s.friction_stiffness = stiffness
         s.friction = friction
 
-        self._gap_start = wp.zeros(self._points, dtype=wp.float64, device=device)
-        self._gap_predicted = wp.zeros(self._points, dtype=wp.float64, device=device)
         self._tangent = wp.zeros(self._points, dtype=mat33, device=device)
         self._normal_sum, self._tangential_sum = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)
 
@@ -279,30 +280,20 @@ class Contact:
         return gap.numpy()
 
     def begin_increment(self, x_start, x_predicted, start_poses, poses):
-        """Start an increment at ``x_start`` and ``start_poses``; the prediction tells when points enter contact."""
-        s = self.surface
-        s.rotation_start.assign(np.ascontiguousarray(start_poses[:, :3, :3]))
-        s.origin_start.assign(np.ascontiguousarray(start_poses[:, :3, 3]))
-        if self.friction > 0.0:
-            self.set_pose(start_poses)
-            self._launch(gap_kernel, [x_start, self.active], [self._gap_start], dim=self._points)
-            self.set_pose(poses)
-            self._launch(gap_kernel, [x_predicted, self.active], [self._gap_predicted], dim=self._points)
-            wp.launch(
-                slip_fraction_kernel,
-                dim=self._points,
-                inputs=[self._gap_start, self._gap_predicted, self.active],
-                outputs=[s.slip_fraction],
-                device=self.device,
-            )
+        """Start an increment at ``x_start`` and ``start_poses``; the prediction tells where points enter contact."""
         self.set_pose(poses)
+        if self.friction > 0.0:
+            rotation = wp.array(np.ascontiguousarray(start_poses[:, :3, :3]), dtype=mat33, device=self.device)
+            origin = wp.array(np.ascontiguousarray(start_poses[:, :3, 3]), dtype=vec3, device=self.device)
+            inputs = [x_start, x_predicted, rotation, origin, self.active]
+            self._launch(anchor_kernel, inputs, [self.surface.anchor], dim=self._points)
 
-    def residual(self, x, x_start, residual_out):
-        self._launch(contact_residual_kernel, [x, x_start, self.active], [residual_out])
+    def residual(self, x, residual_out):
+        self._launch(contact_residual_kernel, [x, self.active], [residual_out])
 
-    def linearize(self, x, x_start):
+    def linearize(self, x):
         self._tangent.zero_()
-        self._launch(contact_tangent_kernel, [x, x_start, self.active], [self._tangent])
+        self._launch(contact_tangent_kernel, [x, self.active], [self._tangent])
 
     def tangent(self, v, action_out):
         """Action of the derivative at the state of the last ``linearize``."""
@@ -311,11 +302,11 @@ class Contact:
     def blocks(self, block_index, blocks_out):
         self._launch(contact_blocks_kernel, [self._tangent, self.active, block_index], [blocks_out])
 
-    def update_multipliers(self, x, x_start, write: bool) -> tuple[np.ndarray, np.ndarray]:
+    def update_multipliers(self, x, write: bool) -> tuple[np.ndarray, np.ndarray]:
         """Project the tractions onto the multipliers; returns L2 norms (env,) of their change and of themselves."""
         self._normal_sum.zero_()
         self._tangential_sum.zero_()
-        self._launch(project_kernel, [x, x_start, self.active], [self._normal_sum, self._tangential_sum])
+        self._launch(project_kernel, [x, self.active], [self._normal_sum, self._tangential_sum])
         change = wp.zeros((2, self.n_env), dtype=wp.float64, device=self.device)
         inputs = [self.weights, self._normal_sum, self._tangential_sum, self.active, int(write)]
         self._launch(update_kernel, inputs, [change], dim=(self.n_slots, self.n_env))
@@ -329,12 +320,12 @@ class Contact:
         wp.copy(self.surface.normal, saved[0])
         wp.copy(self.surface.tangential, saved[1])
 
-    def resultants(self, x, x_start):
+    def resultants(self, x):
         """On the sensor: force (env, 3), moment about the origin (env, 3), and penetration rms, max (env,) mm."""
         force = wp.zeros(self.n_env, dtype=vec3, device=self.device)
         moment = wp.zeros(self.n_env, dtype=vec3, device=self.device)
         penetration = wp.zeros((3, self.n_env), dtype=wp.float64, device=self.device)
-        self._launch(resultant_kernel, [x, x_start], [force, moment, penetration])
+        self._launch(resultant_kernel, [x], [force, moment, penetration])
         area, squared, deepest = penetration.numpy()
         rms = np.sqrt(squared / np.where(area > 0.0, area, 1.0))
         return force.numpy(), moment.numpy(), rms, np.maximum(deepest, 0.0)

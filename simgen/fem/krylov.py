@@ -91,11 +91,11 @@ class Gmres:
         """Solve ``operator x = b`` until the residual is ``tolerance`` times b in every active environment.
 
         ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``. Returns the iterations and the relative
-        residuals (env,); the caller judges those that did not reach the tolerance within the basis.
+        residuals (env,), infinite where the system broke down; the caller judges those that missed the tolerance.
         """
         V, Z, n_env = self.basis, self.directions, self.n_env
         beta = norms(b)
-        live = active & (beta > 0.0)
+        live = active & (beta > 0.0) & np.isfinite(beta)
         safe = np.where(beta > 0.0, beta, 1.0)
         scale(b, np.where(live, 1.0 / safe, 0.0), V[0])
         H = np.zeros((self.size + 1, self.size, n_env))
@@ -104,7 +104,7 @@ class Gmres:
         rhs[0] = np.where(live, beta, 0.0)
         used = 0
         residual = np.where(live, 1.0, 0.0)
-        while used < self.size and residual.max() > tolerance:
+        while used < self.size and np.nanmax(residual) > tolerance:
             j = used
             preconditioner(V[j], Z[j])
             operator(Z[j], V[j + 1])
@@ -132,4 +132,4 @@ class Gmres:
         x_out.zero_()
         if used:
             combine(Z[:used], y, x_out)
-        return used, residual
+        return used, np.where(np.isfinite(residual) & np.isfinite(beta), residual, np.inf)

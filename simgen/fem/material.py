@@ -31,22 +31,23 @@ class NeoHookean:
     mu: float
     lam: float
     gamma: float
+    pressure_compliance: float  # 1 / (lam - gamma); 0 where the element carries no pressure
 
     @classmethod
     def from_engineering(cls, youngs_modulus: float, poisson_ratio: float, split: float | None) -> NeoHookean:
         """Lame parameters from E and nu; ``split`` = gamma/mu, or None for all of lam pointwise (no pressure).
 
-        gamma stays below lam/2, so that the pressure keeps a finite stiffness for compressible solids too.
+        gamma stays below lam/2, so that the pressure keeps a finite stiffness for compressible solids too. Raises
+        ValueError unless 0 < nu < 0.5.
         """
+        if not 0.0 < poisson_ratio < 0.5:
+            raise ValueError(f"poisson_ratio = {poisson_ratio}, allowed: above 0 and below 0.5")
         mu = youngs_modulus / (2.0 * (1.0 + poisson_ratio))
         lam = 2.0 * mu * poisson_ratio / (1.0 - 2.0 * poisson_ratio)
-        gamma = lam if split is None else min(split * mu, 0.5 * lam)
-        return cls(mu, lam, gamma)
-
-    @property
-    def pressure_compliance(self) -> float:
-        """1 / (lam - gamma); 0 where the element carries no pressure."""
-        return 0.0 if self.gamma == self.lam else 1.0 / (self.lam - self.gamma)
+        if split is None:
+            return cls(mu, lam, gamma=lam, pressure_compliance=0.0)
+        gamma = min(split * mu, 0.5 * lam)
+        return cls(mu, lam, gamma, pressure_compliance=1.0 / (lam - gamma))
 
 
 @wp.func

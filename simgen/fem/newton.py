@@ -122,7 +122,7 @@ class NewtonSolver:
         pattern = BlockPattern(len(held), elasticity.host_tetrahedra, faces, held, device)
         self.preconditioner = BlockTriangular(elasticity, contacts, pattern, n_env)
         self.gmres = Gmres(self.n_unknowns, n_env, settings.krylov_size, device)
-        self.x_start, self.x, self._trial, self._residual, self._step = (self.vector() for _ in range(5))
+        self.x, self._trial, self._residual, self._step = (self.vector() for _ in range(4))
 
     def vector(self):
         return wp.zeros((self.n_unknowns, self.n_env), dtype=wp.float64, device=self.elasticity.device)
@@ -132,7 +132,7 @@ class NewtonSolver:
         r = self._residual
         r.zero_()
         for contact in self.contacts:
-            contact.residual(x, self.x_start, r)
+            contact.residual(x, r)
         contact_norm = norms(r)
         min_det = wp.full(self.n_env, np.inf, dtype=wp.float64, device=r.device)
         self.elasticity.residual(x, r, min_det)
@@ -154,27 +154,27 @@ class NewtonSolver:
         refactor = active & (missing | (self._last_krylov > s.refactor_above))
         self.elasticity.linearize(self.x)
         for contact in self.contacts:
-            contact.linearize(self.x, self.x_start)
+            contact.linearize(self.x)
+        stalled = np.zeros(self.n_env, dtype=bool)
         if refactor.any():
-            self.preconditioner.update(np.flatnonzero(refactor))
+            stalled[self.preconditioner.update(np.flatnonzero(refactor))] = True
         apply = self.preconditioner.apply
-        used, relative = self.gmres.solve(self._tangent, apply, r, self._step, s.linear_tolerance, active)
+        used, relative = self.gmres.solve(self._tangent, apply, r, self._step, s.linear_tolerance, active & ~stalled)
         self._last_krylov[active] = used
-        stalled = active & (relative > s.linear_tolerance)
-        return used, stalled
+        return used, active & (stalled | ~(relative <= s.linear_tolerance))
 
     def update_multipliers(self, write: bool) -> np.ndarray:
         """Relative change (env,) of all multipliers in an update, which is carried out if ``write``."""
         change, size = np.zeros((2, self.n_env))
         for contact in self.contacts:
-            c, n = contact.update_multipliers(self.x, self.x_start, write)
+            c, n = contact.update_multipliers(self.x, write)
             change, size = np.hypot(change, c), np.hypot(size, n)
         return np.where(size > 0.0, change / np.where(size > 0.0, size, 1.0), np.where(change > 0.0, 1.0, 0.0))
 
     def solve(self, active: np.ndarray) -> Increment:
         """Find equilibrium from the guess ``self.x`` for the active environments (env,) bool.
 
-        ``self.x_start`` is the start of the increment; the contacts have been told of it by ``begin_increment``.
+        The contacts have been told of the increment by ``begin_increment``.
         """
         s = self.settings
         running = active.copy()
@@ -205,9 +205,11 @@ class NewtonSolver:
             used, stalled = self._linear_solve(r, running)
             out.krylov_iterations[running] += used
             out.newton_iterations[running] += 1
+            out.status[stalled] = Status.LINEAR_SOLVER_STALLED
+            running &= ~stalled
             accepted = self._line_search(size, running)
-            out.status[running & ~accepted] = Status.INVERTED
-            out.status[stalled & ~accepted] = Status.LINEAR_SOLVER_STALLED
+            inverted = running & ~accepted & ~(self._trial_det > LEAST_DETERMINANT)
+            out.status[inverted] = Status.INVERTED
             running &= accepted
             # Multipliers that are good enough rest, so that Newton's method ends with quadratic convergence.
             unfinished = running & (self.update_multipliers(write=False) > s.contact_tolerance)
@@ -232,6 +234,7 @@ class NewtonSolver:
             wp.copy(self._trial, self.x)
             combine(self._step.reshape((1, *self._step.shape)), -alpha[None], self._trial)
             r, _, min_det = self.forces(self._trial)
+            self._trial_det = min_det
             usable = (min_det > LEAST_DETERMINANT) & (norms(r) <= MOST_GROWTH * size)
             now = self._work(r)
             bracketed = usable & (work > 0.0)

@@ -80,18 +80,26 @@ class BlockTriangular:
         """Drop the factors of the last presses: a press must not depend on those before it."""
         self.factors = [None] * self._blocks.shape[1]
 
-    def update(self, environments: np.ndarray):
-        """Factor the displacement blocks of the last linearisation for the given environments."""
+    def update(self, environments: np.ndarray) -> np.ndarray:
+        """Factor the displacement blocks of the last linearisation for the given environments.
+
+        Returns the environments whose matrix is singular; they keep the factor that they had.
+        """
         self._blocks.zero_()
         self.elasticity.blocks(self.pattern.tet_index, self._blocks)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
             contact.blocks(index, self._blocks)
         values = self._blocks.numpy()
-        if not self._ordered:
-            self.pattern.reorder(values[:, environments[0]])
-            self._ordered = True
+        singular = []
         for env in environments:
-            self.factors[env] = self.pattern.factor(values[:, env])
+            try:
+                if not self._ordered:
+                    self.pattern.reorder(values[:, env])
+                    self._ordered = True
+                self.factors[env] = self.pattern.factor(values[:, env])
+            except RuntimeError:  # SuperLU: "Factor is exactly singular"
+                singular.append(env)
+        return np.array(singular, dtype=int)
 
     def apply(self, r, z_out):
         """z = M^-1 r."""

@@ -40,9 +40,7 @@ class Surface:
     rigid: wp.array(dtype=RigidShape)  # (env,)
     rotation: wp.array(dtype=mat33)  # (env,) shape frame -> sensor frame
     origin: wp.array(dtype=vec3)  # (env,) mm
-    rotation_start: wp.array(dtype=mat33)  # the same at the start of the increment
-    origin_start: wp.array(dtype=vec3)
-    slip_fraction: wp.array3d(dtype=wp.float64)  # (face, q, env) share of the increment spent in contact
+    anchor: wp.array3d(dtype=vec3)  # (face, q, env) mm, shape frame: where the point was when its slip began to count
     normal: wp.array2d(dtype=wp.float64)  # (slot, env) lambda
     tangential: wp.array2d(dtype=vec3)  # (slot, env) lambda_t
     stiffness: wp.float64  # k of the normal traction
@@ -101,12 +99,7 @@ def return_tangent(trial: vec3, radius: real, plane: mat33) -> mat33:
 
 @wp.func
 def traction(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    x_start: wp.array2d(dtype=wp.float64),
-    f: wp.int32,
-    q: wp.int32,
-    env: wp.int32,
+    s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32
 ) -> Traction:
     out = Traction()
     out.position = deformed(s, x, f, q, env)
@@ -122,9 +115,8 @@ def traction(
         return out
     out.tangent = s.stiffness * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
     if s.friction > real(0.0) and out.multiplier > real(0.0):
-        local = wp.transpose(s.rotation_start[env]) * (deformed(s, x_start, f, q, env) - s.origin_start[env])
-        slip = out.position - (s.origin[env] + s.rotation[env] * local)
-        k = s.friction_stiffness * s.slip_fraction[f, q, env]
+        slip = out.position - (s.origin[env] + s.rotation[env] * s.anchor[f, q, env])
+        k = s.friction_stiffness
         plane = wp.identity(n=3, dtype=wp.float64) - wp.outer(out.normal, out.normal)
         trial = plane * (out.tangential - k * slip)
         radius = s.friction * wp.min(out.multiplier, out.pressure)

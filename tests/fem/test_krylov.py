@@ -37,3 +37,22 @@ def test_the_basis_bounds_the_iterations_and_the_residual_says_so():
     assert used == 5
     assert residual[0] > 1e-8
     assert np.isclose(residual[0], np.linalg.norm(b - A @ x.numpy()) / np.linalg.norm(b))
+
+
+def test_an_environment_that_breaks_down_does_not_stop_the_others():
+    rng = np.random.default_rng(2)
+    A = rng.normal(size=(20, 20)) / 5 + 4.0 * np.eye(20)
+    b = rng.normal(size=(20, 2))
+
+    def operator(v, out):
+        action = A @ v.numpy()
+        action[:, 1] = np.nan
+        out.assign(action)
+
+    gmres, x = Gmres(20, 2, 20, "cpu"), wp.zeros((20, 2), dtype=wp.float64, device="cpu")
+    _, residual = gmres.solve(
+        operator, lambda v, out: out.assign(v.numpy()), wp.array(b, dtype=wp.float64, device="cpu"), x, 1e-9,
+        np.ones(2, dtype=bool),
+    )  # fmt: skip
+    assert residual[1] == np.inf and residual[0] <= 1e-9
+    assert np.linalg.norm(b[:, 0] - A @ x.numpy()[:, 0]) <= 1.1e-9 * np.linalg.norm(b[:, 0])

@@ -102,3 +102,5 @@ def test_lame_parameters():
     assert NeoHookean.from_engineering(1.0, 0.3, None).pressure_compliance == 0.0
     compressible = NeoHookean.from_engineering(1.0, 0.2, 2.0)
     assert compressible.gamma == pytest.approx(compressible.lam / 2.0)
+    with pytest.raises(ValueError, match=r"poisson_ratio = 0\.5"):
+        NeoHookean.from_engineering(1.0, 0.5, 2.0)

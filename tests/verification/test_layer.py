@@ -74,6 +74,7 @@ def test_force_without_friction_within_one_percent(layer, reference):
 def test_force_with_friction_within_one_percent(layer, reference):
     depths = np.linspace(0.1, 1.0, 10)
     result = press_centre(layer, 0.78, depths)
-    # 1 %, and 0.7 % by which the reference itself falls as its load step goes from 0.1 to 0.0125 mm.
+    # The reference falls by 0.7 % as its load step goes from 0.1 to 0.0125 mm, as it counts slip from the start of a
+    # step; ours counts it from the point's entry and is to meet the finest steps, with the same target of 1 %.
     expected = forces(reference, 0.78, 160, [0.5, 1.0])
-    np.testing.assert_allclose(result.force[[4, 9], 1], expected, rtol=0.017)
+    np.testing.assert_allclose(result.force[[4, 9], 1], expected, rtol=0.01)
