@@ -1,8 +1,10 @@
-"""Where a dataset comes from: the version, commit and packages that made it, and how two origins differ."""
+"""Where a dataset comes from: the version, commit, sources and packages that made it, and how two origins differ."""
 
+import hashlib
 import subprocess
 from collections.abc import Mapping
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import simgen
@@ -12,10 +14,19 @@ PACKAGES = ("warp-lang", "numpy", "scipy", "zarr", "numcodecs", "trimesh")
 
 
 def code_version() -> dict[str, str | bool | None]:
-    """Version, and in a checkout the commit and whether tracked files differ from it."""
+    """Version, sha256 of the sources, and in a checkout the commit and whether tracked files differ from it."""
     commit = _git("rev-parse", "HEAD") if (PACKAGE.parent / ".git").exists() else None
     dirty = bool(_git("status", "--porcelain", "--untracked-files=no")) if commit else None
-    return {"version": simgen.__version__, "commit": commit, "dirty": dirty}
+    return {"version": simgen.__version__, "source": source_hash(), "commit": commit, "dirty": dirty}
+
+
+def source_hash(package: Path = PACKAGE) -> str:
+    """sha256 of the names and contents of a package's own .py files: the same in a checkout and in a wheel."""
+    digest = hashlib.sha256()
+    for file in sorted(package.rglob("*.py")):
+        content = hashlib.sha256(file.read_bytes()).hexdigest()
+        digest.update(f"{content}  {file.relative_to(package).as_posix()}\n".encode())
+    return digest.hexdigest()
 
 
 def package_versions() -> dict[str, str]:
