@@ -60,7 +60,9 @@ def run(
     if dry_run:
         from simgen.console import print_preview
         from simgen.preview import preview
+        from simgen.quiet import check_device_name
 
+        check_device_name(device)  # the GPU may be another machine's
         print_preview(checked, preview(checked, device), output or checked.output(), device)
         return
     from simgen.console import run_with_progress

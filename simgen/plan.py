@@ -10,7 +10,7 @@ from simgen import dataset, pairing, provenance
 from simgen.errors import InputError
 from simgen.fem.newton import Status
 from simgen.job import Job
-from simgen.quiet import start_warp
+from simgen.quiet import check_device
 from simgen.sensor import Material, Sensor, load_sensor
 
 
@@ -28,8 +28,9 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
 
     Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine.
+    Raises `InputError` if this machine has no such device.
     """
-    start_warp()
+    check_device(device)
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
     settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count"}))

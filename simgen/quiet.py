@@ -1,8 +1,11 @@
 """Start Warp without a word: neither its greeting, nor a warning on every machine that has no GPU."""
 
 import os
+import re
 
 import warp as wp
+
+from simgen.errors import InputError
 
 
 def start_warp() -> None:
@@ -20,3 +23,22 @@ def start_warp() -> None:
         os.dup2(stderr, 2)
         os.close(stderr)
         os.close(nowhere)
+
+
+def check_device_name(device: str) -> None:
+    """Raises `InputError` unless it is cpu, cuda or cuda:N, whether or not this machine has it."""
+    if not re.fullmatch(r"cpu|cuda(:[0-9]+)?", device):
+        raise InputError(f"device {device!r} is not allowed; allowed: cpu, cuda, cuda:N (N = 0, 1, ...)")
+
+
+def check_device(device: str) -> None:
+    """Raises `InputError` unless it is cpu, or a GPU that this machine has."""
+    check_device_name(device)
+    start_warp()
+    if device == "cpu":
+        return
+    count = wp.get_cuda_device_count()
+    number = int(device.partition(":")[2] or 0)
+    if number >= count:
+        gpus = ", ".join(f"cuda:{n}" for n in range(count)) or "no CUDA GPU"
+        raise InputError(f"device {device!r}: this machine has {gpus}; allowed here: cpu{', cuda' * bool(count)}")

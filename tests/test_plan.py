@@ -10,6 +10,7 @@ from simgen.fem.newton import SolverSettings
 from simgen.job import Solver, Trajectories, load_job
 from simgen.pairing import ContactSettings
 from simgen.plan import chosen_material, chosen_sensor, make_plan
+from simgen.quiet import check_device
 
 
 def test_the_job_and_the_solver_agree_on_names_and_defaults():
@@ -57,3 +58,20 @@ def test_an_unknown_preset_names_those_that_there_are():
     job = load_job("smoke.yaml", ["sensors.biotac.material=liquid"])
     with pytest.raises(InputError, match=r"sensors\.biotac\.material: 'liquid' .*allowed: .*effective"):
         chosen_material(job, "biotac", chosen_sensor(job, "biotac"))
+
+
+@pytest.mark.parametrize(("gpus", "device", "says"), [
+    (0, "cuda", "'cuda': this machine has no CUDA GPU; allowed here: cpu$"),
+    (2, "cuda:2", "'cuda:2': this machine has cuda:0, cuda:1; allowed here: cpu, cuda$"),
+    (2, "cuda:", "'cuda:' is not allowed; allowed: cpu, cuda, cuda:N"),
+])  # fmt: skip
+def test_a_device_that_is_not_there_is_refused(monkeypatch, gpus, device, says):
+    monkeypatch.setattr("warp.get_cuda_device_count", lambda: gpus)
+    with pytest.raises(InputError, match=says):
+        make_plan(load_job("smoke.yaml"), device)
+
+
+def test_devices_that_are_there_are_accepted(monkeypatch):
+    monkeypatch.setattr("warp.get_cuda_device_count", lambda: 2)
+    for device in ("cpu", "cuda", "cuda:0", "cuda:1"):
+        check_device(device)
