@@ -10,11 +10,12 @@ One zarr v3 directory, in SI units::
       press/contact_pose (press, 4, 4)                 indenter -> shared frame, its tip at the contact point
       press/contact_normal (press, 3)                  outward, of the reference sensor, in the shared frame
       press/pose (press, 4, 4)                         contact_pose moved along its +y to first touch on the
-                                                       reference sensor
+                                                       reference sensor, or contact_pose if never touched
       <sensor>/rest_positions (vertex, 3)              the output mesh in the sensor's own frame
       <sensor>/tetrahedra, surface_triangles, held, touchable
       <sensor>/pose (press, 4, 4)                      sensor -> shared frame: the unfolding transform
-      <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor
+      <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor;
+                                                       NaN if never touched
       <sensor>/displacement (press, depth, vertex, 3)  int16 in steps of 1e-7 m, or float32 in m
       <sensor>/force, moment (press, depth, 3)         N, N m: on the sensor, in its frame, with friction
       <sensor>/status (press, depth)                   0 converged; the sentences are in the attributes
@@ -89,11 +90,12 @@ class Array:
 
 def written_arrays(sensors: Mapping[str, int], depths: int, displacement: str) -> dict[str, Array]:
     """What the tasks write, by path; `sensors` gives the number of output vertices of each."""
-    arrays = {"press/pose": Array((4, 4), "float64", "indenter to shared frame at first touch", "m")}
+    about = "indenter to shared frame at first touch, or the contact pose where there is none"
+    arrays = {"press/pose": Array((4, 4), "float64", about, "m")}
     for sensor, vertices in sensors.items():
         scale = {"scale_factor": DISPLACEMENT_STEP_M} if displacement == "int16" else {}
         arrays |= {
-            f"{sensor}/touch": Array((), "float64", "travel from press/pose to first touch", "m"),
+            f"{sensor}/touch": Array((), "float64", "travel from press/pose to first touch, NaN if none", "m"),
             f"{sensor}/displacement": Array(
                 (depths, vertices, 3), displacement, "of output vertices", "m", (1, vertices, 3), scale
             ),

@@ -4,6 +4,7 @@ A `RigidShape` is in mm and in the indenter frame (tip plane y = 0, press direct
 meshes are in m.
 """
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -82,17 +83,23 @@ _TABLE = TypeAdapter(dict[str, Spec])
 
 @dataclass(frozen=True)
 class Indenter:
-    """A named indenter; ``source`` is the mesh of the user's own kind (m), None for an analytic one."""
+    """A named indenter; an analytic one has neither ``source`` nor ``sha256``."""
 
     name: str
     spec: Spec
-    source: trimesh.Trimesh | None = None
+    source: trimesh.Trimesh | None = None  # a user's own mesh, m
+    sha256: str | None = None  # of its file
 
     def shape(self) -> RigidShape:
         """The shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
         if isinstance(self.spec, MeshSpec):
             return sampled_shape(self.source, self.spec.spacing_mm, margin_mm=3.0)
         return rigid_shape(Kind[self.spec.kind.upper()], *(v for k, v in self.spec if k != "kind"))
+
+    def identity(self) -> dict[str, str | float]:
+        """All that decides the shape: the sizes of its kind, or how a mesh is read and the sha256 of its file."""
+        own = {} if self.sha256 is None else {"sha256": self.sha256}
+        return self.spec.model_dump(exclude={"file"}) | own
 
     def mesh(self) -> trimesh.Trimesh:
         """A closed surface for drawing (m); an analytic shape is cut 10 mm or more below its tip."""
@@ -118,7 +125,7 @@ def load_indenter(name_or_path: str | Path, file: str | Path | None = None) -> I
     name = str(name_or_path)
     if Path(name).suffix.lower() in MESH_SUFFIXES:
         spec = MeshSpec(kind="mesh", file=name)
-        return Indenter(Path(name).stem, spec, _read_mesh(Path(name), spec.unit))
+        return _mesh_indenter(Path(name).stem, spec, Path(name))
     path = _table_path(file)
     table = _read_table(path)
     if name not in table:
@@ -127,8 +134,13 @@ def load_indenter(name_or_path: str | Path, file: str | Path | None = None) -> I
         )
     spec = table[name]
     if isinstance(spec, MeshSpec):
-        return Indenter(name, spec, _read_mesh(path.parent / spec.file, spec.unit))
+        return _mesh_indenter(name, spec, path.parent / spec.file)
     return Indenter(name, spec)
+
+
+def _mesh_indenter(name: str, spec: MeshSpec, file: Path) -> Indenter:
+    mesh = _read_mesh(file, spec.unit)
+    return Indenter(name, spec, mesh, hashlib.sha256(file.read_bytes()).hexdigest())
 
 
 def _table_path(file: str | Path | None) -> Path:

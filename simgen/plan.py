@@ -9,6 +9,7 @@ import numpy as np
 from simgen import dataset, pairing, provenance
 from simgen.errors import InputError
 from simgen.fem.newton import Status
+from simgen.indenter import load_indenter
 from simgen.job import Job
 from simgen.quiet import check_device
 from simgen.sensor import Material, Sensor, load_sensor
@@ -79,6 +80,22 @@ def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
     return sensor.materials[choice.preset].model_copy(update={**own, **source})
 
 
+def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
+    """All of a sensor that decides the physics; the meshes' hashes cover gel, held regions and core too."""
+    return {
+        "simulation_mesh": sensor.simulation_mesh.hash,
+        "output_mesh": sensor.output_mesh.hash,
+        "core_friction": sensor.core_friction,
+        "material": chosen_material(job, name, sensor).model_dump(),
+    }
+
+
+def indenter_identities(job: Job) -> dict[str, Any]:
+    """Name of each indenter -> its sizes, or the sha256 of its file."""
+    located = zip(job.indenter_names, job.indenters, strict=True)
+    return {name: load_indenter(job.locate(text)).identity() for name, text in located}
+
+
 def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[str, Any]:
     return {
         "job": job.resolved(),
@@ -86,15 +103,8 @@ def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[st
         "code": provenance.code_version(),
         "packages": provenance.package_versions(),
         "device": device,
-        "sensors": {
-            name: {
-                "simulation_mesh": sensor.simulation_mesh.hash,
-                "output_mesh": sensor.output_mesh.hash,
-                "material": chosen_material(job, name, sensor).model_dump(),
-            }
-            for name, sensor in sensors.items()
-        },
-        "indenters": list(job.indenter_names),
+        "sensors": {name: sensor_identity(job, name, sensor) for name, sensor in sensors.items()},
+        "indenters": indenter_identities(job),
         "splits": list(dataset.SPLITS),
         "status": {str(int(status)): status.sentence for status in Status},
     }

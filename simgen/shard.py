@@ -3,6 +3,7 @@
 A worker process makes the scene of a sensor once and keeps it between tasks.
 """
 
+import json
 import socket
 import time
 from collections.abc import Callable, Sequence
@@ -13,10 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from simgen.dataset import CERTIFICATE, Dataset, write_shard
+from simgen.errors import InputError
 from simgen.indenter import load_indenter
 from simgen.job import Job
-from simgen.plan import Plan, chosen_material, chosen_sensor
+from simgen.plan import Plan, chosen_material, chosen_sensor, indenter_identities, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, press
+from simgen.provenance import difference
 from simgen.quiet import start_warp
 
 Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
@@ -58,9 +61,31 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
 
 
 @lru_cache(maxsize=8)
-def _presser(build: Callable[[Job, str, str], Presser], job: Job, sensor: str, device: str) -> Presser:
-    """One presser per sensor and worker process, kept between tasks."""
+def _presser(
+    build: Callable[[Job, str, str], Presser], job: Job, sensor: str, device: str, inputs: str
+) -> Presser:
+    """One presser per sensor, worker process and inputs of the dataset, kept between tasks."""
+    _check_inputs(job, inputs)
     return build(job, sensor, device)
+
+
+@lru_cache(maxsize=8)
+def _check_inputs(job: Job, inputs: str) -> None:
+    """Raises `InputError` where a sensor or an indenter is another one here than in the dataset.
+
+    `inputs` is JSON of the dataset's attributes. Files may differ between machines, and so do meshes that each
+    made for itself: fTetWild does not make the same mesh twice.
+    """
+    recorded = json.loads(inputs)
+    own = {
+        "sensors": {name: sensor_identity(job, name, chosen_sensor(job, name)) for name in recorded["sensors"]},
+        "indenters": indenter_identities(job),
+    }
+    if changes := difference(recorded, own):
+        raise InputError(
+            f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all "
+            "workers the same files, and the same meshes by running `simgen mesh` once in a folder they share"
+        )
 
 
 def warm_up(plan: Plan, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
@@ -71,21 +96,26 @@ def warm_up(plan: Plan, build: Callable[[Job, str, str], Presser] = fem_presser)
 
 
 def run_shard(path: Path, shard: int, job: Job, device: str, build=fem_presser) -> ShardReport:
-    """Solve all presses of one shard on every sensor and write them."""
+    """Solve all presses of one shard on every sensor and write them.
+
+    Raises `InputError` where this process sees other sensors or indenters than those of the dataset.
+    """
     begin = time.perf_counter()
     dataset = Dataset(path)
     presses = dataset.shard_presses(shard)
     rows = slice(presses.start, presses.stop)
     contact_pose = dataset.root["press/contact_pose"][rows]
     indenters = dataset.root["press/indenter"][rows].tolist()
+    inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")})
     values: dict[str, np.ndarray] = {}
     seconds = {}
     for sensor in dataset.sensors:
         poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][rows]) @ contact_pose
-        results = _presser(build, job, sensor, device)(indenters, poses, job.depths_m)
+        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
         values |= _columns(sensor, results)
         seconds[sensor] = round(sum(result.seconds for result in results), 3)
-    first_touch = values[f"{dataset.sensors[0]}/touch"].copy()
+    # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
+    first_touch = np.nan_to_num(values[f"{dataset.sensors[0]}/touch"])
     for sensor in dataset.sensors:
         values[f"{sensor}/touch"] -= first_touch
     values["press/pose"] = _advance(contact_pose, first_touch)

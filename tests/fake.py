@@ -11,6 +11,7 @@ import trimesh
 
 from simgen.dataset import split_by_trajectory
 from simgen.job import Job, job_from_dict
+from simgen.plan import indenter_identities
 
 RADIUS_M = 7e-3
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
@@ -59,7 +60,13 @@ def make_plan(job: Job) -> SimpleNamespace:
             f"{sensor}/touchable": ~HELD,
             f"{sensor}/pose": np.tile(np.eye(4), (len(trajectory), 1, 1)),
         }
-    attributes = {"job": job.resolved(), "job_hash": job.hash, "status": {"0": "Converged.", "1": "Stalled."}}
+    attributes = {
+        "job": job.resolved(),
+        "job_hash": job.hash,
+        "sensors": {},  # the ball is no sensor that could be loaded again
+        "indenters": indenter_identities(job),
+        "status": {"0": "Converged.", "1": "Stalled.", "2": "Never touched."},
+    }
     return SimpleNamespace(job=job, device="cpu", attributes=attributes, arrays=arrays)
 
 
@@ -112,6 +119,27 @@ def failing_presser(job, sensor, device):
                     *result.certificate.values(),
                 ):
                     values[2:] = np.nan
+        return results
+
+    return presser
+
+
+def missing_presser(job, sensor, device):
+    """The ring never touches the first sensor."""
+
+    def presser(indenters, poses, depths):
+        results = fake_presser(job, sensor, device)(indenters, poses, depths)
+        for indenter, result in zip(indenters, results, strict=True):
+            if indenter == 1 and sensor == "digit":
+                result.touch = np.nan
+                result.status[:] = 2
+                for values in (
+                    result.displacement,
+                    result.force,
+                    result.moment,
+                    *result.certificate.values(),
+                ):
+                    values[:] = np.nan
         return results
 
     return presser

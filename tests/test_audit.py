@@ -64,6 +64,14 @@ def test_failed_samples_are_explained(dataset):
     assert notes == ["2 samples, the first at press 3, depth 1: Stalled."]
 
 
+def test_presses_that_never_touch_fail_as_samples_and_nowhere_else(tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    dataset = run(plan, tmp_path / "missed.zarr", scheduler="sync", build=fake.missing_presser)
+    assert failures(dataset) == {"digit: samples converged"}
+    notes = [finding.note for finding in check(dataset) if finding.note]
+    assert notes == ["16 samples, the first at press 1, depth 0: Never touched."]
+
+
 def test_a_missing_shard_is_found(dataset):
     (dataset.path / "manifest" / "000002.json").unlink()
     assert "dataset: presses" in failures(dataset)

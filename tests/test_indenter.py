@@ -1,5 +1,7 @@
 """Indenters: published shapes, exact distances and derivatives, sampled shapes, strict tables."""
 
+import hashlib
+
 import numpy as np
 import pytest
 import trimesh
@@ -206,3 +208,13 @@ def test_analytic_sizes_are_those_of_the_table():
     point = [[0.3, 0.4, 1.1]]
     by_hand = signed_distance(rigid_shape(Kind.RING, 7.0, 3.5, 1.0), point)[0]
     np.testing.assert_array_equal(by_hand, signed_distance(load_indenter("ring_7mm").shape(), point)[0])
+
+
+def test_an_indenter_is_known_by_its_sizes_or_its_file(tmp_path):
+    assert load_indenter("sphere_7mm").identity() == {"kind": "sphere", "radius_mm": 3.5}
+    file = tmp_path / "block.stl"
+    trimesh.creation.box([4e-3, 2e-3, 4e-3]).export(file)
+    expected = hashlib.sha256(file.read_bytes()).hexdigest()
+    assert load_indenter(file).identity() == {
+        "kind": "mesh", "unit": "m", "spacing_mm": 0.2, "sha256": expected,
+    }  # fmt: skip

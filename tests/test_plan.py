@@ -1,16 +1,21 @@
 """The plan: the job's settings are those of the modules that use them; bundled sensors make a sound plan."""
 
 from dataclasses import asdict
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
+import yaml
 
 from simgen.errors import InputError
 from simgen.fem.newton import SolverSettings
 from simgen.job import Solver, Trajectories, load_job
 from simgen.pairing import ContactSettings
-from simgen.plan import chosen_material, chosen_sensor, make_plan
+from simgen.plan import chosen_material, chosen_sensor, indenter_identities, make_plan, sensor_identity
+from simgen.provenance import difference
 from simgen.quiet import check_device
+from simgen.sensor_meshes import output_settings
 
 
 def test_the_job_and_the_solver_agree_on_names_and_defaults():
@@ -24,6 +29,13 @@ def test_the_job_and_the_pairing_agree_on_names_and_defaults():
 @pytest.fixture(scope="module")
 def plan():
     return make_plan(load_job("smoke.yaml"))
+
+
+def test_a_plan_records_its_sensors_and_indenters(plan):
+    assert plan.attributes["indenters"] == indenter_identities(plan.job)
+    for name in plan.job.sensors:
+        expected = sensor_identity(plan.job, name, chosen_sensor(plan.job, name))
+        assert plan.attributes["sensors"][name] == expected
 
 
 def test_presses_run_through_the_indenters_of_each_trajectory(plan):
@@ -75,3 +87,82 @@ def test_devices_that_are_there_are_accepted(monkeypatch):
     monkeypatch.setattr("warp.get_cuda_device_count", lambda: 2)
     for device in ("cpu", "cuda", "cuda:0", "cuda:1"):
         check_device(device)
+
+
+SLAB = {
+    "name": "slab",
+    "gel": {"mesh": {"file": "slab.stl", "unit": "mm"}},
+    "core": {"mesh": {"file": "core.stl", "unit": "mm"}, "friction": 0.0},
+    "held": {"back": {"plane": {"axis": "y", "at_mm": 4.0}}},
+    "meshes": {"default": {"edge_length_mm": 4.0}},
+    "materials": {"solid": {"youngs_modulus_pa": 539e3, "poisson_ratio": 0.499, "friction": 0.78}},
+}
+
+
+@pytest.fixture
+def own_inputs(tmp_path, monkeypatch):
+    """A job on a hollow slab with a core and an indenter, all from files; returns its folder.
+
+    No mesh is made: the hash of what it would be made from, which is part of its own, stands for it.
+    """
+    monkeypatch.setattr(
+        "simgen.sensor_meshes.simulation_mesh",
+        lambda shape, mesh: SimpleNamespace(hash=shape.mesh_source(getattr(shape.description.meshes, mesh))),
+    )
+    monkeypatch.setattr(
+        "simgen.sensor_meshes.output_mesh",
+        lambda shape: SimpleNamespace(hash=shape.mesh_source(output_settings(shape))),
+    )
+    cavity = trimesh.creation.box([8.0, 3.0, 8.0])
+    cavity.invert()
+    gel = trimesh.util.concatenate([trimesh.creation.box([20.0, 8.0, 20.0]), cavity])
+    gel.export(tmp_path / "slab.stl")
+    trimesh.creation.box([7.0, 2.0, 7.0]).export(tmp_path / "core.stl")
+    trimesh.creation.box([8e-3, 4e-3, 6e-3]).export(tmp_path / "block.stl")
+    (tmp_path / "sensor.yaml").write_text(yaml.safe_dump(SLAB))
+    job = {
+        "name": "own",
+        "sensors": {"slab": {"model": "./"}},
+        "indenters": ["block.stl"],
+        "trajectories": {"count": 1},
+        "depths_mm": {"first": 0.1, "last": 0.2, "count": 2},
+    }
+    (tmp_path / "job.yaml").write_text(yaml.safe_dump(job))
+    return tmp_path
+
+
+def inputs(folder):
+    """What a plan of the folder's job records of its sensor and its indenter."""
+    job = load_job(folder / "job.yaml")
+    sensor = sensor_identity(job, "slab", chosen_sensor(job, "slab"))
+    return {"sensors": {"slab": sensor}, "indenters": indenter_identities(job)}
+
+
+def test_an_edit_of_what_a_user_brings_makes_another_dataset(own_inputs):
+    """Indenter file, core friction, core file, held region and material, one after the other."""
+    before = inputs(own_inputs)
+    assert difference(before, inputs(own_inputs)) == []
+    assert str(own_inputs) not in str(before), "a dataset does not tell where its inputs lay"
+
+    def edit_sensor(**changes):
+        (own_inputs / "sensor.yaml").write_text(yaml.safe_dump({**SLAB, **changes}))
+
+    def edit_mesh(name, size):
+        trimesh.creation.box(size).export(own_inputs / name)
+
+    slippery, sticky = SLAB["core"], {**SLAB["core"], "friction": 0.5}
+    moved = {"back": {"box": {"y_mm": [3.9, 4.1]}}}
+    softer = {"solid": {**SLAB["materials"]["solid"], "youngs_modulus_pa": 400e3}}
+    mesh = ["sensors.slab.simulation_mesh", "sensors.slab.output_mesh"]
+    for edit, expected in (
+        (lambda: edit_mesh("block.stl", [8e-3, 4e-3, 7e-3]), ["indenters.block.sha256"]),
+        (lambda: edit_sensor(core=sticky), ["sensors.slab.core_friction"]),
+        (lambda: edit_mesh("core.stl", [6.0, 2.0, 7.0]), mesh),
+        (lambda: edit_sensor(core=sticky, held=moved), mesh),
+        (lambda: edit_sensor(core=slippery, held=moved, materials=softer),
+         ["sensors.slab.core_friction", "sensors.slab.material.youngs_modulus_pa"]),
+    ):  # fmt: skip
+        edit()
+        after = inputs(own_inputs)
+        assert [change.split(":")[0] for change in difference(before, after)] == expected
+        before = after

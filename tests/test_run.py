@@ -1,6 +1,7 @@
 """Runs with a press by formula: any number of workers, kills and interrupts give the same bytes."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,10 +11,13 @@ from pathlib import Path
 import fake
 import numpy as np
 import pytest
+import trimesh
 
 from simgen.dataset import Dataset
 from simgen.errors import InputError
+from simgen.plan import sensor_identity
 from simgen.run import run
+from simgen.sensor import load_sensor
 
 CHILD = """
 import sys, fake, pathlib
@@ -128,6 +132,43 @@ def test_poses_are_at_first_touch_of_the_reference_sensor(whole):
     )
     assert not moved[:, :3, :3].any()
     np.testing.assert_array_equal(dataset["biotac/touch"], 0.0)
+
+
+def test_a_press_that_never_touches_keeps_the_contact_pose(tmp_path):
+    """The ring never touches the DIGIT; the fake press touches the BioTac after 20 um from the given pose."""
+    plan = fake.make_plan(fake.make_job())
+    dataset = run(plan, tmp_path / "d.zarr", scheduler="sync", build=fake.missing_presser)
+    ring = dataset["press/indenter"] == 1
+    np.testing.assert_array_equal(np.isnan(dataset["digit/touch"]), ring)
+    np.testing.assert_array_equal(dataset["press/pose"][ring], dataset["press/contact_pose"][ring])
+    assert np.isfinite(dataset["press/pose"]).all()
+    np.testing.assert_array_equal(dataset["biotac/touch"], np.where(ring, 2e-5, 0.0))
+
+
+def test_a_worker_with_another_indenter_file_writes_nothing(tmp_path):
+    block = trimesh.creation.box([8e-3, 4e-3, 6e-3])
+    block.export(tmp_path / "block.stl")
+    plan = fake.make_plan(fake.make_job(indenters=[str(tmp_path / "block.stl")]))
+    reports = []
+    block.apply_scale(1.1).export(tmp_path / "block.stl")
+    path = tmp_path / "d.zarr"
+    dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.fake_presser)
+    assert dataset.finished() == []
+    for report in reports:
+        assert re.search(r"the inputs on .* are not the dataset's \(indenters\.block\.sha256: ", report.error)
+
+
+def test_a_worker_with_another_mesh_writes_nothing(tmp_path):
+    plan = fake.make_plan(fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}}))
+    own = sensor_identity(plan.job, "digit", load_sensor("digit", "coarse"))
+    for name, mesh, written in (("same", own["simulation_mesh"], 6), ("other", "0" * 64, 0)):
+        attributes = {**plan.attributes, "sensors": {"digit": {**own, "simulation_mesh": mesh}}}
+        plan.attributes = attributes
+        reports = []
+        path = tmp_path / f"{name}.zarr"
+        dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.fake_presser)
+        assert len(dataset.finished()) == written
+    assert all(f"sensors.digit.simulation_mesh: {mesh} -> {own['simulation_mesh']}" in r.error for r in reports)
 
 
 def test_a_changed_job_is_refused(whole):
