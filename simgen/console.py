@@ -38,8 +38,10 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         f"each on {sensors}, in {seen.shards:,} shards"
     )
     console.print(f"size: about {_size(seen.bytes)} ({seen.bytes_source})")
-    duration = "unknown" if seen.seconds is None else f"about {_time(seen.seconds)} of one {device}"
-    console.print(f"time: {duration} ({seen.seconds_source})")
+    duration = "not measured on this kind of device" if seen.seconds is None else (
+        f"about {_time(seen.seconds)} of one {'core' if device == 'cpu' else device} ({seen.seconds_source})"
+    )
+    console.print(f"time: {duration}")
     for sensor in seen.sensors:
         material = sensor.material
         console.print(
