@@ -12,6 +12,7 @@ import warp as wp
 from .distance import RigidShape
 from .fem.contact import Contact
 from .fem.element import ELEMENTS, TET_EDGES
+from .fem.krylov import copy_environments
 from .fem.material import NeoHookean
 from .fem.newton import NewtonSolver, SolverSettings, Status
 from .fem.operator import Elasticity
@@ -222,14 +223,13 @@ class _March:
         converged = self.running & (out.status == Status.CONVERGED)
         failed = self.running & ~converged
         if failed.any():
-            _restore(solver.x, self.x_start, failed)
+            copy_environments(self.x_start, failed, solver.x)
             for contact, saved in zip(solver.contacts, multipliers, strict=True):
-                _restore(contact.surface.normal, saved[0], failed)
-                _restore(contact.surface.tangential, saved[1], failed)
+                contact.restore(saved, failed)
             self.step[failed] = (target - self.depth)[failed] / 2.0
             hopeless = failed & (self.step < self.scene.settings.smallest_substep * self.spacing)
             self.fail(np.flatnonzero(hopeless), out.status)
-        _restore(self.x_previous, self.x_start, converged)
+        copy_environments(self.x_start, converged, self.x_previous)
         self.previous[converged] = self.depth[converged]
         self.depth[converged] = target[converged]
         self.step[converged] = np.minimum(2.0 * self.step[converged], self.spacing)
@@ -244,7 +244,7 @@ class _March:
         guess = x + factor * (x - self.x_previous.numpy())
         solver.x.assign(guess)
         _, _, min_det = solver.forces(solver.x)
-        _restore(solver.x, self.x_start, min_det < 0.2)
+        copy_environments(self.x_start, min_det < 0.2, solver.x)
 
     def store(self, reached: np.ndarray, out):
         """Record the samples of the environments that have just reached a depth to store."""
@@ -294,13 +294,3 @@ class _March:
         certificate = {key: column(key) for key in CERTIFICATE}
         vectors = column("displacement", shape, 3), column("force", 3), column("moment", 3)
         return PressResult(*vectors, status, certificate, touch, seconds)
-
-
-def _restore(array: wp.array, source: wp.array, environments: np.ndarray):
-    """Copy the columns of some environments from ``source``."""
-    if environments.all():
-        wp.copy(array, source)
-    elif environments.any():
-        values = array.numpy().copy()
-        values[:, environments] = source.numpy()[:, environments]
-        array.assign(values)

@@ -12,6 +12,7 @@ import warp as wp
 from ..distance import RigidShape, probe
 from ..shape import shape_array
 from .element import Element, face_geometry
+from .krylov import copy_environments
 from .material import mat33, real, vec3
 from .operator import add_vec3, load_vec3
 from .traction import Surface, deformed, probe_in_sensor_frame, return_to_cone, traction
@@ -316,9 +317,10 @@ class Contact:
         """Tractions, to be given to :meth:`restore`."""
         return wp.clone(self.surface.normal), wp.clone(self.surface.tangential)
 
-    def restore(self, saved):
-        wp.copy(self.surface.normal, saved[0])
-        wp.copy(self.surface.tangential, saved[1])
+    def restore(self, saved, environments: np.ndarray):
+        """Return the marked environments (env,) bool to saved tractions."""
+        copy_environments(saved[0], environments, self.surface.normal)
+        copy_environments(saved[1], environments, self.surface.tangential)
 
     def resultants(self, x):
         """On the sensor: force (env, 3), moment about the origin (env, 3), and penetration rms, max (env,) mm."""

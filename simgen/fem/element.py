@@ -8,6 +8,7 @@ Node order is VTK's: corners 0-3, then the middles of the edges 01, 12, 20, 03, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
@@ -36,8 +37,6 @@ def barycentric_p2_gradient(barycentric: np.ndarray, edges: np.ndarray) -> np.nd
 
 def _orbit(values: list[float]) -> np.ndarray:
     """All distinct permutations of one barycentric point."""
-    from itertools import permutations
-
     return np.array(sorted(set(permutations(values))))
 
 
@@ -127,7 +126,7 @@ def tet_geometry(element: Element, nodes: np.ndarray, tetrahedra: np.ndarray) ->
         worst = int(determinant.min(axis=1).argmin())
         raise ValueError(f"tetrahedron {worst} is inverted: its geometry map has determinant {determinant.min():.3g}")
     gradients = np.einsum("qaj,eqji->eqai", by_local, np.linalg.inv(jacobian))
-    return TetGeometry(gradients, determinant * weights / 6.0, points[:, : element.pressures] * 1.0)
+    return TetGeometry(gradients, determinant * weights / 6.0, points[:, : element.pressures])
 
 
 @dataclass(frozen=True)

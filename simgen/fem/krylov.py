@@ -79,6 +79,16 @@ def scale(x, factor: np.ndarray, x_out):
     wp.launch(scale_kernel, dim=x_out.shape, inputs=[x, values], outputs=[x_out], device=x_out.device)
 
 
+def copy_environments(source: wp.array, environments: np.ndarray, out: wp.array):
+    """Copy the columns of the marked environments (env,) bool."""
+    if environments.all():
+        wp.copy(out, source)
+    elif environments.any():
+        values = out.numpy().copy()
+        values[:, environments] = source.numpy()[:, environments]
+        out.assign(values)
+
+
 class Gmres:
     """Work space for systems of ``n`` unknowns in ``n_env`` environments; at most ``size`` basis vectors."""
 

@@ -274,7 +274,6 @@ class Elasticity:
         for b in range(element.pressures):
             shares = geometry.volumes @ geometry.pressure_shapes[:, b]
             np.add.at(self.pressure_mass, tetrahedra[:, b], shares)
-        self.volume = float(geometry.volumes.sum())
         points = (*geometry.volumes.shape, active.shape[0])
         self._cofactors = wp.zeros(points, dtype=mat33, device=device)
         self._coefficients = wp.zeros(points, dtype=wp.vec2d, device=device)

@@ -37,7 +37,6 @@ class BlockPattern:
         column = np.broadcast_to(3 * columns[:, None, None] + np.arange(3)[None, None, :], entry.shape).ravel()
         matrix = sparse.coo_matrix((entry.ravel() + 1.0, (row, column)), shape=(3 * n_nodes, 3 * n_nodes)).tocsc()
         self._matrix = matrix[self.free][:, self.free]
-        self._order = np.arange(len(self.free))
 
     def reorder(self, values: np.ndarray):
         """Fix the elimination order: minimum degree of A + A^T, found once per scene."""
