@@ -25,6 +25,7 @@ HOUSE = {
     "dataset": ["dataset", "audit"],
     "run": ["plan", "shard", "run"],
     "views": ["drawing", "pictures", "preview", "report", "console"],
+    "validate": ["validate"],
     "cli": ["cli"],
 }  # fmt: skip
 ROOM = {module: number for number, modules in enumerate(HOUSE.values()) for module in modules}
@@ -92,8 +93,12 @@ def test_only_run_imports_dask():
 
 def test_only_the_command_line_imports_views():
     views = set(HOUSE["views"])
-    for module in set(module_files()) - views - {"cli"}:
+    for module in set(module_files()) - views - {"validate", "cli"}:
         assert not own_imports(module) & views, module
+
+
+def test_only_the_command_line_imports_the_validation():
+    assert {module for module in module_files() if "validate" in own_imports(module)} <= {"cli"}
 
 
 def test_nothing_but_training_imports_torch():
