@@ -17,8 +17,8 @@ class Row:
 
     quantity, unit : what it is, "force at 1 mm, R = 3.5 mm, frictionless", and its unit, "N", "um" or ""
     reference : NaN where there is none; the tolerance then bounds ``ours`` itself
-    tolerance, kind : "relative" |ours - reference| <= tolerance |reference|; "absolute" |ours - reference| <= tolerance;
-        "at least" ours >= tolerance; "at most" ours <= tolerance
+    kind : "relative" |ours - reference| <= tolerance |reference|, "absolute" |ours - reference| <= tolerance,
+        "at least" ours >= tolerance, "at most" ours <= tolerance
     origin : where reference and tolerance come from, short
     """
 
