@@ -1,4 +1,4 @@
-"""Press indenters into a sensor: from first touch through all depths, to samples with their certificate."""
+"""Move indenters in a sensor: from first touch along a path (or through depths), to samples with their certificate."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from .fem.contact import Contact
 from .fem.element import ELEMENTS, TET_EDGES
 from .fem.krylov import copy_environments
 from .fem.material import NeoHookean
-from .fem.newton import NewtonSolver, SolverSettings, Status
+from .fem.newton import SMALLEST_FORCE, NewtonSolver, SolverSettings, Status, per_component
 from .fem.operator import Elasticity
 from .first_touch import first_touch
 from .sensor import Material, Sensor
 from .shape import sampled_shape
 from .tetrahedra import SimulationMesh, interpolation_matrix
 
-__all__ = ["PressResult", "Scene", "SolverSettings", "Status", "press"]
+__all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
 
 MM = 1e3  # millimetres per metre
-EXTRAPOLATION = 0.9  # share of the last step that a new one starts from
+EXTRAPOLATION = 0.9  # share of the last step that a new one along the same line starts from
 CORE_SPACING_MM = 0.25  # grid of the core's signed distance
 CERTIFICATE = (
     "residual",
@@ -41,7 +41,7 @@ CERTIFICATE = (
 
 @dataclass(frozen=True)
 class PressResult:
-    """One press on one sensor; d depths, v vertices of the output mesh.
+    """One press on one sensor; d depths or points of a path, v vertices of the output mesh.
 
     displacement : (d, v, 3) m, NaN where the press did not get that far
     force : (d, 3) N on the sensor, normal and friction together, in the sensor's frame
@@ -80,7 +80,7 @@ class Scene:
         mesh = sensor.simulation_mesh
         n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
         self.nodes = mesh.nodes[:n] * MM
-        held = mesh.held[:n]
+        held = per_component(mesh.held[:n])
         split = self.settings.volumetric_split if kind.pressures else None
         solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)
         active = wp.ones(batch, dtype=wp.int32, device=device)
@@ -94,7 +94,7 @@ class Scene:
         contacts = [c for c in (self.indenter_contact, self.core_contact) if c is not None]
         self.solver = NewtonSolver(body, contacts, held, batch, self.settings)
         self.unknowns = self.solver.n_unknowns
-        self._held_rows = np.flatnonzero(held)
+        self._held = held
         # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
         self._to_output = free @ interpolation_matrix(mesh, sensor.output_mesh.vertices)
@@ -149,6 +149,16 @@ def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: n
 
     poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; depths_m (d,) increasing.
     """
+    depths_m = np.asarray(depths_m, dtype=float)
+    return follow(scene, shapes, poses, depths_m[:, None] * np.array([0.0, 1.0, 0.0]))
+
+
+def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np.ndarray) -> list[PressResult]:
+    """Move up to ``scene.batch`` indenters along one path, from first touch on, and keep every point of it.
+
+    poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; path_m (d, 3): offsets from first touch in
+    the indenter's frame (+y presses), m, visited in order along straight lines: shear and unloading are paths.
+    """
     begin = time.perf_counter()
     count = len(shapes)
     padding = scene.batch - count
@@ -158,7 +168,9 @@ def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: n
     poses_mm = np.concatenate([poses_mm, np.repeat(poses_mm[-1:], padding, axis=0)])
     scene.reset(shapes)
     travel, status = first_touch(scene.nodes, scene.indenter_contact.host_faces, shapes[:count], poses_mm[:count])
-    march = _March(scene, poses_mm, np.pad(travel, (0, padding)), np.asarray(depths_m) * MM)
+    at_touch = poses_mm.copy()
+    at_touch[:, :3, 3] += np.pad(travel, (0, padding))[:, None] * poses_mm[:, :3, 1]
+    march = _March(scene, at_touch, np.asarray(path_m, dtype=float) * MM)
     march.fail(np.flatnonzero(status != Status.CONVERGED), status)
     march.running[count:] = False
     march.to_the_end()
@@ -169,22 +181,26 @@ def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: n
 
 @dataclass
 class _March:
-    """The depths of one batch: every environment has its own step and its own next depth to store."""
+    """The path of one batch: every environment has its own step and its own next point to store.
+
+    poses (env, 4, 4) at first touch; path (d, 3). ``way`` is the length of path that lies behind an environment, mm.
+    """
 
     scene: Scene
     poses: np.ndarray
-    travel: np.ndarray
-    depths: np.ndarray
+    path: np.ndarray
     rows: list[list[dict]] = field(default_factory=list)
 
     def __post_init__(self):
         batch = self.scene.batch
         self.rows = [[] for _ in range(batch)]
-        self.depth = np.zeros(batch)
-        self.previous = np.zeros(batch)
+        self._corners = np.vstack([np.zeros(3), self.path])
+        lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
+        self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
+        self.way, self.previous = np.zeros((2, batch))
         self.running = np.ones(batch, dtype=bool)
         self.final = np.full(batch, int(Status.CONVERGED))
-        self.spacing = float(np.diff(self.depths, prepend=0.0).max())
+        self.spacing = float(lengths.max())
         self.step = np.full(batch, self.spacing)
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
         self.x_start, self.x_previous = self.scene.solver.vector(), self.scene.solver.vector()
@@ -194,9 +210,13 @@ class _March:
             self.running[env] = False
             self.final[env] = status[env]
 
-    def pose(self, depth: np.ndarray) -> np.ndarray:
+    def offset(self, way: np.ndarray) -> np.ndarray:
+        """Offsets (env, 3) from first touch in the indenters' frames, mm."""
+        return np.stack([np.interp(way, self._way_to, self._corners[:, i]) for i in range(3)], axis=-1)
+
+    def pose(self, way: np.ndarray) -> np.ndarray:
         moved = self.poses.copy()
-        moved[:, :3, 3] += (self.travel + depth)[:, None] * self.poses[:, :3, 1]
+        moved[:, :3, 3] += np.einsum("eij,ej->ei", self.poses[:, :3, :3], self.offset(way))
         return moved
 
     def to_the_end(self):
@@ -208,14 +228,14 @@ class _March:
         scene, solver = self.scene, self.scene.solver
         solver.active.assign(self.running.astype(np.int32))
         stored = np.array([len(rows) for rows in self.rows])
-        goal = self.depths[np.minimum(stored, len(self.depths) - 1)]
-        target = np.minimum(self.depth + self.step, goal)
+        goal = self._way_to[1 + np.minimum(stored, len(self.path) - 1)]
+        target = np.minimum(self.way + self.step, goal)
         target = np.where(goal - target < 1e-9, goal, target)
         wp.copy(self.x_start, solver.x)
         multipliers = [contact.save() for contact in solver.contacts]
         self.extrapolate(target)
         here = np.tile(np.eye(4), (scene.batch, 1, 1))
-        scene.indenter_contact.begin_increment(self.x_start, solver.x, self.pose(self.depth), self.pose(target))
+        scene.indenter_contact.begin_increment(self.x_start, solver.x, self.pose(self.way), self.pose(target))
         if scene.core_contact is not None:
             scene.core_contact.begin_increment(self.x_start, solver.x, here, here)
         out = solver.solve(self.running)
@@ -226,20 +246,25 @@ class _March:
             copy_environments(self.x_start, failed, solver.x)
             for contact, saved in zip(solver.contacts, multipliers, strict=True):
                 contact.restore(saved, failed)
-            self.step[failed] = (target - self.depth)[failed] / 2.0
+            self.step[failed] = (target - self.way)[failed] / 2.0
             hopeless = failed & (self.step < self.scene.settings.smallest_substep * self.spacing)
             self.fail(np.flatnonzero(hopeless), out.status)
         copy_environments(self.x_start, converged, self.x_previous)
-        self.previous[converged] = self.depth[converged]
-        self.depth[converged] = target[converged]
+        self.previous[converged] = self.way[converged]
+        self.way[converged] = target[converged]
         self.step[converged] = np.minimum(2.0 * self.step[converged], self.spacing)
         self.store(converged & (target == goal), out)
 
     def extrapolate(self, target: np.ndarray):
-        """Guess the next state from the last two where that keeps det F positive."""
+        """Guess the next state from the last two, as far as the path goes on along (or back) their line.
+
+        Kept where det F stays positive.
+        """
         solver = self.scene.solver
-        last = self.depth - self.previous
-        factor = np.where(last > 0.0, EXTRAPOLATION * (target - self.depth) / np.where(last > 0.0, last, 1.0), 0.0)
+        here = self.offset(self.way)
+        last, now = here - self.offset(self.previous), self.offset(target) - here
+        length = (last**2).sum(axis=-1)
+        factor = EXTRAPOLATION * (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         x = self.x_start.numpy()
         guess = x + factor * (x - self.x_previous.numpy())
         solver.x.assign(guess)
@@ -259,12 +284,12 @@ class _March:
         solver.active.assign(reached.astype(np.int32))
         residual = solver.forces(solver.x, hold=False)[0].numpy()
         nodal = residual[: solver.elasticity.n_displacements].reshape(-1, 3, scene.batch)
-        total += nodal[scene._held_rows].sum(axis=0).T
+        total += np.einsum("ni,nie->ei", scene._held, nodal)
         for env in np.flatnonzero(reached):
             values = {
                 "residual": out.residual[env],
                 "contact_error": out.contact_error[env],
-                "force_balance": np.linalg.norm(total[env]) / max(np.linalg.norm(force[env]), 1e-300),
+                "force_balance": np.linalg.norm(total[env]) / max(np.linalg.norm(force[env]), SMALLEST_FORCE),
                 "min_det_F": out.min_det[env],
                 "rms_penetration_m": rms[env] / MM,
                 "max_penetration_m": deepest[env] / MM,
@@ -277,10 +302,10 @@ class _March:
                 dict(values, displacement=displacement, force=force[env] * unit, moment=moment[env] * unit / MM)
             )
             self.cost[:, env] = 0
-            self.running[env] = len(self.rows[env]) < len(self.depths)
+            self.running[env] = len(self.rows[env]) < len(self.path)
 
     def result(self, env: int, touch: float, seconds: float) -> PressResult:
-        rows, d = self.rows[env], len(self.depths)
+        rows, d = self.rows[env], len(self.path)
         shape = self.scene._to_output.shape[0]
 
         def column(key, *inner):

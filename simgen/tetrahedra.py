@@ -36,7 +36,7 @@ class SimulationMesh:
     nodes: np.ndarray  # (n, 3) float64, m; corner nodes first
     n_corners: int  # nodes[:n_corners] are corners of tetrahedra
     tetrahedra: np.ndarray  # (e, 10) int32, positive volume
-    held: np.ndarray  # (n,) bool: zero displacement
+    held: np.ndarray  # (n,) bool: zero displacement; (n, 3) holds single components (symmetry planes)
     touchable: np.ndarray  # (f, 6) int32: triangles that an indenter may touch
     facing_core: np.ndarray  # (g, 6) int32: triangles that may meet the rigid core
     hash: str  # of the arrays and of what they were made from

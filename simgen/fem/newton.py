@@ -76,7 +76,8 @@ class SolverSettings:
     refactor_above: int = 10
 
 
-SMALLEST_FORCE = 1e-9  # in units of E mm2: forces below are nothing (1e-9 x 0.539 MPa mm2 = 0.5 nN)
+SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
+SMALLEST_MULTIPLIERS = 1e-6  # the same for the L2 norm of the contact multipliers, E mm: a contact that opens
 LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
 MOST_GROWTH = 10.0  # of the out-of-balance forces in one step
 OVERSHOOT = 0.3  # of the step's virtual work that may be left with the opposite sign
@@ -95,6 +96,11 @@ def hold_kernel(
         residual_out[i, env] = wp.float64(0.0)
 
 
+def per_component(held: np.ndarray) -> np.ndarray:
+    """Which displacement components are zero, (n, 3) bool, from whole nodes (n,) or components (n, 3)."""
+    return np.broadcast_to(held.reshape(len(held), -1), (len(held), 3))
+
+
 @dataclass
 class Increment:
     """What one increment cost and where it ended; arrays (env,)."""
@@ -108,7 +114,7 @@ class Increment:
 
 
 class NewtonSolver:
-    """Solves increments of a body with its contacts; ``held`` (node,) marks nodes that do not move."""
+    """Solves increments of a body with its contacts; ``held`` (node,) or (node, 3) marks what does not move."""
 
     def __init__(self, elasticity: Elasticity, contacts: list[Contact], held, n_env: int, settings: SolverSettings):
         self.elasticity, self.contacts, self.settings, self.n_env = elasticity, contacts, settings, n_env
@@ -116,7 +122,8 @@ class NewtonSolver:
         device = elasticity.device
         self.n_unknowns = elasticity.n_displacements + elasticity.n_pressures
         rows = np.zeros(self.n_unknowns, dtype=np.int32)
-        rows[: elasticity.n_displacements] = np.repeat(held, 3)
+        held = per_component(held)
+        rows[: elasticity.n_displacements] = held.ravel()
         self.held = wp.array(rows, dtype=wp.int32, device=device)
         faces = [contact.host_faces for contact in contacts]
         pattern = BlockPattern(len(held), elasticity.host_tetrahedra, faces, held, device)
@@ -169,7 +176,7 @@ class NewtonSolver:
         for contact in self.contacts:
             c, n = contact.update_multipliers(self.x, write)
             change, size = np.hypot(change, c), np.hypot(size, n)
-        return np.where(size > 0.0, change / np.where(size > 0.0, size, 1.0), np.where(change > 0.0, 1.0, 0.0))
+        return change / np.maximum(size, SMALLEST_MULTIPLIERS)
 
     def solve(self, active: np.ndarray) -> Increment:
         """Find equilibrium from the guess ``self.x`` for the active environments (env,) bool.

@@ -18,7 +18,10 @@ from .material import mat33
 
 
 class BlockPattern:
-    """Sparsity of the 3 x 3 displacement blocks: where element and face matrices add, and which entries are free."""
+    """Sparsity of the 3 x 3 displacement blocks: where element and face matrices add, and which entries are free.
+
+    ``held`` (node, 3) marks the displacement components that are zero.
+    """
 
     def __init__(self, n_nodes: int, tetrahedra: np.ndarray, faces: list[np.ndarray], held: np.ndarray, device):
         pairs = tetrahedra[:, :, None].astype(np.int64) * n_nodes + tetrahedra[:, None, :]
@@ -30,7 +33,7 @@ class BlockPattern:
             index = np.searchsorted(unique, f[:, :, None].astype(np.int64) * n_nodes + f[:, None, :])
             self.face_index.append(wp.array(index.astype(np.int32), dtype=wp.int32, device=device))
         rows, columns = np.divmod(unique, n_nodes)
-        self.free = np.flatnonzero(np.repeat(~held, 3))
+        self.free = np.flatnonzero(~held.ravel())
         # The scalar matrix of the free unknowns as CSC, and which block entry feeds each of its values.
         entry = np.arange(9 * self.n_blocks).reshape(-1, 3, 3)
         row = np.broadcast_to(3 * rows[:, None, None] + np.arange(3)[None, :, None], entry.shape).ravel()

@@ -78,7 +78,7 @@ def test_affine_deformation_is_in_equilibrium(element):
 @pytest.mark.parametrize("element", [P1, P2P1])
 def test_blocks_are_the_displacement_part_of_the_tangent(element):
     nodes, term = body(element)
-    pattern = BlockPattern(len(nodes), term.host_tetrahedra, [], np.zeros(len(nodes), dtype=bool), "cpu")
+    pattern = BlockPattern(len(nodes), term.host_tetrahedra, [], np.zeros((len(nodes), 3), dtype=bool), "cpu")
     rng = np.random.default_rng(2)
     x = 0.03 * rng.normal(size=term.n_displacements + term.n_pressures)
     blocks = wp.zeros((pattern.n_blocks, 1), dtype=mat33, device="cpu")
