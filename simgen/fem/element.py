@@ -143,14 +143,22 @@ class FaceGeometry:
     areas: np.ndarray
 
 
-def face_geometry(element: Element, nodes: np.ndarray, faces: np.ndarray) -> FaceGeometry:
-    """Surface quadrature of P2 (six nodes) or P1 (three nodes) faces; nodes (n, 3) mm, faces (f, 6)."""
+def face_shapes(element: Element) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rule on a face and its shape functions: (q, nodes), by the face's coordinates (q, nodes, 2), weights (q,).
+
+    The weights sum to 1/2, the area of the triangle of the coordinates.
+    """
     points, weights = triangle_rule()
     if element.nodes == 10:
         shapes, by_barycentric = barycentric_p2(points, TRIANGLE_EDGES), barycentric_p2_gradient(points, TRIANGLE_EDGES)
     else:
         shapes, by_barycentric = points, np.broadcast_to(np.eye(3), (len(points), 3, 3))
-    by_local = by_barycentric[:, :, 1:] - by_barycentric[:, :, :1]
+    return shapes, by_barycentric[:, :, 1:] - by_barycentric[:, :, :1], 0.5 * weights
+
+
+def face_geometry(element: Element, nodes: np.ndarray, faces: np.ndarray) -> FaceGeometry:
+    """Surface quadrature of P2 (six nodes) or P1 (three nodes) faces; nodes (n, 3) mm, faces (f, 6)."""
+    shapes, by_local, weights = face_shapes(element)
     tangents = np.einsum("fai,qaj->fqij", nodes[faces[:, : shapes.shape[1]]], by_local)
     normals = np.cross(tangents[..., 0], tangents[..., 1])
-    return FaceGeometry(shapes, points, 0.5 * weights * np.linalg.norm(normals, axis=-1))
+    return FaceGeometry(shapes, triangle_rule()[0], weights * np.linalg.norm(normals, axis=-1))
