@@ -1,8 +1,6 @@
 """One self-contained HTML page about a dataset: what was asked, what came out, how far it can be trusted."""
 
-import base64
 import html
-import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,30 +11,16 @@ from matplotlib.figure import Figure
 from simgen.audit import check, passes
 from simgen.dataset import CERTIFICATE, SPLITS, TIMINGS, Dataset
 from simgen.drawing import draw_points, draw_surface
+from simgen.page import picture, table, write_page
 
 CURVES = 40  # most force curves drawn per indenter and sensor
-RESOLUTION = 110  # dots per inch
 OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal: a press is seen from there
-
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 1100px; padding: 0 1em; }
-h1 { margin-bottom: 0; } h2 { margin-top: 2em; border-bottom: 1px solid #ccc; }
-table { border-collapse: collapse; font-size: 13px; } td, th { padding: 3px 12px 3px 0; text-align: left; }
-th { border-bottom: 1px solid #999; } td { border-bottom: 1px solid #eee; } td.number { text-align: right; }
-.fail { color: #b00020; font-weight: bold; } .ok { color: #1b7f3b; } img { max-width: 100%; }
-"""
 
 
 def write_report(dataset: Dataset, output: Path) -> None:
     """Write the page; raises nothing on an unfinished dataset, which is shown as far as it got."""
     sections = (_head, _audit, _contacts, _samples, _forces, _certificates, _job)
-    body = "\n".join(line for section in sections for line in section(dataset))
-    title = html.escape(dataset.job.name)
-    output.write_text(
-        f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{title}</title>"
-        f"<style>{STYLE}</style><body>\n{body}\n</body></html>\n",
-        encoding="utf-8",
-    )
+    write_page(dataset.job.name, (line for section in sections for line in section(dataset)), output)
 
 
 def _head(dataset: Dataset) -> Iterator[str]:
@@ -75,7 +59,7 @@ def _audit(dataset: Dataset) -> Iterator[str]:
     for finding in findings:
         mark = "<span class='fail'>FAIL</span>" if finding.failed else "" if finding.passed is None else "ok"
         rows.append([finding.subject, finding.what, finding.found, finding.allowed, mark])
-    yield _table(["", "", "found", "allowed", ""], rows, raw_last=True)
+    yield table(["", "", "found", "allowed", ""], rows, raw_last=True)
     for finding in findings:
         for line in finding.note.splitlines():
             yield f"<p>{finding.subject}: {html.escape(line)}</p>"
@@ -96,7 +80,7 @@ def _contacts(dataset: Dataset) -> Iterator[str]:
         draw_surface(axes, dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"])
         draw_points(axes, own, colours, size=14.0 if len(points) < 100 else 5.0)
         axes.set_title(sensor)
-    yield _picture(figure, "contacts on the sensors")
+    yield picture(figure, "contacts on the sensors")
 
 
 def _place_colours(points: np.ndarray) -> np.ndarray:
@@ -114,7 +98,7 @@ def _samples(dataset: Dataset) -> Iterator[str]:
     for index, name in enumerate(dataset.indenters):
         figure = draw_press(dataset, press=index)
         if figure is not None:
-            yield f"<h3>{html.escape(name)}</h3>" + _picture(figure, f"deformed by {name}")
+            yield f"<h3>{html.escape(name)}</h3>" + picture(figure, f"deformed by {name}")
 
 
 def draw_press(dataset: Dataset, press: int) -> Figure | None:
@@ -168,7 +152,7 @@ def _forces(dataset: Dataset) -> Iterator[str]:
         axes.legend(fontsize=8)
     for axes in grid[count:]:
         axes.set_axis_off()
-    yield _picture(figure, "force against depth")
+    yield picture(figure, "force against depth")
 
 
 def _axial_force(dataset: Dataset, sensor: str, indenter: int) -> np.ndarray:
@@ -202,7 +186,7 @@ def _certificates(dataset: Dataset) -> Iterator[str]:
                 ", ".join(f"{values[f'{k}_penetration_m'].max() * 1e6:.1f}" for k in ("rms", "max")),
                 f"{values['newton_iterations'].mean():.1f}, {values['krylov_iterations'].mean():.0f}",
             ])  # fmt: skip
-    yield _table(header, rows)
+    yield table(header, rows)
 
 
 def _job(dataset: Dataset) -> Iterator[str]:
@@ -211,22 +195,3 @@ def _job(dataset: Dataset) -> Iterator[str]:
     yield f"<h2>Job</h2><p>Presses by split: {counts}.</p>"
     shown = {key: dataset.attributes.get(key) for key in ("job", "sensors", "packages", "device")}
     yield f"<pre>{html.escape(json.dumps(shown, indent=2))}</pre>"
-
-
-def _table(header: list[str], rows: list[list[str]], raw_last: bool = False) -> str:
-    def cell(text: str, column: int) -> str:
-        return text if raw_last and column == len(header) - 1 else html.escape(text)
-
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in header)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{cell(text, column)}</td>" for column, text in enumerate(row)) + "</tr>"
-        for row in rows
-    )
-    return f"<table><tr>{head}</tr>{body}</table>"
-
-
-def _picture(figure: Figure, about: str) -> str:
-    data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=RESOLUTION)
-    encoded = base64.b64encode(data.getvalue()).decode()
-    return f"<img alt='{html.escape(about)}' src='data:image/png;base64,{encoded}'>"

@@ -24,7 +24,7 @@ HOUSE = {
     "press": ["press", "first_touch"],
     "dataset": ["dataset", "audit"],
     "run": ["plan", "shard", "run"],
-    "views": ["drawing", "pictures", "preview", "report", "console"],
+    "views": ["drawing", "pictures", "page", "preview", "report", "console"],
     "validate": ["validate"],
     "cli": ["cli"],
 }  # fmt: skip
