@@ -212,9 +212,10 @@ def test_shear_sticks_then_slides(block, central):
     path = np.array([[0.0, 0.4, 0.0], [0.05, 0.4, 0.0], [2.0, 0.4, 0.0]]) * MM
     pressed, little, far = follow(Scene(block, GEL), [SPHERE], pose(), path)[0].force
     assert pressed[1] == pytest.approx(central.force[1, 1], rel=0.02)  # in one step instead of two
-    assert 0.0 < little[0] < 0.3 * far[0]
-    # On a sphere of radius R the normal leans: the traction ratio varies, its mean stays near the coefficient.
-    assert far[0] / far[1] == pytest.approx(GEL.friction, rel=0.25)
+    assert 0.0 < little[0] < 0.5 * far[0]
+    # The sphere ploughs: its front carries more, where the surface leans against it, so the ratio is above the
+    # coefficient. 0.84 on meshes of 200 and 560 top faces; a cone from the lagged multipliers gave 0.5 and 0.64.
+    assert GEL.friction < far[0] / far[1] < 1.15 * GEL.friction
 
 
 def test_components_can_be_held_alone(block, central):

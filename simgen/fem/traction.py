@@ -1,9 +1,9 @@
 """Contact and Coulomb friction of a deformable surface with a rigid shape, by an augmented Lagrangian.
 
 Normal traction at a surface point: ``t = max(0, lambda - k g)``. Friction traction: ``tau`` = the tangential part of
-``lambda_t - k s``, returned to the cone ``|tau| <= friction min(lambda, t)`` (Alart and Curnier, Comput. Methods Appl.
-Mech. Engrg 92, 1991). ``s`` is the slip since the start of the increment, or since the point's entry into contact if
-that came later.
+``lambda_t - k s``, returned to the cone ``|tau| <= friction t`` (Alart and Curnier, Comput. Methods Appl. Mech. Engrg
+92, 1991). ``s`` is the slip since the start of the increment, or since the point's entry into contact if that came
+later.
 
 Multipliers are linear on each face (one per corner) and contact is integrated over the quadratic faces at six points:
 with one multiplier per quadratic node they oscillate against incompressibility. An update moves each multiplier by the
@@ -11,8 +11,9 @@ weighted mean of t - lambda (and tau - lambda_t) around its corner. Its fixed po
 tractions, free of the creep that a lumped projection of t and tau themselves lets in at every step (measured: the force
 of a frictional press to 1 mm is 2 % lower with k = 5, 0.5 % with k = 15).
 
-The cone uses the multiplier, which lags by one update and so keeps the tangent symmetric, or t where that is less: a
-point that opens must lose its friction steadily, not at once.
+The cone uses t itself, so that Coulomb's law holds at every point whatever the mesh; its derivative by the gap makes
+the tangent of sliding points unsymmetric. A cone from the lagged lambda is symmetric, but where a patch is as large as
+a face, lambda and t differ from point to point, and a sphere dragged across a coarse mesh lost a third of its friction.
 """
 
 from __future__ import annotations
@@ -114,14 +115,14 @@ def traction(
         out.pressure = real(0.0)
         return out
     out.tangent = s.stiffness * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
-    if s.friction > real(0.0) and out.multiplier > real(0.0):
+    if s.friction > real(0.0):
         slip = out.position - (s.origin[env] + s.rotation[env] * s.anchor[f, q, env])
         k = s.friction_stiffness
         plane = wp.identity(n=3, dtype=wp.float64) - wp.outer(out.normal, out.normal)
         trial = plane * (out.tangential - k * slip)
-        radius = s.friction * wp.min(out.multiplier, out.pressure)
+        radius = s.friction * out.pressure
         out.friction = return_to_cone(trial, radius)
         out.tangent += k * return_tangent(trial, radius, plane)
-        if out.pressure < out.multiplier and wp.length(trial) > radius:
+        if wp.length(trial) > radius:
             out.tangent += s.friction * s.stiffness * wp.outer(wp.normalize(trial), out.normal)
     return out
