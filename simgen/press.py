@@ -10,6 +10,8 @@ import scipy.sparse as sparse
 import warp as wp
 
 from .distance import RigidShape
+from .errors import InputError
+from .fem.cavity import Cavity
 from .fem.contact import Contact
 from .fem.element import ELEMENTS, TET_EDGES
 from .fem.krylov import copy_environments
@@ -48,9 +50,11 @@ class PressResult:
     moment : (d, 3) N m about the origin of the sensor's frame
     status : (d,) int8, codes of :class:`simgen.fem.newton.Status`
     certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core
-        and reactions of the held nodes, over the indenter's force), min_det_F, penetration in m, iterations, sub-steps
+        and reactions of the held nodes, over the indenter's force), min_det_F, penetration in m, iterations, sub-steps;
+        with a liquid also liquid_volume_error, over the volume of the cavity
     touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of its batch
+    cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none
     """
 
     displacement: np.ndarray
@@ -60,10 +64,14 @@ class PressResult:
     certificate: dict[str, np.ndarray]
     touch: float
     seconds: float
+    cavity_pressure: np.ndarray | None = None
 
 
 class Scene:
-    """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs."""
+    """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs.
+
+    ``fluid``, none or incompressible, fills the gel's cavity. Raises InputError where there is no cavity for it.
+    """
 
     def __init__(
         self,
@@ -73,6 +81,7 @@ class Scene:
         device: str = "cpu",
         batch: int = 1,
         settings: SolverSettings | None = None,
+        fluid: str = "none",
     ):
         self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
         self.settings = settings or SolverSettings()
@@ -92,7 +101,13 @@ class Scene:
             self.core_contact = Contact(kind, self.nodes, mesh.facing_core, k, sensor.core_friction, device, active)
             self._core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0)
         contacts = [c for c in (self.indenter_contact, self.core_contact) if c is not None]
-        self.solver = NewtonSolver(body, contacts, held, batch, self.settings)
+        self.cavity = None
+        if fluid != "none":
+            if not len(mesh.facing_core):
+                raise InputError(f"sensor {sensor.name}: fluid = {fluid!r}: it has no cavity; allowed: none")
+            row = body.n_displacements + body.n_pressures
+            self.cavity = Cavity(kind, self.nodes, mesh.facing_core, held, row, device, active)
+        self.solver = NewtonSolver(body, contacts, held, batch, self.settings, self.cavity)
         self.unknowns = self.solver.n_unknowns
         self._held = held
         # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
@@ -115,8 +130,16 @@ class Scene:
             ("core contact", core, "the inner skin faces a rigid core" if core else "the sensor has no core"),
             ("core friction", core and self.sensor.core_friction > 0,
              f"Coulomb coefficient {self.sensor.core_friction:g}" if core else "the sensor has no core"),
-            ("cavity pressure", False, "not modelled: the skin is pressed without its fluid" if core else "no cavity"),
+            ("cavity pressure", self.cavity is not None, self._about_cavity),
         ]  # fmt: skip
+
+    @property
+    def _about_cavity(self) -> str:
+        if self.cavity is not None:
+            return f"an incompressible liquid on {len(self.cavity.host_faces)} faces keeps its volume: one pressure"
+        if len(self.sensor.simulation_mesh.facing_core):
+            return "fluid: none; the skin is pressed without its liquid"
+        return "the sensor has no cavity"
 
     def reset(self, shapes: list[RigidShape]):
         """Return to rest with new indenters (one per environment) and forget all that earlier presses left."""
@@ -285,6 +308,8 @@ class _March:
         residual = solver.forces(solver.x, hold=False)[0].numpy()
         nodal = residual[: solver.elasticity.n_displacements].reshape(-1, 3, scene.batch)
         total += np.einsum("ni,nie->ei", scene._held, nodal)
+        if scene.cavity is not None:
+            total += scene.cavity.resultant(solver.x)
         for env in np.flatnonzero(reached):
             values = {
                 "residual": out.residual[env],
@@ -297,6 +322,10 @@ class _March:
                 "krylov_iterations": self.cost[1, env],
                 "substeps": self.cost[2, env],
             }
+            if scene.cavity is not None:
+                row = scene.cavity.row
+                values["liquid_volume_error"] = abs(residual[row, env]) / scene.cavity.volume
+                values["cavity_pressure"] = solver.x.numpy()[row, env] * scene.material.youngs_modulus_pa
             displacement = scene.output_displacement(env)
             self.rows[env].append(
                 dict(values, displacement=displacement, force=force[env] * unit, moment=moment[env] * unit / MM)
@@ -317,5 +346,8 @@ class _March:
         status = np.full(d, self.final[env], dtype=np.int8)
         status[: len(rows)] = Status.CONVERGED
         certificate = {key: column(key) for key in CERTIFICATE}
+        if liquid := self.scene.cavity is not None:
+            certificate["liquid_volume_error"] = column("liquid_volume_error")
         vectors = column("displacement", shape, 3), column("force", 3), column("moment", 3)
-        return PressResult(*vectors, status, certificate, touch, seconds)
+        pressure = column("cavity_pressure") if liquid else None
+        return PressResult(*vectors, status, certificate, touch, seconds, pressure)

@@ -13,15 +13,17 @@ p      continuous (P1) pressure-like multiplier of the volume constraint, tensio
 mu     shear modulus (material); the friction coefficient is always called ``friction``
 lam    Lame's first parameter, 2 mu nu / (1 - 2 nu)
 gamma  the part of ``lam`` that acts pointwise; ``lam - gamma`` acts through p (see material.py)
+p_c    pressure of the liquid in a cavity, above ambient, compression positive
 g, n   gap (signed distance of the rigid shape) and its gradient, the outward normal of the shape
 t, tau normal traction (compression positive) and friction traction, per unit of rest area
 k      stiffness of the augmented Lagrangian, stress/mm
 ====== ===================================================================================================
 
-The state vector ``x`` of one environment is ``[u of node 0 (3), u of node 1, ..., p of corner 0, p of corner 1, ...]``;
-the solver's arrays have shape ``(unknowns, environments)``.
+The state vector ``x`` of one environment is ``[u of node 0 (3), u of node 1, ..., p of corner 0, p of corner 1, ...,
+p_c]``, without p_c where there is no liquid; the solver's arrays have shape ``(unknowns, environments)``.
 
-A scene carries the body (``operator.Elasticity``) and those contacts (``contact.Contact``) that it needs. Each adds its
-forces to a residual, the action of its derivative to a vector, and its 3 x 3 displacement blocks to a
-preconditioner's matrix; a contact also has ``begin_increment`` (what is lagged over a load step) and multipliers.
+A scene carries the body (``operator.Elasticity``) and what it needs of contacts (``contact.Contact``) and a liquid
+(``cavity.Cavity``). Each adds its forces to a residual, the action of its derivative to a vector, and its 3 x 3
+displacement blocks to a preconditioner's matrix; a contact also has ``begin_increment`` (what is lagged over a load
+step) and multipliers, while the liquid's pressure is an unknown like any other.
 """

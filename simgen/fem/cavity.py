@@ -191,7 +191,8 @@ class Cavity:
     """The liquid behind wetted faces (f, 6) of the rest mesh (nodes in mm).
 
     ``row`` is the place of p_c in the state vector, ``held`` (node,) or (node, 3) bool what does not move. Raises
-    ValueError where the faces leave an opening whose rim is free. ``injected`` (env,) mm3 is added to the liquid.
+    ValueError where the faces leave an opening whose rim is free. ``injected`` (env,) mm3 is added to the liquid;
+    ``volume``, mm3, is enclosed by the faces at rest (seen from their centre, where something else closes them).
     """
 
     def __init__(self, element: Element, nodes, faces, held: np.ndarray, row: int, device, active):
@@ -203,6 +204,10 @@ class Cavity:
         stays = held if held.ndim == 1 else held.any(axis=1)
         if not stays[rim].all():
             raise ValueError("the cavity is open: its wetted faces have an edge of their own that is free to move")
+        corners = np.asarray(nodes)[self.host_faces]
+        position = np.einsum("qa,fai->fqi", shapes, corners) - corners.mean(axis=(0, 1))
+        along, across = np.einsum("qaj,fai->jfqi", gradients, corners)
+        self.volume = abs(np.einsum("fqi,fqi,q->", position, np.cross(along, across), weights)) / 3.0
         w = self.wetted = Wetted()
         w.rest = wp.array(np.reshape(nodes, (-1, 1)), dtype=wp.float64, device=device)
         w.faces = wp.array(self.host_faces, dtype=wp.int32, device=device)
@@ -233,6 +238,12 @@ class Cavity:
     def tangent(self, v, action_out):
         """Add the action of the derivative at the state of the last ``linearize``."""
         self._launch(cavity_action_kernel, [self._pressure, self._deformed, v, self.active], [action_out])
+
+    def resultant(self, x) -> np.ndarray:
+        """Force (env, 3) on the solid: nothing where the wetted faces are all that closes the cavity."""
+        self.linearize(x)
+        forces = self._pressure.numpy() * self.gradient.numpy().reshape(-1, 3, self.active.shape[0])
+        return -forces.sum(axis=0).T
 
     def blocks(self, block_index, blocks_out):
         """Add the displacement part of the derivative, as 3 x 3 blocks; symmetric once all faces are in."""

@@ -13,6 +13,7 @@ from enum import IntEnum
 import numpy as np
 import warp as wp
 
+from .cavity import Cavity
 from .contact import Contact
 from .krylov import Gmres, combine, dots, norms
 from .operator import Elasticity
@@ -114,20 +115,33 @@ class Increment:
 
 
 class NewtonSolver:
-    """Solves increments of a body with its contacts; ``held`` (node,) or (node, 3) marks what does not move."""
+    """Solves increments of a body with its contacts and the liquid in its cavity, if there is one.
 
-    def __init__(self, elasticity: Elasticity, contacts: list[Contact], held, n_env: int, settings: SolverSettings):
+    ``held`` (node,) or (node, 3) marks what does not move.
+    """
+
+    def __init__(
+        self,
+        elasticity: Elasticity,
+        contacts: list[Contact],
+        held,
+        n_env: int,
+        settings: SolverSettings,
+        cavity: Cavity | None = None,
+    ):
         self.elasticity, self.contacts, self.settings, self.n_env = elasticity, contacts, settings, n_env
+        self.cavity = cavity
+        self.surface_terms = contacts if cavity is None else [*contacts, cavity]
         self.active = elasticity.active  # device flags that all kernels read
         device = elasticity.device
-        self.n_unknowns = elasticity.n_displacements + elasticity.n_pressures
+        self.n_unknowns = elasticity.n_displacements + elasticity.n_pressures + (cavity is not None)
         rows = np.zeros(self.n_unknowns, dtype=np.int32)
         held = per_component(held)
         rows[: elasticity.n_displacements] = held.ravel()
         self.held = wp.array(rows, dtype=wp.int32, device=device)
-        faces = [contact.host_faces for contact in contacts]
+        faces = [term.host_faces for term in self.surface_terms]
         pattern = BlockPattern(len(held), elasticity.host_tetrahedra, faces, held, device)
-        self.preconditioner = BlockTriangular(elasticity, contacts, pattern, n_env)
+        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, pattern, n_env)
         self.gmres = Gmres(self.n_unknowns, n_env, settings.krylov_size, device)
         self.x, self._trial, self._residual, self._step = (self.vector() for _ in range(4))
 
@@ -135,23 +149,26 @@ class NewtonSolver:
         return wp.zeros((self.n_unknowns, self.n_env), dtype=wp.float64, device=self.elasticity.device)
 
     def forces(self, x, hold: bool = True):
-        """Out-of-balance forces at x into the work vector; returns it, norms of the contact forces and least det F."""
+        """Out-of-balance forces at x into the work vector; returns it, norms of the loads and least det F.
+
+        Loads are the forces of the contacts and of the liquid.
+        """
         r = self._residual
         r.zero_()
-        for contact in self.contacts:
-            contact.residual(x, r)
-        contact_norm = norms(r)
+        for term in self.surface_terms:
+            term.residual(x, r)
+        load = norms(r[: self.elasticity.n_displacements])
         min_det = wp.full(self.n_env, np.inf, dtype=wp.float64, device=r.device)
         self.elasticity.residual(x, r, min_det)
         if hold:
             wp.launch(hold_kernel, dim=r.shape, inputs=[self.held], outputs=[r], device=r.device)
-        return r, contact_norm, min_det.numpy()
+        return r, load, min_det.numpy()
 
     def _tangent(self, v, out):
         out.zero_()
         self.elasticity.tangent(v, out)
-        for contact in self.contacts:
-            contact.tangent(v, out)
+        for term in self.surface_terms:
+            term.tangent(v, out)
         wp.launch(hold_kernel, dim=out.shape, inputs=[self.held], outputs=[out], device=out.device)
 
     def _linear_solve(self, r, active: np.ndarray):
@@ -160,8 +177,8 @@ class NewtonSolver:
         missing = np.array([factor is None for factor in self.preconditioner.factors])
         refactor = active & (missing | (self._last_krylov > s.refactor_above))
         self.elasticity.linearize(self.x)
-        for contact in self.contacts:
-            contact.linearize(self.x)
+        for term in self.surface_terms:
+            term.linearize(self.x)
         stalled = np.zeros(self.n_env, dtype=bool)
         if refactor.any():
             stalled[self.preconditioner.update(np.flatnonzero(refactor))] = True
@@ -191,8 +208,8 @@ class NewtonSolver:
         best, since_best = np.full(self.n_env, np.inf), np.zeros(self.n_env, dtype=int)
         for _ in range(s.max_newton_iterations + 1):
             self.active.assign(running.astype(np.int32))
-            r, contact_norm, min_det = self.forces(self.x)
-            scale = np.maximum(contact_norm, SMALLEST_FORCE)
+            r, load, min_det = self.forces(self.x)
+            scale = np.maximum(load, SMALLEST_FORCE)
             size = norms(r)
             error = self.update_multipliers(write=False)
             relative = size / scale

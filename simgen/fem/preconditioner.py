@@ -5,6 +5,8 @@
 
 (Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact of one
 environment and is factored on the host by SuperLU in single precision: GMRES around it works in double precision.
+A liquid borders A by one dense row and column g, which are eliminated: [A g; g^T 0] needs one more solve, A^-1 g, for
+each factor, and one inner product for each use.
 """
 
 from __future__ import annotations
@@ -65,22 +67,24 @@ class BlockPattern:
 class BlockTriangular:
     """Applies the preconditioner; ``update`` factors the current state of the environments that ask for it."""
 
-    def __init__(self, elasticity, contacts, pattern: BlockPattern, n_env: int):
-        self.elasticity, self.contacts, self.pattern = elasticity, contacts, pattern
+    def __init__(self, elasticity, contacts, cavity, pattern: BlockPattern, n_env: int):
+        self.elasticity, self.cavity, self.pattern = elasticity, cavity, pattern
+        self._surface_terms = contacts if cavity is None else [*contacts, cavity]
         material = elasticity.material
         if elasticity.n_pressures:
             compliance = 1.0 / (material.mu + material.gamma) + material.pressure_compliance
             self.schur = (compliance * elasticity.pressure_mass)[:, None]
         self._ordered = False
         self._blocks = wp.zeros((pattern.n_blocks, n_env), dtype=mat33, device=elasticity.device)
-        self._z = wp.zeros((elasticity.n_displacements + elasticity.n_pressures, n_env), dtype=wp.float64,
-                           device=elasticity.device)  # fmt: skip
+        n = elasticity.n_displacements + elasticity.n_pressures + (cavity is not None)
+        self._z = wp.zeros((n, n_env), dtype=wp.float64, device=elasticity.device)
         self._pressure_forces = wp.zeros_like(self._z)
         self.forget()
 
     def forget(self):
         """Drop the factors of the last presses: a press must not depend on those before it."""
         self.factors = [None] * self._blocks.shape[1]
+        self._borders = [None] * self._blocks.shape[1]  # g and A^-1 g of the free unknowns
 
     def update(self, environments: np.ndarray) -> np.ndarray:
         """Factor the displacement blocks of the last linearisation for the given environments.
@@ -89,8 +93,8 @@ class BlockTriangular:
         """
         self._blocks.zero_()
         self.elasticity.blocks(self.pattern.tet_index, self._blocks)
-        for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
-            contact.blocks(index, self._blocks)
+        for term, index in zip(self._surface_terms, self.pattern.face_index, strict=True):
+            term.blocks(index, self._blocks)
         values = self._blocks.numpy()
         singular = []
         for env in environments:
@@ -101,6 +105,10 @@ class BlockTriangular:
                 self.factors[env] = self.pattern.factor(values[:, env])
             except RuntimeError:  # SuperLU: "Factor is exactly singular"
                 singular.append(env)
+                continue
+            if self.cavity is not None:
+                gradient = self.cavity.gradient.numpy()[self.pattern.free, env]
+                self._borders[env] = gradient, self.factors[env].solve(gradient.astype(np.float32))
         return np.array(singular, dtype=int)
 
     def apply(self, r, z_out):
@@ -109,8 +117,8 @@ class BlockTriangular:
         residual = r.numpy()
         z = np.zeros(residual.shape)
         load = residual[:n_u]
-        if self.elasticity.n_pressures:
-            z[n_u:] = -residual[n_u:] / self.schur
+        if n_p := self.elasticity.n_pressures:
+            z[n_u : n_u + n_p] = -residual[n_u : n_u + n_p] / self.schur
             self._z.assign(z)
             self._pressure_forces.zero_()
             self.elasticity.pressure_action(self._z, self._pressure_forces)
@@ -118,5 +126,11 @@ class BlockTriangular:
         for env, factor in enumerate(self.factors):
             if factor is not None:
                 free = self.pattern.free
-                z[free, env] = factor.solve(load[free, env].astype(np.float32))
+                u = factor.solve(load[free, env].astype(np.float32))
+                if self.cavity is not None:
+                    gradient, response = self._borders[env]
+                    pressure = (gradient @ u - residual[self.cavity.row, env]) / (gradient @ response)
+                    z[self.cavity.row, env] = pressure
+                    u = u - pressure * response
+                z[free, env] = u
         z_out.assign(z)
