@@ -16,6 +16,7 @@ from simgen.dataset import SPLITS, Dataset
 
 CONTACT_ERROR = 1e-2  # of the contact constraint
 FORCE_BALANCE = 1e-3  # of the contact force
+LIQUID_VOLUME = 1e-6  # of the cavity's volume
 RIGID = 1e-9  # of a rotation matrix against orthogonality: float64 products of a few rotations
 # The output mesh is a polyhedron: a contact on the true surface lies off its facets by up to
 # edge^2 / (8 radius), 0.05 mm for edges of 1.6 mm on a radius of 6.5 mm; its normals are some degrees off.
@@ -111,11 +112,14 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         values = dataset[f"{sensor}/certificate/{key}"][converged]
         return float(of(values)) if values.size else np.nan
 
-    for key, what, limit in (
+    limits = [
         ("residual", "residual", dataset.job.solver.residual_tolerance),
         ("contact_error", "contact error", CONTACT_ERROR),
         ("force_balance", "force balance", FORCE_BALANCE),
-    ):
+    ]
+    if dataset.job.sensors[sensor].fluid != "none":
+        limits.append(("liquid_volume_error", "liquid volume, change", LIQUID_VOLUME))
+    for key, what, limit in limits:
         value = worst(key)
         yield Finding(sensor, what, f"{value:.2e}", f"<= {limit:g}", value <= limit)
     value = worst("min_det_F", np.min)

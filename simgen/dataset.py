@@ -18,6 +18,7 @@ One zarr v3 directory, in SI units::
                                                        NaN if never touched
       <sensor>/displacement (press, depth, vertex, 3)  int16 in steps of 1e-7 m, or float32 in m
       <sensor>/force, moment (press, depth, 3)         N, N m: on the sensor, in its frame, with friction
+      <sensor>/cavity_pressure (press, depth)          Pa above ambient; only with a fluid in its cavity
       <sensor>/status (press, depth)                   0 converged; the sentences are in the attributes
       <sensor>/certificate/* (press, depth)            residual, force_balance, min_det_F, ...
       manifest/*.json                                  sha256 of every file: the plan's, each finished shard's
@@ -70,6 +71,7 @@ CERTIFICATE = {
     "krylov_iterations": ("int32", "iterations of the linear solver of this depth"),
     "substeps": ("int32", "load increments attempted from the depth before, failed ones included"),
 }
+LIQUID_CERTIFICATE = {"liquid_volume_error": ("float64", "change of the liquid's volume / volume of the cavity")}
 
 
 @dataclass(frozen=True)
@@ -88,11 +90,12 @@ class Array:
         return {"float32": np.nan, "float64": np.nan, "int16": NOT_REACHED}.get(self.dtype, -1)
 
 
-def written_arrays(sensors: Mapping[str, int], depths: int, displacement: str) -> dict[str, Array]:
-    """What the tasks write, by path; `sensors` gives the number of output vertices of each."""
+def written_arrays(job: Job, output_vertices: Mapping[str, int]) -> dict[str, Array]:
+    """What the tasks write, by path; `output_vertices` gives their number on each sensor."""
+    depths, displacement = len(job.depths_m), job.dataset.displacement
     about = "indenter to shared frame at first touch, or the contact pose where there is none"
     arrays = {"press/pose": Array((4, 4), "float64", about, "m")}
-    for sensor, vertices in sensors.items():
+    for sensor, vertices in output_vertices.items():
         scale = {"scale_factor": DISPLACEMENT_STEP_M} if displacement == "int16" else {}
         arrays |= {
             f"{sensor}/touch": Array((), "float64", "travel from press/pose to first touch, NaN if none", "m"),
@@ -103,7 +106,12 @@ def written_arrays(sensors: Mapping[str, int], depths: int, displacement: str) -
             f"{sensor}/moment": Array((depths, 3), "float64", "about the origin of the sensor frame", "N m"),
             f"{sensor}/status": Array((depths,), "int8", "0 converged; names in the root attributes"),
         }
-        for key, (dtype, about) in CERTIFICATE.items():
+        certificate = CERTIFICATE
+        if job.sensors[sensor].fluid != "none":
+            about = "of the liquid in the cavity, above ambient"
+            arrays[f"{sensor}/cavity_pressure"] = Array((depths,), "float64", about, "Pa")
+            certificate = CERTIFICATE | LIQUID_CERTIFICATE
+        for key, (dtype, about) in certificate.items():
             arrays[f"{sensor}/certificate/{key}"] = Array((depths,), dtype, about)
     return arrays
 
@@ -129,7 +137,7 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
     for name, values in planned.items():
         root.create_array(name, data=np.asarray(values))
     vertices = {sensor: len(planned[f"{sensor}/rest_positions"]) for sensor in job.sensors}
-    arrays = written_arrays(vertices, len(job.depths_m), job.dataset.displacement)
+    arrays = written_arrays(job, vertices)
     for name, array in arrays.items():
         _create_written(root, name, array, job.presses, job.dataset.presses_per_shard)
     with warnings.catch_warnings():
@@ -205,7 +213,7 @@ class Dataset:
     def arrays(self) -> dict[str, Array]:
         """What tasks write, by path, as this dataset should have it."""
         vertices = {sensor: self.root[f"{sensor}/rest_positions"].shape[0] for sensor in self.sensors}
-        return written_arrays(vertices, len(self.job.depths_m), self.job.dataset.displacement)
+        return written_arrays(self.job, vertices)
 
     def shard_presses(self, shard: int) -> range:
         per_shard = self.job.dataset.presses_per_shard

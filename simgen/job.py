@@ -59,11 +59,12 @@ class MaterialChoice(Section):
 
 
 class SensorChoice(Section):
-    """Which sensor model, on which of its meshes, made of which material."""
+    """Which sensor model, on which of its meshes, made of which material, with what in its cavity."""
 
     model: str = Field(description="a bundled sensor model (digit, biotac) or a path: ./my_sensor")
     mesh: Literal["default", "coarse"] = Field("default", description="default or coarse")
     material: MaterialChoice = MaterialChoice()
+    fluid: Literal["none", "incompressible"] = Field("none", description="none or incompressible, in its cavity")
 
 
 class Trajectories(Section):
@@ -128,7 +129,7 @@ class Job(Section):
     name: str = Field(pattern=NAME, description="letters, digits, _ . -, a letter first")
     seed: int = Field(0, ge=0, lt=2**32, description="a whole number, 0 to 4294967295")
     # The first sensor is the reference on which contacts are sampled.
-    sensors: dict[str, SensorChoice] = Field(min_length=1, description="name: {model, mesh, material}, ...")
+    sensors: dict[str, SensorChoice] = Field(min_length=1, description="name: {model, mesh, material, fluid}, ...")
     indenters: tuple[str, ...] = Field(min_length=1, description="a list of names, or paths of closed meshes")
     trajectories: Trajectories
     depths_mm: Depths

@@ -80,6 +80,14 @@ def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
     return sensor.materials[choice.preset].model_copy(update={**own, **source})
 
 
+def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:
+    """What fills the sensor's cavity: none or incompressible. Raises `InputError` if it has no cavity to fill."""
+    fluid = job.sensors[name].fluid
+    if fluid != "none" and not len(sensor.simulation_mesh.facing_core):
+        raise InputError(f"sensors.{name}.fluid: {fluid!r}: sensor {sensor.name} has no cavity; allowed: none")
+    return fluid
+
+
 def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
     """All of a sensor that decides the physics; the meshes' hashes cover gel, held regions and core too."""
     return {
@@ -87,6 +95,7 @@ def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
         "output_mesh": sensor.output_mesh.hash,
         "core_friction": sensor.core_friction,
         "material": chosen_material(job, name, sensor).model_dump(),
+        "fluid": chosen_fluid(job, name, sensor),
     }
 
 

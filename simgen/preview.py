@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from simgen.dataset import CERTIFICATE
 from simgen.fem.newton import SolverSettings
 from simgen.job import Job
-from simgen.plan import chosen_material, chosen_sensor
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor
 from simgen.press import Scene
 from simgen.quiet import start_warp
 from simgen.sensor import Material
@@ -77,7 +77,7 @@ def _preview_sensor(job: Job, name: str) -> SensorPreview:
     sensor = chosen_sensor(job, name)
     material = chosen_material(job, name, sensor)
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
-    scene = Scene(sensor, material, job.solver.element, settings=settings)
+    scene = Scene(sensor, material, job.solver.element, settings=settings, fluid=chosen_fluid(job, name, sensor))
     mesh = sensor.simulation_mesh
     return SensorPreview(
         name,
@@ -96,4 +96,5 @@ def _bytes(job: Job, sensor: SensorPreview) -> float:
     width = {"int16": 2, "float32": 4}[stored]
     displacement = 3 * width * sensor.output_vertices * COMPRESSION[stored][0]
     certificate = 6 * 8 + 1 + sum({"float64": 8, "int32": 4}[dtype] for dtype, _ in CERTIFICATE.values())
-    return job.samples * (displacement + certificate)
+    liquid = 2 * 8 if job.sensors[sensor.name].fluid != "none" else 0
+    return job.samples * (displacement + certificate + liquid)

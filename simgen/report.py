@@ -2,7 +2,7 @@
 
 import html
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal: a press is
 
 def write_report(dataset: Dataset, output: Path) -> None:
     """Write the page; raises nothing on an unfinished dataset, which is shown as far as it got."""
-    sections = (_head, _audit, _contacts, _samples, _forces, _certificates, _job)
+    sections = (_head, _audit, _contacts, _samples, _forces, _liquids, _certificates, _job)
     write_page(dataset.job.name, (line for section in sections for line in section(dataset)), output)
 
 
@@ -134,6 +134,23 @@ def _forces(dataset: Dataset) -> Iterator[str]:
         "<h2>Force against depth</h2><p>Component along the press axis, one line for each trajectory "
         f"(at most {CURVES}), both sensors on one scale.</p>"
     )
+    figure = _against_depth(dataset, dataset.sensors, _axial_force, "force, N")
+    yield picture(figure, "force against depth")
+
+
+def _liquids(dataset: Dataset) -> Iterator[str]:
+    """Only where a cavity is filled."""
+    filled = [sensor for sensor in dataset.sensors if dataset.job.sensors[sensor].fluid != "none"]
+    if filled:
+        yield "<h2>Cavity pressure against depth</h2><p>Of the liquid, above ambient, whose volume stays.</p>"
+        figure = _against_depth(dataset, filled, _cavity_pressure, "pressure, kPa")
+        yield picture(figure, "cavity pressure against depth")
+
+
+def _against_depth(
+    dataset: Dataset, sensors: Sequence[str], values: Callable[[Dataset, str, int], np.ndarray], label: str
+) -> Figure:
+    """``values(dataset, sensor, indenter)`` (trajectory, depth) as lines from 0, one pair of axes for each indenter."""
     count = len(dataset.indenters)
     columns = min(3, count)
     rows = -(-count // columns)
@@ -141,18 +158,19 @@ def _forces(dataset: Dataset) -> Iterator[str]:
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
     depth_mm = np.concatenate([[0.0], dataset["depth"] * 1e3])
     for axes, (index, name) in zip(grid, enumerate(dataset.indenters), strict=False):
-        for number, sensor in enumerate(dataset.sensors):
-            curves = _axial_force(dataset, sensor, index)[:CURVES]
+        for sensor in sensors:
+            curves = values(dataset, sensor, index)[:CURVES]
             curves = np.concatenate([np.zeros((len(curves), 1)), curves], axis=1)
-            lines = axes.plot(depth_mm, curves.T, color=f"C{number}", linewidth=0.9, alpha=0.7)
+            colour = f"C{dataset.sensors.index(sensor)}"
+            lines = axes.plot(depth_mm, curves.T, color=colour, linewidth=0.9, alpha=0.7)
             lines[0].set_label(sensor)
         axes.set_title(name, fontsize=10)
         axes.set_xlabel("depth, mm")
-        axes.set_ylabel("force, N")
+        axes.set_ylabel(label)
         axes.legend(fontsize=8)
     for axes in grid[count:]:
         axes.set_axis_off()
-    yield picture(figure, "force against depth")
+    return figure
 
 
 def _axial_force(dataset: Dataset, sensor: str, indenter: int) -> np.ndarray:
@@ -161,6 +179,11 @@ def _axial_force(dataset: Dataset, sensor: str, indenter: int) -> np.ndarray:
     axis = dataset["press/contact_pose"][rows][:, :3, 1]
     own = np.einsum("nji,nj->ni", dataset[f"{sensor}/pose"][rows][:, :3, :3], axis)
     return np.einsum("ndi,ni->nd", dataset[f"{sensor}/force"][rows], own)
+
+
+def _cavity_pressure(dataset: Dataset, sensor: str, indenter: int) -> np.ndarray:
+    """(trajectory, depth) kPa."""
+    return dataset[f"{sensor}/cavity_pressure"][dataset["press/indenter"] == indenter] / 1e3
 
 
 def _certificates(dataset: Dataset) -> Iterator[str]:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from simgen.dataset import CERTIFICATE, Dataset, write_shard
+from simgen.dataset import Dataset, write_shard
 from simgen.errors import InputError
 from simgen.indenter import load_indenter
 from simgen.job import Job
-from simgen.plan import Plan, chosen_material, chosen_sensor, indenter_identities, sensor_identity
+from simgen.plan import Plan, chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, press
 from simgen.provenance import difference
 from simgen.quiet import start_warp
@@ -45,9 +45,8 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     sensor = chosen_sensor(job, sensor_name)
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
     batch = 1 if device == "cpu" else job.dataset.presses_per_shard
-    scene = Scene(
-        sensor, chosen_material(job, sensor_name, sensor), job.solver.element, device, batch, settings
-    )
+    material, fluid = chosen_material(job, sensor_name, sensor), chosen_fluid(job, sensor_name, sensor)
+    scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid)
     shapes = [load_indenter(job.locate(text)).shape() for text in job.indenters]
 
     def presser(indenters: Sequence[int], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
@@ -112,7 +111,7 @@ def run_shard(path: Path, shard: int, job: Job, device: str, build=fem_presser) 
     for sensor in dataset.sensors:
         poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][rows]) @ contact_pose
         results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
-        values |= _columns(sensor, results)
+        values |= _columns(dataset, sensor, results)
         seconds[sensor] = round(sum(result.seconds for result in results), 3)
     # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
     first_touch = np.nan_to_num(values[f"{dataset.sensors[0]}/touch"])
@@ -126,14 +125,14 @@ def run_shard(path: Path, shard: int, job: Job, device: str, build=fem_presser) 
     )
 
 
-def _columns(sensor: str, results: Sequence[PressResult]) -> dict[str, np.ndarray]:
-    """Results of a shard as the arrays of the dataset."""
-    columns = {
-        f"{sensor}/{key}": np.stack([np.asarray(getattr(result, key)) for result in results])
-        for key in ("displacement", "force", "moment", "status", "touch")
-    }
-    for key in CERTIFICATE:
-        columns[f"{sensor}/certificate/{key}"] = np.stack([result.certificate[key] for result in results])
+def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, np.ndarray]:
+    """Results of a shard as those arrays that the dataset has for the sensor."""
+    columns = {}
+    for name in dataset.arrays:
+        owner, *group, key = name.split("/")
+        if owner == sensor:
+            found = [result.certificate[key] if group else getattr(result, key) for result in results]
+            columns[name] = np.stack(found)
     return columns
 
 

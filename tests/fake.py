@@ -17,6 +17,7 @@ RADIUS_M = 7e-3
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
 VERTICES = np.asarray(BALL.vertices)
 HELD = VERTICES[:, 1] > 0.5 * RADIUS_M
+FILLED = {"digit": {"model": "digit"}, "biotac": {"model": "biotac", "fluid": "incompressible"}}
 
 
 def make_job(**changes) -> Job:
@@ -85,6 +86,7 @@ def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: fl
         "newton_iterations": 4 * ones,
         "krylov_iterations": 40 * ones,
         "substeps": ones,
+        "liquid_volume_error": 1e-9 * ones,
     }
     return SimpleNamespace(
         displacement=depths[:, None, None] * direction,
@@ -93,6 +95,7 @@ def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: fl
         status=np.zeros(len(depths), np.int8),
         certificate=certificate,
         touch=1e-5 * (indenter + 1),
+        cavity_pressure=1e6 * depths,
         seconds=seconds,
     )
 

@@ -58,6 +58,15 @@ def test_each_spoiled_array_is_found(dataset, case):
     assert any(failure.startswith(line) for failure in found), found
 
 
+def test_a_liquid_must_keep_its_volume(tmp_path):
+    plan = fake.make_plan(fake.make_job(sensors=fake.FILLED))
+    filled = run(plan, tmp_path / "filled.zarr", scheduler="sync", build=fake.fake_presser)
+    assert failures(filled) == set()
+    np.testing.assert_array_equal(filled["biotac/cavity_pressure"][3], 1e6 * plan.job.depths_m)
+    change(filled, "biotac/certificate/liquid_volume_error", (2, 1), 1e-4)
+    assert failures(filled) == {"dataset: checksums", "biotac: liquid volume, change"}
+
+
 def test_failed_samples_are_explained(dataset):
     change(dataset, "digit/status", (3, slice(1, 3)), 1)
     notes = [finding.note for finding in check(Dataset(dataset.path)) if finding.note]

@@ -133,6 +133,13 @@ def test_walking_a_dataset_with_zarr_warns_of_nothing(dataset, recwarn):
     assert not recwarn.list
 
 
+def test_a_liquid_has_its_pressure_and_its_certificate_and_costs_the_others_nothing(tmp_path):
+    plain, filled = (set(make(tmp_path / f"{n}.zarr", job).arrays) for n, job in enumerate(
+        [fake.make_job(), fake.make_job(sensors=fake.FILLED)]))  # fmt: skip
+    assert filled - plain == {"biotac/cavity_pressure", "biotac/certificate/liquid_volume_error"}
+    assert plain < filled
+
+
 @pytest.mark.parametrize("count, expected", [(860, (679, 86, 95)), (100, (79, 10, 11)), (2, (2, 0, 0))])
 def test_split_is_79_10_11_of_the_trajectories(count, expected):
     split = split_by_trajectory(count, seed=1)

@@ -138,6 +138,11 @@ BAD = {
         ["sensors.digit.mesh=fine"],
         'digit.mesh: "fine" is not allowed; allowed: default or',
     ),
+    "unknown fluid": (
+        "",
+        ["sensors.digit.fluid=water"],
+        'digit.fluid: "water" is not allowed; allowed: none or incompressible',
+    ),
     "unknown element": ("", ["solver.element=P3"], 'solver.element: "P3" is not allowed; allowed: P2-P1'),
     "no indenter": ("", ["indenters=[]"], r"indenters: \[\] is not allowed; allowed: a list of names"),
     "text for a list": ("", ["indenters=sphere"], 'indenters: "sphere" is not allowed; allowed: a list'),

@@ -12,7 +12,7 @@ from simgen.errors import InputError
 from simgen.fem.newton import SolverSettings
 from simgen.job import Solver, Trajectories, load_job
 from simgen.pairing import ContactSettings
-from simgen.plan import chosen_material, chosen_sensor, indenter_identities, make_plan, sensor_identity
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, make_plan, sensor_identity
 from simgen.provenance import difference
 from simgen.quiet import check_device
 from simgen.sensor_meshes import output_settings
@@ -70,6 +70,14 @@ def test_an_unknown_preset_names_those_that_there_are():
     job = load_job("smoke.yaml", ["sensors.biotac.material=liquid"])
     with pytest.raises(InputError, match=r"sensors\.biotac\.material: 'liquid' .*allowed: .*effective"):
         chosen_material(job, "biotac", chosen_sensor(job, "biotac"))
+
+
+def test_a_fluid_needs_a_cavity_and_is_recorded():
+    job = load_job("smoke.yaml", ["sensors.biotac.fluid=incompressible"])
+    assert sensor_identity(job, "biotac", chosen_sensor(job, "biotac"))["fluid"] == "incompressible"
+    job = load_job("smoke.yaml", ["sensors.digit.fluid=incompressible"])
+    with pytest.raises(InputError, match=r"sensors\.digit\.fluid: 'incompressible': .*no cavity; allowed: none"):
+        chosen_fluid(job, "digit", chosen_sensor(job, "digit"))
 
 
 @pytest.mark.parametrize(("gpus", "device", "says"), [

@@ -12,8 +12,8 @@ from simgen.report import draw_press, write_report
 from simgen.run import run
 
 
-def page_of(path, build) -> str:
-    dataset = run(fake.make_plan(fake.make_job()), path / "d.zarr", scheduler="sync", build=build)
+def page_of(path, build, **changes) -> str:
+    dataset = run(fake.make_plan(fake.make_job(**changes)), path / "d.zarr", scheduler="sync", build=build)
     write_report(dataset, path / "d.html")
     return (path / "d.html").read_text()
 
@@ -25,6 +25,12 @@ def test_a_page_needs_nothing_from_outside_and_shows_every_indenter(tmp_path):
         assert f"<h3>{name}</h3>" in page
     assert page.count("<img ") == 5  # contacts, three indenters, forces
     assert "Audit: <span class='ok'>passes" in page
+
+
+def test_the_pressure_of_a_liquid_is_drawn_where_there_is_one(tmp_path):
+    assert "Cavity pressure" not in page_of(tmp_path / "none", fake.fake_presser)
+    page = page_of(tmp_path / "filled", fake.fake_presser, sensors=fake.FILLED)
+    assert "<h2>Cavity pressure against depth" in page and page.count("<img ") == 6
 
 
 def test_failures_are_shown(tmp_path):
