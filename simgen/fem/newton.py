@@ -63,6 +63,7 @@ class SolverSettings:
     smallest_substep : least increment, as a share of the distance between stored depths
     krylov_size : most iterations of one linear solve
     refactor_above : Krylov iterations above which the preconditioner is made anew
+    factorization : "superlu", or "pardiso" where pypardiso is installed (see factor.py)
     """
 
     residual_tolerance: float = 1e-4
@@ -75,6 +76,7 @@ class SolverSettings:
     smallest_substep: float = 1.0 / 64.0
     krylov_size: int = 80
     refactor_above: int = 10
+    factorization: str = "superlu"
 
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
@@ -141,7 +143,7 @@ class NewtonSolver:
         self.held = wp.array(rows, dtype=wp.int32, device=device)
         faces = [term.host_faces for term in self.surface_terms]
         pattern = BlockPattern(len(held), elasticity.host_tetrahedra, faces, held, device)
-        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, pattern, n_env)
+        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, pattern, n_env, settings.factorization)
         self.gmres = Gmres(self.n_unknowns, n_env, settings.krylov_size, device)
         self.x, self._trial, self._residual, self._step = (self.vector() for _ in range(4))
 

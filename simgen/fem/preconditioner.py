@@ -4,7 +4,7 @@
     [ B  -C  ]    ~     [ 0  -S  ]      S = (1 / (mu + gamma) + 1 / (lam - gamma)) x lumped pressure mass
 
 (Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact of one
-environment and is factored on the host by SuperLU in single precision: GMRES around it works in double precision.
+environment and is factored on the host (``factor.py``); GMRES around it works in double precision.
 A liquid borders A by one dense row and column g, which are eliminated: [A g; g^T 0] needs one more solve, A^-1 g, for
 each factor, and one inner product for each use.
 """
@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sparse
-import scipy.sparse.linalg
 import warp as wp
 
+from .factor import FACTORS, Singular, elimination_order
 from .material import mat33
 
 
@@ -35,46 +35,35 @@ class BlockPattern:
             index = np.searchsorted(unique, f[:, :, None].astype(np.int64) * n_nodes + f[:, None, :])
             self.face_index.append(wp.array(index.astype(np.int32), dtype=wp.int32, device=device))
         rows, columns = np.divmod(unique, n_nodes)
-        self.free = np.flatnonzero(~held.ravel())
+        graph = sparse.csr_array((np.ones(len(unique)), (rows, columns)), shape=(n_nodes, n_nodes))
+        unknowns = (3 * elimination_order(graph)[:, None] + np.arange(3)).ravel()
+        self.free = unknowns[~held.ravel()[unknowns]]
         # The scalar matrix of the free unknowns as CSC, and which block entry feeds each of its values.
         entry = np.arange(9 * self.n_blocks).reshape(-1, 3, 3)
         row = np.broadcast_to(3 * rows[:, None, None] + np.arange(3)[None, :, None], entry.shape).ravel()
         column = np.broadcast_to(3 * columns[:, None, None] + np.arange(3)[None, None, :], entry.shape).ravel()
-        matrix = sparse.coo_matrix((entry.ravel() + 1.0, (row, column)), shape=(3 * n_nodes, 3 * n_nodes)).tocsc()
-        self._matrix = matrix[self.free][:, self.free]
+        numbered = sparse.coo_matrix((entry.ravel() + 1.0, (row, column)), shape=(3 * n_nodes, 3 * n_nodes)).tocsc()
+        self._pattern = numbered[self.free][:, self.free].tocsc()
+        self._pattern.sort_indices()
+        self._entries = self._pattern.data.astype(np.int64) - 1
 
-    def reorder(self, values: np.ndarray):
-        """Fix the elimination order: minimum degree of A + A^T, found once per scene."""
-        data = values.ravel()[self._matrix.data.astype(np.int64) - 1]
-        first = sparse.csc_matrix((data, self._matrix.indices, self._matrix.indptr), shape=self._matrix.shape)
-        factor = scipy.sparse.linalg.splu(
-            first.astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
-        order = np.argsort(factor.perm_c)
-        self._matrix = self._matrix[order][:, order].tocsc()
-        self._matrix.sort_indices()
-        self.free = self.free[order]
-
-    def factor(self, values: np.ndarray):
-        """SuperLU factor of one environment's blocks (n_blocks, 3, 3)."""
-        data = values.ravel()[self._matrix.data.astype(np.int64) - 1].astype(np.float32)
-        matrix = sparse.csc_matrix((data, self._matrix.indices, self._matrix.indptr), shape=self._matrix.shape)
-        return scipy.sparse.linalg.splu(
-            matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+    def matrix(self, values: np.ndarray) -> sparse.csc_matrix:
+        """The free unknowns' matrix of one environment's blocks (n_blocks, 3, 3), in elimination order."""
+        data = values.ravel()[self._entries]
+        return sparse.csc_matrix((data, self._pattern.indices, self._pattern.indptr), shape=self._pattern.shape)
 
 
 class BlockTriangular:
     """Applies the preconditioner; ``update`` factors the current state of the environments that ask for it."""
 
-    def __init__(self, elasticity, contacts, cavity, pattern: BlockPattern, n_env: int):
+    def __init__(self, elasticity, contacts, cavity, pattern: BlockPattern, n_env: int, factorization: str):
         self.elasticity, self.cavity, self.pattern = elasticity, cavity, pattern
+        self._factor = FACTORS[factorization]
         self._surface_terms = contacts if cavity is None else [*contacts, cavity]
         material = elasticity.material
         if elasticity.n_pressures:
             compliance = 1.0 / (material.mu + material.gamma) + material.pressure_compliance
             self.schur = (compliance * elasticity.pressure_mass)[:, None]
-        self._ordered = False
         self._blocks = wp.zeros((pattern.n_blocks, n_env), dtype=mat33, device=elasticity.device)
         n = elasticity.n_displacements + elasticity.n_pressures + (cavity is not None)
         self._z = wp.zeros((n, n_env), dtype=wp.float64, device=elasticity.device)
@@ -99,16 +88,13 @@ class BlockTriangular:
         singular = []
         for env in environments:
             try:
-                if not self._ordered:
-                    self.pattern.reorder(values[:, env])
-                    self._ordered = True
-                self.factors[env] = self.pattern.factor(values[:, env])
-            except RuntimeError:  # SuperLU: "Factor is exactly singular"
+                self.factors[env] = self._factor(self.pattern.matrix(values[:, env]))
+            except Singular:
                 singular.append(env)
                 continue
             if self.cavity is not None:
                 gradient = self.cavity.gradient.numpy()[self.pattern.free, env]
-                self._borders[env] = gradient, self.factors[env].solve(gradient.astype(np.float32))
+                self._borders[env] = gradient, self.factors[env].solve(gradient)
         return np.array(singular, dtype=int)
 
     def apply(self, r, z_out):
@@ -126,7 +112,7 @@ class BlockTriangular:
         for env, factor in enumerate(self.factors):
             if factor is not None:
                 free = self.pattern.free
-                u = factor.solve(load[free, env].astype(np.float32))
+                u = factor.solve(load[free, env])
                 if self.cavity is not None:
                     gradient, response = self._borders[env]
                     pressure = (gradient @ u - residual[self.cavity.row, env]) / (gradient @ response)

@@ -133,7 +133,7 @@ def test_the_gradient_is_the_row_and_the_column_of_the_pressure():
 def test_blocks_are_the_displacement_part_of_the_tangent(element):
     nodes, tets, term = boundary(element)
     n = len(nodes)
-    pattern = BlockPattern(n, tets, [term.host_faces], np.zeros(n, dtype=bool), "cpu")
+    pattern = BlockPattern(n, tets, [term.host_faces], np.zeros((n, 3), dtype=bool), "cpu")
     rng = np.random.default_rng(4)
     x, v = state(0.1 * rng.normal(size=(n, 3)), 0.4), rng.normal(size=3 * n)
     blocks = wp.zeros((pattern.n_blocks, 1), dtype=mat33, device="cpu")
