@@ -115,6 +115,50 @@ def report(
     typer.echo(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)")
 
 
+@app.command()
+def validate(
+    listed: Annotated[bool, typer.Option("--list", help="Say which cases there are; run none.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Only the cases that take seconds.")] = False,
+    case: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="This case; may be repeated.", show_default="all but long"),
+    ] = None,
+    device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes.", show_default="one per core, or one GPU")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write all that was found.")] = None,
+    html_file: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with plots.")] = None,
+    published: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Published meshes and results to compare with.")
+    ] = None,
+):
+    """Compare the solver with closed forms, independent codes and published data. Exit code 1 if a row fails.
+
+    Cases that need reference data find them in $SIMGEN_REFERENCE, and are skipped without them.
+    """
+    from simgen.validate import all_cases, console, runner
+
+    if listed:
+        console.print_cases(all_cases().values())
+        return
+    cases = runner.choose(case or [], quick)
+    context = runner.make_context(device, published)
+    for file in filter(None, (json_file, html_file)):
+        runner.check_output(file)
+    results = console.run_and_print(cases, context, workers)
+    if json_file:
+        from simgen.validate.record import write_json
+
+        write_json(results, device, json_file)
+    if html_file:
+        from simgen.validate.page import write_validation
+
+        write_validation(results, device, html_file)
+    if any(result.failed for result in results):
+        raise typer.Exit(1)
+
+
 def main() -> None:
     """Entry point of the console script: bad input is one line and exit code 2, an interrupt 130."""
     try:

@@ -65,18 +65,29 @@ def faces_on(faces: np.ndarray, on: np.ndarray) -> np.ndarray:
     return faces[on[faces].all(axis=1)]
 
 
+def faces_on_sphere(mesh: Mesh, radius: float) -> np.ndarray:
+    """The boundary faces whose corners lie on the sphere about the origin, straight or curved."""
+    corners = np.linalg.norm(mesh.nodes[mesh.faces[:, :3]], axis=2)
+    return mesh.faces[(np.abs(corners - radius) < ON).all(axis=1)]
+
+
 def top(nodes: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """The faces in the plane y = 0."""
     return faces_on(faces, on_plane(nodes, 1, 0.0))
 
 
-def perturbed(mesh: Mesh, shift: float, bend: float, seed: int = 0) -> Mesh:
-    """The mesh with its corners moved by up to ``shift`` mm along each axis, and its edges bent by up to ``bend``."""
-    random = np.random.default_rng(seed)
-    move = np.zeros_like(mesh.nodes)
-    move[: mesh.n_corners] = random.uniform(-shift, shift, (mesh.n_corners, 3))
+def perturbed(mesh: Mesh, shift: float, bend: float, inside_only: bool = False) -> Mesh:
+    """The mesh with its corners moved by up to ``shift`` mm along each axis, and its edges bent by up to ``bend``.
+
+    Always by the same random numbers. ``inside_only`` leaves the boundary as it is.
+    """
+    random = np.random.default_rng(0)
+    movable = np.ones((len(mesh.nodes), 1))
+    if inside_only:
+        movable[mesh.faces] = 0.0
+    move = movable * random.uniform(-shift, shift, mesh.nodes.shape)
     move[mesh.tetrahedra[:, 4:].ravel()] = move[mesh.tetrahedra[:, TET_EDGES].reshape(-1, 2)].mean(axis=1)
-    move[mesh.n_corners :] += random.uniform(-bend, bend, (len(mesh.nodes) - mesh.n_corners, 3))
+    move[mesh.n_corners :] += (movable * random.uniform(-bend, bend, mesh.nodes.shape))[mesh.n_corners :]
     return mesh._replace(nodes=mesh.nodes + move)
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from simgen.fem.element import P2P1, face_geometry, tet_geometry
-from simgen.validate.meshes import box, faces_on, on_plane, perturbed, sphere_shell, top
+from simgen.fem.element import P2P1, TET_EDGES, face_geometry, tet_geometry
+from simgen.validate.meshes import box, faces_on, faces_on_sphere, on_plane, perturbed, sphere_shell, top
 
 
 def flux_of_position(mesh):
@@ -31,9 +31,9 @@ def test_middles_lie_half_way_between_their_corners():
 def test_shell_is_an_octant_with_its_planes_in_place(around, through):
     mesh = sphere_shell(around, through, (1.0, 2.0))
     assert (tet_geometry(P2P1, mesh.nodes, mesh.tetrahedra).volumes > 0.0).all()
-    radius = np.linalg.norm(mesh.nodes, axis=1)
     for level, area in ((1.0, np.pi / 2.0), (2.0, 2.0 * np.pi)):
-        faces = faces_on(mesh.faces, np.abs(radius - level) < 1e-9)
+        faces = faces_on_sphere(mesh, level)
+        np.testing.assert_allclose(np.linalg.norm(mesh.nodes[faces], axis=2), level, rtol=1e-14)
         assert len(faces) == around**2
         assert face_geometry(P2P1, mesh.nodes, faces).areas.sum() == pytest.approx(area, rel=0.2 / around**4)
     for axis in range(3):
@@ -60,3 +60,15 @@ def test_perturbed_elements_are_irregular_and_curved_and_not_inverted():
     ends = mesh.nodes[mesh.tetrahedra[:, [0, 1]]].mean(axis=1)
     assert np.abs(mesh.nodes[mesh.tetrahedra[:, 4]] - ends).max() > 0.05
     np.testing.assert_array_equal(mesh.nodes, perturbed(rest, shift=0.3, bend=0.1).nodes)
+
+
+def test_a_perturbation_inside_leaves_the_boundary_and_straight_edges_straight():
+    rest = box()
+    mesh = perturbed(rest, shift=0.3, bend=0.0, inside_only=True)
+    outside = np.unique(mesh.faces)
+    np.testing.assert_array_equal(mesh.nodes[outside], rest.nodes[outside])
+    moved = np.setdiff1d(np.arange(len(mesh.nodes)), outside)
+    assert np.abs(mesh.nodes[moved] - rest.nodes[moved]).max() > 0.1
+    for edge, (i, j) in enumerate(TET_EDGES):
+        middle = mesh.nodes[mesh.tetrahedra[:, [i, j]]].mean(axis=1)
+        np.testing.assert_allclose(mesh.nodes[mesh.tetrahedra[:, 4 + edge]], middle, atol=1e-14)
