@@ -28,6 +28,8 @@ from .operator import add_vec3, load_vec3
 
 wp.set_module_options({"enable_backward": False})
 
+FACE_POINTS = 6  # exact for the volume that quadratic faces sweep
+
 
 @wp.struct
 class Wetted:
@@ -198,7 +200,7 @@ class Cavity:
     def __init__(self, element: Element, nodes, faces, held: np.ndarray, row: int, device, active):
         self.device, self.active, self.row = device, active, row
         n_env = active.shape[0]
-        shapes, gradients, weights = face_shapes(element)
+        shapes, gradients, weights = face_shapes(element, FACE_POINTS)
         self.host_faces = np.ascontiguousarray(faces[:, : shapes.shape[1]], dtype=np.int32)
         rim = open_rim(self.host_faces)
         stays = held if held.ndim == 1 else held.any(axis=1)

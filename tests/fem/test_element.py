@@ -32,11 +32,17 @@ def test_tet_rules_integrate_their_degree_and_no_more(points, degree):
     assert error[degree + 1] > 1e-6
 
 
-def test_triangle_rule_integrates_degree_four():
-    x, w = triangle_rule()
-    for i, j in [(0, 0), (1, 0), (2, 2), (3, 1), (4, 0)]:
-        exact = 2.0 * factorial(i) * factorial(j) / factorial(i + j + 2)
-        assert w @ (x[:, 0] ** i * x[:, 1] ** j) == pytest.approx(exact, abs=1e-15)
+@pytest.mark.parametrize("points, degree", [(6, 4), (12, 6)])
+def test_triangle_rule_integrates_its_degree_and_no_more(points, degree):
+    x, w = triangle_rule(points)
+    assert x.shape == (points, 3) and w.min() > 0.0 and x.min() > 0.0
+    error = np.zeros(degree + 2)
+    for i, j in np.ndindex(degree + 2, degree + 2):
+        if i + j <= degree + 1:
+            exact = 2.0 * factorial(i) * factorial(j) / factorial(i + j + 2)
+            error[i + j] = max(error[i + j], abs(w @ (x[:, 0] ** i * x[:, 1] ** j) - exact))
+    assert error[: degree + 1].max() < 2e-15  # the digits of the published points
+    assert error[degree + 1] > 1e-6
 
 
 @pytest.mark.parametrize("edges", [TET_EDGES, TRIANGLE_EDGES])
