@@ -130,7 +130,7 @@ def body_load(mesh: Mesh, force: Field) -> np.ndarray:
 
 def surface_load(mesh: Mesh, faces: np.ndarray, stress: Field) -> np.ndarray:
     """Consistent nodal forces (n, 3), E mm2, of the dead tractions P N on faces (f, 6); P is (..., 3, 3) E."""
-    shapes, by_local, weights = face_shapes(P2P1)
+    shapes, by_local, weights = face_shapes(P2P1, 6)
     tangents = np.einsum("fai,qaj->fqij", mesh.nodes[faces], by_local)
     area_vectors = np.cross(tangents[..., 0], tangents[..., 1])
     positions = np.einsum("qa,fai->fqi", shapes, mesh.nodes[faces])
