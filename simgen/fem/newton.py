@@ -84,6 +84,7 @@ SMALLEST_MULTIPLIERS = 1e-6  # the same for the L2 norm of the contact multiplie
 LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
 MOST_GROWTH = 10.0  # of the out-of-balance forces in one step
 OVERSHOOT = 0.3  # of the step's virtual work that may be left with the opposite sign
+ROUNDING = 1e-13  # relative, of an inner product of forces and steps
 MOST_TRIALS = 8
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
@@ -249,9 +250,10 @@ class NewtonSolver:
 
         Friction makes the tangent jump between stick and slip, and full steps then cycle between two states; the
         virtual work of the out-of-balance forces along the step changes sign in between (Crisfield's line search).
-        Returns which environments found a step.
+        Work that is nothing but rounding says nothing. Returns which environments found a step.
         """
         work = self._work(self._residual)
+        noise = ROUNDING * norms(self._residual) * norms(self._step)
         alpha, low, high = np.where(running, 1.0, 0.0), np.zeros(self.n_env), np.full(self.n_env, np.nan)
         work_low, work_high = work.copy(), np.full(self.n_env, np.nan)
         allowed = OVERSHOOT * work
@@ -263,7 +265,7 @@ class NewtonSolver:
             self._trial_det = min_det
             usable = (min_det > LEAST_DETERMINANT) & (norms(r) <= MOST_GROWTH * size)
             now = self._work(r)
-            bracketed = usable & (work > 0.0)
+            bracketed = usable & (work > noise)
             over = running & bracketed & (now < -allowed)
             under = running & bracketed & (now > allowed) & np.isfinite(high)
             broken = running & ~usable
