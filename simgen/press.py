@@ -136,7 +136,7 @@ class Scene:
     @property
     def _about_cavity(self) -> str:
         if self.cavity is not None:
-            return f"an incompressible liquid on {len(self.cavity.host_faces)} faces keeps its volume: one pressure"
+            return "an incompressible liquid keeps its volume: one pressure"
         if len(self.sensor.simulation_mesh.facing_core):
             return "fluid: none; the skin is pressed without its liquid"
         return "the sensor has no cavity"
