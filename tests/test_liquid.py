@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+import warp as wp
 
 from simgen.distance import Kind
 from simgen.errors import InputError
@@ -83,6 +84,14 @@ def test_a_liquid_in_part_of_a_cavity_is_balanced_by_what_holds_the_rest(hollow)
     part = replace(hollow, simulation_mesh=replace(mesh, held=held, facing_core=mesh.facing_core[~at_rest]))
     result = press(Scene(part, GEL, fluid="incompressible"), [SPHERE], POSE, DEPTHS)[0]
     assert (result.status == 0).all() and (result.certificate["force_balance"] < 1e-3).all()
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_cuda_gives_what_the_cpu_gives(hollow):
+    cpu, cuda = (press(Scene(hollow, GEL, device=device, fluid="incompressible"), [SPHERE], POSE, DEPTHS)[0]
+                 for device in ("cpu", "cuda"))  # fmt: skip
+    np.testing.assert_allclose(cuda.displacement, cpu.displacement, atol=1e-9)  # as for presses without a liquid
+    np.testing.assert_allclose(cuda.cavity_pressure, cpu.cavity_pressure, rtol=1e-5)
 
 
 def test_a_liquid_needs_a_cavity(hollow):
