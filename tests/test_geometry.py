@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from simgen import mesh_files
-from simgen.curved import CORE, FREE, HELD
+from simgen.curved import CORE, HELD
 from simgen.sensor import load_geometry, place_electrodes
 from simgen.surface import ClosestPoint, shells
+from simgen.validate.published_geometry import gel_thickness, touchable_distances, wall_thickness
+from simgen.validate.published_sensors import published_surface
 
 MM = 1e-3
 MEAN, MOST = 0.10, 0.40  # mm, over the touchable surface: the project's bounds
-PUBLISHED = {"digit": "digit/digit_gel.mesh", "biotac": "biotac/int_ext_skin_combined_ftw.tet"}
 
 
 @pytest.fixture(scope="module", params=["digit", "biotac"])
@@ -20,8 +21,7 @@ def sensor(request):
 
 @pytest.fixture(scope="module")
 def published(sensor, reference):
-    path = reference / PUBLISHED[sensor.description.name]
-    return mesh_files.read_mesh(path, "m")[0]
+    return published_surface(reference, sensor.description.name)
 
 
 def test_surfaces_are_closed(sensor):
@@ -32,13 +32,7 @@ def test_surfaces_are_closed(sensor):
 
 
 def test_touchable_surface_is_near_the_published_one_both_ways(sensor, published):
-    surface = sensor.true.surface
-    free = sensor.true.region == FREE
-    ours = surface.triangles_center[free]
-    to_published = ClosestPoint(published.vertices, published.faces)(ours)[1] / MM
-    theirs = np.concatenate([published.vertices, published.triangles_center])
-    _, from_published, face = sensor.true.closest(theirs)
-    from_published = from_published[sensor.true.region[face] == FREE] / MM
+    to_published, from_published = touchable_distances(sensor, published)
     for way, distance in (("to", to_published), ("from", from_published)):
         name = sensor.description.name
         print(f"{name} {way} published: mean {distance.mean():.4f} mm, max {distance.max():.4f} mm")
@@ -52,45 +46,17 @@ def test_volume_is_that_of_the_published_gel(sensor, published):
 
 
 def test_wall_of_the_skin(reference):
-    ours = load_geometry("biotac")
-    published = mesh_files.read_mesh(reference / PUBLISHED["biotac"], "m")[0]
-    _, _, face = ours.true.closest(published.triangles_center)
-    inner = ours.true.region[face] == CORE
-    points = published.triangles_center[~inner]
-    wall = ClosestPoint(published.vertices, published.faces[inner])(points)[1] / MM
-    own = ours.true.surface
-    on_ours = ours.true.closest(points)[0]
-    own_wall = ClosestPoint(own.vertices, own.faces[ours.true.region == CORE])(on_ours)[1] / MM
+    own_wall, wall = wall_thickness(load_geometry("biotac"), published_surface(reference, "biotac"))
     print(f"wall: ours {own_wall.mean():.3f} mm, published {wall.mean():.3f} mm")
     assert np.abs(own_wall - wall).mean() <= 0.10
 
 
 def test_thickness_of_the_gel(reference):
     """Height above the back on a grid of (x, z), 1 mm and more inside the outline."""
-    ours = load_geometry("digit").true.surface
-    published = mesh_files.read_mesh(reference / PUBLISHED["digit"], "m")[0]
-    grid = np.stack(np.meshgrid(np.arange(-19, 4, 0.5), np.arange(-8, 8.1, 0.5)), axis=-1).reshape(-1, 2)
-    grid = grid[(grid[:, 0] > -10.86) | (np.hypot(grid[:, 0] + 10.86, grid[:, 1]) < 8.2)]
-    difference = np.abs(height(ours, grid) - height(published, grid))
+    own, theirs = gel_thickness(load_geometry("digit"), published_surface(reference, "digit"))
+    difference = np.abs(own - theirs)
     print(f"thickness: mean difference {difference.mean():.4f} mm, max {difference.max():.4f} mm")
     assert difference.mean() <= 0.10
-
-
-def cross(u, v):
-    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-
-
-def height(surface, grid) -> np.ndarray:
-    """Lowest y of a surface at (x, z) in mm, by its triangles seen along y."""
-    corners = surface.triangles[surface.face_normals[:, 1] < -0.05] / MM
-    a, b, c = (corners[:, k][:, [0, 2]] for k in range(3))
-    area = cross(b - a, c - a)
-    lowest = np.full(len(grid), np.nan)
-    for i, p in enumerate(grid):
-        weights = np.stack([cross(b - p, c - p), cross(c - p, a - p), cross(a - p, b - p)]) / area
-        hit = (weights > -1e-9).all(axis=0)
-        lowest[i] = (weights[:, hit] * corners[hit, :, 1].T).sum(axis=0).min()
-    return lowest
 
 
 def test_measured_dimensions():
