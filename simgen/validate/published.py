@@ -56,34 +56,33 @@ def geometry(context: Context) -> Outcome:
     return Outcome(rows, [Table("Thickness, at points of the published surface", columns, table)])
 
 
-def _register_presses(name: str, title: str, level: str, presses: dict[str, tuple[str, ...]], depths_mm: list[float]):
-    """A case that presses indenters into the published meshes of some sensors and into ours."""
-
-    @case(name, title, level)
-    def presses_into(context: Context) -> Outcome:
-        if skipped := _missing(context, tuple(presses)):
-            return Outcome([], skipped=skipped)
-        whole = Outcome([])
-        for sensor, indenters in presses.items():
-            part = compare_presses(context.published, sensor, indenters, depths_mm, context.device, context.scratch)
-            for kind in ("rows", "tables", "curves", "notes"):
-                getattr(whole, kind).extend(getattr(part, kind))
-        return whole
+def _presses(context: Context, presses: dict[str, tuple[str, ...]], depths_mm: list[float]) -> Outcome:
+    """Press indenters into the published meshes of some sensors and into ours."""
+    if skipped := _missing(context, tuple(presses)):
+        return Outcome([], skipped=skipped)
+    whole = Outcome([])
+    for sensor, indenters in presses.items():
+        part = compare_presses(context.published, sensor, indenters, depths_mm, context.device, context.scratch)
+        for kind in ("rows", "tables", "curves", "notes"):
+            getattr(whole, kind).extend(getattr(part, kind))
+    return whole
 
 
-# The published BioTac has 86,000 unknowns as P2-P1: a sphere to 1 mm is what a desk has the patience for.
-_register_presses(
-    "published-digit", "The same presses on the published DIGIT mesh and on ours", "standard",
-    {"digit": ("sphere_7mm", "ring_7mm")}, [0.5, 1.0],
-)  # fmt: skip
-_register_presses(
-    "published-biotac", "The same press on the published BioTac mesh and on ours", "standard",
-    {"biotac": ("sphere_7mm",)}, [0.5, 1.0],
-)  # fmt: skip
-_register_presses(
-    "published-deep", "To 2 mm on the published meshes and on ours", "long",
-    {"digit": ("sphere_7mm", "ring_7mm"), "biotac": ("sphere_7mm", "ring_7mm")}, [0.5, 1.0, 1.5, 2.0],
-)  # fmt: skip
+@case("published-digit", "The same presses on the published DIGIT mesh and on ours", "standard")
+def presses_digit(context: Context) -> Outcome:
+    return _presses(context, {"digit": ("sphere_7mm", "ring_7mm")}, [0.5, 1.0])
+
+
+@case("published-biotac", "The same press on the published BioTac mesh and on ours", "standard")
+def presses_biotac(context: Context) -> Outcome:
+    """The published BioTac has 86,000 unknowns as P2-P1: one sphere to 1 mm."""
+    return _presses(context, {"biotac": ("sphere_7mm",)}, [0.5, 1.0])
+
+
+@case("published-deep", "A sphere and the ring to 2 mm on the published meshes and on ours", "long")
+def presses_deep(context: Context) -> Outcome:
+    both = ("sphere_7mm", "ring_7mm")
+    return _presses(context, {"digit": both, "biotac": both}, [0.5, 1.0, 1.5, 2.0])
 
 
 @case("published-results", "Result files in the ACROSS or biotac_sim layout, press by press", "standard")

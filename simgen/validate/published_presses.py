@@ -103,10 +103,11 @@ def compare_presses(
 def _add(outcome: Outcome, title: str, solutions: dict[str, Solution], depths_mm: np.ndarray, apart_mm: float) -> None:
     """Rows, table and curves of one indenter.
 
-    Surfaces that are ``apart_mm`` make as much difference as a depth that is known to no better.
+    Surfaces that are ``apart_mm`` make as much difference as a depth that is known to no better, and the force goes
+    with a power of the depth.
     """
     reference = solutions[THEIRS]
-    slope = np.gradient(np.log(reference.force), depths_mm)
+    power = np.gradient(np.log(reference.force), np.log(depths_mm))
     table = []
     for label, solution in solutions.items():
         for i, depth in enumerate(depths_mm):
@@ -119,7 +120,7 @@ def _add(outcome: Outcome, title: str, solutions: dict[str, Solution], depths_mm
                 what = f"{title}, {depth:g} mm"
                 outcome.rows += [
                     Row(f"force, our mesh against the published: {what}", "N", force, wanted,
-                        FORCE + float(slope[i]) * apart_mm, "relative", "1 % for each mesh, surfaces' distance"),
+                        FORCE + float(power[i] / depth) * apart_mm, "relative", "1 % for each mesh, surfaces' distance"),
                     Row(f"RMSE of the deformation region: {what}", "um", region, np.nan, RMSE_UM + 1e3 * apart_mm,
                         "at most", "5 um for each mesh, surfaces' distance"),
                 ]  # fmt: skip
