@@ -117,10 +117,10 @@ def _add(outcome: Outcome, title: str, solutions: dict[str, Solution], depths_mm
             table.append([label, float(depth), force, 100.0 * (force / wanted - 1.0), everywhere, region,
                           solution.result.seconds, solution.unknowns])  # fmt: skip
             if label == OURS:
-                what = f"{title}, {depth:g} mm"
+                what, tolerance = f"{title}, {depth:g} mm", FORCE + float(power[i] / depth) * apart_mm
                 outcome.rows += [
-                    Row(f"force, our mesh against the published: {what}", "N", force, wanted,
-                        FORCE + float(power[i] / depth) * apart_mm, "relative", "1 % for each mesh, surfaces' distance"),
+                    Row(f"force, our mesh against the published: {what}", "N", force, wanted, tolerance, "relative",
+                        "1 % for each mesh, surfaces' distance"),
                     Row(f"RMSE of the deformation region: {what}", "um", region, np.nan, RMSE_UM + 1e3 * apart_mm,
                         "at most", "5 um for each mesh, surfaces' distance"),
                 ]  # fmt: skip
