@@ -167,13 +167,15 @@ class ResultFile:
         self._file.close()
 
     def presses(self) -> dict[tuple[int, int], list[int]]:
-        """(trial, env) -> its steps, all in rising order."""
+        """(trial, env) -> its steps, all in rising order; at least one."""
         found: dict[tuple[int, int], list[int]] = {}
         for trial in self._trials or [0]:
             steps = self._group(f"trial_{trial}" if self._trials else "/")
             for step in _numbered(steps, "step"):
                 for env in _numbered(self._group(self._key(trial, step, COORDINATES)), "env"):
                     found.setdefault((trial, env), []).append(step)
+        if not found:
+            raise InputError(f"{self.path}: no env_<k> in any {COORDINATES}")
         return dict(sorted(found.items()))
 
     def sample(self, trial: int, env: int, step: int) -> Sample:

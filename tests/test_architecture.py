@@ -22,7 +22,7 @@ HOUSE = {
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],
     "press": ["press", "first_touch"],
-    "dataset": ["dataset", "audit"],
+    "dataset": ["dataset", "audit", "exchange"],
     "run": ["plan", "shard", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console"],
     "validate": ["validate"],

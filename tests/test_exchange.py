@@ -102,6 +102,7 @@ def spoiled(folder, key, values):
     [
         ("trial_0", None, "neither trial_<i> (ACROSS) nor step_<j> (biotac_sim)"),
         ("trial_0/step_0/nodal_coords_digit", None, "trial_0/step_0/nodal_coords_digit: not there"),
+        ("trial_0/step_0/nodal_coords_digit/env_0", None, "no env_<k> in any nodal_coords"),
         ("trial_0/step_0/net_force_vecs_digit", None, "trial_0/step_0/net_force_vecs_digit/env_0: not there"),
         ("trial_0/step_0/nodal_coords_digit/env_0", np.zeros((3, 5)), "shape (3, 5), expected (vertex, 3) in m"),
         ("trial_0/step_0/nodal_coords_digit/env_0", np.full((5, 3), np.nan), "not finite"),
