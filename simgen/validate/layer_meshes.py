@@ -34,7 +34,8 @@ def graded(end: float, edge: float, until: float, growth: float) -> np.ndarray:
 def rings(radii: np.ndarray, segments: int, quarters: int) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of the sector from +x over ``quarters`` right angles towards +z: points (p, 2), triangles (t, 3).
 
-    radii: of the rings, 0 first. Ring i has i + 1 segments in each quarter, at most ``segments``.
+    Counter-clockwise seen from +y. radii: of the rings, 0 first. Ring i has i + 1 segments in each quarter, at most
+    ``segments``.
     """
     counts = [quarters * min(i + 1, segments) for i in range(1, len(radii))]
     angles = [np.zeros(1), *(np.linspace(0.0, 0.5 * math.pi * quarters, count + 1) for count in counts)]
