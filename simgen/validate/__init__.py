@@ -11,7 +11,8 @@ from importlib.util import find_spec
 from .case import CASES, Case
 
 # In the order of the report; every module registers its cases when it is imported.
-MODULES = ("exact", "operator", "order", "layer", "friction", "peers", "hard", "sensors", "fluid", "published")
+MODULES = ("exact", "operator", "order", "layer", "friction", "peers", "hard", "hard_places", "hard_refusals",
+           "sensors", "fluid", "published")  # fmt: skip
 
 
 def all_cases() -> dict[str, Case]:

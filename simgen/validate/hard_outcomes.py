@@ -1,0 +1,163 @@
+"""What came of hard presses: rows that hold for each of them whatever the scene, and one table of evidence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgen.distance import RigidShape
+from simgen.fem.newton import LEAST_DETERMINANT
+from simgen.interpolation import geometry_jacobian
+from simgen.press import PressResult, Scene, SolverSettings, Status, follow
+
+from .case import Row, Table
+
+UM, MM = 1e6, 1e3
+GIVEN_UP = (Status.NEWTON_STALLED, Status.INVERTED, Status.LINEAR_SOLVER_STALLED)
+ANY_REFUSAL = tuple(status for status in Status if status != Status.CONVERGED)
+FORCE_BALANCE = 1e-3  # the issue's 0.1 %
+# Corners, middles of edges and of faces: the lattice of a quadratic element's det F, which is cubic.
+LATTICE = np.array([(i, j, k, 3 - i - j - k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)]) / 3.0
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A hard press, what was declared to come of it, and what came.
+
+    path_m : (d, 3) m from first touch, in the indenter's frame
+    refusals : the outcomes that are right where it has to be refused; empty: it has to converge
+    reach_mm : a declared limit: it may be refused beyond this depth, not before; None: no limit
+    partly_inverted, least_det_anywhere : elements with det F <= 0 somewhere between their integration points, and the
+        least there, at the last converged sample
+    core : share of the indenter's force that the core carries, and the deepest point in the core, um; NaN without one
+    """
+
+    name: str
+    result: PressResult
+    settings: SolverSettings
+    path_m: np.ndarray
+    refusals: tuple[Status, ...]
+    reach_mm: float | None
+    partly_inverted: int
+    least_det_anywhere: float
+    core: tuple[float, float]
+
+    @property
+    def converged(self) -> int:
+        return int((self.result.status == Status.CONVERGED).sum())
+
+    @property
+    def reached(self) -> float:
+        """Depth of the last converged sample, mm."""
+        return float(MM * self.path_m[self.converged - 1, 1]) if self.converged else 0.0
+
+    @property
+    def as_declared(self) -> bool:
+        last = self.result.status[-1]
+        if self.refusals:
+            return last in self.refusals
+        return last == Status.CONVERGED or (self.reach_mm is not None and self.reached >= self.reach_mm - 1e-6)
+
+    @property
+    def outcome(self) -> str:
+        last = Status(self.result.status[-1])
+        words = "converges" if last == Status.CONVERGED else f"refused: {last.sentence}"
+        if not self.as_declared:
+            return f"NOT AS DECLARED; {words}"
+        return words if self.reach_mm is None else f"declared limit {self.reach_mm:g} mm; {words}"
+
+    @property
+    def force(self) -> np.ndarray:
+        """(d,) N, length of the force."""
+        return np.linalg.norm(self.result.force, axis=1)
+
+    def certified(self, key: str) -> np.ndarray:
+        return self.result.certificate[key][: self.converged]
+
+
+def attempt(
+    name: str,
+    scene: Scene,
+    shape: RigidShape,
+    pose: np.ndarray,
+    path_m: np.ndarray,
+    refusals: tuple[Status, ...] = (),
+    reach_mm: float | None = None,
+) -> Attempt:
+    """Follow a path (d, 3) m from a pose (4, 4), and look at what the certificate does not tell."""
+    result = follow(scene, [shape], pose[None], path_m)[0]
+    det = det_anywhere(scene)
+    return Attempt(name, result, scene.settings, path_m, refusals, reach_mm,
+                   int((det <= 0.0).any(axis=1).sum()), float(det.min()), core_contact(scene))  # fmt: skip
+
+
+def det_anywhere(scene: Scene) -> np.ndarray:
+    """det F (e, 20) of the scene's state at the points of `LATTICE`: the solver knows it at integration points only."""
+    mesh = scene.sensor.simulation_mesh
+    u = scene.solver.x.numpy()[: 3 * len(scene.nodes), 0].reshape(-1, 3)
+    rest, now = (np.linalg.det(geometry_jacobian(p[mesh.tetrahedra][:, None], LATTICE))
+                 for p in (scene.nodes, scene.nodes + u))  # fmt: skip
+    return now / rest
+
+
+def core_contact(scene: Scene) -> tuple[float, float]:
+    """Share of the indenter's force that the core carries, and the deepest point in the core, um."""
+    if scene.core_contact is None:
+        return math.nan, math.nan
+    force, _, _, deepest = scene.core_contact.resultants(scene.solver.x)
+    pressed = scene.indenter_contact.resultants(scene.solver.x)[0][0]
+    size = pressed @ pressed
+    return float(-force[0] @ pressed / size) if size else 0.0, float(deepest[0] * UM / MM)
+
+
+def verdicts(attempts: list[Attempt]) -> list[Row]:
+    """What holds for every hard press, all of the same settings: it ends as declared, what converged is certified."""
+    settings = attempts[0].settings
+
+    def worst(key: str, pick) -> float:
+        return float(pick([pick(a.certified(key)) for a in attempts if a.converged]))
+
+    nan = sum(int(np.isnan(a.result.displacement[: a.converged]).sum()) for a in attempts)
+    rows = [Row("presses that end as declared", "", sum(a.as_declared for a in attempts), len(attempts), 0.0,
+                "absolute", "the issue: converges, or is refused with a sentence"),
+            Row("NaN in converged samples", "", nan, math.nan, 0.0, "at most", "the issue: none")]  # fmt: skip
+    if not any(a.converged for a in attempts):
+        return rows
+    return [
+        *rows,
+        Row("least det F at an integration point", "", worst("min_det_F", min), math.nan, LEAST_DETERMINANT, "at least",
+            "the solver's bound for an inverted element"),
+        Row("residual, worst", "", worst("residual", max), math.nan, settings.residual_tolerance, "at most",
+            "the solver's tolerance"),
+        Row("contact error, worst", "", worst("contact_error", max), math.nan, settings.contact_tolerance, "at most",
+            "the solver's tolerance"),
+        Row("force balance, worst", "", worst("force_balance", max), math.nan, FORCE_BALANCE, "at most",
+            "the issue's 0.1 %"),
+    ]  # fmt: skip
+
+
+COLUMNS = [
+    "press", "outcome", "reached, mm", "force, N", "residual", "contact error", "force balance", "least det F",
+    "det F anywhere", "elements inverted in part", "deepest overlap, um", "Newton", "Krylov", "samples", "sub-steps",
+    "seconds",
+]  # fmt: skip
+
+
+def evidence(title: str, attempts: list[Attempt]) -> Table:
+    """Outcome, worst certificate and cost of each press; forces and overlap at the last converged sample."""
+    return Table(title, COLUMNS, [_line(a) for a in attempts])
+
+
+def _line(a: Attempt) -> list:
+    line = [a.name, a.outcome]
+    if not a.converged:
+        return [*line, *[""] * (len(COLUMNS) - len(line) - 1), round(a.result.seconds, 2)]
+    worst = [float(a.certified(key).max()) for key in ("residual", "contact_error", "force_balance")]
+    overlap = np.nanmax([UM * a.certified("max_penetration_m")[-1], a.core[1]])
+    cost = [int(a.certified(key).sum()) for key in ("newton_iterations", "krylov_iterations")]
+    substeps = int(a.certified("substeps").sum())
+    return [*line, round(a.reached, 3), float(a.force[a.converged - 1]), *worst, float(a.certified("min_det_F").min()),
+            a.least_det_anywhere, a.partly_inverted, float(overlap), *cost, a.converged, substeps,
+            round(a.result.seconds, 2)]  # fmt: skip
