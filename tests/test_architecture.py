@@ -26,6 +26,7 @@ HOUSE = {
     "run": ["plan", "shard", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console"],
     "validate": ["validate"],
+    "bench": ["bench"],
     "cli": ["cli"],
 }  # fmt: skip
 ROOM = {module: number for number, modules in enumerate(HOUSE.values()) for module in modules}
@@ -98,7 +99,8 @@ def test_only_the_command_line_imports_views():
 
 
 def test_only_the_command_line_imports_the_validation():
-    assert {module for module in module_files() if "validate" in own_imports(module)} <= {"cli"}
+    assert {module for module in module_files() if "validate" in own_imports(module)} <= {"bench", "cli"}
+    assert {module for module in module_files() if "bench" in own_imports(module)} <= {"cli"}
 
 
 def test_nothing_but_training_imports_torch():

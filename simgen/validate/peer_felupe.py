@@ -28,6 +28,11 @@ ON = 1e-9  # mm
 TOUCHABLE_MM = 4.0  # radius within which the top can meet the sphere
 
 
+def edge_mm(cells: int, layers: int, fine: float) -> float:
+    """Of the hexahedra at the axis; the embedded square of FElupe's disc is half a radius wide."""
+    return 0.5 * RADIUS_MM * fine / cells
+
+
 def make_mesh(cells: int, layers: int, fine: float) -> fem.Mesh:
     """The quarter x, z >= 0 of the layer: 3 cells^2 quadrilaterals, extruded.
 

@@ -1,0 +1,104 @@
+"""What is run: scenes, and for each of them elements, resolutions, tolerances and terms.
+
+``layer`` scenes: a sphere of radius 3.5 mm is pressed 1 mm into a bonded layer of 4 mm (a quarter of it, by symmetry),
+in ten depths. ``biotac``: one of radius 3.5 mm, 0.5 mm into the pad, in five depths, while the gap to the core is open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from simgen.press import SolverSettings
+from simgen.validate.layer_press import MeshSize
+
+FRICTIONLESS, FRICTIONAL, BIOTAC = "layer, frictionless", "layer, friction 0.78", "biotac, friction 0.78"
+FRICTION = {FRICTIONLESS: 0.0, FRICTIONAL: 0.78}
+TOLERANCES = ("residual_tolerance", "contact_tolerance", "linear_tolerance")
+DEFAULTS = SolverSettings()
+# One tolerance at a time, looser and tighter than the default.
+OTHER_TOLERANCES = [
+    ("residual_tolerance", 1e-2), ("residual_tolerance", 1e-6),
+    ("contact_tolerance", 5e-2), ("contact_tolerance", 5e-4),
+    ("linear_tolerance", 5e-1), ("linear_tolerance", 1e-3),
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One choice. edge_mm: of the elements under the contact; core: whether the core's contact is a term."""
+
+    scene: str
+    edge_mm: float
+    element: str = "P2-P1"
+    solver: SolverSettings = DEFAULTS
+    core: bool = False
+
+    @property
+    def terms(self) -> str:
+        optional = {"friction": self.scene != FRICTIONLESS, "core contact": self.core}
+        return " + ".join(["elasticity", "contact", *(name for name, carried in optional.items() if carried)])
+
+    @property
+    def changed(self) -> str:
+        """The tolerance that is not the default, "" where all are."""
+        return ", ".join(
+            f"{f.name} {getattr(self.solver, f.name):g}"
+            for f in fields(SolverSettings)
+            if getattr(self.solver, f.name) != getattr(DEFAULTS, f.name)
+        )
+
+    @property
+    def name(self) -> str:
+        return ", ".join(filter(None, [self.scene, f"{self.element} {self.edge_mm:g} mm", self.terms, self.changed]))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """edges: of the meshes under test, mm; reference_edge: of the mesh that gives the errors; peers: sizes by code."""
+
+    scenes: tuple[str, ...]
+    edges: tuple[float, ...]
+    linear_edges: tuple[float, ...]
+    tolerance_edge: float
+    reference_edge: float
+    ngsolve_edges: tuple[tuple[float, float], ...]
+    felupe_cells: tuple[tuple[int, int, float], ...]
+    biotac: bool
+
+
+DEFAULT = Plan(
+    scenes=(FRICTIONLESS, FRICTIONAL),
+    edges=(1.8, 1.3, 0.9, 0.6, 0.45, 0.3, 0.2, 0.15),
+    linear_edges=(0.9, 0.6, 0.3, 0.2, 0.15, 0.1),
+    tolerance_edge=0.3,
+    reference_edge=0.1,
+    ngsolve_edges=((0.5, 3.0), (0.35, 2.0), (0.25, 1.5)),
+    felupe_cells=((3, 3, 0.5), (4, 4, 0.5)),
+    biotac=True,
+)
+QUICK = Plan(
+    scenes=(FRICTIONLESS, FRICTIONAL),
+    edges=(1.3, 0.9, 0.6, 0.3),
+    linear_edges=(0.6, 0.3),
+    tolerance_edge=0.6,
+    reference_edge=0.2,
+    ngsolve_edges=(),
+    felupe_cells=(),
+    biotac=False,
+)
+
+
+def mesh_size(edge_mm: float) -> MeshSize:
+    """One family of graded meshes: all edges scale together."""
+    return MeshSize(edge_mm, until=0.7, growth=0.5 * edge_mm, top=1.1 * edge_mm)
+
+
+def layer_settings(plan: Plan, scene: str) -> list[Setting]:
+    """Resolutions of both elements, then tolerances one by one on one mesh."""
+    sizes = [Setting(scene, edge) for edge in plan.edges]
+    linear = [Setting(scene, edge, element="P1") for edge in plan.linear_edges]
+    others = [
+        Setting(scene, plan.tolerance_edge, solver=replace(DEFAULTS, **{name: value}))
+        for name, value in OTHER_TOLERANCES
+    ]
+    return sizes + linear + others
