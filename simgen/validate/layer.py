@@ -26,6 +26,7 @@ from .layer_reference import (
 NAN, UM = float("nan"), 1e3  # um per mm
 TARGET, TARGET_UM = 0.01, 5.0  # the project's: force, surface displacement
 STEP_MM = 0.1
+SHOWN_MM = (0.5, 1.0, 2.0)  # surfaces in the plot
 EDGE_RADII_MM = np.arange(0.0, 6.0, 0.02)  # where the contact's edge is looked for
 SIZES = {1.75: MeshSize(0.15, 0.5, 0.15, 0.2), 3.5: MeshSize(0.2, 0.7, 0.1, 0.22), 7.0: MeshSize(0.3, 1.0, 0.1, 0.3)}
 COARSER = 1.5
@@ -116,7 +117,8 @@ def curves(meshes: dict[str, Pressed], friction: float, profiles) -> list[Curve]
         shown = p.rings < 1.3 * reference.contact_radius[-1]
         means = np.array([values.mean() for values in p.pressure])
         lines.append(Curve(pressure[0], name, [*p.rings[shown]], [*means[shown]], *pressure[1]))
-    for depth, profile in profiles.items():
+    for depth in SHOWN_MM if profiles else ():
+        profile = profiles[depth]
         ours = fine.displacement[fine.at(depth), :, :, 1].mean(axis=0)
         lines.append(Curve(surface[0], f"{depth:g} mm", [*fine.radii], [*ours], *surface[1]))
         lines.append(Curve(surface[0], f"NGSolve, {depth:g} mm", [*profile[:, 0]], [*profile[:, 2]], *surface[1],
