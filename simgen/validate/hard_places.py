@@ -17,8 +17,8 @@ from .hard_outcomes import ANY_REFUSAL, MM, Attempt, attempt, evidence, verdicts
 from .hard_scenes import BIOTAC_MM, DIGIT_MM, bundled, down, on_skin
 
 STEP_MM = 0.2
-# Where the coarse mesh ends before 2 mm, measured: at 1.6 to 1.8 mm, by volumetric_split. Under the cube the pressure is
-# eight times the shear modulus; under a sphere on the thin rim four fifths of the gel are pressed away between two
+# Where the coarse mesh ends before 2 mm: at 1.6 to 1.8 mm as measured, by volumetric_split. Under the cube the pressure
+# is eight times the shear modulus; under a sphere on the thin rim four fifths of the gel are pressed away between two
 # surfaces that it sticks to.
 REACH_MM = {("centre", "cube_14mm"): 1.6, ("rim", "sphere_7mm"): 1.6, ("corner", "sphere_7mm"): 1.6}
 DEPTH_ON_CORE_MM = {"pad": 2.0, "tip": 3.0, "side": 1.6}
