@@ -32,6 +32,7 @@ from .settings import (
     Setting,
     layer_settings,
     mesh_size,
+    reference_size,
 )  # fmt: skip
 
 NAN = float("nan")
@@ -97,10 +98,9 @@ def measure_all(quick: bool, device: str, say: Callable[[str], None]) -> list[Me
 
 
 def measure_layer(plan: Plan, scene: str, where: Origin, say: Callable[[str], None]) -> list[Measured]:
-    finest = mesh_size(plan.reference_edge)
     for element in ("P2-P1", "P1"):
         peers.solve(peers.WARM_UP, peers.STEPS_MM[:1], where.device, FRICTION[scene], element)  # compiles
-    reference = peers.solve(finest, peers.STEPS_MM, where.device, FRICTION[scene])
+    reference = peers.solve(reference_size(plan), peers.STEPS_MM, where.device, FRICTION[scene])
     known = REFERENCES[SPHERE_MM, FRICTION[scene]].force[DEPTHS_MM.index(peers.STEPS_MM[-1])]
     off = 100.0 * (reference.force[-1] / known - 1.0)
     say(

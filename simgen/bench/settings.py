@@ -15,6 +15,8 @@ FRICTIONLESS, FRICTIONAL, BIOTAC = "layer, frictionless", "layer, friction 0.78"
 FRICTION = {FRICTIONLESS: 0.0, FRICTIONAL: 0.78}
 TOLERANCES = ("residual_tolerance", "contact_tolerance", "linear_tolerance")
 DEFAULTS = SolverSettings()
+REFERENCE_SEGMENTS = 8
+AROUND_MM = 2.5  # segments of a quarter of a ring times the edge: arcs then are about as long as edges, at all radii
 # One tolerance at a time, looser and tighter than the default.
 OTHER_TOLERANCES = [
     ("residual_tolerance", 1e-2), ("residual_tolerance", 1e-6),
@@ -54,12 +56,18 @@ class Setting:
 
 @dataclass(frozen=True)
 class Plan:
-    """edges: of the meshes under test, mm; reference_edge: of the mesh that gives the errors; peers: sizes by code."""
+    """What a run measures.
+
+    edges, linear_edges : of the meshes under test, mm, with P2-P1 and P1 elements
+    tolerance_edge : of the mesh on which tolerances are tried; None: on none
+    reference_edge : of the mesh that gives the errors, mm
+    ngsolve_edges, felupe_cells : sizes of the meshes of other codes, see ``peer_ngsolve`` and ``peer_felupe``
+    """
 
     scenes: tuple[str, ...]
     edges: tuple[float, ...]
     linear_edges: tuple[float, ...]
-    tolerance_edge: float
+    tolerance_edge: float | None
     reference_edge: float
     ngsolve_edges: tuple[tuple[float, float], ...]
     felupe_cells: tuple[tuple[int, int, float], ...]
@@ -68,10 +76,10 @@ class Plan:
 
 DEFAULT = Plan(
     scenes=(FRICTIONLESS, FRICTIONAL),
-    edges=(1.8, 1.3, 0.9, 0.6, 0.45, 0.3, 0.2, 0.15),
-    linear_edges=(0.9, 0.6, 0.3, 0.2, 0.15, 0.1),
-    tolerance_edge=0.3,
-    reference_edge=0.1,
+    edges=(1.8, 1.3, 0.9, 0.6, 0.45, 0.3, 0.2),
+    linear_edges=(0.9, 0.6, 0.3, 0.2, 0.15),
+    tolerance_edge=0.45,
+    reference_edge=0.12,
     ngsolve_edges=((0.5, 3.0), (0.35, 2.0), (0.25, 1.5)),
     felupe_cells=((3, 3, 0.5), (4, 4, 0.5)),
     biotac=True,
@@ -80,7 +88,7 @@ QUICK = Plan(
     scenes=(FRICTIONLESS, FRICTIONAL),
     edges=(1.3, 0.9, 0.6, 0.3),
     linear_edges=(0.6, 0.3),
-    tolerance_edge=0.6,
+    tolerance_edge=None,
     reference_edge=0.2,
     ngsolve_edges=(),
     felupe_cells=(),
@@ -89,8 +97,20 @@ QUICK = Plan(
 
 
 def mesh_size(edge_mm: float) -> MeshSize:
-    """One family of graded meshes: all edges scale together."""
-    return MeshSize(edge_mm, until=0.7, growth=0.5 * edge_mm, top=1.1 * edge_mm)
+    """One family of graded meshes: all edges scale together, around the axis as along it.
+
+    The solution is round, which fewer segments would exploit, but no mesh of a sensor is.
+    """
+    return _size(edge_mm, max(2, round(AROUND_MM / edge_mm)))
+
+
+def reference_size(plan: Plan) -> MeshSize:
+    """The finest mesh: fewer segments are enough there."""
+    return _size(plan.reference_edge, REFERENCE_SEGMENTS)
+
+
+def _size(edge_mm: float, segments: int) -> MeshSize:
+    return MeshSize(edge_mm, until=0.7, growth=0.5 * edge_mm, top=1.1 * edge_mm, segments=segments)
 
 
 def layer_settings(plan: Plan, scene: str) -> list[Setting]:
@@ -100,5 +120,6 @@ def layer_settings(plan: Plan, scene: str) -> list[Setting]:
     others = [
         Setting(scene, plan.tolerance_edge, solver=replace(DEFAULTS, **{name: value}))
         for name, value in OTHER_TOLERANCES
+        if plan.tolerance_edge
     ]
     return sizes + linear + others

@@ -25,15 +25,19 @@ APART_MM = 0.003  # a surface further than this from the sphere has left it: a f
 
 @dataclass(frozen=True)
 class MeshSize:
-    """Edges: ``edge`` under the contact, ``growth`` more per mm beyond ``until``; ``top`` of the uppermost layer."""
+    """Edges: ``edge`` under the contact, ``growth`` more per mm beyond ``until``; ``top`` of the uppermost layer.
+
+    segments : of a quarter of a ring, at most; few are enough for a solution that is round
+    """
 
     edge: float
     until: float
     growth: float
     top: float
+    segments: int = SEGMENTS
 
     def coarser(self, factor: float) -> MeshSize:
-        return MeshSize(factor * self.edge, self.until, factor * self.growth, factor * self.top)
+        return MeshSize(factor * self.edge, self.until, factor * self.growth, factor * self.top, self.segments)
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Pressed:
 def quarter_layer(size: MeshSize, radii: np.ndarray, radius: float = RADIUS_MM) -> Sensor:
     """The layer between two planes of symmetry; its output are surface points at all radii and `AZIMUTHS`."""
     levels = graded(HEIGHT_MM, size.top, size.top, 0.25)
-    mesh = round_layer(graded(radius, size.edge, size.until, size.growth), levels, SEGMENTS)
+    mesh = round_layer(graded(radius, size.edge, size.until, size.growth), levels, size.segments)
     held = np.zeros(mesh.nodes.shape, dtype=bool)
     for axis in (0, 2):
         held[on_plane(mesh.nodes, axis, 0.0), axis] = True
