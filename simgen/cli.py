@@ -122,7 +122,7 @@ def validate(
     quick: Annotated[bool, typer.Option("--quick", help="Only the cases that take seconds.")] = False,
     case: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="This case; may be repeated.", show_default="all but long"),
+        typer.Option(metavar="NAME", help="This case or pattern (layer-*); may repeat.", show_default="all but long"),
     ] = None,
     device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
     workers: Annotated[

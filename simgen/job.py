@@ -62,7 +62,7 @@ class SensorChoice(Section):
     """Which sensor model, on which of its meshes, made of which material, with what in its cavity."""
 
     model: str = Field(description="a bundled sensor model (digit, biotac) or a path: ./my_sensor")
-    mesh: Literal["default", "coarse"] = Field("default", description="default or coarse")
+    mesh: Literal["default", "coarse", "fine"] = Field("default", description="default, coarse or fine")
     material: MaterialChoice = MaterialChoice()
     fluid: Literal["none", "incompressible"] = Field("none", description="none or incompressible, in its cavity")
 
@@ -102,8 +102,8 @@ class Solver(Section):
     residual_tolerance: float = Field(1e-4, gt=0.0, le=1e-2, description="above 0, to 1e-2")
     contact_tolerance: float = Field(5e-3, gt=0.0, le=1e-1, description="above 0, to 1e-1")
     linear_tolerance: float = Field(5e-2, gt=0.0, lt=1.0, description="between 0 and 1")
-    volumetric_split: float = Field(3.0, ge=0.0, le=50.0, description="gamma / mu, 0 to 50")
-    contact_stiffness_per_mm: float = Field(60.0, ge=1.0, le=1e3, description="k / E, 1 to 1000 per mm")
+    volumetric_split: float = Field(1.0, ge=0.0, le=50.0, description="gamma / mu, 0 to 50")
+    contact_stiffness_per_mm: float = Field(15.0, ge=1.0, le=1e3, description="k / E, 1 to 1000 per mm")
     friction_stiffness_per_mm: float = Field(15.0, ge=0.1, le=1e3, description="k / E, 0.1 to 1000 per mm")
     max_newton_iterations: int = Field(25, ge=1, le=1000, description="a whole number, 1 to 1000")
     smallest_substep: float = Field(1 / 64, gt=0.0, le=1.0, description="a share of a depth, above 0, to 1")

@@ -110,15 +110,15 @@ def bundled_sensors() -> list[str]:
 
 
 def load_sensor(model: str | Path, mesh: str = "default") -> Sensor:
-    """The sensor with its simulation mesh ``default`` or ``coarse``, and its output mesh.
+    """The sensor with its simulation mesh ``default``, ``coarse`` or ``fine``, and its output mesh.
 
     Meshes come from the sensor's own folder (the bundled ones), else from the user's cache, else they are
     made, gated and cached. Raises InputError on a bad ``sensor.yaml``, mesh file or mesh.
     """
     shape = load_geometry(model)
     description = shape.description
-    if mesh not in ("default", "coarse"):
-        raise InputError(f"sensor {description.name}: mesh = {mesh!r}, allowed: default, coarse")
+    if mesh not in sensor_meshes.NAMES:
+        raise InputError(f"sensor {description.name}: mesh = {mesh!r}, allowed: {', '.join(sensor_meshes.NAMES)}")
     core_friction = description.core.friction if description.core else 0.0
     return Sensor(
         name=description.name,

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from simgen.sensor import SensorGeometry
 
 MM = 1e-3
+NAMES = ("default", "coarse", "fine")  # of simulation meshes
 EXACT = 1e-9  # m: a user's own vertices are on the surface already
 ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
 LIMIT = 5.0  # envelopes that a node may move onto its patches; a mid-edge node also bridges the bulge
 
 
 def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:
-    """The committed, cached or newly made simulation mesh ``default`` or ``coarse``."""
+    """The committed, cached or newly made simulation mesh of that name."""
     settings = getattr(geometry.description.meshes, name)
     if settings is None:
         raise InputError(
@@ -58,7 +59,7 @@ def output_settings(geometry: SensorGeometry) -> MeshSize | str:
 def remake(geometry: SensorGeometry) -> list[str]:
     """Make and gate every mesh of the sensor, then write them into its folder; a line of text about each."""
     made = []
-    for name in ("default", "coarse"):
+    for name in NAMES:
         settings = getattr(geometry.description.meshes, name)
         if settings is not None:
             made.append((name, geometry.mesh_source(settings), *make_simulation_mesh(geometry, settings)))

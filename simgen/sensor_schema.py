@@ -200,7 +200,7 @@ class MeshSize(Section):
 
 
 class Meshes(Section):
-    """``default`` and ``coarse`` are solved on; ``output`` holds the stored vertices.
+    """``default``, ``coarse`` and ``fine`` are solved on; ``output`` holds the stored vertices.
 
     ``as_given`` takes the user's own tetrahedra. Without ``output``, a tetrahedral file is its own output
     mesh, and a surface gets one of the default mesh's edge lengths.
@@ -208,6 +208,7 @@ class Meshes(Section):
 
     default: MeshSize | Literal["as_given"]
     coarse: MeshSize | Literal["as_given"] | None = None
+    fine: MeshSize | Literal["as_given"] | None = None
     output: MeshSize | Literal["as_given"] | None = None
 
 

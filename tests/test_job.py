@@ -135,8 +135,8 @@ BAD = {
     ),
     "unknown mesh": (
         "",
-        ["sensors.digit.mesh=fine"],
-        'digit.mesh: "fine" is not allowed; allowed: default or',
+        ["sensors.digit.mesh=finest"],
+        'digit.mesh: "finest" is not allowed; allowed: default,',
     ),
     "unknown fluid": (
         "",

@@ -121,14 +121,15 @@ def anchor_kernel(
     x_predicted: wp.array2d(dtype=wp.float64),
     rotation_start: wp.array(dtype=mat33),
     origin_start: wp.array(dtype=vec3),
+    carried: wp.array3d(dtype=vec3),
     active: wp.array(dtype=wp.int32),
     # outputs
     anchor_out: wp.array3d(dtype=vec3),
 ):
-    """Where slip begins to count: at the start, or where a point that is apart by g0 and would overlap by -g1 enters.
+    """Where slip begins to count, in the shape's frame.
 
-    In the shape's frame, on the straight path to the predicted state. A point that is not predicted to enter is
-    anchored at the end of that path.
+    A point in contact: behind the start by the slip that it carries. Else on the straight path to the predicted state:
+    where a point that is apart by g0 and would overlap by -g1 enters, or at the path's end if it is not to enter.
     """
     f, q, env = wp.tid()
     if active[env] == 0:
@@ -138,9 +139,32 @@ def anchor_kernel(
     g0 = probe(s.rigid[env], start).distance + s.gap_offset[f, q]
     g1 = wp.min(probe(s.rigid[env], predicted).distance + s.gap_offset[f, q], real(0.0))
     entry = real(0.0)
-    if g0 > real(0.0):
+    if g0 > real(0.0) and wp.length_sq(carried[f, q, env]) == real(0.0):
         entry = g0 / (g0 - g1)
-    anchor_out[f, q, env] = start + entry * (predicted - start)
+    anchor_out[f, q, env] = start + entry * (predicted - start) - carried[f, q, env]
+
+
+@wp.kernel
+def carry_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    carried_out: wp.array3d(dtype=vec3),
+):
+    """The slip, in the shape's frame, that makes the next increment begin with the friction traction of this state.
+
+    The multipliers meet the tractions only on average around a corner. Were slip counted anew at every increment, what
+    differs at a point would be forgotten, and a contact that sticks would creep with the number of increments.
+    """
+    f, q, env = wp.tid()
+    if active[env] == 0:
+        return
+    found = traction(s, x, f, q, env)
+    slip = vec3()
+    if found.pressure > real(0.0) and found.multiplier > real(0.0):  # without it the anchor may be from another press
+        slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) / s.friction_stiffness)
+    carried_out[f, q, env] = slip
 
 
 @wp.kernel
@@ -282,11 +306,15 @@ class Contact:
 
     def begin_increment(self, x_start, x_predicted, start_poses, poses):
         """Start an increment at ``x_start`` and ``start_poses``; the prediction tells where points enter contact."""
+        if self.friction > 0.0:
+            self.set_pose(start_poses)
+            carried = wp.zeros(self._points, dtype=vec3, device=self.device)
+            self._launch(carry_kernel, [x_start, self.active], [carried], dim=self._points)
         self.set_pose(poses)
         if self.friction > 0.0:
             rotation = wp.array(np.ascontiguousarray(start_poses[:, :3, :3]), dtype=mat33, device=self.device)
             origin = wp.array(np.ascontiguousarray(start_poses[:, :3, 3]), dtype=vec3, device=self.device)
-            inputs = [x_start, x_predicted, rotation, origin, self.active]
+            inputs = [x_start, x_predicted, rotation, origin, carried, self.active]
             self._launch(anchor_kernel, inputs, [self.surface.anchor], dim=self._points)
 
     def residual(self, x, residual_out):
@@ -314,13 +342,17 @@ class Contact:
         return tuple(np.sqrt(change.numpy()))
 
     def save(self):
-        """Tractions, to be given to :meth:`restore`."""
-        return wp.clone(self.surface.normal), wp.clone(self.surface.tangential)
+        """Tractions and anchors, to be given to :meth:`restore`."""
+        return [wp.clone(array) for array in self._history()]
+
+    def _history(self):
+        s = self.surface
+        return s.normal, s.tangential, s.anchor.reshape((-1, self.n_env))
 
     def restore(self, saved, environments: np.ndarray):
-        """Return the marked environments (env,) bool to saved tractions."""
-        copy_environments(saved[0], environments, self.surface.normal)
-        copy_environments(saved[1], environments, self.surface.tangential)
+        """Return the marked environments (env,) bool to saved tractions and anchors."""
+        for array, before in zip(self._history(), saved, strict=True):
+            copy_environments(before, environments, array)
 
     def resultants(self, x):
         """On the sensor: force (env, 3), moment about the origin (env, 3), and penetration rms, max (env,) mm."""

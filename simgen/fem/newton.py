@@ -69,8 +69,8 @@ class SolverSettings:
     residual_tolerance: float = 1e-4
     contact_tolerance: float = 5e-3
     linear_tolerance: float = 5e-2
-    volumetric_split: float = 3.0
-    contact_stiffness_per_mm: float = 60.0
+    volumetric_split: float = 1.0
+    contact_stiffness_per_mm: float = 15.0
     friction_stiffness_per_mm: float = 15.0
     max_newton_iterations: int = 25
     smallest_substep: float = 1.0 / 64.0

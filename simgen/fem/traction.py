@@ -7,9 +7,9 @@ later.
 
 Multipliers are linear on each face (one per corner) and contact is integrated over the quadratic faces at six points:
 with one multiplier per quadratic node they oscillate against incompressibility. An update moves each multiplier by the
-weighted mean of t - lambda (and tau - lambda_t) around its corner. Its fixed point is the L2 projection of the
-tractions, free of the creep that a lumped projection of t and tau themselves lets in at every step (measured: the force
-of a frictional press to 1 mm is 2 % lower with k = 5, 0.5 % with k = 15).
+weighted mean of t - lambda (and tau - lambda_t) around its corner; its fixed point is the L2 projection of the
+tractions. What remains at a point between the two is carried as slip into the next increment (``contact.py``): if it is
+forgotten, a contact that sticks creeps with every step.
 
 The cone uses t itself, so that Coulomb's law holds at every point whatever the mesh; its derivative by the gap makes
 the tangent of sliding points unsymmetric. A cone from the lagged lambda is symmetric, but where a patch is as large as

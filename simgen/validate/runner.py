@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import os
 import signal
 import tempfile
@@ -49,16 +50,19 @@ class Result:
 
 
 def choose(names: list[str], quick: bool) -> list[Case]:
-    """The cases called for by name, or the quick ones, or the default set: all but the long ones.
+    """The cases called for by name or pattern (``sensors-*``), or the quick ones, or all but the long ones.
 
     Raises `InputError` for a name that is no case.
     """
     cases = all_cases()
+    chosen: dict[str, Case] = {}
     for name in names:
-        if name not in cases:
+        found = fnmatch.filter(cases, name)
+        if not found:
             raise InputError(f"case {name!r} is not known; allowed: {', '.join(cases)}")
+        chosen |= {each: cases[each] for each in found}
     if names:
-        return [cases[name] for name in dict.fromkeys(names)]
+        return list(chosen.values())
     levels = ("quick",) if quick else ("quick", "standard")
     return [case for case in cases.values() if case.level in levels]
 

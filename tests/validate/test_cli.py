@@ -40,7 +40,7 @@ def test_the_list_names_every_case_with_its_level(tmp_path):
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        (["--case", "nothing"], "case 'nothing' is not known; allowed: exact-patch-displacement, "),
+        (["--case", "nothing"], "case 'nothing' is not known; allowed: "),
         (["--device", "gpu"], "device 'gpu' is not allowed; allowed: cpu"),
         (["--published", "gone"], "--published = gone: no such folder"),
         (["--json", "gone/v.json"], "gone/v.json: no such folder gone"),
