@@ -49,7 +49,7 @@ class MaterialChoice(Section):
     youngs_modulus_pa: float | None = Field(
         None, ge=1e3, le=1e9, description="1e3 to 1e9 Pa (539 kPa: 539e3)"
     )
-    poisson_ratio: float | None = Field(None, ge=0.0, le=0.4999, description="0 to 0.4999")
+    poisson_ratio: float | None = Field(None, ge=0.01, le=0.49999, description="0.01 to 0.49999")
     friction: float | None = Field(None, ge=0.0, le=2.0, description="a Coulomb coefficient, 0 to 2")
 
     @model_validator(mode="before")

@@ -18,15 +18,17 @@ from .fem.krylov import copy_environments
 from .fem.material import NeoHookean
 from .fem.newton import SMALLEST_FORCE, NewtonSolver, SolverSettings, Status, per_component
 from .fem.operator import Elasticity
-from .first_touch import first_touch
+from .first_touch import face_points, first_touch
 from .sensor import Material, Sensor
-from .shape import sampled_shape
+from .shape import sampled_shape, signed_distance
 from .tetrahedra import SimulationMesh, interpolation_matrix
 
 __all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
 
 MM = 1e3  # millimetres per metre
 EXTRAPOLATION = 0.9  # share of the last step that a new one along the same line starts from
+MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
+LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 CORE_SPACING_MM = 0.25  # grid of the core's signed distance
 CERTIFICATE = (
     "residual",
@@ -100,6 +102,7 @@ class Scene:
         if sensor.core is not None and len(mesh.facing_core):
             self.core_contact = Contact(kind, self.nodes, mesh.facing_core, k, sensor.core_friction, device, active)
             self._core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0)
+            self._rest_overlap = max(_overlap(self.core_contact, self.nodes, self._core, np.eye(4)), 0.0)
         contacts = [c for c in (self.indenter_contact, self.core_contact) if c is not None]
         self.cavity = None
         if fluid != "none":
@@ -144,6 +147,7 @@ class Scene:
     def reset(self, shapes: list[RigidShape]):
         """Return to rest with new indenters (one per environment) and forget all that earlier presses left."""
         solver = self.solver
+        self._shapes = list(shapes)
         solver.x.zero_()
         solver.active.fill_(1)
         solver.preconditioner.forget()
@@ -151,10 +155,28 @@ class Scene:
         if self.core_contact is not None:
             self.core_contact.set_shapes([self._core] * self.batch, count_overlap_as_touching=solver.x)
 
+    def overlap(self, env: int, pose: np.ndarray) -> tuple[float, float]:
+        """Deepest overlap with indenter and core, mm, on points denser than the integration's; and over a face's edge.
+
+        pose (4, 4): where the indenter is, mm. What the rest surface and the core overlap does not count.
+        """
+        u = self.solver.x.numpy()[: 3 * len(self.nodes), env].reshape(-1, 3)
+        found = [_overlap(self.indenter_contact, self.nodes + u, self._shapes[env], pose)]
+        if self.core_contact is not None:
+            found.append(_overlap(self.core_contact, self.nodes + u, self._core, np.eye(4)) - self._rest_overlap)
+        edges = [contact.edge for contact in (self.indenter_contact, self.core_contact) if contact is not None]
+        return max(found), max(each / edge for each, edge in zip(found, edges, strict=True))
+
     def output_displacement(self, env: int) -> np.ndarray:
         """Displacement of the output mesh (v, 3), m."""
         n_u = self.solver.elasticity.n_displacements
         return self._to_output @ self.solver.x.numpy()[:n_u, env].reshape(-1, 3) / MM
+
+
+def _overlap(contact: Contact, positions: np.ndarray, shape: RigidShape, pose: np.ndarray) -> float:
+    """How deep the surface's deepest point lies in a shape, mm; negative where they are apart."""
+    points = face_points(positions, contact.host_faces, 6).reshape(-1, 3)
+    return -float(signed_distance(shape, (points - pose[:3, 3]) @ pose[:3, :3])[0].min())
 
 
 def corners_to_nodes(mesh: SimulationMesh) -> sparse.csr_array:
@@ -182,6 +204,11 @@ def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np
     poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; path_m (d, 3): offsets from first touch in
     the indenter's frame (+y presses), m, visited in order along straight lines: shear and unloading are paths.
     """
+    path_m = np.asarray(path_m, dtype=float)
+    if path_m.ndim != 2 or path_m.shape[1] != 3 or not len(path_m) or not np.isfinite(path_m).all():
+        raise InputError(f"path of shape {path_m.shape}: allowed: one or more points of three finite coordinates, m")
+    if not np.isfinite(poses).all():
+        raise InputError("poses: not finite; allowed: rigid transforms, m")
     begin = time.perf_counter()
     count = len(shapes)
     padding = scene.batch - count
@@ -193,7 +220,7 @@ def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np
     travel, status = first_touch(scene.nodes, scene.indenter_contact.host_faces, shapes[:count], poses_mm[:count])
     at_touch = poses_mm.copy()
     at_touch[:, :3, 3] += np.pad(travel, (0, padding))[:, None] * poses_mm[:, :3, 1]
-    march = _March(scene, at_touch, np.asarray(path_m, dtype=float) * MM)
+    march = _March(scene, at_touch, path_m * MM)
     march.fail(np.flatnonzero(status != Status.CONVERGED), status)
     march.running[count:] = False
     march.to_the_end()
@@ -300,7 +327,7 @@ class _March:
             return
         scene, solver = self.scene, self.scene.solver
         unit = scene.material.youngs_modulus_pa / MM**2  # N per unit of solver force
-        force, moment, rms, deepest = scene.indenter_contact.resultants(solver.x)
+        force, moment, rms, _ = scene.indenter_contact.resultants(solver.x)
         total = force.copy()
         if scene.core_contact is not None:
             total += scene.core_contact.resultants(solver.x)[0]
@@ -310,14 +337,21 @@ class _March:
         total += np.einsum("ni,nie->ei", scene._held, nodal)
         if scene.cavity is not None:
             total += scene.cavity.resultant(solver.x)
+        poses = self.pose(self.way)
         for env in np.flatnonzero(reached):
+            overlap, of_edge = scene.overlap(env, poses[env])
+            entered = not self.rows[env] and self.path[0, 1] > LEAST_OVERLAP_MM
+            missed = not force[env].any() and (entered or overlap > LEAST_OVERLAP_MM)
+            if missed or of_edge > MOST_OVERLAP:
+                self.running[env], self.final[env] = False, Status.NOT_RESOLVED
+                continue
             values = {
                 "residual": out.residual[env],
                 "contact_error": out.contact_error[env],
                 "force_balance": np.linalg.norm(total[env]) / max(np.linalg.norm(force[env]), SMALLEST_FORCE),
                 "min_det_F": out.min_det[env],
                 "rms_penetration_m": rms[env] / MM,
-                "max_penetration_m": deepest[env] / MM,
+                "max_penetration_m": max(overlap, 0.0) / MM,
                 "newton_iterations": self.cost[0, env],
                 "krylov_iterations": self.cost[1, env],
                 "substeps": self.cost[2, env],

@@ -111,7 +111,7 @@ BAD = {
     "fluid": (
         "",
         ["sensors.digit.material.poisson_ratio=0.5"],
-        "poisson_ratio: 0.5 is not allowed; .*0.4999",
+        "poisson_ratio: 0.5 is not allowed; .*0.49999",
     ),
     "no trajectories": (
         "",

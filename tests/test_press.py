@@ -9,6 +9,7 @@ import warp as wp
 from fem.box import box
 
 from simgen.distance import Kind
+from simgen.errors import InputError
 from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, corners_to_nodes, follow, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
@@ -239,3 +240,16 @@ def test_components_can_be_held_alone(block, central):
     # Kuhn's tetrahedra lean: with so few under the sphere the whole block is not quite symmetric.
     assert 2.0 * half.force[-1, 1] == pytest.approx(central.force[-1, 1], rel=0.03)
     assert (half.certificate["force_balance"] < 1e-3).all()
+
+
+def test_a_pin_between_the_integration_points_is_refused(block):
+    """Faces of 2.5 mm do not see a pin of 0.2 mm: no force must not be called an answer."""
+    result = press(Scene(block, GEL), [rigid_shape(Kind.SPHERE, 0.2)], pose(x=0.62, z=0.31), np.array([0.6e-3]))[0]
+    assert (result.status == Status.NOT_RESOLVED).all()
+    assert np.isnan(result.force).all()
+
+
+@pytest.mark.parametrize("path", [np.zeros((0, 3)), np.array([[0.0, np.nan, 0.0]]), np.zeros(3)])
+def test_a_path_that_is_none_is_refused(scene, path):
+    with pytest.raises(InputError, match="allowed: one or more points"):
+        follow(scene, [SPHERE], pose(), path)

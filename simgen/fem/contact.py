@@ -253,6 +253,7 @@ class Contact:
         np.add.at(weights, slots, geometry.areas @ geometry.multiplier_shapes)
         self.host_faces, self.n_slots = faces, len(corners)
         self.weights = wp.array(weights, dtype=wp.float64, device=device)
+        self.edge = float(np.sqrt(2.0 * geometry.areas.sum() / len(faces)))  # mm, of a mean face
 
         s = self.surface = Surface()
         s.positions = wp.array(nodes, dtype=vec3, device=device)

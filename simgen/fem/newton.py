@@ -31,6 +31,7 @@ class Status(IntEnum):
     LINEAR_SOLVER_STALLED = 3
     NEVER_TOUCHES = 4
     STARTS_INSIDE = 5
+    NOT_RESOLVED = 6
 
     @property
     def sentence(self) -> str:
@@ -39,13 +40,15 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.CONVERGED: "Converged: residual and contact constraint are within the job's tolerances.",
-    Status.NEWTON_STALLED: "Newton's method did not converge even in the smallest sub-step; try a finer mesh, a larger "
-    "volumetric_split or less friction.",
+    Status.NEWTON_STALLED: "Newton's method did not converge even in the smallest sub-step; try a finer mesh, or less "
+    "friction.",
     Status.INVERTED: "An element would turn inside out even in the smallest sub-step; try a finer mesh or a smaller "
     "depth.",
     Status.LINEAR_SOLVER_STALLED: "The linear solver did not reach its tolerance even in the smallest sub-step; try a "
     "larger krylov_size.",
     Status.NEVER_TOUCHES: "The indenter does not meet the touchable surface along its axis; check its pose.",
+    Status.NOT_RESOLVED: "The mesh does not resolve the contact: the surface overlaps the indenter or the core by too "
+    "much of a face; try a finer mesh, or a smaller depth.",
     Status.STARTS_INSIDE: "The indenter already overlaps the sensor where it starts; start it further away.",
 }
 
