@@ -56,16 +56,16 @@ def draw(rows: list[Measured], path: Path) -> None:
 
 def _family(axes, family: list[Measured], marker: str, colour: str, label: str) -> None:
     """One line from coarse to fine; the edges stand beside the frictionless points."""
-    frictionless = family[0].scene == FRICTIONLESS
+    frictionless, own = family[0].scene == FRICTIONLESS, family[0].code == "simgen"
     family = sorted(family, key=lambda row: -row.edge_mm)
     style = {"markerfacecolor": colour if frictionless else "white", "linestyle": "-" if frictionless else "--"}
-    where = "" if family[0].code != "simgen" else ", frictionless" if frictionless else ", friction 0.78"
+    where = "" if not own else ", frictionless" if frictionless else ", friction 0.78"
     x, y = [row.seconds_per_depth for row in family], [row.rmse_um for row in family]
     axes.plot(x, y, color=colour, marker=marker, markersize=6, linewidth=1.2, label=label + where, **style)
-    if frictionless:
-        for row in family:
-            axes.annotate(f"{row.edge_mm:.2g}", (row.seconds_per_depth, row.rmse_um), xytext=(-4, -5), fontsize=7.5,
-                          textcoords="offset points", ha="right", va="top", color=colour)  # fmt: skip
+    beside = {"xytext": (-4, -5), "ha": "right", "va": "top"} if own else {"xytext": (4, 5), "ha": "left", "va": "bottom"}
+    for row in family if frictionless else []:
+        axes.annotate(f"{row.edge_mm:.2g}", (row.seconds_per_depth, row.rmse_um), fontsize=7.5, color=colour,
+                      textcoords="offset points", **beside)  # fmt: skip
 
 
 def _tolerances(axes, rows: list[Measured]) -> None:

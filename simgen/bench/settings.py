@@ -76,8 +76,8 @@ class Plan:
 
 DEFAULT = Plan(
     scenes=(FRICTIONLESS, FRICTIONAL),
-    edges=(1.8, 1.3, 0.9, 0.6, 0.45, 0.3, 0.2),
-    linear_edges=(0.9, 0.6, 0.3, 0.2, 0.15),
+    edges=(1.3, 0.9, 0.6, 0.45, 0.3, 0.25, 0.2),
+    linear_edges=(0.6, 0.3, 0.2),
     tolerance_edge=0.45,
     reference_edge=0.12,
     ngsolve_edges=((0.5, 3.0), (0.35, 2.0), (0.25, 1.5)),
