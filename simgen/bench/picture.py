@@ -14,12 +14,12 @@ from .advice import TARGETS_UM
 from .measure import Measured
 from .settings import FRICTION, FRICTIONLESS
 
-# By code and element: marker, colour, label.
+# By code and element: marker, colour, where the edges stand beside it, label.
 FAMILIES = {
-    ("simgen", "P2-P1"): ("o", "#1f6f8b", "simgen P2-P1 (default)"),
-    ("simgen", "P1"): ("s", "#c8553d", "simgen P1"),
-    ("NGSolve", "P2-P1, own mesh"): ("^", "#6a4c93", "NGSolve, P2-P1 tetrahedra"),
-    ("FElupe", "Q2-Q1-Q1 hexahedra"): ("D", "#b08900", "FElupe, quadratic hexahedra"),
+    ("simgen", "P2-P1"): ("o", "#1f6f8b", (-4, -5), "simgen P2-P1 (default)"),
+    ("simgen", "P1"): ("s", "#c8553d", (-4, -5), "simgen P1"),
+    ("NGSolve", "P2-P1, own mesh"): ("^", "#6a4c93", (5, -5), "NGSolve, P2-P1 tetrahedra"),
+    ("FElupe", "Q2-Q1-Q1 hexahedra"): ("D", "#b08900", (-4, 5), "FElupe, quadratic hexahedra"),
 }
 GREY = "#777777"
 TITLE = "A sphere pressed 1 mm into a bonded layer of gel, Poisson's ratio 0.499"
@@ -34,11 +34,11 @@ def draw(rows: list[Measured], path: Path) -> None:
         axes.axhline(target, color=GREY, linewidth=0.8, linestyle=":", zorder=0)
         axes.text(0.995, target, f"{target:g} µm", color=GREY, fontsize=8.5, ha="right", va="bottom",
                   transform=axes.get_yaxis_transform())  # fmt: skip
-    for (code, element), (marker, colour, label) in FAMILIES.items():
+    for (code, element), (marker, colour, beside, label) in FAMILIES.items():
         for scene in FRICTION:
             family = [r for r in shown if (r.code, r.element, r.scene, r.changed) == (code, element, scene, "")]
             if family:
-                _family(axes, family, marker, colour, label)
+                _family(axes, family, marker, colour, beside, label)
     _tolerances(axes, [row for row in shown if row.changed])
     axes.set(xscale="log", yscale="log", xlabel=_time_label(rows[0]), ylabel="RMSE of the displaced surface, µm")
     for axis in (axes.xaxis, axes.yaxis):
@@ -54,7 +54,7 @@ def draw(rows: list[Measured], path: Path) -> None:
     plt.close(figure)
 
 
-def _family(axes, family: list[Measured], marker: str, colour: str, label: str) -> None:
+def _family(axes, family: list[Measured], marker: str, colour: str, beside: tuple, label: str) -> None:
     """One line from coarse to fine; the edges stand beside the frictionless points."""
     frictionless, own = family[0].scene == FRICTIONLESS, family[0].code == "simgen"
     family = sorted(family, key=lambda row: -row.edge_mm)
@@ -62,10 +62,10 @@ def _family(axes, family: list[Measured], marker: str, colour: str, label: str) 
     where = "" if not own else ", frictionless" if frictionless else ", friction 0.78"
     x, y = [row.seconds_per_depth for row in family], [row.rmse_um for row in family]
     axes.plot(x, y, color=colour, marker=marker, markersize=6, linewidth=1.2, label=label + where, **style)
-    beside = {"xytext": (-4, -5), "ha": "right", "va": "top"} if own else {"xytext": (4, 5), "ha": "left", "va": "bottom"}
+    align = {"ha": "right" if beside[0] < 0 else "left", "va": "top" if beside[1] < 0 else "bottom"}
     for row in family if frictionless else []:
-        axes.annotate(f"{row.edge_mm:.2g}", (row.seconds_per_depth, row.rmse_um), fontsize=7.5, color=colour,
-                      textcoords="offset points", **beside)  # fmt: skip
+        axes.annotate(f"{row.edge_mm:.2g}", (row.seconds_per_depth, row.rmse_um), xytext=beside, fontsize=7.5,
+                      color=colour, textcoords="offset points", **align)  # fmt: skip
 
 
 def _tolerances(axes, rows: list[Measured]) -> None:
