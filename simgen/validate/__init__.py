@@ -6,7 +6,6 @@ A case solves something with the same operator and solver that make datasets, an
 """
 
 from importlib import import_module
-from importlib.util import find_spec
 
 from .case import CASES, Case
 
@@ -18,6 +17,5 @@ MODULES = ("exact", "operator", "order", "layer", "friction", "peers", "hard", "
 def all_cases() -> dict[str, Case]:
     """Every case by name, in the order of the report."""
     for module in MODULES:
-        if find_spec(f"{__name__}.{module}"):
-            import_module(f"{__name__}.{module}")
+        import_module(f"{__name__}.{module}")
     return CASES

@@ -66,7 +66,7 @@ def tangential_share(result: PressResult) -> np.ndarray:
     return np.hypot(result.force[:, 0], result.force[:, 2]) / result.force[:, 1]
 
 
-@case("friction-block", "A block under a plate that is dragged sideways: sticks, then slides at mu N", "standard")
+@case("friction-block", "A block under a plate that is dragged sideways: sticks, then slides at mu N", "quick")
 def solve_block(context: Context) -> Outcome:
     rows, curves = [], []
     for friction, far in ((0.3, 1.2), (0.78, 3.0)):
