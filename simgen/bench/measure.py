@@ -97,6 +97,11 @@ def measure_all(quick: bool, device: str, say: Callable[[str], None]) -> list[Me
     return rows
 
 
+def solve_layer(setting: Setting, device: str) -> Solution:
+    size = mesh_size(setting.edge_mm)
+    return peers.solve(size, peers.STEPS_MM, device, FRICTION[setting.scene], setting.element, setting.solver)
+
+
 def measure_layer(plan: Plan, scene: str, where: Origin, say: Callable[[str], None]) -> list[Measured]:
     for element in ("P2-P1", "P1"):
         peers.solve(peers.WARM_UP, peers.STEPS_MM[:1], where.device, FRICTION[scene], element)  # compiles
@@ -109,8 +114,10 @@ def measure_layer(plan: Plan, scene: str, where: Origin, say: Callable[[str], No
     )
     rows = []
     for setting in layer_settings(plan, scene):
-        solution = peers.solve(mesh_size(setting.edge_mm), peers.STEPS_MM, where.device, FRICTION[scene],
-                               setting.element, setting.solver)  # fmt: skip
+        solution = solve_layer(setting, where.device)
+        if setting.edge_mm == plan.tolerance_edge:  # small savings are looked for: the better of two times
+            again = solve_layer(setting, where.device)
+            solution = min(solution, again, key=lambda s: s.seconds)
         rows.append(compared(setting, solution, reference, plan, where))
         say(line(rows[-1]))
     if scene == FRICTIONLESS:
