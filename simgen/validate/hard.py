@@ -16,7 +16,8 @@ from simgen.shape import rigid_shape
 
 from .case import Context, Curve, Outcome, Row, case
 from .hard_outcomes import UM, Attempt, attempt, evidence, verdicts
-from .hard_scenes import DIGIT_MM, above_block, block, bundled, down, on_skin, scene_of, sideways
+from .hard_scenes import DIGIT_MM, above_block, block, bundled, down, scene_of, sideways
+from .sensors import place_indenter
 
 RADIUS_MM = 3.5
 SPHERE = rigid_shape(Kind.SPHERE, RADIUS_MM)
@@ -111,7 +112,7 @@ def paths(context: Context) -> Outcome:
     back = np.concatenate([down(1.0, 5), down(1.0, 5)[-2::-1], np.zeros((1, 3))])
     for mu in (0.0, 0.78):
         scene = bundled("digit", context.device, friction=mu)
-        pose, what = on_skin(scene.sensor, *DIGIT_MM["centre"]), f"friction {mu:g}"
+        pose, what = place_indenter(scene.sensor, *DIGIT_MM["centre"]), f"friction {mu:g}"
         at_once, stepwise, unloaded, sheared = own = [
             attempt(f"{what}, {name}", scene, SPHERE, pose, path)
             for name, path in (("2 mm in one step", down(2.0, 1)), ("2 mm in 20 steps", down(2.0, 20)),

@@ -14,7 +14,8 @@ from simgen.press import Scene
 from .case import Context, Curve, Outcome, Row, case
 from .hard import TARGET
 from .hard_outcomes import ANY_REFUSAL, MM, Attempt, attempt, evidence, verdicts
-from .hard_scenes import BIOTAC_MM, DIGIT_MM, bundled, down, on_skin
+from .hard_scenes import BIOTAC_MM, DIGIT_MM, bundled, down
+from .sensors import place_indenter
 
 STEP_MM = 0.2
 # Where the coarse mesh ends before 2 mm: at 1.6 to 1.8 mm as measured, by volumetric_split. Under the cube the pressure
@@ -54,7 +55,7 @@ def biotac(context: Context) -> Outcome:
     attempts = [to_depth(scene, place, "sphere_7mm", BIOTAC_MM[place], depth, STEP_MM)
                 for place, depth in DEPTH_ON_CORE_MM.items()]  # fmt: skip
     flat = to_depth(scene, "pad", "ring_7mm", BIOTAC_MM["pad"], 2.0, STEP_MM)
-    sphere, pose = load_indenter("sphere_7mm").shape(), on_skin(scene.sensor, *BIOTAC_MM["pad"])
+    sphere, pose = load_indenter("sphere_7mm").shape(), place_indenter(scene.sensor, *BIOTAC_MM["pad"])
     through = attempt("pad sphere_7mm, through skin and core", scene, sphere, pose, down(THROUGH_MM, 9), ANY_REFUSAL)
     rows = verdicts([*attempts, flat, through])
     rows.append(Row(f"{through.name}: depth reached", "mm", through.reached, math.nan,
@@ -80,7 +81,7 @@ def to_depth(
 ) -> Attempt:
     name = f"{place} {indenter}, friction {scene.material.friction:g}, steps of {step_mm:g} mm"
     path = down(depth_mm, round(depth_mm / step_mm))
-    pose = on_skin(scene.sensor, *where_mm)
+    pose = place_indenter(scene.sensor, *where_mm)
     return attempt(name, scene, load_indenter(indenter).shape(), pose, path, reach_mm=reach_mm)
 
 

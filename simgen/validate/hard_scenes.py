@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgen.pairing import Contacts, indenter_poses
 from simgen.press import Scene, SolverSettings
 from simgen.sensor import Material, Sensor, load_sensor
-from simgen.skin import Skin
 
 from .layer_meshes import make_sensor
 from .meshes import Mesh, box, on_plane
@@ -39,13 +37,6 @@ def above_block(x_mm: float = 0.0, y_mm: float = -0.5) -> np.ndarray:
     pose = np.eye(4)
     pose[:2, 3] = x_mm * MM, y_mm * MM
     return pose
-
-
-def on_skin(sensor: Sensor, x_mm: float, arc_mm: float) -> np.ndarray:
-    """Pose (4, 4) of an indenter whose tip is on the skin and whose axis goes against the skin's normal."""
-    point, normal = Skin(sensor.surface).point(x_mm * MM, arc_mm * MM)
-    zero = np.zeros(1)
-    return indenter_poses(Contacts(point[None], normal[None], -normal[None], zero, zero))[0]
 
 
 def bundled(name: str, device: str, **changes) -> Scene:
