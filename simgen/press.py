@@ -96,7 +96,7 @@ class Scene:
         solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)
         active = wp.ones(batch, dtype=wp.int32, device=device)
         body = Elasticity(kind, self.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
-        k = (self.settings.contact_stiffness_per_mm, self.settings.friction_stiffness_per_mm)
+        k = (self.settings.contact_stiffness, self.settings.friction_stiffness)
         self.indenter_contact = Contact(kind, self.nodes, mesh.touchable, k, material.friction, device, active)
         self.core_contact = None
         if sensor.core is not None and len(mesh.facing_core):

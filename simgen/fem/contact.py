@@ -161,9 +161,10 @@ def carry_kernel(
     if active[env] == 0:
         return
     found = traction(s, x, f, q, env)
+    k_inverse = s.edges[f] / s.friction_stiffness
     slip = vec3()
     if found.pressure > real(0.0) and found.multiplier > real(0.0):  # without it the anchor may be from another press
-        slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) / s.friction_stiffness)
+        slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) * k_inverse)
     carried_out[f, q, env] = slip
 
 
@@ -176,7 +177,7 @@ def project_kernel(
     normal_out: wp.array2d(dtype=wp.float64),
     tangential_out: wp.array2d(dtype=vec3),
 ):
-    """Integrate t - lambda and tau - lambda_t against the multiplier shape functions."""
+    """Integrate edge (t - lambda) and edge (tau - lambda_t) against the multiplier shape functions."""
     f, env = wp.tid()
     if active[env] == 0:
         return
@@ -184,7 +185,7 @@ def project_kernel(
         found = traction(s, x, f, q, env)
         if found.pressure > real(0.0) or found.multiplier > real(0.0):
             for i in range(3):
-                weight = s.areas[f, q] * s.multiplier_shapes[q, i]
+                weight = s.edges[f] * s.areas[f, q] * s.multiplier_shapes[q, i]
                 wp.atomic_add(normal_out, s.slots[f, i], env, weight * (found.pressure - found.multiplier))
                 wp.atomic_add(tangential_out, s.slots[f, i], env, weight * (found.friction - found.tangential))
 
@@ -200,7 +201,7 @@ def update_kernel(
     # outputs
     change_out: wp.array2d(dtype=wp.float64),
 ):
-    """Move the multipliers; sum squared change and squared size (lumped L2) of them per environment."""
+    """Move the multipliers; sum squared change and squared size of them per environment (lumped, area times edge)."""
     slot, env = wp.tid()
     if active[env] == 0:
         return
@@ -250,10 +251,11 @@ class Contact:
         corners, slots = np.unique(faces[:, :3], return_inverse=True)
         slots = slots.reshape(-1, 3).astype(np.int32)
         weights = np.zeros(len(corners))
-        np.add.at(weights, slots, geometry.areas @ geometry.multiplier_shapes)
+        edges = np.sqrt(2.0 * geometry.areas.sum(axis=1))
+        np.add.at(weights, slots, edges[:, None] * (geometry.areas @ geometry.multiplier_shapes))
         self.host_faces, self.n_slots = faces, len(corners)
         self.weights = wp.array(weights, dtype=wp.float64, device=device)
-        self.edge = float(np.sqrt(2.0 * geometry.areas.sum() / len(faces)))  # mm, of a mean face
+        self.edge = float(np.sqrt((edges**2).mean()))  # mm, of a mean face
 
         s = self.surface = Surface()
         s.positions = wp.array(nodes, dtype=vec3, device=device)
@@ -262,6 +264,7 @@ class Contact:
         s.shapes = wp.array(geometry.shapes, dtype=wp.float64, device=device)
         s.multiplier_shapes = wp.array(geometry.multiplier_shapes, dtype=wp.float64, device=device)
         s.areas = wp.array(geometry.areas, dtype=wp.float64, device=device)
+        s.edges = wp.array(edges, dtype=wp.float64, device=device)
         s.gap_offset = wp.zeros(geometry.areas.shape, dtype=wp.float64, device=device)
         s.rotation = wp.array(np.tile(np.eye(3), (self.n_env, 1, 1)), dtype=mat33, device=device)
         s.origin = wp.zeros(self.n_env, dtype=vec3, device=device)
@@ -340,7 +343,7 @@ class Contact:
         change = wp.zeros((2, self.n_env), dtype=wp.float64, device=self.device)
         inputs = [self.weights, self._normal_sum, self._tangential_sum, self.active, int(write)]
         self._launch(update_kernel, inputs, [change], dim=(self.n_slots, self.n_env))
-        return tuple(np.sqrt(change.numpy()))
+        return tuple(np.sqrt(change.numpy() / self.edge))
 
     def save(self):
         """Tractions and anchors, to be given to :meth:`restore`."""

@@ -61,7 +61,7 @@ class SolverSettings:
     contact_tolerance : change that a further multiplier update would make, over the multipliers (L2 norms)
     linear_tolerance : residual of the linear solve over the out-of-balance forces
     volumetric_split : gamma / mu, the part of the bulk stiffness that acts pointwise (see material.py)
-    contact_stiffness_per_mm, friction_stiffness_per_mm : k / E of the augmented Lagrangian
+    contact_stiffness, friction_stiffness : k edge / E of the augmented Lagrangian, edge of each face (see traction.py)
     max_newton_iterations : per increment; an increment that needs more is halved
     smallest_substep : least increment, as a share of the distance between stored depths
     krylov_size : most iterations of one linear solve
@@ -73,8 +73,8 @@ class SolverSettings:
     contact_tolerance: float = 5e-3
     linear_tolerance: float = 5e-2
     volumetric_split: float = 1.0
-    contact_stiffness_per_mm: float = 15.0
-    friction_stiffness_per_mm: float = 15.0
+    contact_stiffness: float = 20.0
+    friction_stiffness: float = 20.0
     max_newton_iterations: int = 25
     smallest_substep: float = 1.0 / 64.0
     krylov_size: int = 80

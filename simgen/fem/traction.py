@@ -5,11 +5,14 @@ Normal traction at a surface point: ``t = max(0, lambda - k g)``. Friction tract
 92, 1991). ``s`` is the slip since the start of the increment, or since the point's entry into contact if that came
 later.
 
-Multipliers are linear on each face (one per corner) and contact is integrated over the quadratic faces at six points:
+k is a number times E over the face's edge, so that a mesh holds the indenter equally well at any size, and so do its
+fine and its coarse faces (as in Nitsche's method: Chouly and Hild, SIAM J. Numer. Anal. 51, 2013).
+
+Multipliers are linear on each face (one per corner) and contact is integrated over the quadratic faces at 12 points:
 with one multiplier per quadratic node they oscillate against incompressibility. An update moves each multiplier by the
-weighted mean of t - lambda (and tau - lambda_t) around its corner; its fixed point is the L2 projection of the
-tractions. What remains at a point between the two is carried as slip into the next increment (``contact.py``): if it is
-forgotten, a contact that sticks creeps with every step.
+mean of t - lambda (and tau - lambda_t) around its corner, weighted by area / k, as stationarity of the Lagrangian asks;
+its fixed point is the projection of the tractions. What remains at a point between the two is carried as slip into the
+next increment (``contact.py``): if it is forgotten, a contact that sticks creeps with every step.
 
 The cone uses t itself, so that Coulomb's law holds at every point whatever the mesh; its derivative by the gap makes
 the tangent of sliding points unsymmetric. A cone from the lagged lambda is symmetric, but where a patch is as large as
@@ -44,8 +47,9 @@ class Surface:
     anchor: wp.array3d(dtype=vec3)  # (face, q, env) mm, shape frame: where the point was when its slip began to count
     normal: wp.array2d(dtype=wp.float64)  # (slot, env) lambda
     tangential: wp.array2d(dtype=vec3)  # (slot, env) lambda_t
-    stiffness: wp.float64  # k of the normal traction
-    friction_stiffness: wp.float64  # k of the friction traction
+    edges: wp.array(dtype=wp.float64)  # (face,) mm: an edge of a triangle of the face's area
+    stiffness: wp.float64  # k times edge, of the normal traction
+    friction_stiffness: wp.float64  # k times edge, of the friction traction
     friction: wp.float64
 
 
@@ -110,19 +114,20 @@ def traction(
     for i in range(3):
         out.multiplier += s.multiplier_shapes[q, i] * s.normal[s.slots[f, i], env]
         out.tangential += s.multiplier_shapes[q, i] * s.tangential[s.slots[f, i], env]
-    out.pressure = out.multiplier - s.stiffness * out.gap
+    normal_k = s.stiffness / s.edges[f]
+    out.pressure = out.multiplier - normal_k * out.gap
     if out.pressure <= real(0.0):
         out.pressure = real(0.0)
         return out
-    out.tangent = s.stiffness * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
+    out.tangent = normal_k * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
     if s.friction > real(0.0):
         slip = out.position - (s.origin[env] + s.rotation[env] * s.anchor[f, q, env])
-        k = s.friction_stiffness
+        k = s.friction_stiffness / s.edges[f]
         plane = wp.identity(n=3, dtype=wp.float64) - wp.outer(out.normal, out.normal)
         trial = plane * (out.tangential - k * slip)
         radius = s.friction * out.pressure
         out.friction = return_to_cone(trial, radius)
         out.tangent += k * return_tangent(trial, radius, plane)
         if wp.length(trial) > radius:
-            out.tangent += s.friction * s.stiffness * wp.outer(wp.normalize(trial), out.normal)
+            out.tangent += s.friction * normal_k * wp.outer(wp.normalize(trial), out.normal)
     return out

@@ -31,9 +31,6 @@ EDGE_RADII_MM = np.arange(0.0, 6.0, 0.02)  # where the contact's edge is looked 
 SIZES = {1.75: MeshSize(0.15, 0.5, 0.15, 0.2), 3.5: MeshSize(0.2, 0.7, 0.1, 0.22), 7.0: MeshSize(0.3, 1.0, 0.1, 0.3)}
 COARSER = 1.5
 COARSE = f"edges x {COARSER:g}"
-# E/mm. Small elements are stiff, and beside them so must be the contact, or its multipliers do not settle: with the
-# default of 60 the smallest sphere stops at 1.9 mm, at a pressure of 4.4 E.
-STIFFNESS = {1.75: 200.0, 3.5: 60.0, 7.0: 60.0}
 
 
 def named(sphere: float, friction: float) -> str:
@@ -52,7 +49,7 @@ def increments(deepest: float) -> np.ndarray:
 
 def press_as_reference(size: MeshSize, sphere: float, friction: float, deepest: float, profiles, device) -> Pressed:
     radii = np.unique(np.concatenate([EDGE_RADII_MM, *(p[:, 0] for p in profiles.values())]).round(9))
-    return press_layer(size, sphere, friction, increments(deepest), radii, device, STIFFNESS[sphere])
+    return press_layer(size, sphere, friction, increments(deepest), radii, device)
 
 
 def reference_rows(pressed: Pressed, friction: float, edge: float, profiles, depths) -> list[Row]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.distance import Kind
-from simgen.press import PressResult, Scene, SolverSettings, Status, press
+from simgen.press import PressResult, Scene, Status, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape, signed_distance
 
@@ -88,15 +88,13 @@ def press_layer(
     depths: np.ndarray,
     radii: np.ndarray,
     device: str,
-    stiffness_per_mm: float = SolverSettings.contact_stiffness_per_mm,
     radius: float = RADIUS_MM,
 ) -> Pressed:
     """Press a sphere through all depths; see `quarter_layer`. Raises RuntimeError where the solver gives up."""
     material = Material(
         youngs_modulus_pa=MODULUS_MPA * 1e6, poisson_ratio=POISSON_RATIO, friction=friction, source="the reference's"
     )
-    settings = SolverSettings(contact_stiffness_per_mm=stiffness_per_mm)
-    scene = Scene(quarter_layer(size, radii, radius), material, device=device, settings=settings)
+    scene = Scene(quarter_layer(size, radii, radius), material, device=device)
     result = press(scene, [rigid_shape(Kind.SPHERE, sphere)], np.eye(4)[None], np.asarray(depths) / MM)[0]
     if result.status.any():
         failed = int(np.flatnonzero(result.status)[0])

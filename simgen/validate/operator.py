@@ -167,7 +167,7 @@ def contact_term(context: Context):
     """The same for a sphere that overlaps the whole top of the block, by 0.3 to 0.6 mm."""
     mesh, settings, device = block(inside_only=True), SolverSettings(), context.device
     active = wp.ones(1, dtype=wp.int32, device=device)
-    stiffness = (settings.contact_stiffness_per_mm, settings.friction_stiffness_per_mm)
+    stiffness = (settings.contact_stiffness, settings.friction_stiffness)
     contact = Contact(P2P1, mesh.nodes, top(mesh.nodes, mesh.faces), stiffness, 0.0, device, active)
     contact.set_shapes([rigid_shape(Kind.SPHERE, 7.0)])
     pose = np.eye(4)[None].copy()

@@ -11,7 +11,8 @@ from .box import box, top
 
 CUBE = rigid_shape(Kind.CUBE, 20.0, 1.0)  # its flat face covers the whole box
 SPHERE = rigid_shape(Kind.SPHERE, 3.5)
-STIFFNESS = (60.0, 15.0)
+K = 60.0  # of a face of the box
+STIFFNESS = (2.0 * K, 2.0 * 15.0)  # its faces have edges of 2 mm
 
 
 def contact(friction, shape, n_env=1):
@@ -43,11 +44,20 @@ def test_a_flat_overlap_presses_with_stiffness_times_depth_times_area():
     rest = state(np.zeros(3 * len(nodes)))
     term.set_pose(pose(0.0, 0.01, 0.0))
     force, moment, rms, deepest = term.resultants(rest)
-    np.testing.assert_allclose(force[0], [0.0, STIFFNESS[0] * 0.01 * 36.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(force[0], [0.0, K * 0.01 * 36.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(moment[0], 0.0, atol=1e-12)
     assert rms[0] == pytest.approx(0.01) and deepest[0] == pytest.approx(0.01)
     nodal = forces(term, rest).reshape(-1, 3).sum(axis=0)
     np.testing.assert_allclose(nodal, -force[0], atol=1e-12)
+
+
+def test_stiffness_goes_with_one_over_the_edge():
+    nodes, _, _, faces = box()
+    big = Contact(P2P1, 3.0 * nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", wp.ones(1, dtype=wp.int32, device="cpu"))
+    big.set_shapes([rigid_shape(Kind.CUBE, 60.0, 1.0)])
+    big.set_pose(pose(0.0, 0.01, 0.0))
+    force = big.resultants(state(np.zeros(3 * len(nodes))))[0]
+    assert force[0, 1] == pytest.approx(K / 3.0 * 0.01 * 9.0 * 36.0)
 
 
 @pytest.mark.parametrize(("friction", "sideways"), [(0.0, 0.0), (0.78, 1e-4), (0.78, 0.05)])
@@ -78,7 +88,7 @@ def test_multipliers_take_over_the_load():
     assert change[0] == pytest.approx(size[0])
     term.set_pose(pose(0.0, 0.0, 0.0))
     force, _, _, _ = term.resultants(rest)
-    assert force[0, 1] == pytest.approx(STIFFNESS[0] * 0.01 * 36.0)
+    assert force[0, 1] == pytest.approx(K * 0.01 * 36.0)
     assert term.update_multipliers(rest, write=False)[0][0] < 1e-12
 
 
