@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 from simgen.interpolation import TET_EDGES, geometry_jacobian
-from simgen.surface import ClosestPoint, smooth_patches
+from simgen.surface import ClosestPoint, patches_at, smooth_patches
 from simgen.tetrahedra import TET_FACES, TRIANGLE_EDGES, boundary_triangles, signed_volumes
 
 FREE, HELD, CORE = 0, 1, 2  # regions of the true surface: touchable, held, facing the rigid core
@@ -38,7 +38,8 @@ class LabelledSurface:
     def __init__(self, surface: trimesh.Trimesh, region: np.ndarray):
         self.surface = surface
         self.region = region
-        self.patch = smooth_patches(surface)
+        self.patch = smooth_patches(surface, region)  # those that nodes are moved onto: they end at regions, too
+        self._smooth = smooth_patches(surface)
         self.closest = ClosestPoint(surface.vertices, surface.faces)
         self._on_patch: dict[int, ClosestPoint] = {}
 
@@ -53,6 +54,15 @@ class LabelledSurface:
         """Closest points on the faces of one region; None where the surface has no such face."""
         faces = self.surface.faces[self.region == region]
         return ClosestPoint(self.surface.vertices, faces) if len(faces) else None
+
+    def is_held(self, points: np.ndarray) -> np.ndarray:
+        """Whether the nearest point of the surface is held, (n,) bool."""
+        return self.region[self.closest(points)[2]] == HELD
+
+    def patches_at(self, vertices: np.ndarray, faces: np.ndarray) -> list[set[int]]:
+        """Smooth patches that meet at each vertex of a boundary (f, 3) near this surface: two on a crease."""
+        nearest = self.closest(vertices[faces].mean(axis=1))[2]
+        return patches_at(len(vertices), faces, self._smooth[nearest])
 
     def area(self, region: int) -> float:
         return float(self.surface.area_faces[self.region == region].sum())
@@ -158,10 +168,7 @@ def _edge_numbers(edges: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 def _project_corners(vertices, tetrahedra, faces, patch, true, limit) -> np.ndarray:
     """Boundary corners on the true surface, as far as the tetrahedra around them keep half of their volume.
     """
-    on_corner = defaultdict(set)
-    for corner, label in zip(faces.ravel(), np.repeat(patch, 3), strict=True):
-        on_corner[corner].add(int(label))
-    outer = np.array(sorted(on_corner))
+    on_corner, outer = patches_at(len(vertices), faces, patch), np.unique(faces)
     move = np.zeros_like(vertices)
     move[outer] = true.project(vertices[outer], [tuple(on_corner[c]) for c in outer], limit) - vertices[outer]
     before = signed_volumes(vertices, tetrahedra)

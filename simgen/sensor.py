@@ -7,6 +7,7 @@
 import hashlib
 import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import trimesh
 from simgen import geometry, mesh_files, sensor_meshes
 from simgen.curved import CORE, FREE, HELD, LabelledSurface
 from simgen.errors import InputError
+from simgen.region_edges import cut
 from simgen.resources import resource
 from simgen.sensor_schema import (
     CameraSettings,
@@ -27,12 +29,12 @@ from simgen.sensor_schema import (
     SensorDescription,
     read_description,
 )
-from simgen.surface import ClosestPoint, enclosed_volume, shells
+from simgen.surface import ClosestPoint, enclosed_volume, patches_at, shells, smooth_patches
 from simgen.tetrahedra import OutputMesh, SimulationMesh
 
 MM = 1e-3
 FINEST_PIECES = 100_000  # triangles, at most, into which a user's surface is cut to follow its regions
-MESHING_VERSION = 1  # part of every mesh's source: raise it when the same settings make other meshes
+MESHING_VERSION = 2  # part of every mesh's source: raise it when the same settings make other meshes
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,7 @@ def load_geometry(model: str | Path) -> SensorGeometry:
     path = folder / "sensor.yaml"
     description = read_description(path)
     plain, vertices, tetrahedra = gel_surface(description.gel, folder)
-    surface = refined(plain, description.meshes.default)
+    surface = cut_at_edges(refined(plain, description.meshes.default), description.held, folder)
     core = core_surface(description.core, description.gel, folder) if description.core else None
     region = np.full(len(surface.faces), FREE, dtype=np.int8)
     if core is not None:
@@ -216,6 +218,16 @@ def refined(surface: trimesh.Trimesh, size: MeshSize | str) -> trimesh.Trimesh:
     while np.ptp(vertices[faces], axis=1).max() > wanted and 4 * len(faces) <= FINEST_PIECES:
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)
     return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def cut_at_edges(surface: trimesh.Trimesh, held: dict[str, Selection], folder: Path) -> trimesh.Trimesh:
+    """The same surface with triangle edges along the edges of all held regions."""
+    for selection in held.values():
+        inside = partial(select, selection, folder=folder)
+        meeting = patches_at(len(surface.vertices), surface.faces, smooth_patches(surface))
+        vertices, faces = cut(surface.vertices, surface.faces, surface.edges_unique, inside, meeting)
+        surface = trimesh.Trimesh(vertices, faces, process=False)
+    return surface
 
 
 def cavity_faces(surface: trimesh.Trimesh) -> np.ndarray:

@@ -8,12 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simgen import mesh_files
-from simgen.curved import CORE, FREE, HELD, CurvedMesh, face_regions, make_quadratic
+from simgen.curved import CORE, FREE, HELD, CurvedMesh, LabelledSurface, face_regions, make_quadratic
 from simgen.errors import InputError
 from simgen.mesh_quality import MeshQuality, check, measure
+from simgen.region_edges import align
 from simgen.sensor_schema import MeshSize
 from simgen.surface import shells
-from simgen.tetrahedra import OutputMesh, SimulationMesh, boundary_triangles, signed_volumes, tetrahedralize
+from simgen.tetrahedra import (
+    OutputMesh,
+    SimulationMesh,
+    boundary_edges,
+    boundary_triangles,
+    signed_volumes,
+    tetrahedralize,
+)
 
 if TYPE_CHECKING:
     from simgen.sensor import SensorGeometry
@@ -112,6 +120,7 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
             envelope, cell = size.envelope * MM, size.edge_length_mm * MM
             wanted = edge_lengths(geometry, size)
             vertices, tetrahedra = tetrahedralize(geometry.plain, wanted, envelope, cell)
+            vertices, tetrahedra = end_at_regions(vertices, tetrahedra, geometry.true)
             limit = LIMIT * envelope
         mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit)
         quality = measure(mesh, geometry.true)
@@ -123,6 +132,14 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
         else:
             break
     return mesh, quality
+
+
+def end_at_regions(
+    vertices: np.ndarray, tetrahedra: np.ndarray, true: LabelledSurface
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tetrahedra whose boundary triangles are held or not as a whole."""
+    meeting = true.patches_at(vertices, boundary_triangles(tetrahedra)[0])
+    return align(vertices, tetrahedra, boundary_edges(tetrahedra), true.is_held, meeting)
 
 
 def make_simulation_mesh(

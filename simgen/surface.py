@@ -54,12 +54,28 @@ class ClosestPoint:
         return closest / self.scale, distance / self.scale, self.owner[piece]
 
 
-def smooth_patches(surface: trimesh.Trimesh, crease_deg: float = CREASE_DEG) -> np.ndarray:
-    """Label (f,) of each face's smooth patch; patches meet at edges sharper than ``crease_deg``."""
-    smooth = surface.face_adjacency[surface.face_adjacency_angles < np.radians(crease_deg)]
+def smooth_patches(
+    surface: trimesh.Trimesh, region: np.ndarray | None = None, crease_deg: float = CREASE_DEG
+) -> np.ndarray:
+    """Label (f,) of each face's smooth patch; patches meet at edges sharper than ``crease_deg``.
+
+    With labels ``region`` (f,), also where those differ.
+    """
+    joined = surface.face_adjacency_angles < np.radians(crease_deg)
+    if region is not None:
+        joined &= region[surface.face_adjacency[:, 0]] == region[surface.face_adjacency[:, 1]]
+    smooth = surface.face_adjacency[joined]
     n = len(surface.faces)
     graph = coo_matrix((np.ones(len(smooth)), (smooth[:, 0], smooth[:, 1])), shape=(n, n))
     return connected_components(graph, directed=False)[1]
+
+
+def patches_at(n: int, faces: np.ndarray, patch: np.ndarray) -> list[set[int]]:
+    """Labels (f,) of the faces (f, 3) that meet at each of n vertices: more than one on a crease."""
+    meeting = [set() for _ in range(n)]
+    for corner, label in zip(faces.ravel(), np.repeat(patch, 3), strict=True):
+        meeting[corner].add(int(label))
+    return meeting
 
 
 def shells(surface: trimesh.Trimesh) -> list[np.ndarray]:

@@ -17,7 +17,8 @@ from simgen.errors import InputError
 from simgen.interpolation import TET_EDGES, interpolation_matrix
 
 __all__ = [
-    "TET_EDGES", "TET_FACES", "TRIANGLE_EDGES", "OutputMesh", "SimulationMesh", "boundary_triangles",
+    "TET_EDGES", "TET_FACES", "TRIANGLE_EDGES", "OutputMesh", "SimulationMesh", "boundary_edges",
+    "boundary_triangles",
     "interpolation_matrix", "signed_volumes", "sizing_grid", "tetrahedralize",
 ]  # fmt: skip
 
@@ -66,6 +67,12 @@ def boundary_triangles(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     single = np.sort(first[count == 1])
     return faces[single], single // 4, single % 4
+
+
+def boundary_edges(tetrahedra: np.ndarray) -> np.ndarray:
+    """Edges of the boundary, each once: (e, 2)."""
+    ends = boundary_triangles(tetrahedra)[0][:, TRIANGLE_EDGES].reshape(-1, 2)
+    return np.unique(np.sort(ends, axis=1), axis=0)
 
 
 def sizing_grid(low: np.ndarray, high: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:

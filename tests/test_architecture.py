@@ -17,7 +17,7 @@ HOUSE = {
     "job": ["job"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
-               "interpolation", "mesh_files", "mesh_quality"],
+               "interpolation", "mesh_files", "mesh_quality", "region_edges"],
     "indenter": ["indenter"],
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],

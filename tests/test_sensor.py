@@ -66,7 +66,7 @@ def test_committed_meshes_are_small_and_belong_to_their_sensor_yaml(bundled):
     name = bundled["default"].name
     files = list((resource("sensor_models") / name).glob("*.npz"))
     assert {file.stem for file in files} == {"default", "coarse", "fine", "output"}
-    assert max(file.stat().st_size for file in files) < 2e6
+    assert max(file.stat().st_size for file in files) < 5e6  # bytes
     hashes = {mesh.simulation_mesh.hash for mesh in bundled.values()}
     assert len(hashes) == 3
     assert all(len(value) == 64 for value in hashes)
@@ -76,8 +76,8 @@ def test_sizes_of_the_committed_meshes(bundled):
     unknowns = {name: 3 * len(sensor.simulation_mesh.nodes) for name, sensor in bundled.items()}
     print(bundled["default"].name, unknowns, len(bundled["default"].output_mesh.vertices))
     assert unknowns["coarse"] <= 10_000
-    assert 25_000 <= unknowns["default"] <= 40_000  # by the table of accuracy, docs/sensor_accuracy.json
-    assert unknowns["fine"] > 3 * unknowns["default"]
+    assert 40_000 <= unknowns["default"] <= 60_000  # by the table of accuracy, docs/sensor_accuracy.json
+    assert unknowns["fine"] > 6 * unknowns["default"]  # half of the edges, all over
     paper = {"biotac": 4246, "digit": 6103}[bundled["default"].name]
     assert len(bundled["default"].output_mesh.vertices) == pytest.approx(paper, rel=0.1)
 

@@ -78,7 +78,7 @@ class BlockTriangular:
     def update(self, environments: np.ndarray) -> np.ndarray:
         """Factor the displacement blocks of the last linearisation for the given environments.
 
-        Returns the environments whose matrix is singular; they keep the factor that they had.
+        Returns the environments whose matrix is singular; they have no factor then.
         """
         self._blocks.zero_()
         self.elasticity.blocks(self.pattern.tet_index, self._blocks)
@@ -87,6 +87,7 @@ class BlockTriangular:
         values = self._blocks.numpy()
         singular = []
         for env in environments:
+            self.factors[env] = None  # before the next one is made: together they may not fit into memory
             try:
                 self.factors[env] = self._factor(self.pattern.matrix(values[:, env]))
             except Singular:
