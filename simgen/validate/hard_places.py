@@ -18,9 +18,9 @@ from .hard_scenes import BIOTAC_MM, DIGIT_MM, bundled, down
 from .sensors import place_indenter
 
 STEP_MM = 0.2
-# Where the coarse mesh ends before 2 mm: at 1.6 to 1.8 mm as measured, by volumetric_split. Under the cube the pressure
-# is eight times the shear modulus; under a sphere on the thin rim four fifths of the gel are pressed away between two
-# surfaces that it sticks to.
+# Where the coarse mesh ends before 2 mm: at 1.6 to 1.8 mm as measured. Under the cube the pressure is eight times the
+# shear modulus; under a sphere on the thin rim four fifths of the gel are pressed away between two surfaces. Without
+# friction a single element snaps there: Newton's steps jump between two states, and neither is an equilibrium.
 REACH_MM = {("centre", "cube_14mm"): 1.6, ("rim", "sphere_7mm"): 1.6, ("corner", "sphere_7mm"): 1.6}
 DEPTH_ON_CORE_MM = {"pad": 2.0, "tip": 3.0, "side": 1.6}
 THROUGH_MM = 3.6
@@ -37,7 +37,8 @@ def digit(context: Context) -> Outcome:
     halved = {name: to_depth(scene, "centre", name, DIGIT_MM["centre"], 2.0, STEP_MM / 2.0)
               for name in ("texture_14mm", "ring_7mm")}  # fmt: skip
     slippery = bundled("digit", context.device, friction=0.0)
-    on_rim = to_depth(slippery, "rim", "sphere_7mm", DIGIT_MM["rim"], 2.0, STEP_MM)
+    reach = REACH_MM["rim", "sphere_7mm"]
+    on_rim = to_depth(slippery, "rim", "sphere_7mm", DIGIT_MM["rim"], 2.0, STEP_MM, reach)
     everything = [*attempts.values(), *halved.values(), on_rim]
     rows = [*verdicts(everything), grows(everything), *limits(everything)]
     for name, finer in halved.items():
