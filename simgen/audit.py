@@ -124,6 +124,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         yield Finding(sensor, what, f"{value:.2e}", f"<= {limit:g}", value <= limit)
     value = worst("min_det_F", np.min)
     yield Finding(sensor, "det F, least", f"{value:.3f}", "> 0", value > 0)
+    yield Finding(sensor, "elements inverted in part", f"{worst('inverted_elements'):.0f} at most", "stated", None)
     rms, deepest = worst("rms_penetration_m"), worst("max_penetration_m")
     shown = f"rms {rms * 1e6:.1f}, max {deepest * 1e6:.1f} um"
     yield Finding(sensor, "penetration", shown, "stated", None)

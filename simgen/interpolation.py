@@ -8,6 +8,8 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
+# Corners, thirds of edges and middles of faces: 20 points that fix a cubic, such as det F of a quadratic element.
+CUBIC_LATTICE = np.array([p for p in np.ndindex(4, 4, 4, 4) if sum(p) == 3]) / 3.0
 INSIDE = 1e-12  # of the mesh's size: a point this near to an element's point is in the element
 
 
@@ -32,6 +34,17 @@ def shape_gradients(barycentric: np.ndarray) -> np.ndarray:
 def geometry_jacobian(element_nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
     """Derivative of position by (l1, l2, l3): nodes (..., 10, 3), coordinates (..., 4) -> (..., 3, 3)."""
     return np.einsum("...ni,...nj->...ij", element_nodes, shape_gradients(barycentric))
+
+
+def deformation_determinants(rest: np.ndarray, deformed: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
+    """det F (e, 20) of ten-node tetrahedra at `CUBIC_LATTICE`, from nodes at rest and deformed, (n, 3) each."""
+    gradients = shape_gradients(CUBIC_LATTICE)
+
+    def determinants(nodes):
+        a, b, c = np.moveaxis(np.einsum("eni,qnj->jeqi", nodes[tetrahedra], gradients, optimize=True), 0, 0)
+        return np.einsum("eqi,eqi->eq", a, np.cross(b, c))
+
+    return determinants(deformed) / determinants(rest)
 
 
 def _invert(element_nodes: np.ndarray, points: np.ndarray, steps: int = 6) -> np.ndarray:

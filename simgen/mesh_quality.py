@@ -22,7 +22,7 @@ from simgen.tetrahedra import TET_FACES, boundary_triangles, signed_volumes
 LEAST_MEAN_RATIO = 0.15
 LEAST_DETERMINANT = 0.2  # of the geometry map, by that of the straight element
 VOLUME_TOLERANCE = 0.02  # of the true volume
-HELD_AREA_TOLERANCE = 0.2  # of the true held area: a patch that ends inside a smooth face has a jagged rim
+HELD_AREA_TOLERANCE = 0.2  # of the true held area: on a user's own tetrahedra a patch may have a jagged rim
 
 
 @dataclass(frozen=True)

@@ -189,7 +189,7 @@ def _cavity_pressure(dataset: Dataset, sensor: str, indenter: int) -> np.ndarray
 def _certificates(dataset: Dataset) -> Iterator[str]:
     yield "<h2>Certificates</h2><p>Worst over the converged samples of each indenter.</p>"
     header = ["sensor", "indenter", "converged", "residual", "contact error", "force balance", "least det F",
-              "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
+              "elements inverted in part", "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
     rows = []
     for sensor in dataset.sensors:
         status = dataset[f"{sensor}/status"]
@@ -199,13 +199,14 @@ def _certificates(dataset: Dataset) -> Iterator[str]:
             good = own & (status == 0)
             converged = f"{np.count_nonzero(good)} of {np.count_nonzero(own) * status.shape[1]}"
             if not good.any():
-                rows.append([sensor, name, converged] + [""] * 6)
+                rows.append([sensor, name, converged] + [""] * 7)
                 continue
             values = {key: array[good] for key, array in stored.items()}
             rows.append([
                 sensor, name, converged,
                 f"{values['residual'].max():.1e}", f"{values['contact_error'].max():.1e}",
                 f"{values['force_balance'].max():.1e}", f"{values['min_det_F'].min():.3f}",
+                f"{values['inverted_elements'].max()}",
                 ", ".join(f"{values[f'{k}_penetration_m'].max() * 1e6:.1f}" for k in ("rms", "max")),
                 f"{values['newton_iterations'].mean():.1f}, {values['krylov_iterations'].mean():.0f}",
             ])  # fmt: skip

@@ -81,6 +81,7 @@ def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: fl
         "contact_error": 1e-4 * ones,
         "force_balance": 1e-6 * ones,
         "min_det_F": 0.9 * ones,
+        "inverted_elements": 0 * ones,
         "rms_penetration_m": 1e-6 * ones,
         "max_penetration_m": 3e-6 * ones,
         "newton_iterations": 4 * ones,

@@ -10,10 +10,10 @@ from fem.box import box
 
 from simgen.distance import Kind
 from simgen.errors import InputError
-from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, corners_to_nodes, follow, press
+from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
-from simgen.tetrahedra import OutputMesh, SimulationMesh
+from simgen.tetrahedra import OutputMesh, SimulationMesh, corners_to_nodes
 
 SPHERE, CUBE = rigid_shape(Kind.SPHERE, 3.5), rigid_shape(Kind.CUBE, 7.0, 1.0)
 GEL = Material(youngs_modulus_pa=539e3, poisson_ratio=0.499, friction=0.78)
