@@ -62,10 +62,10 @@ TIMINGS = "timings.jsonl"
 
 CERTIFICATE = {
     "residual": ("float64", "out-of-balance forces over contact forces, Euclidean norms over the nodes"),
-    "contact_error": ("float64", "relative change (L2) that one more update would make to the multipliers"),
+    "contact_error": ("float64", "relative change (L2, weighted by edges) that one more multiplier update would make"),
     "force_balance": ("float64", "|contact force + reaction of what is held| / |contact force|"),
     "min_det_F": ("float64", "least det F over the elements' quadrature points"),
-    "inverted_elements": ("int32", "elements with det F <= 0 somewhere between their quadrature points"),
+    "inverted_elements": ("int32", "elements with det F <= 0 at corners, thirds of edges or middles of faces"),
     "rms_penetration_m": ("float64", "root mean square pointwise penetration over the contact area, m"),
     "max_penetration_m": ("float64", "largest pointwise penetration, m"),
     "newton_iterations": ("int32", "Newton iterations of this depth, all sub-steps"),

@@ -11,7 +11,7 @@ import numpy as np
 
 from simgen.mesh_quality import mean_ratio
 
-NEAR = 0.35  # of an edge: a corner closer than this to the crossing may stand for it
+NEAR = 0.3  # of an edge: a corner closer than this to the crossing may stand for it; below 1/3, where centres are
 AT = 0.02  # of an edge: a corner closer than this is there already
 THIN = 0.15  # of an edge: no tetrahedron's edge is split closer to its ends
 LEAST_SHAPE = 0.3  # mean ratio that moving a corner or splitting an edge must leave: what fTetWild guarantees
@@ -21,16 +21,18 @@ Inside = Callable[[np.ndarray], np.ndarray]  # points (n, 3) -> (n,) bool: which
 
 
 def cut(
-    vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray, inside: Inside, meeting: list[set[int]]
+    vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray, inside: Inside, meeting: list[set[int]], reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same surface with its triangles split where a region ends: vertices (v', 3), faces (f', 3).
 
     edges (e, 2): all of them. meeting: smooth patches at each vertex. A region that ends close to a crease of the body,
-    where two of them meet, ends at it.
+    where two of them meet, ends at it: within `NEAR` of an edge, but no longer a way than ``reach``. What lies between
+    two corners is not seen: a region narrower than a triangle is what the triangles' centres say.
     """
     crossed, share = _crossings(vertices, edges, inside, 0.0)
     stays = np.array([[not meeting[a] <= meeting[b], not meeting[b] <= meeting[a]] for a, b in crossed]).reshape(-1, 2)
-    close = np.where(stays, NEAR, AT)
+    length = np.linalg.norm(np.diff(vertices[crossed], axis=1)[:, 0], axis=1)[:, None]
+    close = np.where(stays, np.maximum(np.minimum(NEAR, reach / length), AT), AT)
     apart = (share > close[:, 0]) & (1.0 - share > close[:, 1])
     for (a, b), t in zip(crossed[apart], share[apart], strict=True):
         vertices, faces = _split(vertices, faces, a, b, (1.0 - t) * vertices[a] + t * vertices[b])
@@ -40,9 +42,10 @@ def cut(
 def align(
     vertices: np.ndarray, tetrahedra: np.ndarray, edges: np.ndarray, inside: Inside, meeting: list[set[int]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tetrahedra whose surface edges do not cross the edge of a region: vertices (v', 3), tetrahedra (t', 4).
+    """Tetrahedra whose surface edges end where a region does: vertices (v', 3), tetrahedra (t', 4).
 
-    edges (e, 2): those on the surface. meeting: smooth patches at each corner. One on a crease stays on it.
+    edges (e, 2): those on the surface. meeting: smooth patches at each corner. One on a crease stays on it. An
+    edge stays crossed where neither a move nor a split leaves well-shaped elements.
     """
     vertices, tetrahedra = np.array(vertices), np.array(tetrahedra)
     crossed, share = _crossings(vertices, edges, inside, 0.0)

@@ -7,7 +7,7 @@
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ import trimesh
 from simgen import geometry, mesh_files, sensor_meshes
 from simgen.curved import CORE, FREE, HELD, LabelledSurface
 from simgen.errors import InputError
-from simgen.region_edges import cut
+from simgen.region_edges import NEAR, cut
 from simgen.resources import resource
 from simgen.sensor_schema import (
     CameraSettings,
@@ -151,7 +151,9 @@ def load_geometry(model: str | Path) -> SensorGeometry:
     path = folder / "sensor.yaml"
     description = read_description(path)
     plain, vertices, tetrahedra = gel_surface(description.gel, folder)
-    surface = cut_at_edges(refined(plain, description.meshes.default), description.held, folder)
+    size = description.meshes.default
+    reach = np.inf if isinstance(size, str) else NEAR * size.edge_length_mm * MM
+    surface = cut_at_edges(refined(plain, size), description.held, folder, reach)
     core = core_surface(description.core, description.gel, folder) if description.core else None
     region = np.full(len(surface.faces), FREE, dtype=np.int8)
     if core is not None:
@@ -212,7 +214,7 @@ def core_surface(core: Core, gel: Gel, folder: Path) -> trimesh.Trimesh:
 
 
 def refined(surface: trimesh.Trimesh, size: MeshSize | str) -> trimesh.Trimesh:
-    """The same surface in triangles no longer than the mesh's edges: regions are as fine as the mesh."""
+    """The same surface in triangles no longer than the mesh's edges, or in `FINEST_PIECES` of them at most."""
     wanted = np.inf if isinstance(size, str) else size.edge_length_mm * MM
     vertices, faces = surface.vertices, surface.faces
     while np.ptp(vertices[faces], axis=1).max() > wanted and 4 * len(faces) <= FINEST_PIECES:
@@ -220,12 +222,14 @@ def refined(surface: trimesh.Trimesh, size: MeshSize | str) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def cut_at_edges(surface: trimesh.Trimesh, held: dict[str, Selection], folder: Path) -> trimesh.Trimesh:
-    """The same surface with triangle edges along the edges of all held regions."""
+def cut_at_edges(
+    surface: trimesh.Trimesh, held: dict[str, Selection], folder: Path, reach: float
+) -> trimesh.Trimesh:
+    """The same surface with triangle edges along the edges of all held regions; see `region_edges.cut`."""
     for selection in held.values():
         inside = partial(select, selection, folder=folder)
         meeting = patches_at(len(surface.vertices), surface.faces, smooth_patches(surface))
-        vertices, faces = cut(surface.vertices, surface.faces, surface.edges_unique, inside, meeting)
+        vertices, faces = cut(surface.vertices, surface.faces, surface.edges_unique, inside, meeting, reach)
         surface = trimesh.Trimesh(vertices, faces, process=False)
     return surface
 
@@ -251,8 +255,17 @@ def select(selection: Selection, points: np.ndarray, folder: Path) -> np.ndarray
         across = np.delete(mm, axis, axis=1) - cylinder.center_mm
         low, high = cylinder.along_mm
         return (np.hypot(*across.T) <= cylinder.radius_mm) & (mm[:, axis] >= low) & (mm[:, axis] <= high)
-    body, _, _ = mesh_files.read_mesh(folder / selection.touching.file, selection.touching.unit)
-    return ClosestPoint(body.vertices, body.faces)(points)[1] <= selection.touching.within_mm * MM
+    touching = selection.touching
+    path = folder / touching.file
+    changed = path.stat().st_mtime_ns if path.is_file() else 0
+    return _body(path, touching.unit, changed)(points)[1] <= touching.within_mm * MM
+
+
+@lru_cache(maxsize=4)
+def _body(path: Path, unit: str, changed: int) -> ClosestPoint:
+    """Closest points on a mesh file as it was when it had ``changed`` last."""
+    body, _, _ = mesh_files.read_mesh(path, unit)
+    return ClosestPoint(body.vertices, body.faces)
 
 
 def place_electrodes(electrodes: Electrodes, core: trimesh.Trimesh) -> np.ndarray:

@@ -137,7 +137,7 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
 def end_at_regions(
     vertices: np.ndarray, tetrahedra: np.ndarray, true: LabelledSurface
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tetrahedra whose boundary triangles are held or not as a whole."""
+    """Tetrahedra whose boundary triangles are held or not as a whole, where elements stay well shaped."""
     meeting = true.patches_at(vertices, boundary_triangles(tetrahedra)[0])
     return align(vertices, tetrahedra, boundary_edges(tetrahedra), true.is_held, meeting)
 
@@ -174,9 +174,12 @@ def output_of(
         raise InputError(f"sensor {geometry.description.name}: inverted tetrahedra in the output mesh")
     faces, _, _ = boundary_triangles(tetrahedra)
     region, _ = face_regions(vertices, faces, geometry.true)
-    on_surface = np.unique(faces)
     held = np.zeros(len(vertices), dtype=bool)
-    held[on_surface] = geometry.selected(vertices[on_surface])
+    if vertices is geometry.own_vertices:
+        on_surface = np.unique(faces)  # what the user's own vertices say, whole triangles or not
+        held[on_surface] = geometry.selected(vertices[on_surface])
+    else:
+        held[faces[region == HELD]] = True
     touchable = np.zeros(len(vertices), dtype=bool)
     touchable[faces[region == FREE]] = True
     arrays = {

@@ -85,7 +85,7 @@ class Touching(MeshFile):
 
 
 class Selection(OneOf):
-    """A region of the gel's surface: the triangles whose centre is selected."""
+    """A region of the gel's surface, whose triangles are split where it ends."""
 
     plane: Plane | None = None
     box: Box | None = None

@@ -50,7 +50,7 @@ def tetrahedra(box):
 
 @pytest.mark.parametrize(("inside", "area"), AREAS)
 def test_triangles_fill_the_region(box, inside, area):
-    vertices, faces = cut(box.vertices, box.faces, box.edges_unique, inside, meeting(box))
+    vertices, faces = cut(box.vertices, box.faces, box.edges_unique, inside, meeting(box), np.inf)
     parted = trimesh.Trimesh(vertices, faces, process=False)
     assert parted.is_watertight
     assert parted.volume == pytest.approx(SIDE**3, rel=1e-12)
@@ -64,7 +64,7 @@ def test_tetrahedra_follow_straight_edges(box, tetrahedra):
     wrong = []
     for at in (-2.1e-3, -0.8e-3, 0.7e-3, 1.6e-3):
         inside = partial(beside_a_line, at=at)
-        vertices, faces = cut(box.vertices, box.faces, box.edges_unique, inside, meeting(box))
+        vertices, faces = cut(box.vertices, box.faces, box.edges_unique, inside, meeting(box), np.inf)
         surface = trimesh.Trimesh(vertices, faces, process=False)
         true = LabelledSurface(surface, np.where(inside(surface.triangles_center), HELD, FREE))
         corners, tets = end_at_regions(*tetrahedra, true)
@@ -89,18 +89,32 @@ def wrong_area(mesh, inside) -> float:
 
 def test_what_lies_on_the_edge_stays(box):
     """A region that already ends at edges leaves the mesh as it is."""
-    vertices, faces = cut(box.vertices, box.faces, box.edges_unique, lambda p: p[:, 0] <= 1e-9, meeting(box))
+    vertices, faces = cut(box.vertices, box.faces, box.edges_unique, lambda p: p[:, 0] <= 1e-9, meeting(box), np.inf)
     np.testing.assert_array_equal(vertices, box.vertices)
     np.testing.assert_array_equal(faces, box.faces)
 
 
-@pytest.mark.parametrize(("height", "area"), [(0.1e-3, SIDE**2), (0.4e-3, SIDE**2 + 4 * SIDE * 0.4e-3)])
-def test_a_region_that_ends_close_to_a_crease_ends_at_it(box, height, area):
-    """Edges of 0.6 mm: the top and a strip of 0.1 mm of the sides are the top; 0.4 mm are a strip."""
-    vertices, faces = cut(box.vertices, box.faces, box.edges_unique, partial(near_top, height=height), meeting(box))
+@pytest.mark.parametrize(("height", "strip"), [(0.1, 0.0), (0.18, 0.0), (0.2, 0.2), (0.21, 0.21), (0.4, 0.4)])  # mm
+def test_a_region_that_ends_close_to_a_crease_ends_at_it(box, height, strip):
+    """Edges of 0.625 mm: the top and 0.18 mm of the sides are the top; 0.2 mm are a strip."""
+    inside = partial(near_top, height=height * 1e-3)
+    vertices, faces = cut(box.vertices, box.faces, box.edges_unique, inside, meeting(box), np.inf)
     parted = trimesh.Trimesh(vertices, faces, process=False)
-    held = near_top(parted.triangles_center, height)
-    assert parted.area_faces[held].sum() == pytest.approx(area, rel=1e-6)
+    held = inside(parted.triangles_center)
+    assert parted.area_faces[held].sum() == pytest.approx(SIDE**2 + 4.0 * SIDE * strip * 1e-3, rel=1e-6)
+
+
+def test_a_long_triangle_does_not_stretch_what_is_close():
+    """Edges of 10 mm, a strip of 1 mm: close by the edge, but not by the mesh that is wanted."""
+    plain = trimesh.creation.box((SIDE,) * 3)
+    inside = partial(near_top, height=1e-3)
+    held = {}
+    for reach in (np.inf, 0.3e-3):
+        vertices, faces = cut(plain.vertices, plain.faces, plain.edges_unique, inside, meeting(plain), reach)
+        parted = trimesh.Trimesh(vertices, faces, process=False)
+        held[reach] = parted.area_faces[inside(parted.triangles_center)].sum()
+    assert held[np.inf] == pytest.approx(SIDE**2)
+    assert held[0.3e-3] == pytest.approx(SIDE**2 + 4.0 * SIDE * 1e-3)
 
 
 def near_top(points, height):

@@ -89,6 +89,13 @@ def test_what_is_held_ends_at_the_held_regions(bundled, mesh):
     found = bundled[mesh].simulation_mesh
     away = geometry.true.part(HELD)(found.nodes[found.held])[1]
     assert away.mean() < 0.01 * getattr(geometry.description.meshes, mesh).edge_length_mm * 1e-3
+    free = np.concatenate([found.touchable, found.facing_core])[:, :3]
+    assert geometry.true.is_held(found.nodes[free].mean(axis=1)).mean() < 2e-3
+    output = bundled[mesh].output_mesh
+    assert not (output.held & output.touchable).any()
+    assert geometry.true.part(HELD)(output.vertices[output.held])[1].max() < 0.5e-3
+    on_surface = np.unique(output.surface_triangles)
+    assert output.held[on_surface[geometry.true.part(HELD)(output.vertices[on_surface])[1] < 1e-9]].all()
 
 
 @pytest.mark.parametrize("mesh", ["default", "coarse", "fine"])

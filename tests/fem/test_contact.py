@@ -60,6 +60,28 @@ def test_stiffness_goes_with_one_over_the_edge():
     assert force[0, 1] == pytest.approx(K / 3.0 * 0.01 * 9.0 * 36.0)
 
 
+def test_an_update_weighs_by_area_over_stiffness():
+    """Faces of two sizes: each multiplier moves by the mean of t around its corner, with weights area times edge."""
+    nodes, _, _, faces = box()
+    graded = nodes * 1.0
+    graded[:, 0] += 3.0 * np.maximum(nodes[:, 0] - 1.0, 0.0)  # the last of three cells is four times as long
+    on_top = top(nodes, faces)
+    term = Contact(P2P1, graded, on_top, STIFFNESS, 0.0, "cpu", wp.ones(1, dtype=wp.int32, device="cpu"))
+    term.set_shapes([CUBE])
+    term.set_pose(pose(0.0, 0.01, 0.0))
+    term.update_multipliers(state(np.zeros(3 * len(nodes))), write=True)
+    a, b, c = (graded[on_top[:, i]] for i in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    edges = np.sqrt(2.0 * areas)
+    assert edges.max() > 1.5 * edges.min()
+    slots = term.surface.slots.numpy()
+    above, below = np.zeros((2, term.n_slots))
+    for i in range(3):
+        np.add.at(above, slots[:, i], edges * areas * STIFFNESS[0] / edges * 0.01)
+        np.add.at(below, slots[:, i], edges * areas)
+    np.testing.assert_allclose(term.surface.normal.numpy()[:, 0], above / below, rtol=1e-12)
+
+
 @pytest.mark.parametrize(("friction", "sideways"), [(0.0, 0.0), (0.78, 1e-4), (0.78, 0.05)])
 def test_tangent_against_finite_differences(friction, sideways):
     """Without friction, sticking (small slip) and sliding (large slip)."""
