@@ -14,7 +14,7 @@ from simgen.sensor import Material
 # Measured: `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
 # dataset.presses_per_shard=1`, 264 s of presses for 80 depths of 22,400 unknowns. Coarse meshes, all nine: 0.13.
 SECONDS_PER_DEPTH: dict[str, float | None] = {"cpu": 0.15, "cuda": None}
-SECONDS_SOURCE = "as measured on two x86-64 cores, default meshes; within a factor of two"
+SECONDS_SOURCE = "as measured on two x86-64 cores at 22,400 unknowns; within a factor of two"
 
 # Stored bytes of the displacement over raw ones, and where that is from.
 COMPRESSION = {
