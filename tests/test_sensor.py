@@ -262,7 +262,9 @@ def test_published_digit(reference, tmp_path):
     assert output.tetrahedra.shape == (6969, 4)
     np.testing.assert_array_equal(output.held, output.vertices[:, 1] > -4.2365e-3 - 2e-5)
     _, _, distance = locate(mesh.nodes, mesh.tetrahedra, output.vertices)
-    assert distance.max() < 0.4e-3  # at the rim, in elements of 2 to 3 mm
+    # At the rim, a rounding in elements of 2 to 3 mm. pytetwild is not deterministic: nine meshes had 0.20 to 0.41 mm
+    # at most and 0.03 to 0.05 mm at the 95th percentile.
+    assert distance.max() < 0.6e-3
     assert np.quantile(distance, 0.95) < 0.1e-3
 
 
