@@ -22,7 +22,6 @@ from simgen.validate.sensors import (
     place_indenter,
 )
 
-NOT_RUN = {"sensors-digit-centre-ring_7mm", "sensors-digit-centre-texture_14mm"}  # hours on two cores; README says so
 STORED = Path(__file__).parents[2] / "docs" / "sensor_accuracy.json"
 
 
@@ -90,7 +89,7 @@ def test_the_stored_table_belongs_to_the_meshes_of_today():
     }
     names = ("sphere_7mm", "ring_7mm", "texture_14mm")
     least = {f"sensors-{model}-centre-{name}" for model in SENSORS for name in names}
-    assert least - {case["case"] for case in stored["cases"]} == NOT_RUN
+    assert least <= {case["case"] for case in stored["cases"]}
     for case in stored["cases"]:
         model = case["case"].split("-")[1]
         for row in case["tables"][1]["rows"]:
