@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sparse
-import scipy.sparse.linalg
 from pyamg.aggregation import fit_candidates, standard_aggregation
 
 SMALL = 600  # free unknowns up to which the coarsest space is the whole one
@@ -28,16 +27,12 @@ def rigid_motions(positions: np.ndarray) -> np.ndarray:
 
 def largest_eigenvalue(apply, n: int) -> float:
     """Of a linear map (n,) -> (n,) with positive eigenvalues, by the power method; a few percent too small."""
-    v, size = np.random.default_rng(0).normal(size=n), 1.0
+    v = np.random.default_rng(0).normal(size=n)
+    size = 1.0
     for _ in range(POWER_STEPS):
-        v = apply(v / np.sqrt((v * v).sum()))
-        size = float(np.sqrt((v * v).sum()))  # norm() rounds as its threads see fit, and bytes must not depend on them
+        v = apply(v / np.linalg.norm(v))
+        size = float(np.linalg.norm(v))
     return size
-
-
-def dense_inverse(matrix: sparse.csr_array) -> np.ndarray:
-    """The inverse (m, m) of a sparse matrix, by SuperLU: LAPACK's rounding depends on its threads."""
-    return scipy.sparse.linalg.splu(sparse.csc_matrix(matrix)).solve(np.eye(matrix.shape[0]))
 
 
 def coarse_space(matrix: sparse.csr_array, positions: np.ndarray, free: np.ndarray, inverse_diagonal, largest: float):

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from .aggregation import coarse_space, dense_inverse, largest_eigenvalue
+from .aggregation import coarse_space, largest_eigenvalue
 from .corners import CornerPattern, corners_to_nodes
 from .material import mat33, real
 from .operator import Elasticity, load_vec3
@@ -199,7 +199,7 @@ class CornerCycle:
         self._smoothing = chebyshev(largest, CORNER_STEPS, CORNER_SPREAD)
         space = coarse_space(matrix, elasticity.host_nodes[:n], self.held.numpy() == 0, inverse, largest)
         self.space = Transfer(space, device)
-        coarse = dense_inverse(space.T @ matrix @ space)
+        coarse = np.linalg.inv((space.T @ matrix @ space).toarray())
         self._coarse_inverse = wp.array(coarse, dtype=wp.float64, device=device)
         self._coarse, self._coarse_x = (wp.zeros((len(coarse), n_env), dtype=wp.float64, device=device) for _ in "rx")
 

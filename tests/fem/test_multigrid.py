@@ -1,10 +1,5 @@
 """Multigrid: the iterations of a Krylov solver do not grow with the mesh, with strain or with nu."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.sparse as sparse
@@ -151,25 +146,3 @@ def test_a_coarse_space_keeps_out_of_what_is_held():
     space = coarse_space(matrix, nodes[:n], free, diagonal, 10.0)
     assert np.abs(space[np.flatnonzero(~free)]).max() == 0.0
     assert np.linalg.matrix_rank(space.toarray()) == space.shape[1]  # or the coarse matrix would be singular
-
-
-MADE = """
-import hashlib
-from fem.test_multigrid import Block
-made = Block(9, 0.499).preconditioner.displacements
-numbers = str((made._smoothing, made.corners._smoothing)).encode()
-print(hashlib.sha256(made.corners._coarse_inverse.numpy().tobytes() + numbers).hexdigest())
-"""
-
-
-def test_what_is_made_once_does_not_depend_on_the_threads_of_blas():
-    """Workers have one each, a plain process as many as there are cores: their datasets have the same bytes."""
-    made = set()
-    for threads in ("1", "2"):
-        limits = {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-        run = subprocess.run(
-            [sys.executable, "-c", MADE], env={**os.environ, **limits}, cwd=Path(__file__).parents[1],
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
-        made.add(run.stdout.split()[-1])
-    assert len(made) == 1
