@@ -10,7 +10,6 @@ from .distance import RigidShape
 from .errors import InputError
 from .fem.cavity import Cavity
 from .fem.contact import Contact
-from .fem.corners import corners_to_nodes
 from .fem.element import ELEMENTS
 from .fem.material import NeoHookean
 from .fem.newton import NewtonSolver, SolverSettings, per_component
@@ -19,7 +18,7 @@ from .first_touch import face_points
 from .interpolation import deformation_determinants
 from .sensor import Material, Sensor
 from .shape import sampled_shape, signed_distance
-from .tetrahedra import interpolation_matrix
+from .tetrahedra import corners_to_nodes, interpolation_matrix
 
 MM = 1e3  # millimetres per metre
 CORE_SPACING_MM = 0.25  # grid of the core's signed distance
@@ -73,7 +72,7 @@ class Scene:
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
         self._to_output = free @ interpolation_matrix(mesh, sensor.output_mesh.vertices)
         if kind.nodes == 4:
-            self._to_output = self._to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
+            self._to_output = self._to_output @ corners_to_nodes(mesh)
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:

@@ -23,7 +23,7 @@ import numpy as np
 import warp as wp
 
 from .element import TRIANGLE_EDGES, Element, face_shapes
-from .material import real, vec3
+from .material import mat33, real, vec3
 from .operator import add_vec3, load_vec3
 
 wp.set_module_options({"enable_backward": False})
@@ -161,6 +161,29 @@ def cavity_action_kernel(
 
 
 @wp.kernel
+def cavity_blocks_kernel(
+    w: Wetted,
+    pressure: wp.array(dtype=wp.float64),
+    deformed: wp.array3d(dtype=Tangents),
+    active: wp.array(dtype=wp.int32),
+    block_index: wp.array3d(dtype=wp.int32),
+    # outputs
+    blocks_out: wp.array2d(dtype=mat33),
+):
+    """K_ab = p_c N_a skew(N_b,2 x,1 - N_b,1 x,2): how the forces turn and grow with the faces."""
+    f, env = wp.tid()
+    if active[env] == 0:
+        return
+    for q in range(w.weights.shape[0]):
+        now = deformed[f, q, env]
+        for b in range(w.shapes.shape[1]):
+            turn = wp.skew(w.gradients[q, b][1] * now.along - w.gradients[q, b][0] * now.across)
+            for a in range(w.shapes.shape[1]):
+                factor = w.weights[q] * pressure[env] * w.shapes[q, a]
+                wp.atomic_add(blocks_out, block_index[f, a, b], env, factor * turn)
+
+
+@wp.kernel
 def add_volume_kernel(volume: wp.array(dtype=wp.float64), row: wp.int32, residual_out: wp.array2d(dtype=wp.float64)):
     env = wp.tid()
     residual_out[row, env] = residual_out[row, env] + volume[env]
@@ -223,6 +246,10 @@ class Cavity:
         self.linearize(x)
         forces = self._pressure.numpy() * self.gradient.numpy().reshape(-1, 3, self.active.shape[0])
         return -forces.sum(axis=0).T
+
+    def blocks(self, block_index, blocks_out):
+        """Add the displacement part of the derivative, as 3 x 3 blocks; symmetric once all faces are in."""
+        self._launch(cavity_blocks_kernel, [self._pressure, self._deformed, self.active, block_index], [blocks_out])
 
 
 def open_rim(faces: np.ndarray) -> np.ndarray:

@@ -110,12 +110,6 @@ P1 = Element("P1", nodes=4, pressures=0, quadrature_points=1, face_points=6)
 ELEMENTS = {element.name: element for element in (P2P1, P1)}
 
 
-def linear_shapes(element: Element) -> np.ndarray:
-    """The linear shape functions at an element's nodes: (nodes, 4); a mid-edge node has half of each end."""
-    shapes = np.eye(4)
-    return shapes if element.nodes == 4 else np.concatenate([shapes, shapes[TET_EDGES].mean(axis=1)])
-
-
 @dataclass(frozen=True)
 class TetGeometry:
     """Rest geometry of all elements at their quadrature points.

@@ -84,13 +84,3 @@ def first_piola_increment(dF: mat33, cof: mat33, mu: real, alpha: real, beta: re
     From d(F^-T) = -F^-T dF^T F^-T and d(cof F) = ((cof : dF) cof - cof dF^T cof) / J.
     """
     return mu * dF + alpha * (cof * wp.transpose(dF) * cof) + (beta * wp.ddot(cof, dF) + dp) * cof
-
-
-@wp.func
-def tangent_block(ga: vec3, gb: vec3, cof: mat33, mu: real, alpha: real, beta: real) -> mat33:
-    """dP/dF between the gradients of two shape functions: what node b's displacement does to node a's force.
-
-    mu (ga . gb) I + alpha hb ha^T + beta ha hb^T with h = cof g, from :func:`first_piola_increment`.
-    """
-    ha, hb = cof * ga, cof * gb
-    return mu * wp.dot(ga, gb) * wp.identity(n=3, dtype=wp.float64) + alpha * wp.outer(hb, ha) + beta * wp.outer(ha, hb)

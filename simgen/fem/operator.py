@@ -1,4 +1,4 @@
-"""Residual, tangent action and blocks of the elastic body, batched over environments.
+"""Residual, tangent action and block matrix of the elastic body, batched over environments.
 
 One thread handles one element of one environment; kernels gather, call the formulas of ``material.py`` and scatter.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from .element import Element, linear_shapes, tet_geometry
+from .element import Element, tet_geometry
 from .material import (
     NeoHookean,
     cofactor,
@@ -16,7 +16,6 @@ from .material import (
     first_piola_increment,
     mat33,
     real,
-    tangent_block,
     tangent_transposed,
     tangent_volumetric,
     vec3,
@@ -203,31 +202,31 @@ def tangent_kernel(
 
 
 @wp.kernel
-def corner_blocks_kernel(
+def pressure_action_kernel(
+    v: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     cofactors: wp.array3d(dtype=mat33),
-    coefficients: wp.array3d(dtype=wp.vec2d),
+    tetrahedra: wp.array2d(dtype=wp.int32),
     gradients: wp.array3d(dtype=vec3),
     volumes: wp.array2d(dtype=wp.float64),
-    mu: real,
-    block_index: wp.array3d(dtype=wp.int32),
+    pressure_shapes: wp.array2d(dtype=wp.float64),
+    n_displacements: wp.int32,
     # outputs
-    blocks_out: wp.array2d(dtype=mat33),
+    action_out: wp.array2d(dtype=wp.float64),
 ):
-    e, a, env = wp.tid()
+    """The forces of a pressure increment alone: the gradient block B^T of the mixed tangent."""
+    e, env = wp.tid()
     if active[env] == 0:
         return
-    for b in range(gradients.shape[2]):
-        K = mat33()
-        for q in range(volumes.shape[1]):
-            c = coefficients[e, q, env]
-            ga, gb = gradients[e, q, a], gradients[e, q, b]
-            K += volumes[e, q] * tangent_block(ga, gb, cofactors[e, q, env], mu, c[0], c[1])
-        wp.atomic_add(blocks_out, block_index[e, a, b], env, K)
+    forces = Nodal()
+    for q in range(volumes.shape[1]):
+        dp = pressure_at(v, tetrahedra, pressure_shapes, n_displacements, e, q, env)
+        forces = add_divergence((volumes[e, q] * dp) * cofactors[e, q, env], gradients, e, q, forces)
+    scatter(action_out, tetrahedra, forces, e, env)
 
 
 @wp.kernel
-def diagonal_kernel(
+def blocks_kernel(
     active: wp.array(dtype=wp.int32),
     cofactors: wp.array3d(dtype=mat33),
     coefficients: wp.array3d(dtype=wp.vec2d),
@@ -235,18 +234,27 @@ def diagonal_kernel(
     gradients: wp.array3d(dtype=vec3),
     volumes: wp.array2d(dtype=wp.float64),
     mu: real,
+    block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    diagonal_out: wp.array2d(dtype=mat33),
+    blocks_out: wp.array2d(dtype=mat33),
 ):
-    e, a, env = wp.tid()
+    """K_ab = mu (g_a . g_b) I + alpha h_b h_a^T + beta h_a h_b^T with h = cof g, g the shape function gradients."""
+    e, env = wp.tid()
     if active[env] == 0:
         return
-    K = mat33()
     for q in range(volumes.shape[1]):
-        c = coefficients[e, q, env]
-        g = gradients[e, q, a]
-        K += volumes[e, q] * tangent_block(g, g, cofactors[e, q, env], mu, c[0], c[1])
-    wp.atomic_add(diagonal_out, tetrahedra[e, a], env, K)
+        cof = cofactors[e, q, env]
+        alpha = volumes[e, q] * coefficients[e, q, env][0]
+        beta = volumes[e, q] * coefficients[e, q, env][1]
+        for a in range(tetrahedra.shape[1]):
+            ga = gradients[e, q, a]
+            ha = cof * ga
+            for b in range(tetrahedra.shape[1]):
+                gb = gradients[e, q, b]
+                hb = cof * gb
+                K = alpha * wp.outer(hb, ha) + beta * wp.outer(ha, hb)
+                K += (volumes[e, q] * mu * wp.dot(ga, gb)) * wp.identity(n=3, dtype=wp.float64)
+                wp.atomic_add(blocks_out, block_index[e, a, b], env, K)
 
 
 class Elasticity:
@@ -259,10 +267,7 @@ class Elasticity:
         geometry = tet_geometry(element, nodes, tetrahedra)
         self.host_tetrahedra = np.ascontiguousarray(tetrahedra[:, : element.nodes], dtype=np.int32)
         self.tetrahedra = wp.array(self.host_tetrahedra, dtype=wp.int32, device=device)
-        self.host_nodes, self.n_corners = nodes, n_corners
         self.gradients = wp.array(geometry.gradients, dtype=vec3, device=device)
-        linear = np.einsum("ba,eqbi->eqai", linear_shapes(element), geometry.gradients)
-        self._corner_gradients = wp.array(linear, dtype=vec3, device=device)
         self.volumes = wp.array(geometry.volumes, dtype=wp.float64, device=device)
         self.pressure_shapes = wp.array(geometry.pressure_shapes, dtype=wp.float64, device=device)
         self.pressure_mass = np.zeros(self.n_pressures)  # lumped, mm3
@@ -276,8 +281,8 @@ class Elasticity:
     def _mesh(self):
         return [self.tetrahedra, self.gradients, self.volumes, self.pressure_shapes, self.n_displacements]
 
-    def _launch(self, kernel, inputs, outputs, nodes: int | None = None):
-        dim = (self.tetrahedra.shape[0], *([] if nodes is None else [nodes]), self.active.shape[0])
+    def _launch(self, kernel, inputs, outputs):
+        dim = (self.tetrahedra.shape[0], self.active.shape[0])
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
     def residual(self, x, residual_out, min_det_out):
@@ -298,13 +303,12 @@ class Elasticity:
         inputs = [v, self.active, self._cofactors, self._coefficients, *self._mesh(), m.mu, m.pressure_compliance]
         self._launch(tangent_kernel, inputs, [action_out])
 
-    def corner_blocks(self, block_index, blocks_out):
-        """Add the derivative among linear displacements, as 3 x 3 blocks between corners."""
-        m = [self._corner_gradients, self.volumes, self.material.mu, block_index]
-        self._launch(corner_blocks_kernel, [self.active, self._cofactors, self._coefficients, *m], [blocks_out], 4)
+    def pressure_action(self, v, action_out):
+        """Add the forces of the pressures in v."""
+        self._launch(pressure_action_kernel, [v, self.active, self._cofactors, *self._mesh()], [action_out])
 
-    def diagonal(self, diagonal_out):
-        """Add the 3 x 3 blocks of each node's displacement by itself."""
-        m = [self.tetrahedra, self.gradients, self.volumes, self.material.mu]
-        inputs = [self.active, self._cofactors, self._coefficients, *m]
-        self._launch(diagonal_kernel, inputs, [diagonal_out], self.tetrahedra.shape[1])
+    def blocks(self, block_index, blocks_out):
+        """Add the displacement part of the derivative, as 3 x 3 blocks."""
+        mesh = [self.tetrahedra, self.gradients, self.volumes]
+        inputs = [self.active, self._cofactors, self._coefficients, *mesh, self.material.mu, block_index]
+        self._launch(blocks_kernel, inputs, [blocks_out])

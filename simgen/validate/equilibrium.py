@@ -44,10 +44,7 @@ class DeadLoad:
     def tangent(self, v, action_out):
         pass
 
-    def corner_blocks(self, block_index, blocks_out):
-        pass
-
-    def diagonal(self, diagonal_out):
+    def blocks(self, block_index, blocks_out):
         pass
 
     def update_multipliers(self, x, write: bool):

@@ -1,61 +1,43 @@
-"""The factor of linear tetrahedra inverts their tangent, and is made anew where it has become a poor one."""
+"""Sparse factors: what they solve, in whatever order."""
 
 import numpy as np
-import warp as wp
+import pytest
+import scipy.sparse as sparse
 
-from simgen.fem.element import P1
-from simgen.fem.factor import REFACTOR_ABOVE, CornerFactor
-from simgen.fem.material import NeoHookean
-from simgen.fem.operator import Elasticity
-
-from .box import box
+from simgen.errors import InputError
+from simgen.fem.factor import FACTORS, Singular, SuperLU, elimination_order
 
 
-def test_a_factor_inverts_the_tangent_it_was_made_of():
-    nodes, tets, n_corners, _ = box()
-    nodes = nodes[:n_corners]
-    active = wp.ones(1, dtype=wp.int32, device="cpu")
-    body = Elasticity(P1, nodes, tets, n_corners, NeoHookean.from_engineering(1.0, 0.499, None), "cpu", active)
-    held = np.repeat(nodes[:, 1] > 4.0 - 1e-9, 3)
-    factor = CornerFactor(body, [], wp.array(held.astype(np.int32), dtype=wp.int32, device="cpu"))
-    rng = np.random.default_rng(0)
-    first, second = (np.where(held, 0.0, 0.05 * rng.normal(size=held.shape)) for _ in range(2))
-    v = np.where(held, 0.0, rng.normal(size=held.shape))
-
-    def error(x) -> float:
-        """Of K^-1 (K v) with the factor, K at state x."""
-        body.linearize(wp.array(x[:, None], dtype=wp.float64, device="cpu"))
-        force, found = (wp.zeros((len(v), 1), dtype=wp.float64, device="cpu") for _ in range(2))
-        body.tangent(wp.array(v[:, None], dtype=wp.float64, device="cpu"), force)
-        factor.apply(force, found)
-        return np.linalg.norm(found.numpy()[:, 0] - v) / np.linalg.norm(v)
-
-    body.linearize(wp.array(first[:, None], dtype=wp.float64, device="cpu"))
-    assert len(factor.update(np.array([0]), np.array([0]))) == 0
-    assert error(first) < 1e-9
-    assert error(second) > 1e-2
-    factor.update(np.array([0]), np.array([REFACTOR_ABOVE]))
-    assert error(second) > 1e-2  # still good enough
-    factor.update(np.array([0]), np.array([REFACTOR_ABOVE + 1]))
-    assert error(second) < 1e-9
-    factor.forget()
-    factor.update(np.array([0]), np.array([0]))
-    assert error(second) < 1e-9
+def laplacian(n: int) -> sparse.csc_matrix:
+    """Five-point Laplacian of an n x n grid, a little unsymmetric in its values."""
+    line = sparse.diags_array([-1.0, 2.05, -0.9], offsets=[-1, 0, 1], shape=(n, n))
+    return sparse.csc_matrix(sparse.kronsum(line, line))
 
 
-def test_a_singular_environment_is_named():
-    nodes, tets, n_corners, _ = box()
-    active = wp.ones(2, dtype=wp.int32, device="cpu")
-    nodes = nodes[:n_corners]
-    body = Elasticity(P1, nodes, tets, n_corners, NeoHookean.from_engineering(1.0, 0.3, None), "cpu", active)
-    held = np.zeros(3 * n_corners, dtype=np.int32)
-    held[::3] = 1
-    held[1::3] = 1
-    held[2::3] = 1
-    held[3 * n_corners - 1] = 0  # one component is free
-    factor = CornerFactor(body, [], wp.array(held, dtype=wp.int32, device="cpu"))
-    body.linearize(wp.zeros((3 * n_corners, 2), dtype=wp.float64, device="cpu"))
-    body._coefficients.zero_()
-    body._cofactors.zero_()
-    body.material = NeoHookean(0.0, 0.0, 0.0, 0.0)
-    np.testing.assert_array_equal(factor.update(np.array([1]), np.zeros(2)), [1])
+@pytest.mark.parametrize("name", FACTORS)
+def test_a_factor_solves(name):
+    if name == "pardiso":
+        pytest.importorskip("pypardiso")
+    A = laplacian(20)
+    x = np.random.default_rng(0).normal(size=A.shape[0])
+    np.testing.assert_allclose(FACTORS[name](A).solve(A @ x), x, rtol=0.0, atol=1e-4)  # float32, condition ~100
+
+
+def test_a_singular_matrix_has_no_factor():
+    with pytest.raises(Singular):
+        SuperLU(sparse.csc_matrix(np.diag([1.0, 0.0])))
+
+
+def test_a_missing_package_is_one_line(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pypardiso", None)
+    with pytest.raises(InputError, match="allowed: superlu"):
+        FACTORS["pardiso"](laplacian(3))
+
+
+def test_nested_dissection_fills_less_than_the_natural_order():
+    graph = sparse.csr_array(laplacian(40))
+    order = elimination_order(graph)
+    assert sorted(order) == list(range(1600))
+    natural = SuperLU(sparse.csc_matrix(graph))._factor.L.nnz
+    dissected = SuperLU(sparse.csc_matrix(graph[order][:, order]))._factor.L.nnz
+    assert dissected < 0.5 * natural  # n^2 log n against n^3: 0.3 here
