@@ -108,8 +108,6 @@ class Solver(Section):
     max_newton_iterations: int = Field(25, ge=1, le=1000, description="a whole number, 1 to 1000")
     smallest_substep: float = Field(1 / 64, gt=0.0, le=1.0, description="a share of a depth, above 0, to 1")
     krylov_size: int = Field(80, ge=1, le=1000, description="a whole number, 1 to 1000")
-    refactor_above: int = Field(10, ge=1, le=1000, description="a whole number of iterations, 1 to 1000")
-    factorization: Literal["superlu", "pardiso"] = Field("superlu", description="superlu, or pardiso (an extra)")
 
 
 class DatasetSettings(Section):

@@ -14,11 +14,12 @@ from .fem.element import ELEMENTS
 from .fem.material import NeoHookean
 from .fem.newton import NewtonSolver, SolverSettings, per_component
 from .fem.operator import Elasticity
+from .fem.pattern import corners_to_nodes
 from .first_touch import face_points
 from .interpolation import deformation_determinants
 from .sensor import Material, Sensor
 from .shape import sampled_shape, signed_distance
-from .tetrahedra import corners_to_nodes, interpolation_matrix
+from .tetrahedra import interpolation_matrix
 
 MM = 1e3  # millimetres per metre
 CORE_SPACING_MM = 0.25  # grid of the core's signed distance
@@ -72,7 +73,7 @@ class Scene:
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
         self._to_output = free @ interpolation_matrix(mesh, sensor.output_mesh.vertices)
         if kind.nodes == 4:
-            self._to_output = self._to_output @ corners_to_nodes(mesh)
+            self._to_output = self._to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:

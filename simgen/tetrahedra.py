@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytetwild
-import scipy.sparse as sparse
 import trimesh
 
 from simgen.errors import InputError
@@ -131,13 +130,3 @@ def tetrahedralize(
         raise InputError(f"no tetrahedron inside the surface at an edge length of {edge_length * 1e3:.3g} mm")
     used, tetrahedra = np.unique(tetrahedra, return_inverse=True)
     return vertices[used], tetrahedra.reshape(-1, 4).astype(np.int32)
-
-
-def corners_to_nodes(mesh: SimulationMesh) -> sparse.csr_array:
-    """Linear displacements at all nodes from those at the corners: (nodes, corners); a mid-edge node has the mean."""
-    edges = mesh.tetrahedra[:, TET_EDGES].reshape(-1, 2)
-    middles, first = np.unique(mesh.tetrahedra[:, 4:].ravel(), return_index=True)
-    rows = np.concatenate([np.arange(mesh.n_corners), middles, middles])
-    columns = np.concatenate([np.arange(mesh.n_corners), edges[first, 0], edges[first, 1]])
-    values = np.where(rows < mesh.n_corners, 1.0, 0.5)
-    return sparse.csr_array((values, (rows, columns)), shape=(len(mesh.nodes), mesh.n_corners))

@@ -10,10 +10,11 @@ from fem.box import box
 
 from simgen.distance import Kind
 from simgen.errors import InputError
+from simgen.fem.pattern import corners_to_nodes
 from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
-from simgen.tetrahedra import OutputMesh, SimulationMesh, corners_to_nodes
+from simgen.tetrahedra import OutputMesh, SimulationMesh
 
 SPHERE, CUBE = rigid_shape(Kind.SPHERE, 3.5), rigid_shape(Kind.CUBE, 7.0, 1.0)
 GEL = Material(youngs_modulus_pa=539e3, poisson_ratio=0.499, friction=0.78)
@@ -116,7 +117,7 @@ def test_linear_tetrahedra_lock(block, central):
 
 def test_linear_tetrahedra_interpolate_linearly(block):
     mesh = block.simulation_mesh
-    linear = corners_to_nodes(mesh) @ mesh.nodes[: mesh.n_corners]
+    linear = corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners) @ mesh.nodes[: mesh.n_corners]
     np.testing.assert_allclose(linear, mesh.nodes, atol=1e-18)  # straight elements: a linear field is exact
 
 

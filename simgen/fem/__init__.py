@@ -23,7 +23,8 @@ The state vector ``x`` of one environment is ``[u of node 0 (3), u of node 1, ..
 p_c]``, without p_c where there is no liquid; the solver's arrays have shape ``(unknowns, environments)``.
 
 A scene carries the body (``operator.Elasticity``) and what it needs of contacts (``contact.Contact``) and a liquid
-(``cavity.Cavity``). Each adds its forces to a residual, the action of its derivative to a vector, and its 3 x 3
-displacement blocks to a preconditioner's matrix; a contact also has ``begin_increment`` (what is lagged over a load
-step) and multipliers, while the liquid's pressure is an unknown like any other.
+(``cavity.Cavity``). Each adds its forces to a residual and the action of its derivative to a vector. Body and contacts
+also add 3 x 3 blocks, between nodes or corners and on the diagonal, from which ``multigrid`` and ``factor`` are made. A
+contact also has ``begin_increment`` (what is lagged over a load step) and multipliers, while the liquid's pressure is
+an unknown like any other.
 """

@@ -247,8 +247,8 @@ class Cavity:
         forces = self._pressure.numpy() * self.gradient.numpy().reshape(-1, 3, self.active.shape[0])
         return -forces.sum(axis=0).T
 
-    def blocks(self, block_index, blocks_out):
-        """Add the displacement part of the derivative, as 3 x 3 blocks; symmetric once all faces are in."""
+    def blocks(self, block_index, blocks_out, linear: bool):
+        """Add the derivative by displacements as 3 x 3 blocks between nodes; symmetric once all faces are in."""
         self._launch(cavity_blocks_kernel, [self._pressure, self._deformed, self.active, block_index], [blocks_out])
 
 

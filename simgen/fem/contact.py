@@ -56,6 +56,12 @@ def contact_tangent_kernel(
         tangent_out[f, q, env] = s.areas[f, q] * found.tangent
 
 
+@wp.func
+def touches(K: mat33) -> wp.bool:
+    """Whether there is contact at a point, from its tangent."""
+    return K[0, 0] != real(0.0) or K[1, 1] != real(0.0) or K[2, 2] != real(0.0)
+
+
 @wp.kernel
 def contact_action_kernel(
     s: Surface,
@@ -70,7 +76,7 @@ def contact_action_kernel(
         return
     for q in range(s.areas.shape[1]):
         K = tangent[f, q, env]
-        if K[0, 0] != real(0.0) or K[1, 1] != real(0.0) or K[2, 2] != real(0.0):
+        if touches(K):
             dx = vec3()
             for a in range(s.shapes.shape[1]):
                 dx += s.shapes[q, a] * load_vec3(v, s.faces[f, a], env)
@@ -83,6 +89,7 @@ def contact_action_kernel(
 def contact_blocks_kernel(
     s: Surface,
     tangent: wp.array3d(dtype=mat33),
+    shapes: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
@@ -93,11 +100,29 @@ def contact_blocks_kernel(
         return
     for q in range(s.areas.shape[1]):
         K = tangent[f, q, env]
-        if K[0, 0] != real(0.0) or K[1, 1] != real(0.0) or K[2, 2] != real(0.0):
-            for a in range(s.shapes.shape[1]):
-                for b in range(s.shapes.shape[1]):
-                    weight = s.shapes[q, a] * s.shapes[q, b]
+        if touches(K):
+            for a in range(shapes.shape[1]):
+                for b in range(shapes.shape[1]):
+                    weight = shapes[q, a] * shapes[q, b]
                     wp.atomic_add(blocks_out, block_index[f, a, b], env, weight * K)
+
+
+@wp.kernel
+def contact_diagonal_kernel(
+    s: Surface,
+    tangent: wp.array3d(dtype=mat33),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    diagonal_out: wp.array2d(dtype=mat33),
+):
+    f, env = wp.tid()
+    if active[env] == 0:
+        return
+    for q in range(s.areas.shape[1]):
+        K = tangent[f, q, env]
+        if touches(K):
+            for a in range(s.shapes.shape[1]):
+                wp.atomic_add(diagonal_out, s.faces[f, a], env, s.shapes[q, a] * s.shapes[q, a] * K)
 
 
 @wp.kernel
@@ -332,8 +357,14 @@ class Contact:
         """Action of the derivative at the state of the last ``linearize``."""
         self._launch(contact_action_kernel, [self._tangent, v, self.active], [action_out])
 
-    def blocks(self, block_index, blocks_out):
-        self._launch(contact_blocks_kernel, [self._tangent, self.active, block_index], [blocks_out])
+    def blocks(self, block_index, blocks_out, linear: bool):
+        """Add the derivative by displacements, or by linear ones alone, as 3 x 3 blocks between nodes or corners."""
+        shapes = self.surface.multiplier_shapes if linear else self.surface.shapes
+        self._launch(contact_blocks_kernel, [self._tangent, shapes, self.active, block_index], [blocks_out])
+
+    def diagonal(self, diagonal_out):
+        """Add the 3 x 3 blocks of each node's displacement by itself."""
+        self._launch(contact_diagonal_kernel, [self._tangent, self.active], [diagonal_out])
 
     def update_multipliers(self, x, write: bool) -> tuple[np.ndarray, np.ndarray]:
         """Project the tractions onto the multipliers; returns L2 norms (env,) of their change and of themselves."""

@@ -35,6 +35,9 @@ def barycentric_p2_gradient(barycentric: np.ndarray, edges: np.ndarray) -> np.nd
     return gradient
 
 
+CORNER_GRADIENTS = np.vstack([-np.ones(3), np.eye(3)])  # of a tetrahedron's linear functions by its own coordinates
+
+
 def _orbit(values: list[float]) -> np.ndarray:
     """All distinct permutations of one barycentric point."""
     return np.array(sorted(set(permutations(values))))
@@ -114,14 +117,21 @@ ELEMENTS = {element.name: element for element in (P2P1, P1)}
 class TetGeometry:
     """Rest geometry of all elements at their quadrature points.
 
-    gradients : (e, q, nodes, 3) derivatives of the shape functions by rest position, 1/mm
+    local_gradients : (q, nodes, 3) derivatives of the shape functions by an element's own coordinates xi
+    inverse : (e, q, 3, 3) dxi/dX, 1/mm
     volumes : (e, q) weight times det of the geometry map, mm3
     pressure_shapes : (q, pressures) linear shape functions
     """
 
-    gradients: np.ndarray
+    local_gradients: np.ndarray
+    inverse: np.ndarray
     volumes: np.ndarray
     pressure_shapes: np.ndarray
+
+    @property
+    def gradients(self) -> np.ndarray:
+        """(e, q, nodes, 3) derivatives of the shape functions by rest position, 1/mm."""
+        return np.einsum("qaj,eqji->eqai", self.local_gradients, self.inverse)
 
 
 def tet_geometry(element: Element, nodes: np.ndarray, tetrahedra: np.ndarray) -> TetGeometry:
@@ -141,8 +151,7 @@ def tet_geometry(element: Element, nodes: np.ndarray, tetrahedra: np.ndarray) ->
     if determinant.min() <= 0.0:
         worst = int(determinant.min(axis=1).argmin())
         raise ValueError(f"tetrahedron {worst} is inverted: its geometry map has determinant {determinant.min():.3g}")
-    gradients = np.einsum("qaj,eqji->eqai", by_local, np.linalg.inv(jacobian))
-    return TetGeometry(gradients, determinant * weights / 6.0, points[:, : element.pressures])
+    return TetGeometry(by_local, np.linalg.inv(jacobian), determinant * weights / 6.0, points[:, : element.pressures])
 
 
 @dataclass(frozen=True)

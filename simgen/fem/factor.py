@@ -1,66 +1,22 @@
-"""Sparse factors of the displacement block on the host: SuperLU of scipy, or MKL's PARDISO where it is installed.
+"""Sparse factors of the displacement block on the host: for what multigrid cannot do.
 
-Both eliminate in an order found by nested dissection (Karypis and Kumar, SIAM J. Sci. Comput. 20, 1998; METIS) on the
-graph of the nodes. A factor has ``solve(b)``, float64 in and out.
+That is linear tetrahedra, which lock; slivers; and bodies that deform as a whole far beyond their state of rest.
+Factors are SciPy's SuperLU in single precision, in an order found by nested dissection (Karypis and Kumar, SIAM J. Sci.
+Comput. 20, 1998; METIS) on the graph of the nodes.
 """
 
 from __future__ import annotations
-
-import os
 
 import numpy as np
 import pymetis
 import scipy.sparse as sparse
 import scipy.sparse.linalg
+import warp as wp
 
-from ..errors import InputError
+from .material import mat33
+from .pattern import BlockPattern
 
-
-class Singular(ValueError):
-    """The matrix has no factor."""
-
-
-class SuperLU:
-    """Single precision, one thread: what every machine has."""
-
-    def __init__(self, matrix: sparse.csc_matrix):
-        try:
-            self._factor = scipy.sparse.linalg.splu(
-                matrix.astype(np.float32),
-                permc_spec="NATURAL",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError as error:  # "Factor is exactly singular"
-            raise Singular(str(error)) from error
-
-    def solve(self, b: np.ndarray) -> np.ndarray:
-        return self._factor.solve(b.astype(np.float32)).astype(float)
-
-
-class Pardiso:
-    """Double precision, supernodal: several times faster from some 50,000 unknowns on (pip install simgen[pardiso])."""
-
-    def __init__(self, matrix: sparse.csc_matrix):
-        os.environ.setdefault("MKL_NUM_THREADS", "1")  # a worker has one core; and the same bytes whatever the machine
-        try:
-            from pypardiso import PyPardisoSolver
-        except ImportError as error:
-            raise InputError(
-                "solver.factorization = 'pardiso': pypardiso is not installed here, allowed: superlu"
-            ) from error
-        self._matrix, self._solver = matrix, PyPardisoSolver(mtype=11)
-        self._solver.factorize(matrix)
-
-    def solve(self, b: np.ndarray) -> np.ndarray:
-        return self._solver.solve(self._matrix, b)
-
-    def __del__(self):
-        if hasattr(self, "_solver"):
-            self._solver.free_memory(everything=True)
-
-
-FACTORS = {"superlu": SuperLU, "pardiso": Pardiso}
+REFACTOR_ABOVE = 10  # Krylov iterations above which a factor is made anew
 
 
 def elimination_order(graph: sparse.csr_array) -> np.ndarray:
@@ -69,3 +25,60 @@ def elimination_order(graph: sparse.csr_array) -> np.ndarray:
     graph.eliminate_zeros()
     order, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(graph.indptr, graph.indices))
     return np.array(order)
+
+
+class SparseFactor:
+    """A factor of the displacement block for each environment, at the state where it was made.
+
+    ``held`` (unknowns,) int32 on the device; ``tangent(v, out)`` is the whole system's.
+    """
+
+    def __init__(self, elasticity, surface_terms: list, held, tangent):
+        self.elasticity, self.surface_terms, self._tangent = elasticity, surface_terms, tangent
+        n, n_env, device = elasticity.n_displacements // 3, elasticity.active.shape[0], elasticity.device
+        faces = [term.host_faces for term in surface_terms]
+        self.pattern = BlockPattern(n, elasticity.host_tetrahedra, faces, device)
+        self._blocks = wp.zeros((self.pattern.n_blocks, n_env), dtype=mat33, device=device)
+        graph = self.pattern.matrix(np.ones((self.pattern.n_blocks, 3, 3)))[::3, ::3]
+        unknowns = (3 * elimination_order(graph)[:, None] + np.arange(3)).ravel()
+        self.free = unknowns[held.numpy()[unknowns] == 0]
+        self._action = wp.zeros((len(held), n_env), dtype=wp.float64, device=device)
+        self.forget()
+
+    def forget(self):
+        """Drop the factors of the last presses: a press must not depend on those before it."""
+        self.factors = [None] * self._blocks.shape[1]
+
+    def update(self, environments: np.ndarray, iterations: np.ndarray) -> np.ndarray:
+        """Factor the last linearisation where there is no factor, or the last solve took many iterations.
+
+        Returns the environments whose matrix is singular; they have no factor then.
+        """
+        wanted = [e for e in environments if self.factors[e] is None or iterations[e] > REFACTOR_ABOVE]
+        if not wanted:
+            return np.zeros(0, dtype=int)
+        self._blocks.zero_()
+        self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=False)
+        for term, index in zip(self.surface_terms, self.pattern.face_index, strict=True):
+            term.blocks(index, self._blocks, linear=False)
+        values, singular = self._blocks.numpy(), []
+        for env in wanted:
+            self.factors[env] = None  # before the next one is made: together they may not fit into memory
+            matrix = self.pattern.matrix(values[:, env])[self.free][:, self.free].tocsc()
+            try:
+                self.factors[env] = scipy.sparse.linalg.splu(
+                    matrix.astype(np.float32), permc_spec="NATURAL", diag_pivot_thresh=0.0,
+                    options={"SymmetricMode": True},
+                )  # fmt: skip
+            except RuntimeError:  # "Factor is exactly singular"
+                singular.append(env)
+        return np.array(singular, dtype=int)
+
+    def apply(self, b, x_out):
+        """Change the displacements in x, which are zero, to A^-1 (b - B^T p), p being the pressures in x."""
+        self._tangent(x_out, self._action)
+        load, x = b.numpy() - self._action.numpy(), x_out.numpy().copy()
+        for env, factor in enumerate(self.factors):
+            if factor is not None:
+                x[self.free, env] = factor.solve(load[self.free, env].astype(np.float32))
+        x_out.assign(x)

@@ -78,9 +78,24 @@ def tangent_volumetric(J: real, p: real, gamma: real) -> real:
 
 
 @wp.func
-def first_piola_increment(dF: mat33, cof: mat33, mu: real, alpha: real, beta: real, dp: real) -> mat33:
-    """dP = mu dF + alpha cof dF^T cof + (beta cof : dF + dp) cof.
+def first_piola_increment(dF: mat33, cof: mat33, metric: mat33, alpha: real, beta: real, dp: real) -> mat33:
+    """dP = dF metric + alpha cof dF^T cof + (beta cof : dF + dp) cof, with metric = mu I.
 
-    From d(F^-T) = -F^-T dF^T F^-T and d(cof F) = ((cof : dF) cof - cof dF^T cof) / J.
+    From d(F^-T) = -F^-T dF^T F^-T and d(cof F) = ((cof : dF) cof - cof dF^T cof) / J. In other coordinates xi of the
+    rest shape, with g = dxi/dX, the same formula holds for derivatives by xi, with cof g^T and mu g g^T.
     """
-    return mu * dF + alpha * (cof * wp.transpose(dF) * cof) + (beta * wp.ddot(cof, dF) + dp) * cof
+    return dF * metric + alpha * (cof * wp.transpose(dF) * cof) + (beta * wp.ddot(cof, dF) + dp) * cof
+
+
+@wp.func
+def tangent_block(ga: vec3, gb: vec3, cof: mat33, metric: mat33, alpha: real, beta: real) -> mat33:
+    """What node b's displacement does to node a's force, by the gradients of their shape functions.
+
+    (ga . metric gb) I + alpha hb ha^T + beta ha hb^T with h = cof g, from :func:`first_piola_increment`.
+    """
+    ha, hb = cof * ga, cof * gb
+    return (
+        wp.dot(ga, metric * gb) * wp.identity(n=3, dtype=wp.float64)
+        + alpha * wp.outer(hb, ha)
+        + beta * wp.outer(ha, hb)
+    )

@@ -17,7 +17,7 @@ from .cavity import Cavity
 from .contact import Contact
 from .krylov import Gmres, combine, dots, norms
 from .operator import Elasticity
-from .preconditioner import BlockPattern, BlockTriangular
+from .preconditioner import BlockTriangular
 
 wp.set_module_options({"enable_backward": False})
 
@@ -65,8 +65,6 @@ class SolverSettings:
     max_newton_iterations : per increment; an increment that needs more is halved
     smallest_substep : least increment, as a share of the distance between stored depths
     krylov_size : most iterations of one linear solve
-    refactor_above : Krylov iterations above which the preconditioner is made anew
-    factorization : "superlu", or "pardiso" where pypardiso is installed (see factor.py)
     """
 
     residual_tolerance: float = 1e-4
@@ -78,8 +76,6 @@ class SolverSettings:
     max_newton_iterations: int = 25
     smallest_substep: float = 1.0 / 64.0
     krylov_size: int = 80
-    refactor_above: int = 10
-    factorization: str = "superlu"
 
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
@@ -145,9 +141,7 @@ class NewtonSolver:
         held = per_component(held)
         rows[: elasticity.n_displacements] = held.ravel()
         self.held = wp.array(rows, dtype=wp.int32, device=device)
-        faces = [term.host_faces for term in self.surface_terms]
-        pattern = BlockPattern(len(held), elasticity.host_tetrahedra, faces, held, device)
-        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, pattern, n_env, settings.factorization)
+        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, self.held, self._tangent)
         self.gmres = Gmres(self.n_unknowns, n_env, settings.krylov_size, device)
         self.x, self._trial, self._residual, self._step = (self.vector() for _ in range(4))
 
@@ -178,20 +172,26 @@ class NewtonSolver:
         wp.launch(hold_kernel, dim=out.shape, inputs=[self.held], outputs=[out], device=out.device)
 
     def _linear_solve(self, r, active: np.ndarray):
-        """Newton direction into ``self._step``; factors again where the last solve needed too many iterations."""
-        s = self.settings
-        missing = np.array([factor is None for factor in self.preconditioner.factors])
-        refactor = active & (missing | (self._last_krylov > s.refactor_above))
+        """Newton direction into ``self._step``; returns the iterations and which environments stalled."""
         self.elasticity.linearize(self.x)
         for term in self.surface_terms:
             term.linearize(self.x)
-        stalled = np.zeros(self.n_env, dtype=bool)
-        if refactor.any():
-            stalled[self.preconditioner.update(np.flatnonzero(refactor))] = True
+        used, missed = self._krylov(r, active)
+        if missed.any() and self.preconditioner.fall_back():
+            self._last_krylov[:] = self.settings.krylov_size
+            again, missed = self._krylov(r, active)
+            used += again
+        return used, missed
+
+    def _krylov(self, r, active: np.ndarray):
+        """Solve the linearised system with the preconditioner of this state, as ``_linear_solve``."""
+        tolerance = self.settings.linear_tolerance
+        singular = np.zeros(self.n_env, dtype=bool)
+        singular[self.preconditioner.update(np.flatnonzero(active), self._last_krylov)] = True
         apply = self.preconditioner.apply
-        used, relative = self.gmres.solve(self._tangent, apply, r, self._step, s.linear_tolerance, active & ~stalled)
+        used, relative = self.gmres.solve(self._tangent, apply, r, self._step, tolerance, active & ~singular)
         self._last_krylov[active] = used
-        return used, active & (stalled | ~(relative <= s.linear_tolerance))
+        return used, active & (singular | ~(relative <= tolerance))
 
     def update_multipliers(self, write: bool) -> np.ndarray:
         """Relative change (env,) of all multipliers in an update, which is carried out if ``write``."""

@@ -1,123 +1,132 @@
-"""Block-triangular preconditioner of the mixed system, with a sparse factor of the current displacement block.
+"""Block-triangular preconditioner of the mixed system, around an approximate inverse of the displacement block.
 
     [ A  B^T ]          [ A  B^T ]
     [ B  -C  ]    ~     [ 0  -S  ]      S = (1 / (mu + gamma) + 1 / (lam - gamma)) x lumped pressure mass
 
-(Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact of one
-environment and is factored on the host (``factor.py``); GMRES around it works in double precision.
+(Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact. A multigrid
+cycle stands for its inverse; a sparse factor does for linear elements, and for a press on which the cycle has failed.
 A liquid borders A by one dense row and column g, which are eliminated: [A g; g^T 0] needs one more solve, A^-1 g, for
-each factor, and one inner product for each use.
+each state, and one inner product for each use.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sparse
 import warp as wp
 
-from .factor import FACTORS, Singular, elimination_order
-from .material import mat33
+from .factor import SparseFactor
+from .krylov import dots
+from .material import real
+from .multigrid import Multigrid
+
+wp.set_module_options({"enable_backward": False})
 
 
-class BlockPattern:
-    """Sparsity of the 3 x 3 displacement blocks: where element and face matrices add, and which entries are free.
+@wp.kernel
+def pressures_kernel(
+    schur: wp.array(dtype=wp.float64),
+    r: wp.array2d(dtype=wp.float64),
+    n_displacements: wp.int32,
+    # outputs
+    z_out: wp.array2d(dtype=wp.float64),
+):
+    i, env = wp.tid()
+    row = n_displacements + i
+    z_out[row, env] = -r[row, env] / schur[i]
 
-    ``held`` (node, 3) marks the displacement components that are zero.
-    """
 
-    def __init__(self, n_nodes: int, tetrahedra: np.ndarray, faces: list[np.ndarray], held: np.ndarray, device):
-        pairs = tetrahedra[:, :, None].astype(np.int64) * n_nodes + tetrahedra[:, None, :]
-        unique, inverse = np.unique(pairs, return_inverse=True)
-        self.n_blocks = len(unique)
-        self.tet_index = wp.array(inverse.reshape(pairs.shape).astype(np.int32), dtype=wp.int32, device=device)
-        self.face_index = []
-        for f in faces:
-            index = np.searchsorted(unique, f[:, :, None].astype(np.int64) * n_nodes + f[:, None, :])
-            self.face_index.append(wp.array(index.astype(np.int32), dtype=wp.int32, device=device))
-        rows, columns = np.divmod(unique, n_nodes)
-        graph = sparse.csr_array((np.ones(len(unique)), (rows, columns)), shape=(n_nodes, n_nodes))
-        unknowns = (3 * elimination_order(graph)[:, None] + np.arange(3)).ravel()
-        self.free = unknowns[~held.ravel()[unknowns]]
-        # The scalar matrix of the free unknowns as CSC, and which block entry feeds each of its values.
-        entry = np.arange(9 * self.n_blocks).reshape(-1, 3, 3)
-        row = np.broadcast_to(3 * rows[:, None, None] + np.arange(3)[None, :, None], entry.shape).ravel()
-        column = np.broadcast_to(3 * columns[:, None, None] + np.arange(3)[None, None, :], entry.shape).ravel()
-        numbered = sparse.coo_matrix((entry.ravel() + 1.0, (row, column)), shape=(3 * n_nodes, 3 * n_nodes)).tocsc()
-        self._pattern = numbered[self.free][:, self.free].tocsc()
-        self._pattern.sort_indices()
-        self._entries = self._pattern.data.astype(np.int64) - 1
-
-    def matrix(self, values: np.ndarray) -> sparse.csc_matrix:
-        """The free unknowns' matrix of one environment's blocks (n_blocks, 3, 3), in elimination order."""
-        data = values.ravel()[self._entries]
-        return sparse.csc_matrix((data, self._pattern.indices, self._pattern.indptr), shape=self._pattern.shape)
+@wp.kernel
+def border_kernel(
+    response: wp.array2d(dtype=wp.float64),
+    pressure: wp.array(dtype=wp.float64),
+    row: wp.int32,
+    # outputs
+    z_out: wp.array2d(dtype=wp.float64),
+):
+    i, env = wp.tid()
+    if i == row:
+        z_out[i, env] = pressure[env]
+    else:
+        z_out[i, env] = z_out[i, env] - pressure[env] * response[i, env]
 
 
 class BlockTriangular:
-    """Applies the preconditioner; ``update`` factors the current state of the environments that ask for it."""
+    """Applies the preconditioner; ``update`` follows the state of the last linearisation.
 
-    def __init__(self, elasticity, contacts, cavity, pattern: BlockPattern, n_env: int, factorization: str):
-        self.elasticity, self.cavity, self.pattern = elasticity, cavity, pattern
-        self._factor = FACTORS[factorization]
-        self._surface_terms = contacts if cavity is None else [*contacts, cavity]
-        material = elasticity.material
+    ``held`` (unknowns,) int32 on the device; ``tangent(v, out)`` is the whole system's.
+    """
+
+    def __init__(self, elasticity, contacts: list, cavity, held, tangent):
+        self.elasticity, self.cavity = elasticity, cavity
+        device, n_env = elasticity.device, elasticity.active.shape[0]
+        terms = contacts if cavity is None else [*contacts, cavity]
+        self._make_factor = lambda: SparseFactor(elasticity, terms, held, tangent)
+        self.multigrid = self.factor = None
         if elasticity.n_pressures:
-            compliance = 1.0 / (material.mu + material.gamma) + material.pressure_compliance
-            self.schur = (compliance * elasticity.pressure_mass)[:, None]
-        self._blocks = wp.zeros((pattern.n_blocks, n_env), dtype=mat33, device=elasticity.device)
-        n = elasticity.n_displacements + elasticity.n_pressures + (cavity is not None)
-        self._z = wp.zeros((n, n_env), dtype=wp.float64, device=elasticity.device)
-        self._pressure_forces = wp.zeros_like(self._z)
-        self.forget()
+            self.multigrid = Multigrid(elasticity, contacts, held, tangent)
+            m = elasticity.material
+            schur = (1.0 / (m.mu + m.gamma) + m.pressure_compliance) * elasticity.pressure_mass
+            self._schur = wp.array(schur, dtype=wp.float64, device=device)
+        else:
+            self.factor = self._make_factor()
+        self._factored = self.multigrid is None
+        if cavity is not None:
+            shape = (len(held), n_env)
+            self._gradient, self._response = (wp.zeros(shape, dtype=real, device=device) for _ in range(2))
+            self._held = held
 
     def forget(self):
-        """Drop the factors of the last presses: a press must not depend on those before it."""
-        self.factors = [None] * self._blocks.shape[1]
-        self._borders = [None] * self._blocks.shape[1]  # g and A^-1 g of the free unknowns
+        """Drop what was made for the last presses: a press must not depend on those before it."""
+        self._factored = self.multigrid is None
+        if self.factor is not None:
+            self.factor.forget()
 
-    def update(self, environments: np.ndarray) -> np.ndarray:
-        """Factor the displacement blocks of the last linearisation for the given environments.
+    def fall_back(self) -> bool:
+        """Use factors until :meth:`forget`; False where they are in use already."""
+        if self._factored:
+            return False
+        self.factor, self._factored = self.factor or self._make_factor(), True
+        return True
 
-        Returns the environments whose matrix is singular; they have no factor then.
+    def update(self, environments: np.ndarray, iterations: np.ndarray) -> np.ndarray:
+        """Follow the last linearisation in the given environments, whose last solves took these iterations (env,).
+
+        Returns the environments whose matrix is singular.
         """
-        self._blocks.zero_()
-        self.elasticity.blocks(self.pattern.tet_index, self._blocks)
-        for term, index in zip(self._surface_terms, self.pattern.face_index, strict=True):
-            term.blocks(index, self._blocks)
-        values = self._blocks.numpy()
-        singular = []
-        for env in environments:
-            self.factors[env] = None  # before the next one is made: together they may not fit into memory
-            try:
-                self.factors[env] = self._factor(self.pattern.matrix(values[:, env]))
-            except Singular:
-                singular.append(env)
-                continue
-            if self.cavity is not None:
-                gradient = self.cavity.gradient.numpy()[self.pattern.free, env]
-                self._borders[env] = gradient, self.factors[env].solve(gradient)
-        return np.array(singular, dtype=int)
+        singular = np.zeros(0, dtype=int)
+        if self._factored:
+            singular = self.factor.update(environments, iterations)
+        else:
+            self.multigrid.update()
+        if self.cavity is not None:
+            n_u = self.elasticity.n_displacements
+            free = (self._held.numpy()[:n_u] == 0)[:, None]
+            self._gradient[:n_u].assign(np.where(free, self.cavity.gradient.numpy(), 0.0))
+            self._response.zero_()
+            self._displacements.apply(self._gradient, self._response)
+            self._stiffness = self._along_gradient(self._response)
+        return singular
+
+    @property
+    def _displacements(self) -> Multigrid | SparseFactor:
+        return self.factor if self._factored else self.multigrid
+
+    def _along_gradient(self, z) -> np.ndarray:
+        """g . z (env,)."""
+        n_u = self.elasticity.n_displacements
+        return dots(z[:n_u].reshape((1, n_u, z.shape[1])), self._gradient[:n_u])[0]
 
     def apply(self, r, z_out):
         """z = M^-1 r."""
-        n_u = self.elasticity.n_displacements
-        residual = r.numpy()
-        z = np.zeros(residual.shape)
-        load = residual[:n_u]
-        if n_p := self.elasticity.n_pressures:
-            z[n_u : n_u + n_p] = -residual[n_u : n_u + n_p] / self.schur
-            self._z.assign(z)
-            self._pressure_forces.zero_()
-            self.elasticity.pressure_action(self._z, self._pressure_forces)
-            load = load - self._pressure_forces.numpy()[:n_u]
-        for env, factor in enumerate(self.factors):
-            if factor is not None:
-                free = self.pattern.free
-                u = factor.solve(load[free, env])
-                if self.cavity is not None:
-                    gradient, response = self._borders[env]
-                    pressure = (gradient @ u - residual[self.cavity.row, env]) / (gradient @ response)
-                    z[self.cavity.row, env] = pressure
-                    u = u - pressure * response
-                z[free, env] = u
-        z_out.assign(z)
+        z_out.zero_()
+        n_u, n_p = self.elasticity.n_displacements, self.elasticity.n_pressures
+        if n_p:
+            inputs = [self._schur, r, n_u]
+            wp.launch(pressures_kernel, dim=(n_p, r.shape[1]), inputs=inputs, outputs=[z_out], device=r.device)
+        self._displacements.apply(r, z_out)
+        if self.cavity is not None:
+            row = self.cavity.row
+            missing = self._along_gradient(z_out) - r.numpy()[row]
+            pressure = missing / np.where(self._stiffness == 0.0, np.inf, self._stiffness)
+            inputs = [self._response, wp.array(pressure, dtype=wp.float64, device=r.device), row]
+            wp.launch(border_kernel, dim=r.shape, inputs=inputs, outputs=[z_out], device=r.device)

@@ -44,7 +44,10 @@ class DeadLoad:
     def tangent(self, v, action_out):
         pass
 
-    def blocks(self, block_index, blocks_out):
+    def blocks(self, block_index, blocks_out, linear: bool):
+        pass
+
+    def diagonal(self, diagonal_out):
         pass
 
     def update_multipliers(self, x, write: bool):

@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 
 import numpy as np
 
 from ..indenter import indenter_names, load_indenter
 from ..pairing import Contacts, indenter_poses
-from ..press import PressResult, Scene, SolverSettings, press
+from ..press import PressResult, Scene, press
 from ..sensor import Sensor, load_sensor
 from ..skin import Skin
 from .case import Context, Curve, Outcome, Row, Table, case
@@ -59,8 +58,7 @@ def place_indenter(sensor: Sensor, x_mm: float, arc_mm: float) -> np.ndarray:
 def solve(model: str, mesh: str, indenter: str, place: str, device: str) -> Solution:
     """Press one indenter at one place to all depths on the named mesh of a sensor."""
     sensor = load_sensor(model, mesh)
-    settings = SolverSettings(factorization="pardiso" if find_spec("pypardiso") else "superlu")
-    scene = Scene(sensor, sensor.materials["solid"], device=device, settings=settings)
+    scene = Scene(sensor, sensor.materials["solid"], device=device)
     pose = place_indenter(sensor, *PLACES_MM[place])
     result = press(scene, [load_indenter(indenter).shape()], pose[None], DEPTHS_MM * 1e-3)[0]
     return Solution(mesh, sensor.simulation_mesh.hash, scene.unknowns, result)

@@ -1,43 +1,81 @@
-"""Sparse factors: what they solve, in whatever order."""
+"""The factor of linear tetrahedra inverts their tangent, and is made anew where it has become a poor one."""
 
 import numpy as np
-import pytest
 import scipy.sparse as sparse
+import scipy.sparse.linalg
+import warp as wp
 
-from simgen.errors import InputError
-from simgen.fem.factor import FACTORS, Singular, SuperLU, elimination_order
+from simgen.fem.element import P1
+from simgen.fem.factor import REFACTOR_ABOVE, SparseFactor, elimination_order
+from simgen.fem.material import NeoHookean
+from simgen.fem.operator import Elasticity
 
+from .box import box
 
-def laplacian(n: int) -> sparse.csc_matrix:
-    """Five-point Laplacian of an n x n grid, a little unsymmetric in its values."""
-    line = sparse.diags_array([-1.0, 2.05, -0.9], offsets=[-1, 0, 1], shape=(n, n))
-    return sparse.csc_matrix(sparse.kronsum(line, line))
-
-
-@pytest.mark.parametrize("name", FACTORS)
-def test_a_factor_solves(name):
-    if name == "pardiso":
-        pytest.importorskip("pypardiso")
-    A = laplacian(20)
-    x = np.random.default_rng(0).normal(size=A.shape[0])
-    np.testing.assert_allclose(FACTORS[name](A).solve(A @ x), x, rtol=0.0, atol=1e-4)  # float32, condition ~100
+SINGLE = 1e-3  # single precision, times a condition of some thousands
 
 
-def test_a_singular_matrix_has_no_factor():
-    with pytest.raises(Singular):
-        SuperLU(sparse.csc_matrix(np.diag([1.0, 0.0])))
+def test_a_factor_inverts_the_tangent_it_was_made_of():
+    nodes, tets, n_corners, _ = box()
+    nodes = nodes[:n_corners]
+    active = wp.ones(1, dtype=wp.int32, device="cpu")
+    body = Elasticity(P1, nodes, tets, n_corners, NeoHookean.from_engineering(1.0, 0.499, None), "cpu", active)
+    held = np.repeat(nodes[:, 1] > 4.0 - 1e-9, 3)
+
+    def tangent(v, out):
+        out.zero_()
+        body.tangent(v, out)
+
+    factor = SparseFactor(body, [], wp.array(held.astype(np.int32), dtype=wp.int32, device="cpu"), tangent)
+    rng = np.random.default_rng(0)
+    first, second = (np.where(held, 0.0, 0.05 * rng.normal(size=held.shape)) for _ in range(2))
+    v = np.where(held, 0.0, rng.normal(size=held.shape))
+
+    def error(x) -> float:
+        """Of K^-1 (K v) with the factor, K at state x."""
+        body.linearize(wp.array(x[:, None], dtype=wp.float64, device="cpu"))
+        force, found = (wp.zeros((len(v), 1), dtype=wp.float64, device="cpu") for _ in range(2))
+        body.tangent(wp.array(v[:, None], dtype=wp.float64, device="cpu"), force)
+        factor.apply(force, found)
+        return np.linalg.norm(found.numpy()[:, 0] - v) / np.linalg.norm(v)
+
+    body.linearize(wp.array(first[:, None], dtype=wp.float64, device="cpu"))
+    assert len(factor.update(np.array([0]), np.array([0]))) == 0
+    assert error(first) < SINGLE
+    assert error(second) > 1e-2
+    factor.update(np.array([0]), np.array([REFACTOR_ABOVE]))
+    assert error(second) > 1e-2  # still good enough
+    factor.update(np.array([0]), np.array([REFACTOR_ABOVE + 1]))
+    assert error(second) < SINGLE
+    factor.forget()
+    factor.update(np.array([0]), np.array([0]))
+    assert error(second) < SINGLE
 
 
-def test_a_missing_package_is_one_line(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pypardiso", None)
-    with pytest.raises(InputError, match="allowed: superlu"):
-        FACTORS["pardiso"](laplacian(3))
+def test_a_singular_environment_is_named():
+    nodes, tets, n_corners, _ = box()
+    active = wp.ones(2, dtype=wp.int32, device="cpu")
+    nodes = nodes[:n_corners]
+    body = Elasticity(P1, nodes, tets, n_corners, NeoHookean.from_engineering(1.0, 0.3, None), "cpu", active)
+    held = np.zeros(3 * n_corners, dtype=np.int32)
+    held[::3] = 1
+    held[1::3] = 1
+    held[2::3] = 1
+    held[3 * n_corners - 1] = 0  # one component is free
+    factor = SparseFactor(body, [], wp.array(held, dtype=wp.int32, device="cpu"), body.tangent)
+    body.linearize(wp.zeros((3 * n_corners, 2), dtype=wp.float64, device="cpu"))
+    body._solid.metric.zero_()
+    body._state.coefficients.zero_()
+    np.testing.assert_array_equal(factor.update(np.array([1]), np.zeros(2)), [1])
 
 
 def test_nested_dissection_fills_less_than_the_natural_order():
-    graph = sparse.csr_array(laplacian(40))
+    line = sparse.diags_array([-1.0, 2.05, -0.9], offsets=[-1, 0, 1], shape=(40, 40))
+    graph = sparse.csr_array(sparse.kronsum(line, line))
     order = elimination_order(graph)
     assert sorted(order) == list(range(1600))
-    natural = SuperLU(sparse.csc_matrix(graph))._factor.L.nnz
-    dissected = SuperLU(sparse.csc_matrix(graph[order][:, order]))._factor.L.nnz
+    natural, dissected = (
+        scipy.sparse.linalg.splu(sparse.csc_matrix(m), permc_spec="NATURAL", diag_pivot_thresh=0.0).L.nnz
+        for m in (graph, graph[order][:, order])
+    )
     assert dissected < 0.5 * natural  # n^2 log n against n^3: 0.3 here

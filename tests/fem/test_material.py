@@ -34,7 +34,7 @@ def evaluate(
     P_out[i] = first_piola(F[i], cof, J, p, mu, gamma)
     alpha = tangent_transposed(J, p, mu, gamma)
     beta = tangent_volumetric(J, p, gamma)
-    dP_out[i] = first_piola_increment(dF[i], cof, mu, alpha, beta, dp)
+    dP_out[i] = first_piola_increment(dF[i], cof, mu * wp.identity(n=3, dtype=wp.float64), alpha, beta, dp)
 
 
 def stress(F, dF=None, p=P, dp=0.0, mu=MU, gamma=GAMMA):
