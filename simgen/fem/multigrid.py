@@ -289,10 +289,7 @@ class Multigrid:
         self._inverse.zero_()
         for term in (self.elasticity, *self.contacts):
             term.diagonal(self._inverse)
-        inputs = [self.held, self.active]
-        wp.launch(
-            invert_kernel, dim=self._inverse.shape, inputs=inputs, outputs=[self._inverse], device=self._inverse.device
-        )
+        self._launch(invert_kernel, [self.held, self.active], [self._inverse])
 
     def update(self):
         """Follow the last linearisation."""
