@@ -11,7 +11,7 @@ from simgen.mesh_quality import mean_ratio, measure
 from simgen.region_edges import LEAST_SHAPE, cut
 from simgen.sensor_meshes import end_at_regions
 from simgen.surface import ClosestPoint, patches_at, smooth_patches
-from simgen.tetrahedra import signed_volumes, tetrahedralize
+from simgen.tetrahedra import signed_volumes, sizing_grid
 
 SIDE = 10e-3  # m
 HALF = 3.1e-3
@@ -44,8 +44,15 @@ def box():
 
 
 @pytest.fixture(scope="module")
-def tetrahedra(box):
-    return tetrahedralize(box, 2e-3, envelope=1e-4)
+def tetrahedra():
+    """Cells of 2 mm cut into six, corners within faces and inside moved by up to 0.3 mm: the same at every run.
+
+    What the mesher makes differs from run to run, and with it how much there is to align.
+    """
+    half = np.full(3, SIDE / 2)
+    vertices, tetrahedra = sizing_grid(-half, half, 2e-3)
+    moved = np.random.default_rng(0).uniform(-0.3e-3, 0.3e-3, vertices.shape)
+    return np.where(np.abs(vertices) < half - 1e-6, vertices + moved, vertices), tetrahedra
 
 
 @pytest.mark.parametrize(("inside", "area"), AREAS)
@@ -73,10 +80,10 @@ def test_tetrahedra_follow_straight_edges(box, tetrahedra):
         mesh, plain = (make_quadratic(*each, true, limit=1e-3) for each in ((corners, tets), tetrahedra))
         assert abs(measure(mesh, true).held_area_error) < 0.05
         wrong.append([wrong_area(mesh, inside), wrong_area(plain, inside)])
-    # The lines are 10 mm long. As they come, triangles of 2 mm end 0.1 to 0.4 mm before or behind them; where neither
+    # The lines are 10 mm long. As they come, triangles of 2 mm end 0.2 to 0.5 mm before or behind them; where neither
     # end of an edge may move, and a split would leave a sliver, it stays.
     aligned, plain = np.mean(wrong, axis=0)
-    assert aligned < 0.6 * plain
+    assert aligned < 0.4 * plain  # 0.29; 0.20 to 0.45 with other corners
 
 
 def wrong_area(mesh, inside) -> float:
