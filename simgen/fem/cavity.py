@@ -19,12 +19,14 @@ what exceeds the liquid's pressure.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from .element import TRIANGLE_EDGES, Element, face_shapes
-from .material import mat33, real, vec3
-from .operator import add_vec3, load_vec3
+from .element_fields import gather
+from .material import mat33f, real, single, vec3
 
 wp.set_module_options({"enable_backward": False})
 
@@ -50,27 +52,29 @@ class Tangents:
 
 
 @wp.func
-def tangents(w: Wetted, field: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32) -> Tangents:
+def tangents(w: Wetted, field: wp.array2d(dtype=Any), f: wp.int32, q: wp.int32, env: wp.int32) -> Tangents:
     out = Tangents()
     for a in range(w.gradients.shape[1]):
-        value = load_vec3(field, w.faces[f, a], env)
+        value = vec3(gather(w.faces, field, f, a, env))
         out.along += w.gradients[q, a][0] * value
         out.across += w.gradients[q, a][1] * value
     return out
 
 
 @wp.func
-def at_point(w: Wetted, field: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32) -> vec3:
+def at_point(w: Wetted, field: wp.array2d(dtype=Any), f: wp.int32, q: wp.int32, env: wp.int32) -> vec3:
     value = vec3()
     for a in range(w.shapes.shape[1]):
-        value += w.shapes[q, a] * load_vec3(field, w.faces[f, a], env)
+        value += w.shapes[q, a] * vec3(gather(w.faces, field, f, a, env))
     return value
 
 
 @wp.func
-def add_force(w: Wetted, force: vec3, f: wp.int32, q: wp.int32, env: wp.int32, out: wp.array2d(dtype=wp.float64)):
+def add_force(w: Wetted, force: vec3, f: wp.int32, q: wp.int32, env: wp.int32, out: wp.array2d(dtype=Any)):
     for a in range(w.shapes.shape[1]):
-        add_vec3(out, w.faces[f, a], env, w.shapes[q, a] * force)
+        row, share = 3 * w.faces[f, a], w.shapes[q, a] * force
+        for i in range(3):
+            wp.atomic_add(out, row + i, env, out.dtype(share[i]))
 
 
 @wp.func
@@ -142,10 +146,10 @@ def cavity_action_kernel(
     w: Wetted,
     pressure: wp.array(dtype=wp.float64),
     deformed: wp.array3d(dtype=Tangents),
-    v: wp.array2d(dtype=wp.float64),
+    v: wp.array2d(dtype=wp.float32),
     active: wp.array(dtype=wp.int32),
     # outputs
-    action_out: wp.array2d(dtype=wp.float64),
+    action_out: wp.array2d(dtype=wp.float32),
 ):
     f, env = wp.tid()
     if active[env] == 0:
@@ -155,9 +159,9 @@ def cavity_action_kernel(
         now = deformed[f, q, env]
         area = area_vector(now)
         volume += w.weights[q] * wp.dot(at_point(w, v, f, q, env), area)
-        force = pressure[env] * turned(now, tangents(w, v, f, q, env)) + v[w.row, env] * area
+        force = pressure[env] * turned(now, tangents(w, v, f, q, env)) + real(v[w.row, env]) * area
         add_force(w, w.weights[q] * force, f, q, env, action_out)
-    wp.atomic_add(action_out, w.row, env, volume)
+    wp.atomic_add(action_out, w.row, env, single(volume))
 
 
 @wp.kernel
@@ -168,7 +172,7 @@ def cavity_blocks_kernel(
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=mat33),
+    blocks_out: wp.array2d(dtype=mat33f),
 ):
     """K_ab = p_c N_a skew(N_b,2 x,1 - N_b,1 x,2): how the forces turn and grow with the faces."""
     f, env = wp.tid()
@@ -180,7 +184,7 @@ def cavity_blocks_kernel(
             turn = wp.skew(w.gradients[q, b][1] * now.along - w.gradients[q, b][0] * now.across)
             for a in range(w.shapes.shape[1]):
                 factor = w.weights[q] * pressure[env] * w.shapes[q, a]
-                wp.atomic_add(blocks_out, block_index[f, a, b], env, factor * turn)
+                wp.atomic_add(blocks_out, block_index[f, a, b], env, mat33f(factor * turn))
 
 
 @wp.kernel

@@ -12,9 +12,10 @@ import warp as wp
 from ..distance import RigidShape, probe
 from ..shape import shape_array
 from .element import Element, face_geometry
+from .element_fields import gather, scatter
 from .krylov import copy_environments
-from .material import mat33, real, vec3
-from .operator import add_vec3, load_vec3
+from .material import mat33, mat33f, real, single, vec3, vec3f
+from .operator import add_vec3
 from .traction import Surface, deformed, probe_in_sensor_frame, return_to_cone, traction
 
 wp.set_module_options({"enable_backward": False})
@@ -45,7 +46,7 @@ def contact_tangent_kernel(
     x: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     # outputs
-    tangent_out: wp.array3d(dtype=mat33),
+    tangent_out: wp.array3d(dtype=mat33f),
 ):
     """Store the tangent at every quadrature point: it is used for many Krylov iterations."""
     f, env = wp.tid()
@@ -53,23 +54,23 @@ def contact_tangent_kernel(
         return
     for q in range(s.areas.shape[1]):
         found = traction(s, x, f, q, env)
-        tangent_out[f, q, env] = s.areas[f, q] * found.tangent
+        tangent_out[f, q, env] = mat33f(s.areas[f, q] * found.tangent)
 
 
 @wp.func
-def touches(K: mat33) -> wp.bool:
+def touches(K: mat33f) -> wp.bool:
     """Whether there is contact at a point, from its tangent."""
-    return K[0, 0] != real(0.0) or K[1, 1] != real(0.0) or K[2, 2] != real(0.0)
+    return K[0, 0] != 0.0 or K[1, 1] != 0.0 or K[2, 2] != 0.0
 
 
 @wp.kernel
 def contact_action_kernel(
     s: Surface,
-    tangent: wp.array3d(dtype=mat33),
-    v: wp.array2d(dtype=wp.float64),
+    tangent: wp.array3d(dtype=mat33f),
+    v: wp.array2d(dtype=wp.float32),
     active: wp.array(dtype=wp.int32),
     # outputs
-    action_out: wp.array2d(dtype=wp.float64),
+    action_out: wp.array2d(dtype=wp.float32),
 ):
     f, env = wp.tid()
     if active[env] == 0:
@@ -77,23 +78,23 @@ def contact_action_kernel(
     for q in range(s.areas.shape[1]):
         K = tangent[f, q, env]
         if touches(K):
-            dx = vec3()
+            dx = vec3f()
             for a in range(s.shapes.shape[1]):
-                dx += s.shapes[q, a] * load_vec3(v, s.faces[f, a], env)
+                dx += single(s.shapes[q, a]) * gather(s.faces, v, f, a, env)
             df = K * dx
             for a in range(s.shapes.shape[1]):
-                add_vec3(action_out, s.faces[f, a], env, s.shapes[q, a] * df)
+                scatter(s.faces, single(s.shapes[q, a]) * df, f, a, env, action_out)
 
 
 @wp.kernel
 def contact_blocks_kernel(
     s: Surface,
-    tangent: wp.array3d(dtype=mat33),
+    tangent: wp.array3d(dtype=mat33f),
     shapes: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=mat33),
+    blocks_out: wp.array2d(dtype=mat33f),
 ):
     f, env = wp.tid()
     if active[env] == 0:
@@ -103,17 +104,17 @@ def contact_blocks_kernel(
         if touches(K):
             for a in range(shapes.shape[1]):
                 for b in range(shapes.shape[1]):
-                    weight = shapes[q, a] * shapes[q, b]
+                    weight = single(shapes[q, a] * shapes[q, b])
                     wp.atomic_add(blocks_out, block_index[f, a, b], env, weight * K)
 
 
 @wp.kernel
 def contact_diagonal_kernel(
     s: Surface,
-    tangent: wp.array3d(dtype=mat33),
+    tangent: wp.array3d(dtype=mat33f),
     active: wp.array(dtype=wp.int32),
     # outputs
-    diagonal_out: wp.array2d(dtype=mat33),
+    diagonal_out: wp.array2d(dtype=mat33f),
 ):
     f, env = wp.tid()
     if active[env] == 0:
@@ -122,7 +123,7 @@ def contact_diagonal_kernel(
         K = tangent[f, q, env]
         if touches(K):
             for a in range(s.shapes.shape[1]):
-                wp.atomic_add(diagonal_out, s.faces[f, a], env, s.shapes[q, a] * s.shapes[q, a] * K)
+                wp.atomic_add(diagonal_out, s.faces[f, a], env, single(s.shapes[q, a] * s.shapes[q, a]) * K)
 
 
 @wp.kernel
@@ -300,7 +301,7 @@ class Contact:
         s.stiffness, s.friction_stiffness = stiffness
         s.friction = friction
 
-        self._tangent = wp.zeros(self._points, dtype=mat33, device=device)
+        self._tangent = wp.zeros(self._points, dtype=mat33f, device=device)
         self._normal_sum, self._tangential_sum = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)
 
     def _launch(self, kernel, inputs, outputs, dim=None):

@@ -35,9 +35,6 @@ def barycentric_p2_gradient(barycentric: np.ndarray, edges: np.ndarray) -> np.nd
     return gradient
 
 
-CORNER_GRADIENTS = np.vstack([-np.ones(3), np.eye(3)])  # of a tetrahedron's linear functions by its own coordinates
-
-
 def _orbit(values: list[float]) -> np.ndarray:
     """All distinct permutations of one barycentric point."""
     return np.array(sorted(set(permutations(values))))
@@ -120,13 +117,15 @@ class TetGeometry:
     local_gradients : (q, nodes, 3) derivatives of the shape functions by an element's own coordinates xi
     inverse : (e, q, 3, 3) dxi/dX, 1/mm
     volumes : (e, q) weight times det of the geometry map, mm3
-    pressure_shapes : (q, pressures) linear shape functions
+    corner_shapes : (q, 4) linear shape functions
+    corner_jacobians : (e, 4, 3, 3) dX/dxi at the corners, mm
     """
 
     local_gradients: np.ndarray
     inverse: np.ndarray
     volumes: np.ndarray
-    pressure_shapes: np.ndarray
+    corner_shapes: np.ndarray
+    corner_jacobians: np.ndarray
 
     @property
     def gradients(self) -> np.ndarray:
@@ -140,18 +139,24 @@ def tet_geometry(element: Element, nodes: np.ndarray, tetrahedra: np.ndarray) ->
     Raises ValueError where the map is inverted at a quadrature point.
     """
     points, weights = tet_rule(element.quadrature_points)
-    if element.nodes == 10:
-        by_barycentric = barycentric_p2_gradient(points, TET_EDGES)
-    else:
-        by_barycentric = np.broadcast_to(np.eye(4), (len(points), 4, 4))
-    by_local = by_barycentric[:, :, 1:] - by_barycentric[:, :, :1]
+    by_local, at_corners = (_local_gradients(element, at) for at in (points, np.eye(4)))
     position = nodes[tetrahedra[:, : element.nodes]]
-    jacobian = np.einsum("eai,qaj->eqij", position, by_local)
+    jacobian, corner_jacobians = (np.einsum("eai,qaj->eqij", position, g) for g in (by_local, at_corners))
     determinant = np.linalg.det(jacobian)
     if determinant.min() <= 0.0:
         worst = int(determinant.min(axis=1).argmin())
         raise ValueError(f"tetrahedron {worst} is inverted: its geometry map has determinant {determinant.min():.3g}")
-    return TetGeometry(by_local, np.linalg.inv(jacobian), determinant * weights / 6.0, points[:, : element.pressures])
+    volumes = determinant * weights / 6.0
+    return TetGeometry(by_local, np.linalg.inv(jacobian), volumes, points, corner_jacobians)
+
+
+def _local_gradients(element: Element, barycentric: np.ndarray) -> np.ndarray:
+    """Derivatives of the shape functions by the element's own coordinates, (q, nodes, 3), at points (q, 4)."""
+    if element.nodes == 10:
+        by_barycentric = barycentric_p2_gradient(barycentric, TET_EDGES)
+    else:
+        by_barycentric = np.broadcast_to(np.eye(4), (len(barycentric), 4, 4))
+    return by_barycentric[:, :, 1:] - by_barycentric[:, :, :1]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import scipy.sparse as sparse
 import scipy.sparse.linalg
 import warp as wp
 
-from .material import mat33
+from .material import mat33f
 from .pattern import BlockPattern
 
 REFACTOR_ABOVE = 10  # Krylov iterations above which a factor is made anew
@@ -38,11 +38,11 @@ class SparseFactor:
         n, n_env, device = elasticity.n_displacements // 3, elasticity.active.shape[0], elasticity.device
         faces = [term.host_faces for term in surface_terms]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra, faces, device)
-        self._blocks = wp.zeros((self.pattern.n_blocks, n_env), dtype=mat33, device=device)
+        self._blocks = wp.zeros((self.pattern.n_blocks, n_env), dtype=mat33f, device=device)
         graph = self.pattern.matrix(np.ones((self.pattern.n_blocks, 3, 3)))[::3, ::3]
         unknowns = (3 * elimination_order(graph)[:, None] + np.arange(3)).ravel()
         self.free = unknowns[held.numpy()[unknowns] == 0]
-        self._action = wp.zeros((len(held), n_env), dtype=wp.float64, device=device)
+        self._action = wp.zeros((len(held), n_env), dtype=wp.float32, device=device)
         self.forget()
 
     def forget(self):
@@ -67,7 +67,7 @@ class SparseFactor:
             matrix = self.pattern.matrix(values[:, env])[self.free][:, self.free].tocsc()
             try:
                 self.factors[env] = scipy.sparse.linalg.splu(
-                    matrix.astype(np.float32), permc_spec="NATURAL", diag_pivot_thresh=0.0,
+                    matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0,
                     options={"SymmetricMode": True},
                 )  # fmt: skip
             except RuntimeError:  # "Factor is exactly singular"
@@ -80,5 +80,5 @@ class SparseFactor:
         load, x = b.numpy() - self._action.numpy(), x_out.numpy().copy()
         for env, factor in enumerate(self.factors):
             if factor is not None:
-                x[self.free, env] = factor.solve(load[self.free, env].astype(np.float32))
+                x[self.free, env] = factor.solve(load[self.free, env])
         x_out.assign(x)

@@ -1,82 +1,249 @@
-"""Batched flexible GMRES: every environment solves its own system, in lockstep.
+"""Batched conjugate residuals (GCR): every environment solves its own system and stops at its own tolerance.
 
-Saad, *Iterative Methods for Sparse Linear Systems*, 2nd ed., algorithm 9.6, with classical Gram-Schmidt.
+Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20, 1983. With the directions kept, the preconditioner may be any
+map, and the iterates are those of flexible GMRES as long as the residual shrinks. Vectors are in single precision,
+scaled by the norm of the right-hand side; inner products are summed in double precision, in the same order every time.
+
+The host is not asked before the last environment has finished: on a GPU the loop is one graph.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
+from .material import real, single
+
 wp.set_module_options({"enable_backward": False})
 
-CHUNK = 2048
+CHUNK = 512  # terms that one thread sums
 
 
 @wp.kernel
 def dots_kernel(
-    a: wp.array3d(dtype=wp.float64),
-    b: wp.array2d(dtype=wp.float64),
-    chunk: wp.int32,
+    a: wp.array2d(dtype=Any),
+    b: wp.array2d(dtype=Any),
     # outputs
-    dots_out: wp.array2d(dtype=wp.float64),
+    parts_out: wp.array3d(dtype=wp.float64),
 ):
-    j, c, env = wp.tid()
-    total = wp.float64(0.0)
-    for i in range(c * chunk, wp.min((c + 1) * chunk, b.shape[0])):
-        total += a[j, i, env] * b[i, env]
-    wp.atomic_add(dots_out, j, env, total)
+    c, env = wp.tid()
+    total = real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, a.shape[0])):
+        total += real(a[i, env]) * real(b[i, env])
+    parts_out[0, c, env] = total
+
+
+@wp.kernel
+def sum_kernel(
+    parts: wp.array3d(dtype=wp.float64),
+    # outputs
+    sums_out: wp.array2d(dtype=wp.float64),
+):
+    k, env = wp.tid()
+    total = real(0.0)
+    for c in range(parts.shape[1]):
+        total += parts[k, c, env]
+    sums_out[k, env] = total
 
 
 @wp.kernel
 def combine_kernel(
-    basis: wp.array3d(dtype=wp.float64),
-    coefficients: wp.array2d(dtype=wp.float64),
-    # outputs
-    x_out: wp.array2d(dtype=wp.float64),
-):
-    """x += sum over j of coefficients[j] basis[j]."""
-    i, env = wp.tid()
-    total = wp.float64(0.0)
-    for j in range(coefficients.shape[0]):
-        total += coefficients[j, env] * basis[j, i, env]
-    x_out[i, env] = x_out[i, env] + total
-
-
-@wp.kernel
-def scale_kernel(
-    x: wp.array2d(dtype=wp.float64),
+    step: wp.array2d(dtype=wp.float64),
     factor: wp.array(dtype=wp.float64),
     # outputs
     x_out: wp.array2d(dtype=wp.float64),
 ):
     i, env = wp.tid()
-    x_out[i, env] = factor[env] * x[i, env]
+    x_out[i, env] = x_out[i, env] + factor[env] * step[i, env]
+
+
+@wp.kernel
+def begin_kernel(
+    b: wp.array2d(dtype=wp.float64),
+    squares: wp.array2d(dtype=wp.float64),
+    # outputs
+    residual_out: wp.array2d(dtype=wp.float32),
+):
+    i, env = wp.tid()
+    size = wp.sqrt(squares[0, env])
+    value = real(0.0)
+    if size > real(0.0):
+        value = b[i, env] / size
+    residual_out[i, env] = single(value)
+
+
+@wp.kernel
+def project_kernel(
+    images: wp.array3d(dtype=wp.float32),
+    image: wp.array2d(dtype=wp.float32),
+    count: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    parts_out: wp.array3d(dtype=wp.float64),
+):
+    """Inner products of the new image with those before it."""
+    k, c, env = wp.tid()
+    if k >= count[0] or active[env] == 0:
+        return
+    total = real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
+        total += real(images[k, i, env] * image[i, env])
+    parts_out[k, c, env] = total
+
+
+@wp.kernel
+def orthogonalize_kernel(
+    directions: wp.array3d(dtype=wp.float32),
+    images: wp.array3d(dtype=wp.float32),
+    coefficients: wp.array2d(dtype=wp.float64),
+    count: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    direction_out: wp.array2d(dtype=wp.float32),
+    image_out: wp.array2d(dtype=wp.float32),
+):
+    i, env = wp.tid()
+    if active[env] == 0:
+        return
+    z = direction_out[i, env]
+    q = image_out[i, env]
+    for k in range(count[0]):
+        coefficient = single(coefficients[k, env])
+        z -= coefficient * directions[k, i, env]
+        q -= coefficient * images[k, i, env]
+    direction_out[i, env] = z
+    image_out[i, env] = q
+
+
+@wp.kernel
+def measure_kernel(
+    residual: wp.array2d(dtype=wp.float32),
+    image: wp.array2d(dtype=wp.float32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    parts_out: wp.array3d(dtype=wp.float64),
+):
+    """Squares of the image, and its inner product with the residual."""
+    c, env = wp.tid()
+    if active[env] == 0:
+        return
+    square, product = real(0.0), real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
+        q = image[i, env]
+        square += real(q * q)
+        product += real(q * residual[i, env])
+    parts_out[0, c, env] = square
+    parts_out[1, c, env] = product
+
+
+@wp.kernel
+def advance_kernel(
+    direction: wp.array2d(dtype=wp.float32),
+    image: wp.array2d(dtype=wp.float32),
+    sums: wp.array2d(dtype=wp.float64),
+    count: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    directions_out: wp.array3d(dtype=wp.float32),
+    images_out: wp.array3d(dtype=wp.float32),
+    x_out: wp.array2d(dtype=wp.float32),
+    residual_out: wp.array2d(dtype=wp.float32),
+    parts_out: wp.array3d(dtype=wp.float64),
+):
+    """Keep the direction and its image, of length one, and go along it; squares of the residual that is left."""
+    c, env = wp.tid()
+    if active[env] == 0:
+        return
+    length = wp.sqrt(sums[0, env])
+    scale, step = single(real(1.0) / length), single(sums[1, env] / length)
+    square = real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
+        z, q = scale * direction[i, env], scale * image[i, env]
+        directions_out[count[0], i, env] = z
+        images_out[count[0], i, env] = q
+        x_out[i, env] = x_out[i, env] + step * z
+        r = residual_out[i, env] - step * q
+        residual_out[i, env] = r
+        square += real(r * r)
+    parts_out[0, c, env] = square
+
+
+@wp.kernel
+def count_kernel(count_out: wp.array(dtype=wp.int32), going_out: wp.array(dtype=wp.int32)):
+    count_out[0] = count_out[0] + 1
+    going_out[0] = 0
+
+
+@wp.kernel
+def judge_kernel(
+    squares: wp.array2d(dtype=wp.float64),
+    tolerance: real,
+    count: wp.array(dtype=wp.int32),
+    size: wp.int32,
+    # outputs
+    found_out: wp.array2d(dtype=wp.float64),
+    active_out: wp.array(dtype=wp.int32),
+    going_out: wp.array(dtype=wp.int32),
+):
+    """Rows of ``found_out``: iterations, relative residual. A system that has broken down is not solved any further."""
+    env = wp.tid()
+    if active_out[env] == 0:
+        return
+    relative = wp.sqrt(squares[0, env])
+    sound = wp.isfinite(relative)
+    found_out[0, env] = real(count[0])
+    found_out[1, env] = wp.where(sound, relative, real(wp.inf))
+    if not sound or relative <= tolerance:
+        active_out[env] = 0
+    elif count[0] < size:
+        wp.atomic_max(going_out, 0, 1)
+
+
+@wp.kernel
+def end_kernel(
+    x: wp.array2d(dtype=wp.float32),
+    squares: wp.array2d(dtype=wp.float64),
+    # outputs
+    x_out: wp.array2d(dtype=wp.float64),
+):
+    i, env = wp.tid()
+    x_out[i, env] = wp.sqrt(squares[0, env]) * real(x[i, env])
+
+
+def chunks(n: int) -> int:
+    return -(-n // CHUNK)
+
+
+class Dots:
+    """Inner products of pairs of vectors (n, env), which stay on the device as ``values`` (1, env)."""
+
+    def __init__(self, n: int, n_env: int, device):
+        self._parts = wp.zeros((1, chunks(n), n_env), dtype=wp.float64, device=device)
+        self.values = wp.zeros((1, n_env), dtype=wp.float64, device=device)
+
+    def __call__(self, a, b):
+        _, sections, n_env = self._parts.shape
+        wp.launch(dots_kernel, dim=(sections, n_env), inputs=[a, b], outputs=[self._parts], device=a.device)
+        wp.launch(sum_kernel, dim=(1, n_env), inputs=[self._parts], outputs=[self.values], device=a.device)
+        return self.values
 
 
 def dots(a, b) -> np.ndarray:
-    """Inner products (k, env) of the k vectors a (k, n, env) with b (n, env)."""
-    k, n, n_env = a.shape
-    out = wp.zeros((k, n_env), dtype=wp.float64, device=b.device)
-    chunks = -(-n // CHUNK)
-    wp.launch(dots_kernel, dim=(k, chunks, n_env), inputs=[a, b, CHUNK], outputs=[out], device=b.device)
-    return out.numpy().copy()
+    """Inner products (env,) of a and b (n, env)."""
+    return Dots(*a.shape, a.device)(a, b).numpy()[0].copy()
 
 
 def norms(x) -> np.ndarray:
     """Euclidean norms (env,) of x (n, env)."""
-    return np.sqrt(dots(x.reshape((1, *x.shape)), x)[0])
+    return np.sqrt(dots(x, x))
 
 
-def combine(basis, coefficients: np.ndarray, x_out):
-    """x_out += coefficients (k, env) times the first k vectors of the basis."""
-    values = wp.array(np.ascontiguousarray(coefficients), dtype=wp.float64, device=x_out.device)
-    wp.launch(combine_kernel, dim=x_out.shape, inputs=[basis, values], outputs=[x_out], device=x_out.device)
-
-
-def scale(x, factor: np.ndarray, x_out):
+def combine(step, factor: np.ndarray, x_out):
+    """x_out += factor (env,) times step."""
     values = wp.array(factor, dtype=wp.float64, device=x_out.device)
-    wp.launch(scale_kernel, dim=x_out.shape, inputs=[x, values], outputs=[x_out], device=x_out.device)
+    wp.launch(combine_kernel, dim=x_out.shape, inputs=[step, values], outputs=[x_out], device=x_out.device)
 
 
 def copy_environments(source: wp.array, environments: np.ndarray, out: wp.array):
@@ -89,57 +256,68 @@ def copy_environments(source: wp.array, environments: np.ndarray, out: wp.array)
         out.assign(values)
 
 
-class Gmres:
-    """Work space for systems of ``n`` unknowns in ``n_env`` environments; at most ``size`` basis vectors."""
+class ConjugateResiduals:
+    """Work space for systems of ``n`` unknowns, one for each environment; at most ``size`` iterations.
 
-    def __init__(self, n: int, n_env: int, size: int, device):
-        self.size, self.n_env = size, n_env
-        self.basis = wp.zeros((size + 1, n, n_env), dtype=wp.float64, device=device)
-        self.directions = wp.zeros((size, n, n_env), dtype=wp.float64, device=device)
+    ``active`` (env,) int32 on the device says which environments take part: operator and preconditioner read it too.
+    """
 
-    def solve(self, operator, preconditioner, b, x_out, tolerance: float, active: np.ndarray):
+    def __init__(self, n: int, size: int, device, active):
+        self.size, self.device, self.active, self.n_env = size, device, active, active.shape[0]
+
+        def array(shape, dtype):
+            return wp.zeros(shape, dtype=dtype, device=device)
+
+        self._directions, self._images = (array((size, n, self.n_env), wp.float32) for _ in range(2))
+        self._residual, self._direction, self._image, self._x = (array((n, self.n_env), wp.float32) for _ in range(4))
+        self._parts = array((max(size, 2), chunks(n), self.n_env), wp.float64)
+        self._sums = array((max(size, 2), self.n_env), wp.float64)
+        self._square = Dots(n, self.n_env, device)
+        self._found = array((2, self.n_env), wp.float64)
+        self._count, self._going = array(1, wp.int32), array(1, wp.int32)
+
+    def _launch(self, kernel, dim, inputs, outputs):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+
+    def solve(self, operator, preconditioner, b, x_out, tolerance: float):
         """Solve ``operator x = b`` until the residual is ``tolerance`` times b in every active environment.
 
-        ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``. Returns the iterations and the relative
-        residuals (env,), infinite where the system broke down; the caller judges those that missed the tolerance.
+        ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``. ``active`` is used up: it ends with the
+        environments that missed the tolerance. Returns iterations (env,) and relative residuals (env,), infinite where
+        the system broke down; the caller judges those that missed the tolerance.
         """
-        V, Z, n_env = self.basis, self.directions, self.n_env
-        beta = norms(b)
-        live = active & (beta > 0.0) & np.isfinite(beta)
-        safe = np.where(beta > 0.0, beta, 1.0)
-        scale(b, np.where(live, 1.0 / safe, 0.0), V[0])
-        H = np.zeros((self.size + 1, self.size, n_env))
-        cosine, sine = np.zeros((2, self.size, n_env))
-        rhs = np.zeros((self.size + 1, n_env))
-        rhs[0] = np.where(live, beta, 0.0)
-        used = 0
-        residual = np.where(live, 1.0, 0.0)
-        while used < self.size and np.nanmax(residual) > tolerance:
-            j = used
-            preconditioner(V[j], Z[j])
-            operator(Z[j], V[j + 1])
-            column = dots(V[: j + 1], V[j + 1])
-            combine(V[: j + 1], -column, V[j + 1])
-            H[: j + 1, j] = column
-            length = norms(V[j + 1])
-            H[j + 1, j] = length
-            scale(V[j + 1], np.where(length > 0.0, 1.0 / np.where(length > 0.0, length, 1.0), 0.0), V[j + 1])
-            for i in range(j):
-                upper, lower = H[i, j].copy(), H[i + 1, j].copy()
-                H[i, j] = cosine[i] * upper + sine[i] * lower
-                H[i + 1, j] = -sine[i] * upper + cosine[i] * lower
-            hypotenuse = np.hypot(H[j, j], H[j + 1, j])
-            hypotenuse[hypotenuse == 0.0] = 1.0
-            cosine[j], sine[j] = H[j, j] / hypotenuse, H[j + 1, j] / hypotenuse
-            H[j, j], H[j + 1, j] = hypotenuse, 0.0
-            rhs[j + 1] = -sine[j] * rhs[j]
-            rhs[j] = cosine[j] * rhs[j]
-            residual = np.abs(rhs[j + 1]) / safe * live
-            used += 1
-        y = np.zeros((used, n_env))
-        for i in reversed(range(used)):
-            y[i] = (rhs[i] - np.einsum("ke,ke->e", H[i, i + 1 : used], y[i + 1 :])) / H[i, i]
-        x_out.zero_()
-        if used:
-            combine(Z[:used], y, x_out)
-        return used, np.where(np.isfinite(residual) & np.isfinite(beta), residual, np.inf)
+        whole, sections = b.shape, (chunks(b.shape[0]), self.n_env)
+        squares = self._square(b, b)
+        self._launch(begin_kernel, whole, [b, squares], [self._residual])
+        self._x.zero_()
+        self._count.zero_()
+        self._found.zero_()
+        size = np.sqrt(squares.numpy()[0])
+        self.active.assign(np.where(size > 0.0, self.active.numpy(), 0).astype(np.int32))
+        self._going.fill_(1)
+
+        def iterate():
+            preconditioner(self._residual, self._direction)
+            operator(self._direction, self._image)
+            self._advance(whole, sections, tolerance)
+
+        wp.capture_while(self._going, iterate)
+        self._launch(end_kernel, whole, [self._x, squares], [x_out])
+        iterations, relative = self._found.numpy()
+        return iterations.astype(int), np.where(np.isfinite(size), relative, np.inf)
+
+    def _advance(self, whole, sections, tolerance: float):
+        """From the new direction and its image to the next residual."""
+        every, count, active = (self.size, *sections), self._count, self.active
+        self._launch(project_kernel, every, [self._images, self._image, count, active], [self._parts])
+        self._launch(sum_kernel, (self.size, self.n_env), [self._parts], [self._sums])
+        inputs = [self._directions, self._images, self._sums, count, active]
+        self._launch(orthogonalize_kernel, whole, inputs, [self._direction, self._image])
+        self._launch(measure_kernel, sections, [self._residual, self._image, active], [self._parts])
+        self._launch(sum_kernel, (2, self.n_env), [self._parts], [self._sums])
+        outputs = [self._directions, self._images, self._x, self._residual, self._parts]
+        self._launch(advance_kernel, sections, [self._direction, self._image, self._sums, count, active], outputs)
+        self._launch(sum_kernel, (1, self.n_env), [self._parts], [self._sums])
+        self._launch(count_kernel, 1, [], [count, self._going])
+        inputs = [self._sums, tolerance, count, self.size]
+        self._launch(judge_kernel, self.n_env, inputs, [self._found, active, self._going])

@@ -16,12 +16,16 @@ displacement block definite in deep presses (as "grad-div" stabilisation does fo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import warp as wp
 
-real = wp.float64
+real = wp.float64  # of states, forces and certificates
 vec3 = wp.vec3d
 mat33 = wp.mat33d
+single = wp.float32  # of derivatives and of all that solves linear systems, whose errors Newton's method corrects
+vec3f = wp.vec3f
+mat33f = wp.mat33f
 
 
 @dataclass(frozen=True)
@@ -51,51 +55,57 @@ class NeoHookean:
 
 
 @wp.func
-def cofactor(F: mat33) -> mat33:
+def cofactor(F: Any):
     """cof F = J F^-T: its columns are cross products of the columns of F (no division, defined for J = 0)."""
-    f0 = vec3(F[0, 0], F[1, 0], F[2, 0])
-    f1 = vec3(F[0, 1], F[1, 1], F[2, 1])
-    f2 = vec3(F[0, 2], F[1, 2], F[2, 2])
+    f0 = wp.vector(F[0, 0], F[1, 0], F[2, 0])
+    f1 = wp.vector(F[0, 1], F[1, 1], F[2, 1])
+    f2 = wp.vector(F[0, 2], F[1, 2], F[2, 2])
     return wp.matrix_from_cols(wp.cross(f1, f2), wp.cross(f2, f0), wp.cross(f0, f1))
 
 
 @wp.func
-def first_piola(F: mat33, cof: mat33, J: real, p: real, mu: real, gamma: real) -> mat33:
-    """dpsi/dF = mu (F - F^-T) + (gamma (J - 1) + p) cof F."""
-    return mu * F + (gamma * (J - real(1.0)) + p - mu / J) * cof
+def volumetric_stress(J: Any, p: Any, gamma: Any):
+    """gamma (J - 1) + p."""
+    return gamma * (J - type(J)(1.0)) + p
 
 
 @wp.func
-def tangent_transposed(J: real, p: real, mu: real, gamma: real) -> real:
+def first_piola(F: Any, cof: Any, metric: Any, J: Any, p: Any, mu: Any, gamma: Any):
+    """dpsi/dF = mu (F - F^-T) + (gamma (J - 1) + p) cof F, with metric = mu I.
+
+    In other coordinates xi of the rest shape, with g = dxi/dX and F_xi = dx/dxi, the same formula holds for the stress
+    that does work on derivatives by xi, with mu g g^T and cof F g^T = cof F_xi / det (dX/dxi).
+    """
+    return F * metric + (volumetric_stress(J, p, gamma) - mu / J) * cof
+
+
+@wp.func
+def tangent_transposed(J: Any, p: Any, mu: Any, gamma: Any):
     """Coefficient alpha of ``cof dF^T cof`` in dP; see :func:`first_piola_increment`."""
-    return mu / (J * J) - (gamma * (J - real(1.0)) + p) / J
+    return (mu / J - volumetric_stress(J, p, gamma)) / J
 
 
 @wp.func
-def tangent_volumetric(J: real, p: real, gamma: real) -> real:
+def tangent_volumetric(J: Any, p: Any, gamma: Any):
     """Coefficient beta of ``(cof : dF) cof`` in dP; see :func:`first_piola_increment`."""
-    return gamma + (gamma * (J - real(1.0)) + p) / J
+    return gamma + volumetric_stress(J, p, gamma) / J
 
 
 @wp.func
-def first_piola_increment(dF: mat33, cof: mat33, metric: mat33, alpha: real, beta: real, dp: real) -> mat33:
-    """dP = dF metric + alpha cof dF^T cof + (beta cof : dF + dp) cof, with metric = mu I.
+def first_piola_increment(dF: Any, cof: Any, metric: Any, alpha: Any, beta: Any, dp: Any):
+    """dP = dF metric + alpha cof dF^T cof + (beta cof : dF + dp) cof, with metric as in :func:`first_piola`.
 
-    From d(F^-T) = -F^-T dF^T F^-T and d(cof F) = ((cof : dF) cof - cof dF^T cof) / J. In other coordinates xi of the
-    rest shape, with g = dxi/dX, the same formula holds for derivatives by xi, with cof g^T and mu g g^T.
+    From d(F^-T) = -F^-T dF^T F^-T and d(cof F) = ((cof : dF) cof - cof dF^T cof) / J.
     """
     return dF * metric + alpha * (cof * wp.transpose(dF) * cof) + (beta * wp.ddot(cof, dF) + dp) * cof
 
 
 @wp.func
-def tangent_block(ga: vec3, gb: vec3, cof: mat33, metric: mat33, alpha: real, beta: real) -> mat33:
+def tangent_block(ga: Any, gb: Any, cof: Any, metric: Any, alpha: Any, beta: Any):
     """What node b's displacement does to node a's force, by the gradients of their shape functions.
 
     (ga . metric gb) I + alpha hb ha^T + beta ha hb^T with h = cof g, from :func:`first_piola_increment`.
     """
     ha, hb = cof * ga, cof * gb
-    return (
-        wp.dot(ga, metric * gb) * wp.identity(n=3, dtype=wp.float64)
-        + alpha * wp.outer(hb, ha)
-        + beta * wp.outer(ha, hb)
-    )
+    plain = wp.dot(ga, metric * gb)
+    return wp.diag(wp.vector(plain, plain, plain)) + alpha * wp.outer(hb, ha) + beta * wp.outer(ha, hb)

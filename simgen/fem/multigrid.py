@@ -18,8 +18,8 @@ import scipy.sparse as sparse
 import warp as wp
 
 from .aggregation import coarse_space, dense_inverse, largest_eigenvalue
-from .material import mat33, real
-from .operator import Elasticity, load_vec3
+from .material import mat33f, single, vec3f
+from .operator import Elasticity
 from .pattern import BlockPattern, corners_to_nodes
 
 wp.set_module_options({"enable_backward": False})
@@ -46,46 +46,53 @@ def chebyshev(largest: float, steps: int, spread: float) -> list[tuple[float, fl
 
 @wp.kernel
 def invert_kernel(
+    blocks: wp.array2d(dtype=mat33f),
+    diagonal: wp.array(dtype=wp.int32),
     held: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=mat33),
+    inverse_out: wp.array2d(dtype=mat33f),
 ):
-    """Invert the 3 x 3 blocks in place; rows and columns of what is held become zero."""
+    """Invert the diagonal blocks; rows and columns of what is held become zero."""
     node, env = wp.tid()
     if active[env] == 0:
         return
-    K = blocks_out[node, env]
+    K = blocks[diagonal[node], env]
     for i in range(3):
         if held[3 * node + i] == 1:
             for j in range(3):
-                K[i, j] = real(0.0)
-                K[j, i] = real(0.0)
-            K[i, i] = real(1.0)
+                K[i, j] = 0.0
+                K[j, i] = 0.0
+            K[i, i] = 1.0
     K = wp.inverse(K)
     for i in range(3):
         if held[3 * node + i] == 1:
-            K[i, i] = real(0.0)
-    blocks_out[node, env] = K
+            K[i, i] = 0.0
+    inverse_out[node, env] = K
+
+
+@wp.func
+def load(x: wp.array2d(dtype=wp.float32), node: wp.int32, env: wp.int32) -> vec3f:
+    return vec3f(x[3 * node, env], x[3 * node + 1, env], x[3 * node + 2, env])
 
 
 @wp.kernel
 def smooth_kernel(
-    inverse: wp.array2d(dtype=mat33),
-    residual: wp.array2d(dtype=wp.float64),
-    keep: real,
-    step: real,
+    inverse: wp.array2d(dtype=mat33f),
+    residual: wp.array2d(dtype=wp.float32),
+    keep: single,
+    step: single,
     active: wp.array(dtype=wp.int32),
     # outputs
-    direction_out: wp.array2d(dtype=wp.float64),
-    x_out: wp.array2d(dtype=wp.float64),
+    direction_out: wp.array2d(dtype=wp.float32),
+    x_out: wp.array2d(dtype=wp.float32),
 ):
     node, env = wp.tid()
     if active[env] == 0:
         return
-    d = step * (inverse[node, env] * load_vec3(residual, node, env))
-    if keep != real(0.0):
-        d += keep * load_vec3(direction_out, node, env)
+    d = step * (inverse[node, env] * load(residual, node, env))
+    if keep != 0.0:
+        d += keep * load(direction_out, node, env)
     for i in range(3):
         direction_out[3 * node + i, env] = d[i]
         x_out[3 * node + i, env] = x_out[3 * node + i, env] + d[i]
@@ -93,10 +100,10 @@ def smooth_kernel(
 
 @wp.kernel
 def difference_kernel(
-    a: wp.array2d(dtype=wp.float64),
-    b: wp.array2d(dtype=wp.float64),
+    a: wp.array2d(dtype=wp.float32),
+    b: wp.array2d(dtype=wp.float32),
     # outputs
-    difference_out: wp.array2d(dtype=wp.float64),
+    difference_out: wp.array2d(dtype=wp.float32),
 ):
     i, env = wp.tid()
     difference_out[i, env] = a[i, env] - b[i, env]
@@ -106,19 +113,19 @@ def difference_kernel(
 def blocks_residual_kernel(
     row_starts: wp.array(dtype=wp.int32),
     columns: wp.array(dtype=wp.int32),
-    blocks: wp.array2d(dtype=mat33),
-    x: wp.array2d(dtype=wp.float64),
-    b: wp.array2d(dtype=wp.float64),
+    blocks: wp.array2d(dtype=mat33f),
+    x: wp.array2d(dtype=wp.float32),
+    b: wp.array2d(dtype=wp.float32),
     active: wp.array(dtype=wp.int32),
     # outputs
-    residual_out: wp.array2d(dtype=wp.float64),
+    residual_out: wp.array2d(dtype=wp.float32),
 ):
     row, env = wp.tid()
     if active[env] == 0:
         return
-    r = load_vec3(b, row, env)
+    r = load(b, row, env)
     for k in range(row_starts[row], row_starts[row + 1]):
-        r -= blocks[k, env] * load_vec3(x, columns[k], env)
+        r -= blocks[k, env] * load(x, columns[k], env)
     for i in range(3):
         residual_out[3 * row + i, env] = r[i]
 
@@ -127,13 +134,13 @@ def blocks_residual_kernel(
 def add_sparse_kernel(
     row_starts: wp.array(dtype=wp.int32),
     columns: wp.array(dtype=wp.int32),
-    values: wp.array(dtype=wp.float64),
-    x: wp.array2d(dtype=wp.float64),
+    values: wp.array(dtype=wp.float32),
+    x: wp.array2d(dtype=wp.float32),
     # outputs
-    y_out: wp.array2d(dtype=wp.float64),
+    y_out: wp.array2d(dtype=wp.float32),
 ):
     row, env = wp.tid()
-    total = real(0.0)
+    total = single(0.0)
     for k in range(row_starts[row], row_starts[row + 1]):
         total += values[k] * x[columns[k], env]
     y_out[row, env] = y_out[row, env] + total
@@ -141,13 +148,13 @@ def add_sparse_kernel(
 
 @wp.kernel
 def dense_kernel(
-    matrix: wp.array2d(dtype=wp.float64),
-    x: wp.array2d(dtype=wp.float64),
+    matrix: wp.array2d(dtype=wp.float32),
+    x: wp.array2d(dtype=wp.float32),
     # outputs
-    y_out: wp.array2d(dtype=wp.float64),
+    y_out: wp.array2d(dtype=wp.float32),
 ):
     row, env = wp.tid()
-    total = real(0.0)
+    total = single(0.0)
     for k in range(matrix.shape[1]):
         total += matrix[row, k] * x[k, env]
     y_out[row, env] = total
@@ -163,7 +170,7 @@ class Transfer:
     @staticmethod
     def _on_device(matrix, device):
         indices = [wp.array(a.astype(np.int32), dtype=wp.int32, device=device) for a in (matrix.indptr, matrix.indices)]
-        return [*indices, wp.array(matrix.data, dtype=wp.float64, device=device)]
+        return [*indices, wp.array(matrix.data, dtype=wp.float32, device=device)]
 
     def prolong(self, x, y_out):
         """y += M x."""
@@ -186,9 +193,9 @@ class CornerCycle:
         faces = [contact.host_faces[:, :3] for contact in contacts]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra[:, :4], faces, device)
         self.held = held[: 3 * n]
-        self._blocks = wp.zeros((self.pattern.n_blocks, n_env), dtype=mat33, device=device)
-        self._inverse = wp.zeros((n, n_env), dtype=mat33, device=device)
-        self._residual, self._direction = (wp.zeros((3 * n, n_env), dtype=wp.float64, device=device) for _ in range(2))
+        self._blocks = wp.zeros((self.pattern.n_blocks, n_env), dtype=mat33f, device=device)
+        self._inverse = wp.zeros((n, n_env), dtype=mat33f, device=device)
+        self._residual, self._direction = (wp.zeros((3 * n, n_env), dtype=wp.float32, device=device) for _ in range(2))
         diagonal = np.repeat(np.arange(n), np.diff(self.pattern.host_row_starts)) == self.pattern.host_columns
         self._diagonal = wp.array(np.flatnonzero(diagonal), dtype=wp.int32, device=device)
         self.update()
@@ -200,8 +207,8 @@ class CornerCycle:
         space = coarse_space(matrix, elasticity.host_nodes[:n], self.held.numpy() == 0, inverse, largest)
         self.space = Transfer(space, device)
         coarse = dense_inverse(space.T @ matrix @ space)
-        self._coarse_inverse = wp.array(coarse, dtype=wp.float64, device=device)
-        self._coarse, self._coarse_x = (wp.zeros((len(coarse), n_env), dtype=wp.float64, device=device) for _ in "rx")
+        self._coarse_inverse = wp.array(coarse, dtype=wp.float32, device=device)
+        self._coarse, self._coarse_x = (wp.zeros((len(coarse), n_env), dtype=wp.float32, device=device) for _ in "rx")
 
     def update(self):
         """Assemble the blocks of the last linearisation."""
@@ -209,8 +216,7 @@ class CornerCycle:
         self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=True)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
             contact.blocks(index, self._blocks, linear=True)
-        wp.copy(self._inverse, self._blocks[self._diagonal])
-        self._launch(invert_kernel, [self.held, self.active], [self._inverse])
+        self._launch(invert_kernel, [self._blocks, self._diagonal, self.held, self.active], [self._inverse])
 
     def _launch(self, kernel, inputs, outputs):
         wp.launch(kernel, dim=self._inverse.shape, inputs=inputs, outputs=outputs, device=self._inverse.device)
@@ -250,12 +256,13 @@ class Multigrid:
         n, n_nodes = len(held), elasticity.n_displacements // 3
 
         def vector(size):
-            return wp.zeros((size, n_env), dtype=wp.float64, device=device)
+            return wp.zeros((size, n_env), dtype=wp.float32, device=device)
 
-        self._inverse = wp.zeros((n_nodes, n_env), dtype=mat33, device=device)
+        self._blocks, self._inverse = (wp.zeros((n_nodes, n_env), dtype=mat33f, device=device) for _ in range(2))
+        self._nodes = wp.array(np.arange(n_nodes), dtype=wp.int32, device=device)
         self._residual, self._action, self._direction = vector(n), vector(n), vector(n)
         self._corner_b, self._corner_x = vector(3 * elasticity.n_corners), vector(3 * elasticity.n_corners)
-        elasticity.linearize(vector(n))
+        elasticity.linearize(wp.zeros((n, n_env), dtype=wp.float64, device=device))
         self.corners = CornerCycle(elasticity, contacts, held)
         self.transfer = Transfer(self._embedding(), device)
         self._invert_diagonal()
@@ -286,10 +293,10 @@ class Multigrid:
         return largest_eigenvalue(apply, n_u)
 
     def _invert_diagonal(self):
-        self._inverse.zero_()
+        self._blocks.zero_()
         for term in (self.elasticity, *self.contacts):
-            term.diagonal(self._inverse)
-        self._launch(invert_kernel, [self.held, self.active], [self._inverse])
+            term.diagonal(self._blocks)
+        self._launch(invert_kernel, [self._blocks, self._nodes, self.held, self.active], [self._inverse])
 
     def update(self):
         """Follow the last linearisation."""

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from .cavity import Cavity
 from .contact import Contact
-from .krylov import Gmres, combine, dots, norms
+from .krylov import ConjugateResiduals, combine, dots, norms
 from .operator import Elasticity
 from .preconditioner import BlockTriangular
 
@@ -92,11 +93,11 @@ PATIENCE = 6  # iterations without a new least residual before an increment is g
 def hold_kernel(
     held: wp.array(dtype=wp.int32),
     # outputs
-    residual_out: wp.array2d(dtype=wp.float64),
+    residual_out: wp.array2d(dtype=Any),
 ):
     i, env = wp.tid()
     if held[i] == 1:
-        residual_out[i, env] = wp.float64(0.0)
+        residual_out[i, env] = residual_out.dtype(0.0)
 
 
 def per_component(held: np.ndarray) -> np.ndarray:
@@ -142,7 +143,7 @@ class NewtonSolver:
         rows[: elasticity.n_displacements] = held.ravel()
         self.held = wp.array(rows, dtype=wp.int32, device=device)
         self.preconditioner = BlockTriangular(elasticity, contacts, cavity, self.held, self._tangent)
-        self.gmres = Gmres(self.n_unknowns, n_env, settings.krylov_size, device)
+        self.krylov = ConjugateResiduals(self.n_unknowns, settings.krylov_size, device, self.active)
         self.x, self._trial, self._residual, self._step = (self.vector() for _ in range(4))
 
     def vector(self):
@@ -186,11 +187,14 @@ class NewtonSolver:
     def _krylov(self, r, active: np.ndarray):
         """Solve the linearised system with the preconditioner of this state, as ``_linear_solve``."""
         tolerance = self.settings.linear_tolerance
+        self.active.assign(active.astype(np.int32))
         singular = np.zeros(self.n_env, dtype=bool)
         singular[self.preconditioner.update(np.flatnonzero(active), self._last_krylov)] = True
-        apply = self.preconditioner.apply
-        used, relative = self.gmres.solve(self._tangent, apply, r, self._step, tolerance, active & ~singular)
-        self._last_krylov[active] = used
+        if singular.any():
+            self.active.assign((active & ~singular).astype(np.int32))
+        used, relative = self.krylov.solve(self._tangent, self.preconditioner.apply, r, self._step, tolerance)
+        self.active.assign(active.astype(np.int32))
+        self._last_krylov = np.where(active, used, self._last_krylov)
         return used, active & (singular | ~(relative <= tolerance))
 
     def update_multipliers(self, write: bool) -> np.ndarray:
@@ -233,7 +237,7 @@ class NewtonSolver:
                 break
             self.active.assign(running.astype(np.int32))
             used, stalled = self._linear_solve(r, running)
-            out.krylov_iterations[running] += used
+            out.krylov_iterations += used
             out.newton_iterations[running] += 1
             out.status[stalled] = Status.LINEAR_SOLVER_STALLED
             running &= ~stalled
@@ -263,7 +267,7 @@ class NewtonSolver:
         usable = np.zeros(self.n_env, dtype=bool)
         for _ in range(MOST_TRIALS):
             wp.copy(self._trial, self.x)
-            combine(self._step.reshape((1, *self._step.shape)), -alpha[None], self._trial)
+            combine(self._step, -alpha, self._trial)
             r, _, min_det = self.forces(self._trial)
             self._trial_det = min_det
             usable = (min_det > LEAST_DETERMINANT) & (norms(r) <= MOST_GROWTH * size)
@@ -285,4 +289,4 @@ class NewtonSolver:
     def _work(self, r) -> np.ndarray:
         """Virtual work (env,) of forces r along the Newton step."""
         n_u = self.elasticity.n_displacements
-        return dots(r[:n_u].reshape((1, n_u, self.n_env)), self._step[:n_u])[0]
+        return dots(r[:n_u], self._step[:n_u])

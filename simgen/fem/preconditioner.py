@@ -15,8 +15,8 @@ import numpy as np
 import warp as wp
 
 from .factor import SparseFactor
-from .krylov import dots
-from .material import real
+from .krylov import Dots
+from .material import single
 from .multigrid import Multigrid
 
 wp.set_module_options({"enable_backward": False})
@@ -24,11 +24,11 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def pressures_kernel(
-    schur: wp.array(dtype=wp.float64),
-    r: wp.array2d(dtype=wp.float64),
+    schur: wp.array(dtype=wp.float32),
+    r: wp.array2d(dtype=wp.float32),
     n_displacements: wp.int32,
     # outputs
-    z_out: wp.array2d(dtype=wp.float64),
+    z_out: wp.array2d(dtype=wp.float32),
 ):
     i, env = wp.tid()
     row = n_displacements + i
@@ -36,18 +36,34 @@ def pressures_kernel(
 
 
 @wp.kernel
-def border_kernel(
-    response: wp.array2d(dtype=wp.float64),
-    pressure: wp.array(dtype=wp.float64),
-    row: wp.int32,
+def free_part_kernel(
+    gradient: wp.array2d(dtype=wp.float64),
+    held: wp.array(dtype=wp.int32),
     # outputs
-    z_out: wp.array2d(dtype=wp.float64),
+    free_out: wp.array2d(dtype=wp.float32),
 ):
     i, env = wp.tid()
+    free_out[i, env] = wp.where(held[i] == 0, single(gradient[i, env]), single(0.0))
+
+
+@wp.kernel
+def border_kernel(
+    response: wp.array2d(dtype=wp.float32),
+    stiffness: wp.array2d(dtype=wp.float64),
+    along: wp.array2d(dtype=wp.float64),
+    r: wp.array2d(dtype=wp.float32),
+    row: wp.int32,
+    # outputs
+    z_out: wp.array2d(dtype=wp.float32),
+):
+    i, env = wp.tid()
+    pressure = single(0.0)
+    if stiffness[0, env] != wp.float64(0.0):
+        pressure = single((along[0, env] - wp.float64(r[row, env])) / stiffness[0, env])
     if i == row:
-        z_out[i, env] = pressure[env]
+        z_out[i, env] = pressure
     else:
-        z_out[i, env] = z_out[i, env] - pressure[env] * response[i, env]
+        z_out[i, env] = z_out[i, env] - pressure * response[i, env]
 
 
 class BlockTriangular:
@@ -66,13 +82,14 @@ class BlockTriangular:
             self.multigrid = Multigrid(elasticity, contacts, held, tangent)
             m = elasticity.material
             schur = (1.0 / (m.mu + m.gamma) + m.pressure_compliance) * elasticity.pressure_mass
-            self._schur = wp.array(schur, dtype=wp.float64, device=device)
+            self._schur = wp.array(schur, dtype=wp.float32, device=device)
         else:
             self.factor = self._make_factor()
         self._factored = self.multigrid is None
         if cavity is not None:
             shape = (len(held), n_env)
-            self._gradient, self._response = (wp.zeros(shape, dtype=real, device=device) for _ in range(2))
+            self._gradient, self._response = (wp.zeros(shape, dtype=wp.float32, device=device) for _ in range(2))
+            self._stiffness, self._along = (Dots(*shape, device) for _ in range(2))
             self._held = held
 
     def forget(self):
@@ -99,22 +116,17 @@ class BlockTriangular:
         else:
             self.multigrid.update()
         if self.cavity is not None:
-            n_u = self.elasticity.n_displacements
-            free = (self._held.numpy()[:n_u] == 0)[:, None]
-            self._gradient[:n_u].assign(np.where(free, self.cavity.gradient.numpy(), 0.0))
+            gradient = self.cavity.gradient  # no larger than the displacements: the rows below them stay zero
+            inputs, outputs = [gradient, self._held], [self._gradient]
+            wp.launch(free_part_kernel, dim=gradient.shape, inputs=inputs, outputs=outputs, device=gradient.device)
             self._response.zero_()
             self._displacements.apply(self._gradient, self._response)
-            self._stiffness = self._along_gradient(self._response)
+            self._stiffness(self._gradient, self._response)
         return singular
 
     @property
     def _displacements(self) -> Multigrid | SparseFactor:
         return self.factor if self._factored else self.multigrid
-
-    def _along_gradient(self, z) -> np.ndarray:
-        """g . z (env,)."""
-        n_u = self.elasticity.n_displacements
-        return dots(z[:n_u].reshape((1, n_u, z.shape[1])), self._gradient[:n_u])[0]
 
     def apply(self, r, z_out):
         """z = M^-1 r."""
@@ -125,8 +137,6 @@ class BlockTriangular:
             wp.launch(pressures_kernel, dim=(n_p, r.shape[1]), inputs=inputs, outputs=[z_out], device=r.device)
         self._displacements.apply(r, z_out)
         if self.cavity is not None:
-            row = self.cavity.row
-            missing = self._along_gradient(z_out) - r.numpy()[row]
-            pressure = missing / np.where(self._stiffness == 0.0, np.inf, self._stiffness)
-            inputs = [self._response, wp.array(pressure, dtype=wp.float64, device=r.device), row]
+            along = self._along(self._gradient, z_out)
+            inputs = [self._response, self._stiffness.values, along, r, self.cavity.row]
             wp.launch(border_kernel, dim=r.shape, inputs=inputs, outputs=[z_out], device=r.device)

@@ -30,13 +30,13 @@ class DeadLoad:
     host_faces = np.zeros((0, 6), dtype=np.int32)
 
     def __init__(self, forces: np.ndarray, n_unknowns: int, device: str):
-        column = np.zeros((1, n_unknowns, 1))
-        column[0, : forces.size, 0] = forces.ravel()
+        column = np.zeros((n_unknowns, 1))
+        column[: forces.size, 0] = forces.ravel()
         self._forces = wp.array(column, dtype=wp.float64, device=device)
         self.share = 1.0
 
     def residual(self, x, residual_out):
-        combine(self._forces, np.array([[-self.share]]), residual_out)
+        combine(self._forces, np.array([-self.share]), residual_out)
 
     def linearize(self, x):
         pass
@@ -121,7 +121,7 @@ def volume_points(mesh: Mesh) -> VolumePoints:
     geometry = tet_geometry(replace(P2P1, quadrature_points=FINE_RULE), mesh.nodes, mesh.tetrahedra)
     shapes = barycentric_p2(tet_rule(FINE_RULE)[0], TET_EDGES)
     positions = np.einsum("qa,eai->eqi", shapes, mesh.nodes[mesh.tetrahedra])
-    return VolumePoints(positions, geometry.volumes, shapes, geometry.gradients, geometry.pressure_shapes)
+    return VolumePoints(positions, geometry.volumes, shapes, geometry.gradients, geometry.corner_shapes)
 
 
 def body_load(mesh: Mesh, force: Field) -> np.ndarray:

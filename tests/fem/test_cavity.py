@@ -5,13 +5,14 @@ import warp as wp
 from simgen.fem.cavity import Cavity, open_rim
 from simgen.fem.element import P1, P2P1, barycentric_p2_gradient, tet_rule
 from simgen.fem.element import TET_EDGES as EDGES
-from simgen.fem.material import NeoHookean, mat33
+from simgen.fem.material import NeoHookean, mat33f
 from simgen.fem.operator import Elasticity
 from simgen.fem.pattern import BlockPattern
 from simgen.fem.preconditioner import BlockTriangular
 
 from .box import box
 
+SINGLE = 2e-6  # relative: the tangent's rounding, 6e-8 for each of some hundred operations
 NOTHING_HELD = np.zeros(1000, dtype=bool)
 
 
@@ -41,9 +42,9 @@ def residual(term, x):
 
 
 def action(term, x, v):
-    out = wp.zeros(v.shape, dtype=wp.float64, device="cpu")
+    out = wp.zeros(v.shape, dtype=wp.float32, device="cpu")
     term.linearize(x)
-    term.tangent(v, out)
+    term.tangent(wp.array(v.numpy(), dtype=wp.float32, device="cpu"), out)
     return out.numpy()[:, 0]
 
 
@@ -101,12 +102,12 @@ def test_tangent_against_finite_differences(element):
     exact = action(term, state(x), state(v))
     for rows in (slice(0, -1), slice(-1, None)):
         error = {}
-        for h in (1e-2, 1e-3, 1e-4):
+        for h in (1e-1, 1e-2, 1e-4):
             difference = (residual(term, state(x + h * v)) - residual(term, state(x - h * v)))[:, 0] / (2 * h)
             error[h] = np.linalg.norm((difference - exact)[rows]) / np.linalg.norm(exact[rows])
         # The forces are quadratic in u, so that central differences of them are exact up to p_c u^2.
-        assert error[1e-2] / error[1e-3] == pytest.approx(100.0, rel=0.01)
-        assert error[1e-4] < 1e-6
+        assert error[1e-1] / error[1e-2] == pytest.approx(100.0, rel=0.01)
+        assert error[1e-4] < SINGLE
 
 
 def test_tangent_of_a_closed_surface_is_symmetric():
@@ -114,7 +115,7 @@ def test_tangent_of_a_closed_surface_is_symmetric():
     rng = np.random.default_rng(2)
     x = state(0.1 * rng.normal(size=nodes.shape), 0.4)
     v, w = rng.normal(size=(2, 3 * len(nodes) + 1))
-    assert w @ action(term, x, state(v)) == pytest.approx(v @ action(term, x, state(w)), rel=1e-11)
+    assert w @ action(term, x, state(v)) == pytest.approx(v @ action(term, x, state(w)), rel=SINGLE)
 
 
 def test_the_gradient_is_the_row_and_the_column_of_the_pressure():
@@ -125,8 +126,8 @@ def test_the_gradient_is_the_row_and_the_column_of_the_pressure():
     row = action(term, x, state(v, 0.0))[-1]
     column = action(term, x, state(np.zeros_like(v), 1.0))[:-1]
     gradient = term.gradient.numpy()[:, 0]
-    assert gradient @ v == pytest.approx(row, rel=1e-12)
-    np.testing.assert_allclose(column, gradient, atol=1e-13)
+    assert gradient @ v == pytest.approx(row, rel=SINGLE)
+    np.testing.assert_allclose(column, gradient, atol=SINGLE * np.abs(gradient).max())
 
 
 @pytest.mark.parametrize("element", [P1, P2P1])
@@ -136,11 +137,11 @@ def test_blocks_are_the_displacement_part_of_the_tangent(element):
     pattern = BlockPattern(n, tets, [term.host_faces], "cpu")
     rng = np.random.default_rng(4)
     x, v = state(0.1 * rng.normal(size=(n, 3)), 0.4), rng.normal(size=3 * n)
-    blocks = wp.zeros((pattern.n_blocks, 1), dtype=mat33, device="cpu")
+    blocks = wp.zeros((pattern.n_blocks, 1), dtype=mat33f, device="cpu")
     whole = action(term, x, state(v, 0.0))[:-1]
     term.blocks(pattern.face_index[0], blocks, linear=False)
     matrix = pattern.matrix(blocks.numpy()[:, 0])
-    np.testing.assert_allclose(matrix @ v, whole, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(matrix @ v, whole, rtol=0, atol=SINGLE * np.abs(whole).max())
 
 
 def test_a_solid_in_a_liquid_is_under_its_pressure():
@@ -198,10 +199,10 @@ def test_a_rim_that_slides_in_planes_of_symmetry_is_as_good_as_closed():
     free = np.append(~held.ravel(), True)
     x = np.where(free, 0.1 * rng.normal(size=len(free)), 0.0)
     v, w = (np.where(free, rng.normal(size=len(free)), 0.0) for _ in range(2))
-    assert w @ action(term, state(x), state(v)) == pytest.approx(v @ action(term, state(x), state(w)), rel=1e-11)
+    assert w @ action(term, state(x), state(v)) == pytest.approx(v @ action(term, state(x), state(w)), rel=SINGLE)
     h = 1e-4
     difference = (residual(term, state(x + h * v))[-1, 0] - residual(term, state(x - h * v))[-1, 0]) / (2 * h)
-    assert action(term, state(x), state(v))[-1] == pytest.approx(difference, rel=1e-6)
+    assert action(term, state(x), state(v))[-1] == pytest.approx(difference, rel=SINGLE)
 
 
 @pytest.mark.parametrize("element", [P1, P2P1])
@@ -235,12 +236,12 @@ def test_the_preconditioner_eliminates_the_pressure_of_the_liquid(element):
     liquid.linearize(x)
     assert len(made.update(np.array([0]), np.array([0]))) == 0
     v = np.where(fixed == 1, 0.0, rng.normal(size=len(fixed)))
-    force, found = (wp.zeros((len(fixed), 1), dtype=wp.float64, device="cpu") for _ in range(2))
-    tangent(wp.array(v[:, None], dtype=wp.float64, device="cpu"), force)
+    force, found = (wp.zeros((len(fixed), 1), dtype=wp.float32, device="cpu") for _ in range(2))
+    tangent(wp.array(v[:, None], dtype=wp.float32, device="cpu"), force)
     made.apply(force, found)
     z = found.numpy()[:, 0]
     swept = liquid.gradient.numpy()[:, 0] @ z[: held.size]
-    assert swept == pytest.approx(force.numpy()[-1, 0], rel=1e-10)
+    assert swept == pytest.approx(force.numpy()[-1, 0], rel=SINGLE)
     assert abs(z[-1]) > 1e-3
     if element is P1:
         assert np.linalg.norm(z - v) < 1e-3 * np.linalg.norm(v)  # single precision

@@ -31,10 +31,11 @@ def evaluate(
     i = wp.tid()
     J = wp.determinant(F[i])
     cof = cofactor(F[i])
-    P_out[i] = first_piola(F[i], cof, J, p, mu, gamma)
+    metric = mu * wp.identity(n=3, dtype=wp.float64)
+    P_out[i] = first_piola(F[i], cof, metric, J, p, mu, gamma)
     alpha = tangent_transposed(J, p, mu, gamma)
     beta = tangent_volumetric(J, p, gamma)
-    dP_out[i] = first_piola_increment(dF[i], cof, mu * wp.identity(n=3, dtype=wp.float64), alpha, beta, dp)
+    dP_out[i] = first_piola_increment(dF[i], cof, metric, alpha, beta, dp)
 
 
 def stress(F, dF=None, p=P, dp=0.0, mu=MU, gamma=GAMMA):

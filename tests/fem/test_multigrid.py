@@ -12,7 +12,7 @@ import warp as wp
 
 from simgen.fem.aggregation import SMALL, coarse_space, largest_eigenvalue, rigid_motions
 from simgen.fem.element import P2P1
-from simgen.fem.krylov import Gmres
+from simgen.fem.krylov import ConjugateResiduals
 from simgen.fem.material import NeoHookean
 from simgen.fem.multigrid import CORNER_SPREAD, CORNER_STEPS, MARGIN, chebyshev
 from simgen.fem.operator import Elasticity
@@ -57,13 +57,15 @@ class Block:
         out.assign(np.where(self.held, 0.0, out.numpy()))
 
     def iterations(self) -> int:
-        """Of GMRES to 1e-6."""
+        """Of the Krylov solver, to 1e-6."""
         b, x = (wp.zeros((self.n, 1), dtype=wp.float64, device="cpu") for _ in range(2))
         b.assign(self.load[:, None])
-        gmres = Gmres(self.n, 1, 60, "cpu")
-        used, residual = gmres.solve(self.tangent, self.preconditioner.apply, b, x, 1e-6, np.ones(1, dtype=bool))
+        self.body.active.fill_(1)
+        krylov = ConjugateResiduals(self.n, 60, "cpu", self.body.active)
+        used, residual = krylov.solve(self.tangent, self.preconditioner.apply, b, x, 1e-6)
+        self.body.active.fill_(1)
         assert residual[0] <= 1e-6
-        return used
+        return used[0]
 
 
 def test_iterations_do_not_grow_with_the_mesh():
@@ -92,12 +94,12 @@ def test_the_preconditioner_is_linear_and_leaves_what_is_held():
     first, second = (np.where(block.held, 0.0, rng.normal(size=(block.n, 1))) for _ in range(2))
 
     def apply(r):
-        z = wp.full((block.n, 1), 7.0, dtype=wp.float64, device="cpu")  # what was there before must not matter
-        block.preconditioner.apply(wp.array(r, dtype=wp.float64, device="cpu"), z)
+        z = wp.full((block.n, 1), 7.0, dtype=wp.float32, device="cpu")  # what was there before must not matter
+        block.preconditioner.apply(wp.array(r, dtype=wp.float32, device="cpu"), z)
         return z.numpy()
 
     both = apply(first) - 2.0 * apply(second)
-    np.testing.assert_allclose(apply(first - 2.0 * second), both, rtol=0, atol=1e-12 * np.abs(both).max())
+    np.testing.assert_allclose(apply(first - 2.0 * second), both, rtol=0, atol=1e-5 * np.abs(both).max())
     assert np.abs(both[block.held]).max() == 0.0
     assert np.abs(both[~block.held]).min() > 0.0
 

@@ -3,10 +3,12 @@ import pytest
 import warp as wp
 
 from simgen.fem.element import P1, P2P1
-from simgen.fem.material import NeoHookean, mat33
+from simgen.fem.material import NeoHookean, mat33f
 from simgen.fem.operator import Elasticity
 
 from .box import box
+
+SINGLE = 2e-6  # relative: the tangent's rounding, 6e-8 for each of some hundred operations
 
 
 def body(element, n_env=1):
@@ -27,10 +29,9 @@ def residual(term, x):
 
 
 def action(term, x, v):
-    out = wp.zeros((len(x), 1), dtype=wp.float64, device="cpu")
-    x, v = (wp.array(a.reshape(-1, 1), dtype=wp.float64, device="cpu") for a in (x, v))
-    term.linearize(x)
-    term.tangent(v, out)
+    out = wp.zeros((len(x), 1), dtype=wp.float32, device="cpu")
+    term.linearize(wp.array(x.reshape(-1, 1), dtype=wp.float64, device="cpu"))
+    term.tangent(wp.array(v.reshape(-1, 1), dtype=wp.float32, device="cpu"), out)
     return out.numpy()[:, 0]
 
 
@@ -42,18 +43,18 @@ def test_tangent_against_finite_differences(element):
     x, v = 0.03 * rng.normal(size=n), rng.normal(size=n)
     exact = action(term, x, v)
     error = {}
-    for h in (1e-3, 1e-4, 1e-6, 1e-12):
+    for h in (1e-2, 1e-3, 1e-5, 1e-13):
         difference = (residual(term, x + h * v)[0] - residual(term, x - h * v)[0])[:, 0] / (2 * h)
         error[h] = np.linalg.norm(difference - exact) / np.linalg.norm(exact)
-    assert error[1e-3] / error[1e-4] == pytest.approx(100.0, rel=0.2)
-    assert error[1e-6] < 1e-8 < error[1e-12]
+    assert error[1e-2] / error[1e-3] == pytest.approx(100.0, rel=0.3)
+    assert error[1e-5] < SINGLE < error[1e-13]
 
 
 def test_tangent_is_symmetric():
     _, term = body(P2P1)
     n = term.n_displacements + term.n_pressures
     x, v, w = np.random.default_rng(1).normal(size=(3, n)) * np.array([[0.03], [1.0], [1.0]])
-    assert w @ action(term, x, v) == pytest.approx(v @ action(term, x, w), rel=1e-11)
+    assert w @ action(term, x, v) == pytest.approx(v @ action(term, x, w), rel=SINGLE)
 
 
 @pytest.mark.parametrize("element", [P1, P2P1])
@@ -77,13 +78,14 @@ def test_the_diagonal_is_that_of_the_tangent():
     nodes, term = body(P2P1)
     n = term.n_displacements + term.n_pressures
     x = 0.03 * np.random.default_rng(2).normal(size=n)
-    diagonal = wp.zeros((len(nodes), 1), dtype=mat33, device="cpu")
+    diagonal = wp.zeros((len(nodes), 1), dtype=mat33f, device="cpu")
     term.linearize(wp.array(x.reshape(-1, 1), dtype=wp.float64, device="cpu"))
     term.diagonal(diagonal)
     for node in (0, len(nodes) // 2, len(nodes) - 1):  # a corner, and middles of edges
         for i in range(3):
             column = action(term, x, np.eye(n)[3 * node + i])[3 * node : 3 * node + 3]
-            np.testing.assert_allclose(diagonal.numpy()[node, 0, :, i], column, rtol=0, atol=1e-13)
+            allowed = SINGLE * np.abs(column).max()
+            np.testing.assert_allclose(diagonal.numpy()[node, 0, :, i], column, rtol=0, atol=allowed)
 
 
 def test_environments_are_independent():
