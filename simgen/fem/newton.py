@@ -60,7 +60,7 @@ class SolverSettings:
 
     residual_tolerance : out-of-balance forces over contact forces (Euclidean norms over nodes)
     contact_tolerance : change that a further multiplier update would make, over the multipliers (L2 norms)
-    linear_tolerance : residual of the linear solve over the out-of-balance forces
+    linear_tolerance : residual of the linear solve over the out-of-balance forces; single precision reaches 1e-5
     volumetric_split : gamma / mu, the part of the bulk stiffness that acts pointwise (see material.py)
     contact_stiffness, friction_stiffness : k edge / E of the augmented Lagrangian, edge of each face (see traction.py)
     max_newton_iterations : per increment; an increment that needs more is halved
