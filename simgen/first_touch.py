@@ -1,4 +1,4 @@
-"""Where an indenter that moves along its axis first meets the rest surface.
+"""Where indenters that move along their axes first meet the rest surface.
 
 Conservative advancement (sphere tracing): a shape moved by its least distance to the surface cannot yet overlap it.
 """
@@ -6,54 +6,126 @@ Conservative advancement (sphere tracing): a shape moved by its least distance t
 from __future__ import annotations
 
 import numpy as np
+import warp as wp
 
-from .distance import RigidShape
+from .distance import RigidShape, probe
 from .fem.element import TRIANGLE_EDGES, barycentric_p2
-from .fem.newton import Status
-from .shape import signed_distance
+from .fem.material import mat33, real, vec3
+from .fem.status import Status
+from .shape import shape_array
+
+wp.set_module_options({"enable_backward": False})
 
 RETREAT_MM = 10.0  # the approach starts this far behind the given pose and ends as far beyond it
 ACCURACY_MM = 1e-6
+CLOSE_MM = 0.02  # faces that are looked at densely: those that come this near to where coarse points touch
+COARSE, FINE = 10, 80  # points on an edge of a face
 
 
-def face_points(nodes: np.ndarray, faces: np.ndarray, subdivisions: int) -> np.ndarray:
-    """Regular points on quadratic (f, 6) or linear (f, 3) faces: (f, points, 3)."""
+@wp.kernel
+def approach_kernel(
+    nodes: wp.array(dtype=vec3),
+    faces: wp.array2d(dtype=wp.int32),
+    points: wp.array2d(dtype=wp.float64),
+    shapes: wp.array(dtype=RigidShape),
+    shape_of: wp.array(dtype=wp.int32),
+    rotation: wp.array(dtype=mat33),
+    origin: wp.array(dtype=vec3),
+    known: wp.array2d(dtype=wp.float64),
+    limit: wp.array(dtype=wp.float64),
+    # outputs
+    of_face_out: wp.array2d(dtype=wp.float64),
+    distance_out: wp.array(dtype=wp.float64),
+):
+    """Least distance of each shape from each face at points with shape functions (point, nodes), and from all faces.
+
+    Faces whose distance is ``known`` (face, press) to be beyond the limit are left out.
+    """
+    f, i = wp.tid()
+    if known[f, i] > limit[i]:
+        return
+    least = real(wp.inf)
+    for q in range(points.shape[0]):
+        position = vec3()
+        for a in range(faces.shape[1]):
+            position += points[q, a] * nodes[faces[f, a]]
+        local = wp.transpose(rotation[i]) * (position - origin[i])
+        least = wp.min(least, probe(shapes[shape_of[i]], local).distance)
+    of_face_out[f, i] = least
+    wp.atomic_min(distance_out, i, least)
+
+
+def dense_shapes(subdivisions: int, linear: bool) -> np.ndarray:
+    """Shape functions (points, 6 or 3) at regular points of a quadratic or linear face."""
     i, j = np.meshgrid(np.arange(subdivisions + 1), np.arange(subdivisions + 1), indexing="ij")
     inside = i + j <= subdivisions
     barycentric = np.stack([i[inside], j[inside], subdivisions - i[inside] - j[inside]], axis=1) / subdivisions
-    shapes = barycentric_p2(barycentric, TRIANGLE_EDGES) if faces.shape[1] == 6 else barycentric
-    return np.einsum("qa,fai->fqi", shapes, nodes[faces])
+    return barycentric if linear else barycentric_p2(barycentric, TRIANGLE_EDGES)
 
 
-def _advance(points: np.ndarray, shape: RigidShape, pose: np.ndarray, travel: float) -> tuple[float, np.ndarray]:
-    """Move the shape along its +y until it touches the points (k, 3); returns the travel and the last distances."""
-    local = (points - pose[:3, 3]) @ pose[:3, :3]
-    axis = np.array([0.0, 1.0, 0.0])
-    while True:
-        distance = signed_distance(shape, local - travel * axis)[0]
-        nearest = float(distance.min())
-        if nearest < ACCURACY_MM or travel > RETREAT_MM:
-            return travel, distance
-        travel += nearest
+class _Approach:
+    """The approach of some shapes to a surface: nodes (n, 3) mm, faces (f, 6 or 3), poses (b, 4, 4) mm."""
+
+    def __init__(self, nodes, faces, shapes: list[RigidShape], poses: np.ndarray, device):
+        self.poses, self.device, b = poses, device, len(poses)
+        linear = faces.shape[1] == 3
+        self._surface = [
+            wp.array(nodes, dtype=vec3, device=device),
+            wp.array(np.ascontiguousarray(faces, dtype=np.int32), dtype=wp.int32, device=device),
+        ]
+        distinct = list({id(shape): shape for shape in shapes}.values())
+        number = {id(shape): i for i, shape in enumerate(distinct)}
+        self._shapes = shape_array(distinct, device)
+        self._shape_of = wp.array([number[id(shape)] for shape in shapes], dtype=wp.int32, device=device)
+        self._rotation = wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device=device)
+        self._points = [wp.array(dense_shapes(n, linear), dtype=wp.float64, device=device) for n in (COARSE, FINE)]
+        self._nothing, self._of_face, self._ignored = (
+            wp.zeros((len(faces), b), dtype=wp.float64, device=device) for _ in range(3)
+        )
+
+    def _distance(self, travel: np.ndarray, going: np.ndarray, fine: bool, limit: np.ndarray) -> np.ndarray:
+        """Least distance (b,) mm from the surface after ``travel`` of those that go."""
+        known, of_face = (self._of_face, self._ignored) if fine else (self._nothing, self._of_face)
+        origin = self.poses[:, :3, 3] + travel[:, None] * self.poses[:, :3, 1]
+        least = wp.full(len(self.poses), np.inf, dtype=wp.float64, device=self.device)
+        limit = wp.array(np.where(going, limit, -np.inf), dtype=wp.float64, device=self.device)
+        inputs = [*self._surface, self._points[fine], self._shapes, self._shape_of, self._rotation]
+        inputs += [wp.array(origin, dtype=vec3, device=self.device), known, limit]
+        wp.launch(approach_kernel, dim=known.shape, inputs=inputs, outputs=[of_face, least], device=self.device)
+        return least.numpy()
+
+    def _advance(self, travel: np.ndarray, going: np.ndarray, fine: bool, limit) -> tuple[np.ndarray, np.ndarray]:
+        """Move those that go (b,) along their +y until they touch; returns travel and last distance (b,)."""
+        travel, going, least = travel.copy(), going.copy(), np.full(len(travel), np.inf)
+        while going.any():
+            least = np.where(going, self._distance(travel, going, fine, limit), least)
+            going &= (least >= ACCURACY_MM) & (travel <= RETREAT_MM)
+            travel[going] += least[going]
+        return travel, least
+
+    def touch(self) -> tuple[np.ndarray, np.ndarray]:
+        """Travel (b,) mm and Status (b,)."""
+        start, everywhere = np.full(len(self.poses), -RETREAT_MM), np.full(len(self.poses), np.inf)
+        travel, least = self._advance(start, np.ones(len(self.poses), dtype=bool), False, everywhere)
+        status = np.full(len(self.poses), int(Status.CONVERGED))
+        status[travel > RETREAT_MM] = Status.NEVER_TOUCHES
+        status[travel == start] = Status.STARTS_INSIDE
+        touches = status == Status.CONVERGED
+        travel, _ = self._advance(np.maximum(travel - CLOSE_MM, start), touches, True, least + CLOSE_MM)
+        return np.where(touches, travel, 0.0), status
 
 
-def first_touch(nodes, faces, shapes: list[RigidShape], poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def first_touch(
+    nodes, faces, shapes: list[RigidShape], poses: np.ndarray, device="cpu", batch: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
     """Travel (b,) mm along each shape's +y axis from its pose (b, 4, 4) mm to first touch, and a Status (b,).
 
-    The surface is sampled on every face, then densely on the faces next to the touch.
+    The surface, nodes (n, 3) mm and faces (f, 6 or 3), is sampled on every face, then densely on the faces next to the
+    touch; ``batch`` shapes at a time.
     """
-    travel, status = np.zeros(len(shapes)), np.full(len(shapes), int(Status.CONVERGED))
-    coarse = face_points(nodes, faces, 10)
-    for env, (shape, pose) in enumerate(zip(shapes, poses, strict=True)):
-        s, distance = _advance(coarse.reshape(-1, 3), shape, pose, -RETREAT_MM)
-        if s == -RETREAT_MM:
-            status[env] = Status.STARTS_INSIDE
-            continue
-        if s > RETREAT_MM:
-            status[env] = Status.NEVER_TOUCHES
-            continue
-        near = distance.reshape(len(faces), -1).min(axis=1)
-        close = near < near.min() + 0.02
-        fine = face_points(nodes, faces[close], 80)
-        travel[env], _ = _advance(fine.reshape(-1, 3), shape, pose, max(s - 0.02, -RETREAT_MM))
-    return travel, status
+    found = [
+        _Approach(nodes, faces, shapes[i : i + batch], poses[i : i + batch], device).touch()
+        for i in range(0, len(shapes), batch)
+    ]
+    travel, status = zip(*found, strict=True)
+    return np.concatenate(travel), np.concatenate(status)

@@ -8,7 +8,7 @@ import numpy as np
 
 from simgen import dataset, pairing, provenance
 from simgen.errors import InputError
-from simgen.fem.newton import Status
+from simgen.fem.status import Status
 from simgen.indenter import load_indenter
 from simgen.job import Job
 from simgen.quiet import check_device

@@ -8,6 +8,7 @@ import warp as wp
 
 from .distance import RigidShape
 from .errors import InputError
+from .fem import columns
 from .fem.cavity import Cavity
 from .fem.contact import Contact
 from .fem.element import ELEMENTS
@@ -15,10 +16,9 @@ from .fem.material import NeoHookean
 from .fem.newton import NewtonSolver, SolverSettings, per_component
 from .fem.operator import Elasticity
 from .fem.pattern import corners_to_nodes
-from .first_touch import face_points
-from .interpolation import deformation_determinants
+from .samples import Samples
 from .sensor import Material, Sensor
-from .shape import sampled_shape, signed_distance
+from .shape import sampled_shape
 from .tetrahedra import interpolation_matrix
 
 MM = 1e3  # millimetres per metre
@@ -57,8 +57,6 @@ class Scene:
         self.core_contact = None
         if sensor.core is not None and len(mesh.facing_core):
             self.core_contact = Contact(kind, self.nodes, mesh.facing_core, k, sensor.core_friction, device, active)
-            self._core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0)
-            self._rest_overlap = max(overlap_of(self.core_contact, self.nodes, self._core, np.eye(4)), 0.0)
         contacts = [c for c in (self.indenter_contact, self.core_contact) if c is not None]
         self.cavity = None
         if fluid != "none":
@@ -68,12 +66,16 @@ class Scene:
             self.cavity = Cavity(kind, self.nodes, mesh.facing_core, held, row, device, active)
         self.solver = NewtonSolver(body, contacts, held, batch, self.settings, self.cavity)
         self.unknowns = self.solver.n_unknowns
-        self._held = held
+        if self.core_contact is not None:
+            core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0)
+            self.core_contact.set_shapes([core], count_overlap_as_touching=self.solver.x)
         # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
-        self._to_output = free @ interpolation_matrix(mesh, sensor.output_mesh.vertices)
+        self.to_output = free @ interpolation_matrix(mesh, sensor.output_mesh.vertices)
         if kind.nodes == 4:
-            self._to_output = self._to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
+            self.to_output = self.to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
+        self.n_vertices = len(sensor.output_mesh.vertices)
+        self.samples = Samples(self)
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:
@@ -101,43 +103,16 @@ class Scene:
         return "the sensor has no cavity"
 
     def reset(self, shapes: list[RigidShape]):
-        """Return to rest with new indenters (one per environment) and forget all that earlier presses left."""
-        solver = self.solver
-        self._shapes = list(shapes)
-        solver.x.zero_()
-        solver.active.fill_(1)
-        solver.preconditioner.forget()
+        """The indenters of all presses to come, of which :meth:`load` puts some into environments."""
         self.indenter_contact.set_shapes(shapes)
-        if self.core_contact is not None:
-            self.core_contact.set_shapes([self._core] * self.batch, count_overlap_as_touching=solver.x)
+        self.load(np.ones(self.batch, dtype=bool), np.zeros(self.batch))
 
-    def overlap(self, env: int, pose: np.ndarray) -> tuple[float, float]:
-        """Deepest overlap with indenter and core, mm, on points denser than the integration's; and over a face's edge.
-
-        pose (4, 4): where the indenter is, mm. What the rest surface and the core overlap does not count.
-        """
-        u = self.solver.x.numpy()[: 3 * len(self.nodes), env].reshape(-1, 3)
-        found = [overlap_of(self.indenter_contact, self.nodes + u, self._shapes[env], pose)]
-        if self.core_contact is not None:
-            found.append(overlap_of(self.core_contact, self.nodes + u, self._core, np.eye(4)) - self._rest_overlap)
-        edges = [contact.edge for contact in (self.indenter_contact, self.core_contact) if contact is not None]
-        return max(found), max(each / edge for each, edge in zip(found, edges, strict=True))
-
-    def inverted_elements(self, env: int) -> int:
-        """Elements with det F <= 0 at one of 20 points; the solver keeps it positive at their quadrature points."""
-        if self.nodes.shape[0] == self.sensor.simulation_mesh.n_corners:
-            return 0  # linear elements: one det F each
-        u = self.solver.x.numpy()[: 3 * len(self.nodes), env].reshape(-1, 3)
-        det = deformation_determinants(self.nodes, self.nodes + u, self.sensor.simulation_mesh.tetrahedra)
-        return int((det <= 0.0).any(axis=1).sum())
-
-    def output_displacement(self, env: int) -> np.ndarray:
-        """Displacement of the output mesh (v, 3), m."""
-        n_u = self.solver.elasticity.n_displacements
-        return self._to_output @ self.solver.x.numpy()[:n_u, env].reshape(-1, 3) / MM
-
-
-def overlap_of(contact: Contact, positions: np.ndarray, shape: RigidShape, pose: np.ndarray) -> float:
-    """How deep the surface's deepest point lies in a shape, mm; negative where they are apart."""
-    points = face_points(positions, contact.host_faces, 6).reshape(-1, 3)
-    return -float(signed_distance(shape, (points - pose[:3, 3]) @ pose[:3, :3])[0].min())
+    def load(self, environments: np.ndarray, shape_of: np.ndarray):
+        """Return environments (env,) bool to rest, each with its indenter (env,), and forget what was there before."""
+        solver = self.solver
+        self.indenter_contact.choose(shape_of)
+        marked = solver.mark(environments)
+        columns.clear(marked, solver.x)
+        for contact in solver.contacts:
+            contact.forget(marked)
+        solver.preconditioner.forget(environments)

@@ -50,11 +50,7 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     shapes = [load_indenter(job.locate(text)).shape() for text in job.indenters]
 
     def presser(indenters: Sequence[int], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
-        results: list[PressResult] = []
-        for first in range(0, len(indenters), batch):
-            some = slice(first, first + batch)
-            results += press(scene, [shapes[i] for i in indenters[some]], poses[some], depths_m)
-        return results
+        return press(scene, [shapes[i] for i in indenters], poses, depths_m)
 
     return presser
 

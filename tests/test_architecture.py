@@ -21,7 +21,7 @@ HOUSE = {
     "indenter": ["indenter"],
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],
-    "press": ["press", "scene", "first_touch"],
+    "press": ["press", "march", "samples", "scene", "first_touch"],
     "dataset": ["dataset", "audit", "exchange"],
     "run": ["plan", "shard", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console"],

@@ -13,10 +13,10 @@ def test_elements_inverted_between_their_quadrature_points_are_counted():
     u = x[: scene.nodes.size].reshape(-1, 3)
     u[:, 0] = 0.1 * scene.nodes[:, 0]
     scene.solver.x.assign(x[:, None])
-    assert scene.inverted_elements(0) == 0
+    assert scene.samples.inverted_elements()[0] == 0
     u[:] = 0.0
     tetrahedron = scene.sensor.simulation_mesh.tetrahedra[0]
     u[tetrahedron[0]] = 0.45 * (scene.nodes[tetrahedron[1:4]].mean(axis=0) - scene.nodes[tetrahedron[0]])
     scene.solver.x.assign(x[:, None])
-    _, _, at_points = scene.solver.forces(scene.solver.x)
-    assert scene.inverted_elements(0) > 0 and at_points[0] > 0.0
+    at_points = scene.solver.balance.measure(scene.solver.x).min_det
+    assert scene.samples.inverted_elements()[0] > 0 and at_points[0] > 0.0

@@ -27,4 +27,9 @@ A scene carries the body (``operator.Elasticity``) and what it needs of contacts
 also add 3 x 3 blocks, between nodes or corners and on the diagonal, from which ``multigrid`` and ``factor`` are made. A
 contact also has ``begin_increment`` (what is lagged over a load step) and multipliers, while the liquid's pressure is
 an unknown like any other.
+
+States, forces and all that certifies them are in double precision. Derivatives, and what solves linear systems with
+them, are in single precision: Newton's method corrects their errors, and its residual does not contain them.
+
+Kernels act in the environments that the one array ``active`` (env,) marks; ``newton`` sets it before every phase.
 """

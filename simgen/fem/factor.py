@@ -43,17 +43,19 @@ class SparseFactor:
         unknowns = (3 * elimination_order(graph)[:, None] + np.arange(3)).ravel()
         self.free = unknowns[held.numpy()[unknowns] == 0]
         self._action = wp.zeros((len(held), n_env), dtype=wp.float32, device=device)
-        self.forget()
+        self.factors, self._solved = [None] * n_env, np.zeros(0, dtype=int)
 
-    def forget(self):
-        """Drop the factors of the last presses: a press must not depend on those before it."""
-        self.factors = [None] * self._blocks.shape[1]
+    def forget(self, environments: np.ndarray):
+        """Drop the factors of the last presses of the environments (env,) bool."""
+        for env in np.flatnonzero(environments):
+            self.factors[env] = None
 
     def update(self, environments: np.ndarray, iterations: np.ndarray) -> np.ndarray:
         """Factor the last linearisation where there is no factor, or the last solve took many iterations.
 
         Returns the environments whose matrix is singular; they have no factor then.
         """
+        self._solved = environments
         wanted = [e for e in environments if self.factors[e] is None or iterations[e] > REFACTOR_ABOVE]
         if not wanted:
             return np.zeros(0, dtype=int)
@@ -78,7 +80,7 @@ class SparseFactor:
         """Change the displacements in x, which are zero, to A^-1 (b - B^T p), p being the pressures in x."""
         self._tangent(x_out, self._action)
         load, x = b.numpy() - self._action.numpy(), x_out.numpy().copy()
-        for env, factor in enumerate(self.factors):
-            if factor is not None:
-                x[self.free, env] = factor.solve(load[self.free, env])
+        for env in self._solved:
+            if self.factors[env] is not None:
+                x[self.free, env] = self.factors[env].solve(load[self.free, env])
         x_out.assign(x)

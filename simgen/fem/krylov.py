@@ -1,8 +1,10 @@
 """Batched conjugate residuals (GCR): every environment solves its own system and stops at its own tolerance.
 
 Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20, 1983. With the directions kept, the preconditioner may be any
-map, and the iterates are those of flexible GMRES as long as the residual shrinks. Vectors are in single precision,
-scaled by the norm of the right-hand side; inner products are summed in double precision, in the same order every time.
+map. The space is GMRES's: the residual adds to it as long as it changes, and where it does not (an indefinite matrix),
+the last image does, which always is new (Young and Jea's Orthodir, Linear Algebra Appl. 34, 1980). Vectors are in
+single precision, scaled by the norm of the right-hand side; inner products are summed in double precision, in the same
+order every time.
 
 The host is not asked before the last environment has finished: on a GPU the loop is one graph.
 """
@@ -19,6 +21,7 @@ from .material import real, single
 wp.set_module_options({"enable_backward": False})
 
 CHUNK = 512  # terms that one thread sums
+STUCK = 0.9  # of the last residual: one that shrinks less says little that is new
 
 
 @wp.kernel
@@ -183,6 +186,7 @@ def judge_kernel(
     count: wp.array(dtype=wp.int32),
     size: wp.int32,
     # outputs
+    stuck_out: wp.array(dtype=wp.int32),
     found_out: wp.array2d(dtype=wp.float64),
     active_out: wp.array(dtype=wp.int32),
     going_out: wp.array(dtype=wp.int32),
@@ -193,6 +197,7 @@ def judge_kernel(
         return
     relative = wp.sqrt(squares[0, env])
     sound = wp.isfinite(relative)
+    stuck_out[env] = int(relative > real(STUCK) * found_out[1, env])
     found_out[0, env] = real(count[0])
     found_out[1, env] = wp.where(sound, relative, real(wp.inf))
     if not sound or relative <= tolerance:
@@ -202,13 +207,32 @@ def judge_kernel(
 
 
 @wp.kernel
+def source_kernel(
+    residual: wp.array2d(dtype=wp.float32),
+    image: wp.array2d(dtype=wp.float32),
+    stuck: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    source_out: wp.array2d(dtype=wp.float32),
+):
+    """What the next direction is made of."""
+    i, env = wp.tid()
+    if active[env] == 0:
+        return
+    source_out[i, env] = wp.where(stuck[env] == 1, image[i, env], residual[i, env])
+
+
+@wp.kernel
 def end_kernel(
     x: wp.array2d(dtype=wp.float32),
     squares: wp.array2d(dtype=wp.float64),
+    began: wp.array(dtype=wp.int32),
     # outputs
     x_out: wp.array2d(dtype=wp.float64),
 ):
     i, env = wp.tid()
+    if began[env] == 0:
+        return
     x_out[i, env] = wp.sqrt(squares[0, env]) * real(x[i, env])
 
 
@@ -246,16 +270,6 @@ def combine(step, factor: np.ndarray, x_out):
     wp.launch(combine_kernel, dim=x_out.shape, inputs=[step, values], outputs=[x_out], device=x_out.device)
 
 
-def copy_environments(source: wp.array, environments: np.ndarray, out: wp.array):
-    """Copy the columns of the marked environments (env,) bool."""
-    if environments.all():
-        wp.copy(out, source)
-    elif environments.any():
-        values = out.numpy().copy()
-        values[:, environments] = source.numpy()[:, environments]
-        out.assign(values)
-
-
 class ConjugateResiduals:
     """Work space for systems of ``n`` unknowns, one for each environment; at most ``size`` iterations.
 
@@ -269,12 +283,14 @@ class ConjugateResiduals:
             return wp.zeros(shape, dtype=dtype, device=device)
 
         self._directions, self._images = (array((size, n, self.n_env), wp.float32) for _ in range(2))
-        self._residual, self._direction, self._image, self._x = (array((n, self.n_env), wp.float32) for _ in range(4))
+        self._residual, self._direction, self._image = (array((n, self.n_env), wp.float32) for _ in range(3))
+        self._x, self._source = (array((n, self.n_env), wp.float32) for _ in range(2))
         self._parts = array((max(size, 2), chunks(n), self.n_env), wp.float64)
         self._sums = array((max(size, 2), self.n_env), wp.float64)
         self._square = Dots(n, self.n_env, device)
         self._found = array((2, self.n_env), wp.float64)
-        self._count, self._going = array(1, wp.int32), array(1, wp.int32)
+        self._began, self._stuck = (array(self.n_env, wp.int32) for _ in range(2))
+        self._count, self._going = (array(1, wp.int32) for _ in range(2))
 
     def _launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
@@ -282,28 +298,32 @@ class ConjugateResiduals:
     def solve(self, operator, preconditioner, b, x_out, tolerance: float):
         """Solve ``operator x = b`` until the residual is ``tolerance`` times b in every active environment.
 
-        ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``. ``active`` is used up: it ends with the
-        environments that missed the tolerance. Returns iterations (env,) and relative residuals (env,), infinite where
-        the system broke down; the caller judges those that missed the tolerance.
+        ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``; of ``x_out`` only active columns change.
+        ``active`` is used up: it ends with the environments that missed the tolerance. Returns iterations (env,) and
+        relative residuals (env,), infinite where the system broke down; the caller judges those that missed.
         """
         whole, sections = b.shape, (chunks(b.shape[0]), self.n_env)
+        wp.copy(self._began, self.active)
         squares = self._square(b, b)
         self._launch(begin_kernel, whole, [b, squares], [self._residual])
         self._x.zero_()
         self._count.zero_()
-        self._found.zero_()
+        self._found.fill_(1.0)
+        self._stuck.zero_()
         size = np.sqrt(squares.numpy()[0])
         self.active.assign(np.where(size > 0.0, self.active.numpy(), 0).astype(np.int32))
         self._going.fill_(1)
 
         def iterate():
-            preconditioner(self._residual, self._direction)
+            inputs = [self._residual, self._image, self._stuck, self.active]
+            self._launch(source_kernel, whole, inputs, [self._source])
+            preconditioner(self._source, self._direction)
             operator(self._direction, self._image)
             self._advance(whole, sections, tolerance)
 
         wp.capture_while(self._going, iterate)
-        self._launch(end_kernel, whole, [self._x, squares], [x_out])
-        iterations, relative = self._found.numpy()
+        self._launch(end_kernel, whole, [self._x, squares, self._began], [x_out])
+        iterations, relative = np.where(self._began.numpy() * (size > 0.0), self._found.numpy(), 0.0)
         return iterations.astype(int), np.where(np.isfinite(size), relative, np.inf)
 
     def _advance(self, whole, sections, tolerance: float):
@@ -320,4 +340,4 @@ class ConjugateResiduals:
         self._launch(sum_kernel, (1, self.n_env), [self._parts], [self._sums])
         self._launch(count_kernel, 1, [], [count, self._going])
         inputs = [self._sums, tolerance, count, self.size]
-        self._launch(judge_kernel, self.n_env, inputs, [self._found, active, self._going])
+        self._launch(judge_kernel, self.n_env, inputs, [self._stuck, self._found, active, self._going])

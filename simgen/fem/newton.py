@@ -1,57 +1,29 @@
-"""One load increment: Newton's method with contact multipliers updated as it goes.
+"""Newton's method with contact multipliers updated as it goes, in many environments that each go their own way.
 
 Every iteration solves the linearised mixed system inexactly, steps with a line search that keeps det F positive, and
 then updates the multipliers, so that both converge together (a semismooth Newton method on the augmented Lagrangian;
-Alart and Curnier 1991). Environments converge, fail and stop independently.
+Alart and Curnier 1991). Environments begin, converge and fail independently: :meth:`NewtonSolver.iterate` carries each
+one on by an iteration, or by one more trial of its line search.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import Any
 
 import numpy as np
 import warp as wp
 
+from . import columns
+from .balance import Balance, hold_kernel
 from .cavity import Cavity
 from .contact import Contact
-from .krylov import ConjugateResiduals, combine, dots, norms
+from .krylov import ConjugateResiduals
+from .line_search import LineSearch
 from .operator import Elasticity
 from .preconditioner import BlockTriangular
+from .status import Status
 
 wp.set_module_options({"enable_backward": False})
-
-
-class Status(IntEnum):
-    """Outcome of a press at one depth; ``sentence`` says what it means and what to try."""
-
-    CONVERGED = 0
-    NEWTON_STALLED = 1
-    INVERTED = 2
-    LINEAR_SOLVER_STALLED = 3
-    NEVER_TOUCHES = 4
-    STARTS_INSIDE = 5
-    NOT_RESOLVED = 6
-
-    @property
-    def sentence(self) -> str:
-        return _SENTENCES[self]
-
-
-_SENTENCES = {
-    Status.CONVERGED: "Converged: residual and contact constraint are within the job's tolerances.",
-    Status.NEWTON_STALLED: "Newton's method did not converge even in the smallest sub-step; try a finer mesh, or less "
-    "friction.",
-    Status.INVERTED: "An element would turn inside out even in the smallest sub-step; try a finer mesh or a smaller "
-    "depth.",
-    Status.LINEAR_SOLVER_STALLED: "The linear solver did not reach its tolerance even in the smallest sub-step; try a "
-    "larger krylov_size.",
-    Status.NEVER_TOUCHES: "The indenter does not meet the touchable surface along its axis; check its pose.",
-    Status.NOT_RESOLVED: "The mesh does not resolve the contact: the surface overlaps the indenter or the core by too "
-    "much of a face; try a finer mesh, or a smaller depth.",
-    Status.STARTS_INSIDE: "The indenter already overlaps the sensor where it starts; start it further away.",
-}
 
 
 @dataclass(frozen=True)
@@ -80,24 +52,8 @@ class SolverSettings:
 
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
-SMALLEST_MULTIPLIERS = 1e-6  # the same for the L2 norm of the contact multipliers, E mm: a contact that opens
 LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
-MOST_GROWTH = 10.0  # of the out-of-balance forces in one step
-OVERSHOOT = 0.3  # of the step's virtual work that may be left with the opposite sign
-ROUNDING = 1e-13  # relative, of an inner product of forces and steps
-MOST_TRIALS = 8
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
-
-
-@wp.kernel
-def hold_kernel(
-    held: wp.array(dtype=wp.int32),
-    # outputs
-    residual_out: wp.array2d(dtype=Any),
-):
-    i, env = wp.tid()
-    if held[i] == 1:
-        residual_out[i, env] = residual_out.dtype(0.0)
 
 
 def per_component(held: np.ndarray) -> np.ndarray:
@@ -107,7 +63,7 @@ def per_component(held: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Increment:
-    """What one increment cost and where it ended; arrays (env,)."""
+    """What an increment has cost so far and where it is; arrays (env,). ``status`` says how those that ended did."""
 
     status: np.ndarray
     residual: np.ndarray
@@ -116,11 +72,17 @@ class Increment:
     newton_iterations: np.ndarray
     krylov_iterations: np.ndarray
 
+    @classmethod
+    def empty(cls, n_env: int) -> Increment:
+        return cls(np.full(n_env, Status.NEWTON_STALLED), *np.full((3, n_env), np.inf),
+                   *np.zeros((2, n_env), dtype=np.int64))  # fmt: skip
+
 
 class NewtonSolver:
     """Solves increments of a body with its contacts and the liquid in its cavity, if there is one.
 
-    ``held`` (node,) or (node, 3) marks what does not move.
+    ``held`` (node,) or (node, 3) marks what does not move. ``x`` (unknowns, env) are the states; environments that are
+    ``working`` (env,) are on their way to the end of an increment.
     """
 
     def __init__(
@@ -144,26 +106,20 @@ class NewtonSolver:
         self.held = wp.array(rows, dtype=wp.int32, device=device)
         self.preconditioner = BlockTriangular(elasticity, contacts, cavity, self.held, self._tangent)
         self.krylov = ConjugateResiduals(self.n_unknowns, settings.krylov_size, device, self.active)
-        self.x, self._trial, self._residual, self._step = (self.vector() for _ in range(4))
+        self.x, self.trial, self._step = (self.vector() for _ in range(3))
+        self.balance = Balance(elasticity, contacts, cavity, self.held, self._step)
+        self.increment, self.working = Increment.empty(n_env), np.zeros(n_env, dtype=bool)
+        self._first, self._search = np.zeros(n_env, dtype=bool), LineSearch(n_env)
+        self._least_start, self._best = np.zeros(n_env), np.zeros(n_env)
+        self._since_best, self._last_krylov = np.zeros((2, n_env), dtype=np.int64)
 
     def vector(self):
         return wp.zeros((self.n_unknowns, self.n_env), dtype=wp.float64, device=self.elasticity.device)
 
-    def forces(self, x, hold: bool = True):
-        """Out-of-balance forces at x into the work vector; returns it, norms of the loads and least det F.
-
-        Loads are the forces of the contacts and of the liquid.
-        """
-        r = self._residual
-        r.zero_()
-        for term in self.surface_terms:
-            term.residual(x, r)
-        load = norms(r[: self.elasticity.n_displacements])
-        min_det = wp.full(self.n_env, np.inf, dtype=wp.float64, device=r.device)
-        self.elasticity.residual(x, r, min_det)
-        if hold:
-            wp.launch(hold_kernel, dim=r.shape, inputs=[self.held], outputs=[r], device=r.device)
-        return r, load, min_det.numpy()
+    def mark(self, environments: np.ndarray):
+        """Let kernels act in these environments (env,) bool; returns the flags on the device."""
+        self.active.assign(environments.astype(np.int32))
+        return self.active
 
     def _tangent(self, v, out):
         out.zero_()
@@ -172,121 +128,104 @@ class NewtonSolver:
             term.tangent(v, out)
         wp.launch(hold_kernel, dim=out.shape, inputs=[self.held], outputs=[out], device=out.device)
 
-    def _linear_solve(self, r, active: np.ndarray):
-        """Newton direction into ``self._step``; returns the iterations and which environments stalled."""
-        self.elasticity.linearize(self.x)
-        for term in self.surface_terms:
-            term.linearize(self.x)
-        used, missed = self._krylov(r, active)
-        if missed.any() and self.preconditioner.fall_back():
-            self._last_krylov[:] = self.settings.krylov_size
-            again, missed = self._krylov(r, active)
-            used += again
-        return used, missed
-
-    def _krylov(self, r, active: np.ndarray):
-        """Solve the linearised system with the preconditioner of this state, as ``_linear_solve``."""
-        tolerance = self.settings.linear_tolerance
-        self.active.assign(active.astype(np.int32))
-        singular = np.zeros(self.n_env, dtype=bool)
-        singular[self.preconditioner.update(np.flatnonzero(active), self._last_krylov)] = True
-        if singular.any():
-            self.active.assign((active & ~singular).astype(np.int32))
-        used, relative = self.krylov.solve(self._tangent, self.preconditioner.apply, r, self._step, tolerance)
-        self.active.assign(active.astype(np.int32))
-        self._last_krylov = np.where(active, used, self._last_krylov)
-        return used, active & (singular | ~(relative <= tolerance))
-
-    def update_multipliers(self, write: bool) -> np.ndarray:
-        """Relative change (env,) of all multipliers in an update, which is carried out if ``write``."""
-        change, size = np.zeros((2, self.n_env))
-        for contact in self.contacts:
-            c, n = contact.update_multipliers(self.x, write)
-            change, size = np.hypot(change, c), np.hypot(size, n)
-        return change / np.maximum(size, SMALLEST_MULTIPLIERS)
+    def supports(self) -> np.ndarray:
+        """Forces (unknowns, env) that hold the body at ``x``; rows of pressures say what their volumes lack, mm3."""
+        self.mark(np.ones(self.n_env, dtype=bool))
+        self.balance.measure(self.x)
+        return self.balance.internal.numpy() + self.balance.surface.numpy()
 
     def solve(self, active: np.ndarray) -> Increment:
         """Find equilibrium from the guess ``self.x`` for the active environments (env,) bool.
 
         The contacts have been told of the increment by ``begin_increment``.
         """
-        s = self.settings
-        running = active.copy()
-        out = Increment(np.full(self.n_env, Status.NEWTON_STALLED), *np.full((3, self.n_env), np.inf),
-                        *np.zeros((2, self.n_env), dtype=np.int64))  # fmt: skip
-        self._last_krylov = np.full(self.n_env, s.krylov_size)
-        best, since_best = np.full(self.n_env, np.inf), np.zeros(self.n_env, dtype=int)
-        for _ in range(s.max_newton_iterations + 1):
-            self.active.assign(running.astype(np.int32))
-            r, load, min_det = self.forces(self.x)
-            scale = np.maximum(load, SMALLEST_FORCE)
-            size = norms(r)
-            error = self.update_multipliers(write=False)
-            relative = size / scale
-            out.residual[running], out.contact_error[running] = relative[running], error[running]
-            out.min_det[running] = min_det[running]
-            bad = running & ~(min_det > LEAST_DETERMINANT)
-            out.status[bad] = Status.INVERTED
-            done = running & ~bad & (relative <= s.residual_tolerance) & (error <= s.contact_tolerance)
-            out.status[done] = Status.CONVERGED
-            better = relative < 0.9 * best
-            best, since_best = np.where(better, relative, best), np.where(better, 0, since_best + 1)
-            hopeful = (since_best <= PATIENCE) & (out.newton_iterations < s.max_newton_iterations)
-            running = running & ~done & ~bad & hopeful
-            if not running.any():
-                break
-            self.active.assign(running.astype(np.int32))
-            used, stalled = self._linear_solve(r, running)
-            out.krylov_iterations += used
-            out.newton_iterations[running] += 1
-            out.status[stalled] = Status.LINEAR_SOLVER_STALLED
-            running &= ~stalled
-            accepted = self._line_search(size, running)
-            inverted = running & ~accepted & ~(self._trial_det > LEAST_DETERMINANT)
-            out.status[inverted] = Status.INVERTED
-            running &= accepted
-            # Multipliers that are good enough rest, so that Newton's method ends with quadratic convergence.
-            unfinished = running & (self.update_multipliers(write=False) > s.contact_tolerance)
-            self.active.assign(unfinished.astype(np.int32))
-            self.update_multipliers(write=True)
-        self.active.assign(active.astype(np.int32))
-        return out
+        wp.copy(self.trial, self.x)
+        self.begin(active)
+        while self.working.any():
+            self.iterate()
+        return self.increment
 
-    def _line_search(self, size: np.ndarray, running: np.ndarray) -> np.ndarray:
-        """x -= alpha step: det F stays positive, forces bounded, and the step's virtual work does not overshoot zero.
+    def begin(self, environments: np.ndarray, least_determinant: float | np.ndarray = LEAST_DETERMINANT):
+        """Start an increment of the environments (env,) bool from their guess in ``self.trial``.
 
-        Friction makes the tangent jump between stick and slip, and full steps then cycle between two states; the
-        virtual work of the out-of-balance forces along the step changes sign in between (Crisfield's line search).
-        Work that is nothing but rounding says nothing. Returns which environments found a step.
+        The contacts have been told by ``begin_increment``. A guess with less than ``least_determinant`` of det F ends
+        the increment as inverted, before any iteration.
         """
-        work = self._work(self._residual)
-        noise = ROUNDING * norms(self._residual) * norms(self._step)
-        alpha, low, high = np.where(running, 1.0, 0.0), np.zeros(self.n_env), np.full(self.n_env, np.nan)
-        work_low, work_high = work.copy(), np.full(self.n_env, np.nan)
-        allowed = OVERSHOOT * work
-        usable = np.zeros(self.n_env, dtype=bool)
-        for _ in range(MOST_TRIALS):
-            wp.copy(self._trial, self.x)
-            combine(self._step, -alpha, self._trial)
-            r, _, min_det = self.forces(self._trial)
-            self._trial_det = min_det
-            usable = (min_det > LEAST_DETERMINANT) & (norms(r) <= MOST_GROWTH * size)
-            now = self._work(r)
-            bracketed = usable & (work > noise)
-            over = running & bracketed & (now < -allowed)
-            under = running & bracketed & (now > allowed) & np.isfinite(high)
-            broken = running & ~usable
-            if not (over | under | broken).any():
-                break
-            high, work_high = np.where(over, alpha, high), np.where(over, now, work_high)
-            low, work_low = np.where(under, alpha, low), np.where(under, now, work_low)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                secant = np.clip(work_low / (work_low - work_high), 0.1, 0.9)
-            alpha = np.where(over | under, low + (high - low) * secant, np.where(broken, 0.5 * alpha, alpha))
-        wp.copy(self.x, self._trial)
-        return usable | ~running
+        self.working |= environments
+        self._first |= environments
+        self._least_start = np.where(environments, least_determinant, self._least_start)
+        fresh, now = Increment.empty(self.n_env), self.increment
+        for name, values in vars(fresh).items():
+            setattr(now, name, np.where(environments, values, getattr(now, name)))
+        self._best[environments], self._since_best[environments] = np.inf, 0
+        self._last_krylov[environments] = self.settings.krylov_size
 
-    def _work(self, r) -> np.ndarray:
-        """Virtual work (env,) of forces r along the Newton step."""
-        n_u = self.elasticity.n_displacements
-        return dots(r[:n_u], self._step[:n_u])
+    def iterate(self) -> np.ndarray:
+        """Carry on all working environments; returns those (env,) bool that have ended, by ``increment.status``."""
+        s, now = self.settings, self.increment
+        self.mark(self.working)
+        measured = self.balance.measure(self.trial)
+        least = np.where(self._first, self._least_start, LEAST_DETERMINANT)
+        taken, again = self._search.judge(measured, least, self._first, self.working)
+        inverted = self.working & ~(measured.min_det > least)
+        lost = self.working & ~taken & ~again
+        now.status[lost & inverted] = Status.INVERTED
+        columns.copy(self.trial, self.mark(taken), self.x)
+        # Multipliers that are good enough rest, so that Newton's method ends with quadratic convergence.
+        unfinished = taken & ~self._first & (measured.contact_error > s.contact_tolerance)
+        if unfinished.any():
+            self.mark(unfinished)
+            for contact in self.contacts:
+                contact.update_multipliers()
+            measured = self.balance.measure_surfaces(self.x, measured, unfinished)
+        relative = measured.size / np.maximum(measured.load, SMALLEST_FORCE)
+        now.residual[taken], now.contact_error[taken] = relative[taken], measured.contact_error[taken]
+        now.min_det[self.working] = measured.min_det[self.working]
+        done = taken & (relative <= s.residual_tolerance) & (measured.contact_error <= s.contact_tolerance)
+        now.status[done] = Status.CONVERGED
+        better = taken & (relative < 0.9 * self._best)
+        self._best[better], self._since_best[better] = relative[better], 0
+        self._since_best[taken & ~better] += 1
+        hopeless = (self._since_best > PATIENCE) | (now.newton_iterations >= s.max_newton_iterations)
+        onwards = taken & ~done & ~hopeless
+        stalled = self._linear_solve(onwards)
+        now.status[stalled] = Status.LINEAR_SOLVER_STALLED
+        onwards &= ~stalled
+        self._first &= ~taken & ~lost
+        self.mark(onwards)
+        self._search.begin(onwards, measured.size, self.balance.work())
+        going = onwards | again
+        columns.go_along(self.x, self._step, -self._search.alpha, self.mark(going), self.trial)
+        ended = self.working & ~going
+        self.working = going
+        return ended
+
+    def _linear_solve(self, wanted: np.ndarray) -> np.ndarray:
+        """Newton directions into ``self._step`` at ``self.x``; returns which environments (env,) stalled."""
+        missed = np.zeros(self.n_env, dtype=bool)
+        if not wanted.any():
+            return missed
+        self.mark(wanted)
+        self.increment.newton_iterations[wanted] += 1
+        self.elasticity.linearize(self.x)
+        for term in self.surface_terms:
+            term.linearize(self.x)
+        missed = self._krylov(wanted & ~self.preconditioner.factored, factored=False)
+        missed &= ~self.preconditioner.fall_back(missed)
+        return missed | self._krylov(wanted & self.preconditioner.factored, factored=True)
+
+    def _krylov(self, wanted: np.ndarray, factored: bool) -> np.ndarray:
+        """Solve the linearised systems with a factor or without; returns which environments (env,) stalled."""
+        if not wanted.any():
+            return wanted
+        self.mark(wanted)
+        singular = np.zeros(self.n_env, dtype=bool)
+        singular[self.preconditioner.update(np.flatnonzero(wanted), self._last_krylov, factored)] = True
+        if singular.any():
+            self.mark(wanted & ~singular)
+        tolerance = self.settings.linear_tolerance
+        right = self.balance.residual
+        used, relative = self.krylov.solve(self._tangent, self.preconditioner.apply, right, self._step, tolerance)
+        self.increment.krylov_iterations += used
+        self._last_krylov = np.where(wanted, used, self._last_krylov)
+        return wanted & (singular | ~(relative <= tolerance))

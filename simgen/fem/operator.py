@@ -33,7 +33,6 @@ from .material import (
     tangent_block,
     tangent_transposed,
     tangent_volumetric,
-    vec3,
     vec3f,
 )
 
@@ -81,18 +80,6 @@ class Modulus:
     beta: wp.float32
 
 
-@wp.func
-def load_vec3(x: wp.array2d(dtype=wp.float64), node: wp.int32, env: wp.int32) -> vec3:
-    return vec3(x[3 * node, env], x[3 * node + 1, env], x[3 * node + 2, env])
-
-
-@wp.func
-def add_vec3(x: wp.array2d(dtype=wp.float64), node: wp.int32, env: wp.int32, value: vec3):
-    wp.atomic_add(x, 3 * node, env, value[0])
-    wp.atomic_add(x, 3 * node + 1, env, value[1])
-    wp.atomic_add(x, 3 * node + 2, env, value[2])
-
-
 @wp.kernel
 def residual_kernel(
     s: Solid,
@@ -127,6 +114,27 @@ def residual_kernel(
     scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, residual_out)
     scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, residual_out)
     wp.atomic_min(min_det_out, env, least)
+
+
+@wp.kernel
+def inverted_kernel(
+    s: Solid,
+    x: wp.array2d(dtype=wp.float64),
+    points: wp.array(dtype=wp.vec4d),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    count_out: wp.array(dtype=wp.int32),
+):
+    e, env = wp.tid()
+    if active[env] == 0:
+        return
+    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
+    Fa, Fb, Fc, Fd = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+    least = real(1.0e30)
+    for k in range(points.shape[0]):
+        least = wp.min(least, wp.determinant(interpolate(points[k], Fa, Fb, Fc, Fd)))
+    if least <= real(0.0):
+        wp.atomic_add(count_out, env, 1)
 
 
 @wp.kernel
@@ -368,6 +376,12 @@ class Elasticity:
     def tangent(self, v, action_out):
         """Add the action of the derivative on v."""
         self._launch(tangent_kernel, [self._single, v, self.active], [action_out])
+
+    def inverted_elements(self, x, points: wp.array) -> np.ndarray:
+        """How many elements (env,) have det F <= 0 at one of the barycentric points (k,) at state x."""
+        count = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
+        self._launch(inverted_kernel, [self._solid, x, points, self.active], [count])
+        return count.numpy()
 
     def blocks(self, block_index, blocks_out, linear: bool):
         """Add the derivative by displacements, or by linear ones alone, as 3 x 3 blocks between nodes or corners."""

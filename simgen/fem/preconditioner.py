@@ -85,33 +85,39 @@ class BlockTriangular:
             self._schur = wp.array(schur, dtype=wp.float32, device=device)
         else:
             self.factor = self._make_factor()
-        self._factored = self.multigrid is None
+        self.factored = np.full(n_env, self.multigrid is None)
+        self._displacements = self.multigrid
         if cavity is not None:
             shape = (len(held), n_env)
             self._gradient, self._response = (wp.zeros(shape, dtype=wp.float32, device=device) for _ in range(2))
             self._stiffness, self._along = (Dots(*shape, device) for _ in range(2))
             self._held = held
 
-    def forget(self):
-        """Drop what was made for the last presses: a press must not depend on those before it."""
-        self._factored = self.multigrid is None
+    def forget(self, environments: np.ndarray):
+        """Drop what was made for the last presses of the environments (env,) bool: none depends on those before it."""
+        self.factored[environments] = self.multigrid is None
         if self.factor is not None:
-            self.factor.forget()
+            self.factor.forget(environments)
 
-    def fall_back(self) -> bool:
-        """Use factors until :meth:`forget`; False where they are in use already."""
-        if self._factored:
-            return False
-        self.factor, self._factored = self.factor or self._make_factor(), True
-        return True
+    def fall_back(self, environments: np.ndarray) -> np.ndarray:
+        """Use factors in the environments (env,) bool until :meth:`forget`; returns where that is possible.
 
-    def update(self, environments: np.ndarray, iterations: np.ndarray) -> np.ndarray:
+        A batch on a GPU has no room for them.
+        """
+        possible = environments & (self.elasticity.device == "cpu" or len(environments) == 1)
+        if possible.any():
+            self.factor = self.factor or self._make_factor()
+            self.factored |= possible
+        return possible
+
+    def update(self, environments: np.ndarray, iterations: np.ndarray, factored: bool) -> np.ndarray:
         """Follow the last linearisation in the given environments, whose last solves took these iterations (env,).
 
-        Returns the environments whose matrix is singular.
+        Next applied with their factors, or without. Returns the environments whose matrix is singular.
         """
         singular = np.zeros(0, dtype=int)
-        if self._factored:
+        self._displacements = self.factor if factored else self.multigrid
+        if factored:
             singular = self.factor.update(environments, iterations)
         else:
             self.multigrid.update()
@@ -123,10 +129,6 @@ class BlockTriangular:
             self._displacements.apply(self._gradient, self._response)
             self._stiffness(self._gradient, self._response)
         return singular
-
-    @property
-    def _displacements(self) -> Multigrid | SparseFactor:
-        return self.factor if self._factored else self.multigrid
 
     def apply(self, r, z_out):
         """z = M^-1 r."""

@@ -24,8 +24,8 @@ from __future__ import annotations
 import warp as wp
 
 from ..distance import Probe, RigidShape, probe
+from .element_fields import gather
 from .material import mat33, real, vec3
-from .operator import load_vec3
 
 wp.set_module_options({"enable_backward": False})
 
@@ -41,7 +41,8 @@ class Surface:
     multiplier_shapes: wp.array2d(dtype=wp.float64)  # (q, 3)
     areas: wp.array2d(dtype=wp.float64)  # (face, q) mm2
     gap_offset: wp.array2d(dtype=wp.float64)  # (face, q) mm, rest overlap that counts as touching
-    rigid: wp.array(dtype=RigidShape)  # (env,)
+    rigid: wp.array(dtype=RigidShape)  # (shape,)
+    shape_of: wp.array(dtype=wp.int32)  # (env,)
     rotation: wp.array(dtype=mat33)  # (env,) shape frame -> sensor frame
     origin: wp.array(dtype=vec3)  # (env,) mm
     anchor: wp.array3d(dtype=vec3)  # (face, q, env) mm, shape frame: where the point was when its slip began to count
@@ -66,18 +67,29 @@ class Traction:
 
 
 @wp.func
-def deformed(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32) -> vec3:
+def surface_point(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    shapes: wp.array2d(dtype=wp.float64),
+    f: wp.int32,
+    q: wp.int32,
+    env: wp.int32,
+) -> vec3:
     position = vec3()
-    for a in range(s.shapes.shape[1]):
-        node = s.faces[f, a]
-        position += s.shapes[q, a] * (s.positions[node] + load_vec3(x, node, env))
+    for a in range(shapes.shape[1]):
+        position += shapes[q, a] * (s.positions[s.faces[f, a]] + gather(s.faces, x, f, a, env))
     return position
+
+
+@wp.func
+def deformed(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32) -> vec3:
+    return surface_point(s, x, s.shapes, f, q, env)
 
 
 @wp.func
 def probe_in_sensor_frame(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> Probe:
     R = s.rotation[env]
-    found = probe(s.rigid[env], wp.transpose(R) * (position - s.origin[env]))
+    found = probe(s.rigid[s.shape_of[env]], wp.transpose(R) * (position - s.origin[env]))
     found.distance = found.distance + s.gap_offset[f, q]
     found.normal = R * found.normal
     found.curvature = R * found.curvature * wp.transpose(R)

@@ -15,8 +15,9 @@ import warp as wp
 from simgen.fem.element import P2P1, TET_EDGES, barycentric_p2, face_shapes, tet_geometry, tet_rule
 from simgen.fem.krylov import combine
 from simgen.fem.material import NeoHookean
-from simgen.fem.newton import SMALLEST_FORCE, NewtonSolver, SolverSettings, Status
+from simgen.fem.newton import SMALLEST_FORCE, NewtonSolver, SolverSettings
 from simgen.fem.operator import Elasticity
+from simgen.fem.status import Status
 
 from .meshes import Mesh
 
@@ -50,8 +51,11 @@ class DeadLoad:
     def diagonal(self, diagonal_out):
         pass
 
-    def update_multipliers(self, x, write: bool):
+    def multiplier_change(self):
         return np.zeros((2, 1))
+
+    def update_multipliers(self):
+        pass
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ def solve(
             raise RuntimeError(f"step {number} of {steps}, residual {out.residual[0] * scale:.1e}: "
                                f"{Status(out.status[0]).sentence}")  # fmt: skip
         x = solver.x.numpy()[:, 0].copy()
-    forces = solver.forces(solver.x, hold=False)[0].numpy()[:n_u, 0]
+    forces = solver.supports()[:n_u, 0]
     return Equilibrium(x[:n_u].reshape(-1, 3), x[n_u:], forces.reshape(-1, 3))
 
 

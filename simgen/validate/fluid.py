@@ -11,7 +11,8 @@ import trimesh
 
 from simgen.fem.cavity import Cavity
 from simgen.fem.element import P2P1
-from simgen.fem.newton import NewtonSolver, SolverSettings, Status
+from simgen.fem.newton import NewtonSolver, SolverSettings
+from simgen.fem.status import Status
 from simgen.indenter import load_indenter
 from simgen.press import PressResult, Scene, press
 from simgen.sensor import Sensor, cavity_faces, load_sensor

@@ -93,7 +93,7 @@ def reactions(scene: Scene) -> np.ndarray:
     """Forces of the held nodes on the gel (n, 3), N, from the stresses at the present state."""
     solver = scene.solver
     n_u = solver.elasticity.n_displacements
-    forces = solver.forces(solver.x, hold=False)[0].numpy()[:n_u, 0].reshape(-1, 3)
+    forces = solver.supports()[:n_u, 0].reshape(-1, 3)
     return np.where(scene.sensor.simulation_mesh.held.reshape(len(forces), -1), forces, 0.0) * MODULUS_MPA
 
 

@@ -88,6 +88,7 @@ def core_contact(scene: Scene) -> tuple[float, float]:
     """Share of the indenter's force that the core carries, and the deepest point in the core, um."""
     if scene.core_contact is None:
         return math.nan, math.nan
+    scene.solver.mark(np.ones(scene.batch, dtype=bool))
     force, _, _, deepest = scene.core_contact.resultants(scene.solver.x)
     pressed = scene.indenter_contact.resultants(scene.solver.x)[0][0]
     size = pressed @ pressed

@@ -5,6 +5,7 @@ import warp as wp
 from simgen.distance import Kind
 from simgen.fem.contact import Contact
 from simgen.fem.element import P2P1
+from simgen.first_touch import dense_shapes
 from simgen.shape import rigid_shape
 
 from .box import box, top
@@ -39,6 +40,14 @@ def forces(term, x):
     return r.numpy()[:, 0]
 
 
+def update(term, x):
+    """Move the multipliers to the tractions at x; norms of the change and of what they are then, as before it."""
+    forces(term, x)
+    change = term.multiplier_change()
+    term.update_multipliers()
+    return change
+
+
 def test_a_flat_overlap_presses_with_stiffness_times_depth_times_area():
     nodes, term = contact(0.0, CUBE)
     rest = state(np.zeros(3 * len(nodes)))
@@ -69,7 +78,7 @@ def test_an_update_weighs_by_area_over_stiffness():
     term = Contact(P2P1, graded, on_top, STIFFNESS, 0.0, "cpu", wp.ones(1, dtype=wp.int32, device="cpu"))
     term.set_shapes([CUBE])
     term.set_pose(pose(0.0, 0.01, 0.0))
-    term.update_multipliers(state(np.zeros(3 * len(nodes))), write=True)
+    update(term, state(np.zeros(3 * len(nodes))))
     a, b, c = (graded[on_top[:, i]] for i in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     edges = np.sqrt(2.0 * areas)
@@ -90,7 +99,7 @@ def test_tangent_against_finite_differences(friction, sideways):
     rng = np.random.default_rng(0)
     start = 1e-3 * rng.normal(size=n)
     term.begin_increment(state(start), state(start), pose(0.3, 0.2, 0.1), pose(0.3 + sideways, 0.2, 0.1))
-    term.update_multipliers(state(start), write=True)
+    update(term, state(start))
     x, v = start + 1e-5 * rng.normal(size=n), rng.normal(size=n)
     term.linearize(state(x))
     out = wp.zeros((n, 1), dtype=wp.float32, device="cpu")
@@ -106,12 +115,12 @@ def test_multipliers_take_over_the_load():
     nodes, term = contact(0.0, CUBE)
     rest = state(np.zeros(3 * len(nodes)))
     term.set_pose(pose(0.0, 0.01, 0.0))
-    change, size = term.update_multipliers(rest, write=True)
+    change, size = update(term, rest)
     assert change[0] == pytest.approx(size[0])
     term.set_pose(pose(0.0, 0.0, 0.0))
     force, _, _, _ = term.resultants(rest)
     assert force[0, 1] == pytest.approx(K * 0.01 * 36.0)
-    assert term.update_multipliers(rest, write=False)[0][0] < 1e-12
+    assert update(term, rest)[0][0] < 1e-12
 
 
 @pytest.mark.parametrize(("slip", "expected"), [(1e-3, 15.0 * 1e-3 * 36.0), (1.0, 0.78 * 0.6 * 36.0)])
@@ -121,7 +130,7 @@ def test_friction_sticks_then_slides_on_the_cone(slip, expected):
     rest = state(np.zeros(3 * len(nodes)))
     down = pose(0.0, 0.01, 0.0)
     term.begin_increment(rest, rest, down, down)
-    term.update_multipliers(rest, write=True)
+    update(term, rest)
     flush = pose(0.0, 0.0, 0.0)
     term.begin_increment(rest, rest, flush, pose(slip, 0.0, 0.0))
     force, _, _, _ = term.resultants(rest)
@@ -163,3 +172,41 @@ def test_shapes_and_poses_belong_to_their_environment():
         single.set_pose(pose(0.0, depth, 0.0))
         alone = state(np.zeros(3 * len(nodes)))
         np.testing.assert_array_equal(together[env], single.resultants(alone)[0][0])
+
+
+def test_environments_choose_among_the_shapes():
+    nodes, _, _, faces = box()
+    term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", wp.ones(2, dtype=wp.int32, device="cpu"))
+    term.set_shapes([SPHERE, CUBE, SPHERE])
+    term.choose(np.array([1, 0]))
+    term.set_pose(np.concatenate([pose(0.0, 0.1, 0.0)] * 2))
+    rest = state(np.zeros((3 * len(nodes), 2)))
+    flat, round_ = term.resultants(rest)[0]
+    assert flat[1] == pytest.approx(K * 0.1 * 36.0) and round_[1] < 0.3 * flat[1]
+
+
+def test_an_increment_is_taken_back_where_it_is_marked():
+    """Multipliers and anchors of one environment return to where the increment began, those of the other stay."""
+    nodes, term = contact(0.78, CUBE, n_env=2)
+    rest = state(np.zeros((3 * len(nodes), 2)))
+    down = np.concatenate([pose(0.0, 0.01, 0.0)] * 2)
+    term.set_pose(down)
+    update(term, rest)
+    before = term.surface.normal.numpy().copy()
+    term.begin_increment(rest, rest, down, np.concatenate([pose(0.0, 0.02, 0.0)] * 2))
+    update(term, rest)
+    after = term.surface.normal.numpy().copy()
+    assert (after > 1.5 * before).all()
+    term.restore(wp.array(np.array([0, 1], dtype=np.int32), dtype=wp.int32, device="cpu"))
+    np.testing.assert_array_equal(term.surface.normal.numpy(), np.column_stack([after[:, 0], before[:, 1]]))
+    term.forget(wp.array(np.array([1, 0], dtype=np.int32), dtype=wp.int32, device="cpu"))
+    np.testing.assert_array_equal(term.surface.normal.numpy(), np.column_stack([0.0 * after[:, 0], before[:, 1]]))
+
+
+def test_the_nearest_point_is_looked_for_between_the_integration_points():
+    nodes, term = contact(0.0, SPHERE)
+    rest = state(np.zeros(3 * len(nodes)))
+    term.set_pose(pose(0.0, -0.1, 0.0))
+    dense = wp.array(dense_shapes(12, linear=False), dtype=wp.float64, device="cpu")
+    assert term.nearest(rest, dense)[0] == pytest.approx(0.1, abs=1e-12)  # the middle of the top is a point
+    assert term.gap(rest).min() > 0.1001

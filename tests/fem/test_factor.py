@@ -47,7 +47,7 @@ def test_a_factor_inverts_the_tangent_it_was_made_of():
     assert error(second) > 1e-2  # still good enough
     factor.update(np.array([0]), np.array([REFACTOR_ABOVE + 1]))
     assert error(second) < SINGLE
-    factor.forget()
+    factor.forget(np.array([True]))
     factor.update(np.array([0]), np.array([0]))
     assert error(second) < SINGLE
 

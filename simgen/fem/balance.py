@@ -1,0 +1,155 @@
+"""The forces at a state, and what Newton's method asks about them, measured on the device and read at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from .krylov import CHUNK, chunks, sum_kernel
+from .material import real
+
+wp.set_module_options({"enable_backward": False})
+
+SMALLEST_MULTIPLIERS = 1e-6  # E mm, L2 norm of the contact multipliers: below, a contact that opens
+
+
+@wp.kernel
+def hold_kernel(
+    held: wp.array(dtype=wp.int32),
+    # outputs
+    residual_out: wp.array2d(dtype=Any),
+):
+    i, env = wp.tid()
+    if held[i] == 1:
+        residual_out[i, env] = residual_out.dtype(0.0)
+
+
+@wp.kernel
+def balance_kernel(
+    internal: wp.array2d(dtype=wp.float64),
+    surface: wp.array2d(dtype=wp.float64),
+    step: wp.array2d(dtype=wp.float64),
+    held: wp.array(dtype=wp.int32),
+    n_displacements: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    residual_out: wp.array2d(dtype=wp.float64),
+    parts_out: wp.array3d(dtype=wp.float64),
+):
+    """Sum of both where nothing is held; parts of the squares of the loads and of the sum, and of its virtual work."""
+    c, env = wp.tid()
+    if active[env] == 0:
+        return
+    load, square, work = real(0.0), real(0.0), real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, internal.shape[0])):
+        from_surface = surface[i, env]
+        r = real(0.0)
+        if held[i] == 0:
+            r = internal[i, env] + from_surface
+        residual_out[i, env] = r
+        square += r * r
+        if i < n_displacements:
+            load += from_surface * from_surface
+            work += r * step[i, env]
+    parts_out[0, c, env] = load
+    parts_out[1, c, env] = square
+    parts_out[2, c, env] = work
+
+
+@wp.kernel
+def work_kernel(
+    residual: wp.array2d(dtype=wp.float64),
+    step: wp.array2d(dtype=wp.float64),
+    n_displacements: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    parts_out: wp.array3d(dtype=wp.float64),
+):
+    """Virtual work of the displacements' forces along a step; squares of all forces and of the whole step."""
+    c, env = wp.tid()
+    if active[env] == 0:
+        return
+    work, square, length = real(0.0), real(0.0), real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual.shape[0])):
+        r, d = residual[i, env], step[i, env]
+        square += r * r
+        length += d * d
+        if i < n_displacements:
+            work += r * d
+    parts_out[0, c, env] = work
+    parts_out[1, c, env] = square
+    parts_out[2, c, env] = length
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Of a state, each (env,): norms of the loads (forces of contacts and liquid) and of the out-of-balance forces, the
+    virtual work of these along the step, least det F, and what a further update would change of the multipliers,
+    relative.
+    """
+
+    load: np.ndarray
+    size: np.ndarray
+    work: np.ndarray
+    min_det: np.ndarray
+    contact_error: np.ndarray
+
+
+class Balance:
+    """Forces of the body and of what acts on its surface; ``residual`` (unknowns, env) is what remains of their sum."""
+
+    def __init__(self, elasticity, contacts: list, cavity, held, step):
+        self.elasticity, self.contacts, self.cavity = elasticity, contacts, cavity
+        self.active, self._held, self._step = elasticity.active, held, step
+        self.internal, self.surface, self.residual = (wp.zeros_like(step) for _ in range(3))
+        n, n_env = step.shape
+        self._dim = (chunks(n), n_env)
+        self._parts = wp.zeros((3, *self._dim), dtype=wp.float64, device=step.device)
+        self._sums = wp.zeros((3, n_env), dtype=wp.float64, device=step.device)
+        self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
+
+    def _sum(self, kernel, inputs, outputs) -> np.ndarray:
+        device = self.residual.device
+        wp.launch(kernel, dim=self._dim, inputs=inputs, outputs=[*outputs, self._parts], device=device)
+        wp.launch(sum_kernel, dim=self._sums.shape, inputs=[self._parts], outputs=[self._sums], device=device)
+        return self._sums.numpy()
+
+    def _measure_sum(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows load, size, work (3, env), and the contact error (env,)."""
+        n_u = self.elasticity.n_displacements
+        inputs = [self.internal, self.surface, self._step, self._held, n_u, self.active]
+        load, square, work = self._sum(balance_kernel, inputs, [self.residual])
+        changes = [contact.multiplier_change() for contact in self.contacts]
+        change, size = np.sqrt(np.square(changes).sum(axis=0))
+        sums = np.stack([np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work])
+        return sums, change / np.maximum(size, SMALLEST_MULTIPLIERS)
+
+    def measure(self, x) -> Measured:
+        """Forces at x in the active environments."""
+        self.internal.zero_()
+        self._min_det.fill_(np.inf)
+        self.elasticity.residual(x, self.internal, self._min_det)
+        self._apply_surfaces(x)
+        sums, error = self._measure_sum()
+        return Measured(*sums, self._min_det.numpy().copy(), error)
+
+    def measure_surfaces(self, x, before: Measured, marked: np.ndarray) -> Measured:
+        """The same once more where the multipliers have changed, and nothing else; the active ones are ``marked``."""
+        self._apply_surfaces(x)
+        sums, error = self._measure_sum()
+        new = dict(zip(("load", "size", "work"), sums, strict=True), contact_error=error)
+        return replace(before, **{name: np.where(marked, new[name], getattr(before, name)) for name in new})
+
+    def _apply_surfaces(self, x):
+        self.surface.zero_()
+        for term in self.contacts if self.cavity is None else [*self.contacts, self.cavity]:
+            term.residual(x, self.surface)
+
+    def work(self) -> np.ndarray:
+        """Virtual work of the residual along the step, and the product of their norms: (2, env)."""
+        inputs = [self.residual, self._step, self.elasticity.n_displacements, self.active]
+        work, square, length = self._sum(work_kernel, inputs, [])
+        return np.stack([work, np.sqrt(np.abs(square * length))])  # what is not active may be anything

@@ -1,0 +1,122 @@
+"""What contact remembers: multipliers, which follow the tractions, and where slip began to count.
+
+Gathering and scattering only; the formulas are in ``traction.py``.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from ..distance import probe
+from .material import mat33, real, vec3
+from .traction import Surface, deformed, return_to_cone, traction
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def anchor_kernel(
+    s: Surface,
+    x_start: wp.array2d(dtype=wp.float64),
+    x_predicted: wp.array2d(dtype=wp.float64),
+    rotation_start: wp.array(dtype=mat33),
+    origin_start: wp.array(dtype=vec3),
+    carried: wp.array3d(dtype=vec3),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    anchor_out: wp.array3d(dtype=vec3),
+):
+    """Where slip begins to count, in the shape's frame.
+
+    A point in contact: behind the start by the slip that it carries. Else on the straight path to the predicted state:
+    where a point that is apart by g0 and would overlap by -g1 enters, or at the path's end if it is not to enter.
+    """
+    f, q, env = wp.tid()
+    if active[env] == 0:
+        return
+    shape = s.rigid[s.shape_of[env]]
+    start = wp.transpose(rotation_start[env]) * (deformed(s, x_start, f, q, env) - origin_start[env])
+    predicted = wp.transpose(s.rotation[env]) * (deformed(s, x_predicted, f, q, env) - s.origin[env])
+    g0 = probe(shape, start).distance + s.gap_offset[f, q]
+    g1 = wp.min(probe(shape, predicted).distance + s.gap_offset[f, q], real(0.0))
+    entry = real(0.0)
+    if g0 > real(0.0) and wp.length_sq(carried[f, q, env]) == real(0.0):
+        entry = g0 / (g0 - g1)
+    anchor_out[f, q, env] = start + entry * (predicted - start) - carried[f, q, env]
+
+
+@wp.kernel
+def carry_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    carried_out: wp.array3d(dtype=vec3),
+):
+    """The slip, in the shape's frame, that makes the next increment begin with the friction traction of this state.
+
+    The multipliers meet the tractions only on average around a corner. Were slip counted anew at every increment, what
+    differs at a point would be forgotten, and a contact that sticks would creep with the number of increments.
+    """
+    f, q, env = wp.tid()
+    if active[env] == 0:
+        return
+    found = traction(s, x, f, q, env)
+    k_inverse = s.edges[f] / s.friction_stiffness
+    slip = vec3()
+    if found.pressure > real(0.0) and found.multiplier > real(0.0):  # without it the anchor may be from another press
+        slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) * k_inverse)
+    carried_out[f, q, env] = slip
+
+
+@wp.func
+def moved_normal(s: Surface, sums: wp.array2d(dtype=wp.vec4d), weight: real, slot: wp.int32, env: wp.int32) -> real:
+    return wp.max(s.normal[slot, env] + sums[slot, env][0] / weight, real(0.0))
+
+
+@wp.func
+def moved_tangential(
+    s: Surface, sums: wp.array2d(dtype=wp.vec4d), weight: real, normal: real, slot: wp.int32, env: wp.int32
+) -> vec3:
+    found = sums[slot, env]
+    return return_to_cone(
+        s.tangential[slot, env] + vec3(found[1], found[2], found[3]) / weight, s.friction * normal
+    )
+
+
+@wp.kernel
+def change_kernel(
+    s: Surface,
+    weights: wp.array(dtype=wp.float64),
+    sums: wp.array2d(dtype=wp.vec4d),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    change_out: wp.array2d(dtype=wp.float64),
+):
+    """Squared change and squared size of the multipliers in an update, summed (lumped, area times edge)."""
+    slot, env = wp.tid()
+    if active[env] == 0:
+        return
+    w = weights[slot]
+    normal = moved_normal(s, sums, w, slot, env)
+    dn = normal - s.normal[slot, env]
+    dt = moved_tangential(s, sums, w, normal, slot, env) - s.tangential[slot, env]
+    wp.atomic_add(change_out, 0, env, w * (dn * dn + wp.dot(dt, dt)))
+    wp.atomic_add(change_out, 1, env, w * normal * normal)
+
+
+@wp.kernel
+def update_kernel(
+    s: Surface,
+    weights: wp.array(dtype=wp.float64),
+    sums: wp.array2d(dtype=wp.vec4d),
+    active: wp.array(dtype=wp.int32),
+):
+    """Move the multipliers."""
+    slot, env = wp.tid()
+    if active[env] == 0:
+        return
+    w = weights[slot]
+    normal = moved_normal(s, sums, w, slot, env)
+    s.tangential[slot, env] = moved_tangential(s, sums, w, normal, slot, env)
+    s.normal[slot, env] = normal

@@ -1,0 +1,159 @@
+"""Presses on their way: each one has its own increments and its own next point to store; one that ends makes room.
+
+The solver carries all of them on by an iteration at a time, and whichever has ended its increment begins the next one
+at once. On a CPU the bytes of none depend on how many are under way together; on a GPU sums depend on its threads.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from .fem import columns
+from .fem.newton import LEAST_DETERMINANT
+from .fem.status import Status
+from .scene import Scene
+
+EXTRAPOLATION = 0.9  # share of the last step that a new one along the same line starts from
+LEAST_GUESS = 0.2  # of det F in an extrapolated start
+MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
+LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
+NO_PRESS = -1
+
+
+class March:
+    """The paths of the scene's b presses, of which ``scene.batch`` are under way, one in each environment.
+
+    poses (b, 4, 4) mm at first touch; path (d, 3) mm; status (b,): those that have not converged there do not begin.
+    ``rows`` are the samples of each press, ``final`` how it ended. ``way`` is the length of path that lies behind an
+    environment, mm.
+    """
+
+    def __init__(self, scene: Scene, poses: np.ndarray, path: np.ndarray, status: np.ndarray):
+        self.scene, self.solver, self.path, self._poses = scene, scene.solver, path, poses
+        self.rows: list[list[dict]] = [[] for _ in poses]
+        self.final = status.copy()
+        self._waiting = deque(np.flatnonzero(status == Status.CONVERGED))
+        self._corners = np.vstack([np.zeros(3), path])
+        lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
+        self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
+        self.spacing = float(lengths.max())
+        batch = scene.batch
+        self.press = np.full(batch, NO_PRESS)
+        self.way, self.previous, self.target, self.step = np.zeros((4, batch))
+        self.goal, self._guessed = np.zeros(batch), np.zeros(batch, dtype=bool)
+        self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
+        self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
+        self._now = np.tile(np.eye(4), (batch, 1, 1))  # poses at the end of the increments under way
+
+    def to_the_end(self):
+        self._load()
+        self._begin(self.press != NO_PRESS, np.zeros(self.scene.batch, dtype=bool))
+        while (self.press != NO_PRESS).any():
+            ended = self.solver.iterate()
+            if ended.any():
+                rejected = self._settle(ended)
+                self._load()
+                self._begin(ended & (self.press != NO_PRESS), rejected)
+
+    def _load(self):
+        """Presses that wait into environments that are free."""
+        free = np.flatnonzero(self.press == NO_PRESS)[: len(self._waiting)]
+        if not len(free):
+            return
+        self.press[free] = [self._waiting.popleft() for _ in free]
+        for array in (self.way, self.previous, self.cost.T):
+            array[free] = 0
+        self.step[free] = self.spacing
+        fresh = np.zeros(self.scene.batch, dtype=bool)
+        fresh[free] = True
+        self.scene.load(fresh, np.maximum(self.press, 0))
+
+    def _offset(self, way: np.ndarray) -> np.ndarray:
+        """Offsets (env, 3) from first touch in the indenters' frames, mm."""
+        return np.stack([np.interp(way, self._way_to, self._corners[:, i]) for i in range(3)], axis=-1)
+
+    def _pose(self, way: np.ndarray) -> np.ndarray:
+        moved = self._poses[self.press].copy()
+        moved[:, :3, 3] += np.einsum("eij,ej->ei", moved[:, :3, :3], self._offset(way))
+        return moved
+
+    def _begin(self, starting: np.ndarray, rejected: np.ndarray):
+        """The next increment in the environments (env,) bool; where a guess was rejected, from the state as it is.
+
+        A guess goes on from the last two states, as far as the path goes on along (or back) their line.
+        """
+        if not starting.any():
+            return
+        solver = self.solver
+        stored = np.array([len(self.rows[press]) if press != NO_PRESS else 0 for press in self.press])
+        self.goal = self._way_to[1 + np.minimum(stored, len(self.path) - 1)]
+        target = np.minimum(self.way + self.step, self.goal)
+        self.target = np.where(starting, np.where(self.goal - target < 1e-9, self.goal, target), self.target)
+        here = self._offset(self.way)
+        last, now = here - self._offset(self.previous), self._offset(self.target) - here
+        length = (last**2).sum(axis=-1)
+        factor = EXTRAPOLATION * (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
+        factor[rejected] = 0.0
+        self._guessed = np.where(starting, factor != 0.0, self._guessed)
+        marked = solver.mark(starting)
+        columns.copy(solver.x, marked, self.x_start)
+        columns.go_beyond(self.x_previous, self.x_start, factor, marked, solver.trial)
+        self._now[starting] = self._pose(self.target)[starting]
+        at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
+        indenter, core = self.scene.indenter_contact, self.scene.core_contact
+        indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now)
+        if core is not None:
+            core.begin_increment(self.x_start, solver.trial, at_rest, at_rest)
+        solver.begin(starting, np.where(self._guessed, LEAST_GUESS, LEAST_DETERMINANT))
+
+    def _settle(self, ended: np.ndarray) -> np.ndarray:
+        """Keep or take back the increments that have ended; returns where (env,) only the guess was rejected."""
+        solver, out = self.solver, self.solver.increment
+        rejected = ended & self._guessed & (out.status == Status.INVERTED) & (out.newton_iterations == 0)
+        ended = ended & ~rejected
+        self.cost[:, ended] += np.stack([out.newton_iterations, out.krylov_iterations, np.ones_like(self.press)])[
+            :, ended
+        ]
+        converged = ended & (out.status == Status.CONVERGED)
+        failed = ended & ~converged
+        if failed.any():
+            marked = solver.mark(failed)
+            columns.copy(self.x_start, marked, solver.x)
+            for contact in solver.contacts:
+                contact.restore(marked)
+            self.step[failed] = (self.target - self.way)[failed] / 2.0
+            hopeless = failed & (self.step < self.scene.settings.smallest_substep * self.spacing)
+            for env in np.flatnonzero(hopeless):
+                self._end(env, out.status[env])
+        columns.copy(self.x_start, solver.mark(converged), self.x_previous)
+        self.previous[converged] = self.way[converged]
+        self.way[converged] = self.target[converged]
+        self.step[converged] = np.minimum(2.0 * self.step[converged], self.spacing)
+        self._store(converged & (self.target == self.goal))
+        return rejected
+
+    def _end(self, env: int, status: int):
+        self.final[self.press[env]] = status
+        self.press[env] = NO_PRESS
+
+    def _store(self, reached: np.ndarray):
+        """Keep the samples of the environments that have just reached a point to store."""
+        if not reached.any():
+            return
+        out = self.solver.increment
+        for env, sample in self.scene.samples.take(reached):
+            rows = self.rows[self.press[env]]
+            overlap, of_edge = sample.pop("overlap_mm"), sample.pop("overlap_of_edge")
+            entered = not rows and self.path[0, 1] > LEAST_OVERLAP_MM
+            missed = not sample["force"].any() and (entered or overlap > LEAST_OVERLAP_MM)
+            if missed or of_edge > MOST_OVERLAP:
+                self._end(env, Status.NOT_RESOLVED)
+                continue
+            costs = dict(zip(("newton_iterations", "krylov_iterations", "substeps"), self.cost[:, env], strict=True))
+            solved = {name: getattr(out, name)[env] for name in ("residual", "contact_error")}
+            rows.append(sample | costs | solved | {"min_det_F": out.min_det[env]})
+            self.cost[:, env] = 0
+            if len(rows) == len(self.path):
+                self._end(env, Status.CONVERGED)

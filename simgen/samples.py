@@ -1,0 +1,158 @@
+"""What is kept of a press at a point of its path: forces, displacements of the output mesh, and what certifies them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from .fem.krylov import CHUNK, chunks, sum_kernel
+from .fem.material import real
+from .fem.newton import SMALLEST_FORCE
+from .first_touch import dense_shapes
+from .interpolation import CUBIC_LATTICE
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+wp.set_module_options({"enable_backward": False})
+
+MM = 1e3  # millimetres per metre
+SUBDIVISIONS = 6  # of faces, where overlap is looked for
+
+
+@wp.kernel
+def reaction_kernel(
+    internal: wp.array2d(dtype=wp.float64),
+    surface: wp.array2d(dtype=wp.float64),
+    held: wp.array(dtype=wp.int32),
+    nodes: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    parts_out: wp.array3d(dtype=wp.float64),
+):
+    """Components of the forces on what is held, a part of the nodes each."""
+    c, i, env = wp.tid()
+    if active[env] == 0:
+        return
+    total = real(0.0)
+    for node in range(c * CHUNK, wp.min((c + 1) * CHUNK, nodes)):
+        row = 3 * node + i
+        if held[row] == 1:
+            total += internal[row, env] + surface[row, env]
+    parts_out[i, c, env] = total
+
+
+@wp.kernel
+def output_kernel(
+    row_starts: wp.array(dtype=wp.int32),
+    columns: wp.array(dtype=wp.int32),
+    values: wp.array(dtype=wp.float64),
+    x: wp.array2d(dtype=wp.float64),
+    environments: wp.array(dtype=wp.int32),
+    # outputs
+    displacement_out: wp.array3d(dtype=wp.float64),
+):
+    """Displacements (environment in the list, vertex, component) by weights of the simulation mesh's nodes, m."""
+    vertex, i, k = wp.tid()
+    env = environments[k]
+    total = real(0.0)
+    for j in range(row_starts[vertex], row_starts[vertex + 1]):
+        total += values[j] * x[3 * columns[j] + i, env]
+    displacement_out[k, vertex, i] = total / real(MM)
+
+
+class Samples:
+    """Measures the states of a scene's solver in the environments that have reached a point."""
+
+    def __init__(self, scene: Scene):
+        self.scene, device, batch = scene, scene.device, scene.batch
+        to_output = scene.to_output.tocsr()
+        self._weights = [wp.array(a.astype(np.int32), dtype=wp.int32, device=device)
+                         for a in (to_output.indptr, to_output.indices)]  # fmt: skip
+        self._weights.append(wp.array(to_output.data, dtype=wp.float64, device=device))
+        self._displacement = wp.zeros((batch, to_output.shape[0], 3), dtype=wp.float64, device=device)
+        self._nodes = len(scene.nodes)
+        self._parts = wp.zeros((3, chunks(self._nodes), batch), dtype=wp.float64, device=device)
+        self._sums = wp.zeros((3, batch), dtype=wp.float64, device=device)
+        corners = scene.indenter_contact.host_faces.shape[1] == 3
+        self._dense = wp.array(dense_shapes(SUBDIVISIONS, linear=corners), dtype=wp.float64, device=device)
+        self._lattice = wp.array(CUBIC_LATTICE, dtype=wp.vec4d, device=device)
+        self._rest_overlap = 0.0
+        if scene.core_contact is not None:
+            scene.core_contact.set_pose(np.tile(np.eye(4), (batch, 1, 1)))
+            self._rest_overlap = max(-self._nearest(scene.core_contact)[0], 0.0)
+
+    def _nearest(self, contact) -> np.ndarray:
+        return contact.nearest(self.scene.solver.x, self._dense)
+
+    def _reactions(self) -> np.ndarray:
+        """Forces (3, env) of the held nodes on the body, at the last measured state."""
+        balance, solver = self.scene.solver.balance, self.scene.solver
+        dim = (self._parts.shape[1], 3, self.scene.batch)
+        inputs = [balance.internal, balance.surface, solver.held, self._nodes, solver.active]
+        wp.launch(reaction_kernel, dim=dim, inputs=inputs, outputs=[self._parts], device=self.scene.device)
+        inputs, outputs = [self._parts], [self._sums]
+        wp.launch(sum_kernel, dim=self._sums.shape, inputs=inputs, outputs=outputs, device=self.scene.device)
+        return self._sums.numpy()
+
+    def displacement(self, environments: np.ndarray) -> np.ndarray:
+        """Displacement of the output mesh (k, v, 3), m, in k environments."""
+        k, x = len(environments), self.scene.solver.x
+        lanes = wp.array(environments, dtype=wp.int32, device=self.scene.device)
+        dim = (self._displacement.shape[1], 3, k)
+        inputs, outputs = [*self._weights, x, lanes], [self._displacement]
+        wp.launch(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
+        return self._displacement[:k].numpy().copy()
+
+    def overlap(self) -> tuple[np.ndarray, np.ndarray]:
+        """Deepest overlap with indenter and core, mm, on points denser than the integration's; and over a face's edge.
+
+        Each (env,). What the rest surface and the core overlap does not count.
+        """
+        indenter, core = self.scene.indenter_contact, self.scene.core_contact
+        deepest = -self._nearest(indenter)
+        of_edge = deepest / indenter.edge
+        if core is not None:
+            into_core = -self._nearest(core) - self._rest_overlap
+            deepest, of_edge = np.maximum(deepest, into_core), np.maximum(of_edge, into_core / core.edge)
+        return deepest, of_edge
+
+    def inverted_elements(self) -> np.ndarray:
+        """Elements (env,) with det F <= 0 at one of 20 points; the solver keeps it positive at its own."""
+        return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x, self._lattice)
+
+    def take(self, reached: np.ndarray) -> Iterator[tuple[int, dict]]:
+        """Samples of the environments (env,) bool: forces in N, lengths in m unless the key says mm."""
+        scene, solver = self.scene, self.scene.solver
+        solver.mark(reached)
+        solver.balance.measure(solver.x)
+        unit = scene.material.youngs_modulus_pa / MM**2  # N per unit of solver force
+        force, moment, rms, _ = scene.indenter_contact.resultants(solver.x)
+        total = force + self._reactions().T
+        if scene.core_contact is not None:
+            total += scene.core_contact.resultants(solver.x)[0]
+        if scene.cavity is not None:
+            total += scene.cavity.resultant(solver.x)
+            lacking, pressure = (array[scene.cavity.row].numpy() for array in (solver.balance.surface, solver.x))
+        overlap, of_edge = self.overlap()
+        inverted = self.inverted_elements()
+        environments = np.flatnonzero(reached)
+        for env, displacement in zip(environments, self.displacement(environments), strict=True):
+            sample = {
+                "displacement": displacement,
+                "force": force[env] * unit,
+                "moment": moment[env] * unit / MM,
+                "force_balance": np.linalg.norm(total[env]) / max(np.linalg.norm(force[env]), SMALLEST_FORCE),
+                "inverted_elements": inverted[env],
+                "rms_penetration_m": rms[env] / MM,
+                "max_penetration_m": max(overlap[env], 0.0) / MM,
+                "overlap_mm": overlap[env],
+                "overlap_of_edge": of_edge[env],
+            }
+            if scene.cavity is not None:
+                sample["liquid_volume_error"] = abs(lacking[env]) / scene.cavity.volume
+                sample["cavity_pressure"] = pressure[env] * scene.material.youngs_modulus_pa
+            yield env, sample
