@@ -62,3 +62,12 @@ def test_an_environment_that_breaks_down_does_not_stop_the_others():
 def test_nothing_to_solve():
     x, used, relative = solve(np.eye(4)[None], np.zeros((4, 1)), lambda v: v, 1e-5, 4)
     assert np.abs(x).max() == 0.0 and used[0] == 0 and relative[0] == 0.0
+
+
+def test_a_residual_that_does_not_change_at_first_is_no_end():
+    """A cyclic shift of n: no direction made of residuals alone helps before the last."""
+    n = 12
+    A, b = np.roll(np.eye(n), 1, axis=0)[None], np.eye(n)[:, :1]
+    x, used, relative = solve(A, b, lambda v: v, 1e-5, 20)
+    assert used[0] == n and relative[0] <= 1e-5
+    np.testing.assert_allclose(A[0] @ x, b, atol=1e-6)
