@@ -1,8 +1,9 @@
-"""Run a plan: one task solves and writes one shard, and dask hands them out. Only this file imports dask.
+"""Run a plan: a task solves and writes some shards, and dask hands the tasks out. Only this file imports dask.
 
 No task depends on another, on the number of workers or on their order, so the dataset does not either.
 """
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,9 +14,11 @@ from typing import Any
 from simgen.dataset import Dataset, finish, log_timing, open_or_create
 from simgen.job import Job
 from simgen.plan import Plan
-from simgen.shard import Presser, ShardReport, fem_presser, run_shard, warm_up
+from simgen.shard import Presser, ShardReport, fem_presser, run_shards, warm_up
 
 TASKS_PER_WORKER = 2  # submitted and not finished: one runs, one waits
+# A task on a GPU: so many that the presses at its end, which leave the device idle, are few among them.
+PRESSES_PER_GPU_TASK = 2048
 
 # A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -32,9 +35,9 @@ def run(
 ) -> Dataset:
     """Fill a dataset: create it or go on with it, and solve every shard that is not finished.
 
-    `scheduler`: None for a local cluster of `workers` processes (default: one per core, or one for a GPU), an
+    `scheduler`: None for a local cluster of `workers` processes (default: one per core, or one per GPU), an
     address of a dask scheduler that sees the same file system, or "sync" for this very process.
-    `on_start` is told how many presses are there already, `on_report` what came of each task.
+    `on_start` is told how many presses are there already, `on_report` what came of each shard.
     An interrupt leaves a dataset that the same call completes. A shard whose task raised is left unfinished
     and its report carries the error. Raises `InputError` if `output` holds another dataset.
     """
@@ -42,50 +45,87 @@ def run(
     shards = dataset.unfinished()
     if shards and scheduler != "sync":
         warm_up(plan, build)  # once, here, instead of in every worker at the same time
-    with _executor(workers, scheduler, plan.device, len(shards)) as execute:
+    gpus = visible_gpus(plan.device) if plan.device != "cpu" and scheduler is None else []
+    at_once = 1 if plan.device == "cpu" else max(1, len(gpus))
+    tasks = divide(shards, 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, at_once))
+    with _executor(workers, scheduler, gpus, len(tasks)) as execute:
         on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
-        for report in execute([(output.resolve(), shard, plan.job, plan.device, build) for shard in shards]):
-            log_timing(dataset, {"finished": time.time(), **asdict(report)})
-            on_report(report)
+        device = "cuda" if gpus else plan.device  # a worker sees its own GPU and no other
+        for reports in execute([(output.resolve(), some, plan.job, device, build) for some in tasks]):
+            for report in reports:
+                log_timing(dataset, {"finished": time.time(), **asdict(report)})
+                on_report(report)
     finish(dataset)
     return dataset
 
 
-def _guarded(arguments: tuple) -> ShardReport:
-    """Run one shard; what goes wrong is data too."""
+def divide(shards: list[int], size: int) -> list[list[int]]:
+    """Runs of at most ``size`` shards."""
+    return [shards[first : first + size] for first in range(0, len(shards), size)]
+
+
+def shards_per_task(shards: int, job: Job, gpus: int) -> int:
+    """As many as a GPU's task has room for, or fewer, so that all GPUs have the same number of tasks."""
+    most = max(1, PRESSES_PER_GPU_TASK // job.dataset.presses_per_shard)
+    rounds = max(1, -(-shards // (most * gpus)))
+    return max(1, -(-shards // (rounds * gpus)))
+
+
+def visible_gpus(device: str) -> list[str]:
+    """What CUDA_VISIBLE_DEVICES calls the GPUs of ``cuda`` (all that are visible here) or ``cuda:N``."""
+    import warp as wp
+
+    names = os.environ.get("CUDA_VISIBLE_DEVICES")
+    names = names.split(",") if names else [str(i) for i in range(wp.get_cuda_device_count())]
+    number = device.partition(":")[2]
+    return [names[int(number)]] if number else names
+
+
+def _guarded(arguments: tuple) -> list[ShardReport]:
+    """Run some shards; what goes wrong is data too."""
     try:
-        return run_shard(*arguments)
+        return run_shards(*arguments)
     except Exception as error:
-        path, shard = arguments[:2]
-        count = len(Dataset(path).shard_presses(shard))
-        return ShardReport(shard, count, error=f"{type(error).__name__}: {error}")
+        path, shards = arguments[:2]
+        counts = [len(Dataset(path).shard_presses(shard)) for shard in shards]
+        message = f"{type(error).__name__}: {error}"
+        return [ShardReport(shard, count, error=message) for shard, count in zip(shards, counts, strict=True)]
 
 
 @contextmanager
-def _executor(workers: int | None, scheduler: str | None, device: str, tasks: int) -> Iterator[Callable]:
+def _executor(workers: int | None, scheduler: str | None, gpus: list[str], tasks: int) -> Iterator[Callable]:
     """A function that runs `_guarded` on a list of arguments and yields the reports as they come."""
     if scheduler == "sync" or tasks == 0:
         yield lambda arguments: map(_guarded, arguments)
         return
-    from dask.distributed import Client, LocalCluster
+    from dask.distributed import Client
 
     if scheduler is not None:
         with Client(scheduler) as client:
             yield lambda arguments: _submit(client, arguments)
         return
-    cores = workers or (_cores() if device == "cpu" else 1)
-    options = {
-        "n_workers": min(cores, tasks),
-        "threads_per_worker": 1,
-        "dashboard_address": None,
-        "silence_logs": "CRITICAL",
-        "preload": [IGNORE_INTERRUPTS],
-    }
-    with LocalCluster(**options) as cluster, Client(cluster) as client:
+    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (workers or _cores())
+    with local_cluster(environments[: min(workers or tasks, tasks)]) as cluster, Client(cluster) as client:
         yield lambda arguments: _submit(client, arguments)
 
 
-def _submit(client, arguments: list[tuple]) -> Iterator[ShardReport]:
+def local_cluster(environments: list[dict[str, str]]):
+    """A dask cluster on this machine: a process for each environment, which it keeps when it is started again.
+
+    A process with a GPU of its own has a second thread, which writes while the first one solves.
+    """
+    from dask.distributed import Nanny, Scheduler, SpecCluster
+
+    shared = {"preload": [IGNORE_INTERRUPTS], "silence_logs": "CRITICAL", "dashboard": False}
+    workers = {
+        i: {"cls": Nanny, "options": {**shared, "nthreads": 2 if environment else 1, "env": environment}}
+        for i, environment in enumerate(environments)
+    }
+    here = {"cls": Scheduler, "options": {"host": "127.0.0.1", "port": 0, "dashboard": False}}
+    return SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL")
+
+
+def _submit(client, arguments: list[tuple]) -> Iterator[list[ShardReport]]:
     """Keep a bounded number of tasks submitted, so that a long job stays light on the scheduler."""
     from dask.distributed import as_completed
 

@@ -1,10 +1,12 @@
-"""One task: press a shard's indenters into every sensor and write the shard.
+"""One task: press the indenters of some shards into every sensor and write the shards.
 
-A worker process makes the scene of a sensor once and keeps it between tasks.
+A worker process makes the scene of a sensor once and keeps it between tasks. A worker with two threads writes the
+shards of one task while it solves the next.
 """
 
 import json
 import socket
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simgen.capacity import presses_at_once
 from simgen.dataset import Dataset, write_shard
 from simgen.errors import InputError
 from simgen.indenter import load_indenter
@@ -25,10 +28,12 @@ from simgen.quiet import start_warp
 Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
 """(indenter indices, poses in the sensor's frame (b, 4, 4) m, depths (d,) m) -> one result each."""
 
+SOLVING = threading.Lock()  # one task of a process solves, others read and write
+
 
 @dataclass(frozen=True)
 class ShardReport:
-    """What came of one task; `failed` counts samples not converged, an `error` means nothing was written."""
+    """What came of one shard; `failed` counts samples not converged, an `error` means nothing was written."""
 
     shard: int
     presses: int
@@ -44,7 +49,7 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     start_warp()
     sensor = chosen_sensor(job, sensor_name)
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
-    batch = 1 if device == "cpu" else job.dataset.presses_per_shard
+    batch = presses_at_once(sensor, device, job.solver.element, settings)
     material, fluid = chosen_material(job, sensor_name, sensor), chosen_fluid(job, sensor_name, sensor)
     scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid)
     shapes = [load_indenter(job.locate(text)).shape() for text in job.indenters]
@@ -90,35 +95,53 @@ def warm_up(plan: Plan, build: Callable[[Job, str, str], Presser] = fem_presser)
         build(plan.job, sensor, plan.device)([0], pose, plan.job.depths_m[:1])
 
 
-def run_shard(path: Path, shard: int, job: Job, device: str, build=fem_presser) -> ShardReport:
-    """Solve all presses of one shard on every sensor and write them.
+def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=fem_presser) -> list[ShardReport]:
+    """Solve all presses of some shards on every sensor and write them, each by itself.
 
-    Raises `InputError` where this process sees other sensors or indenters than those of the dataset.
+    Raises `InputError` where this process sees other sensors or indenters than those of the dataset. What goes wrong
+    with one shard alone stands in its report.
     """
     begin = time.perf_counter()
     dataset = Dataset(path)
-    presses = dataset.shard_presses(shard)
-    rows = slice(presses.start, presses.stop)
-    contact_pose = dataset.root["press/contact_pose"][rows]
-    indenters = dataset.root["press/indenter"][rows].tolist()
+    presses = [dataset.shard_presses(shard) for shard in shards]
+    rows = np.concatenate([np.arange(some.start, some.stop) for some in presses])
+    contact_pose = dataset.root["press/contact_pose"][:][rows]
+    indenters = dataset.root["press/indenter"][:][rows].tolist()
     inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")})
+    results: dict[str, list[PressResult]] = {}
+    with SOLVING:
+        for sensor in dataset.sensors:
+            poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
+            results[sensor] = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
+    share = (time.perf_counter() - begin) / len(rows)
+    reports, first = [], 0
+    for shard, some in zip(shards, presses, strict=True):
+        of_shard = slice(first, first + len(some))
+        found = {sensor: results[sensor][of_shard] for sensor in dataset.sensors}
+        reports.append(_write(dataset, shard, contact_pose[of_shard], found, share))
+        first += len(some)
+    return reports
+
+
+def _write(dataset: Dataset, shard: int, contact_pose: np.ndarray, results: dict[str, list], share: float):
+    """Write one shard; its report. ``share``: seconds that each of its presses took."""
+    begin, count = time.perf_counter(), len(contact_pose)
     values: dict[str, np.ndarray] = {}
-    seconds = {}
-    for sensor in dataset.sensors:
-        poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][rows]) @ contact_pose
-        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
-        values |= _columns(dataset, sensor, results)
-        seconds[sensor] = round(sum(result.seconds for result in results), 3)
+    for sensor, of_sensor in results.items():
+        values |= _columns(dataset, sensor, of_sensor)
     # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
     first_touch = np.nan_to_num(values[f"{dataset.sensors[0]}/touch"])
     for sensor in dataset.sensors:
         values[f"{sensor}/touch"] -= first_touch
     values["press/pose"] = _advance(contact_pose, first_touch)
-    write_shard(dataset, shard, values)
+    try:
+        write_shard(dataset, shard, values)
+    except Exception as error:  # a shard that cannot be written does not take the others with it
+        return ShardReport(shard, count, error=f"{type(error).__name__}: {error}")
     failed = sum(int(np.count_nonzero(values[f"{sensor}/status"])) for sensor in dataset.sensors)
-    return ShardReport(
-        shard, len(presses), failed, round(time.perf_counter() - begin, 3), seconds, socket.gethostname()
-    )
+    seconds = {sensor: round(sum(result.seconds for result in found), 3) for sensor, found in results.items()}
+    total = round(share * count + time.perf_counter() - begin, 3)
+    return ShardReport(shard, count, failed, total, seconds, socket.gethostname())
 
 
 def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, np.ndarray]:

@@ -21,7 +21,7 @@ HOUSE = {
     "indenter": ["indenter"],
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],
-    "press": ["press", "march", "samples", "scene", "first_touch"],
+    "press": ["press", "march", "samples", "scene", "first_touch", "capacity"],
     "dataset": ["dataset", "audit", "exchange"],
     "run": ["plan", "shard", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console"],

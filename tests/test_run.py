@@ -10,14 +10,17 @@ from pathlib import Path
 
 import fake
 import numpy as np
+import psutil
 import pytest
 import trimesh
+from dask.distributed import Client
 
-from simgen.dataset import Dataset
+from simgen.dataset import Dataset, finish, open_or_create
 from simgen.errors import InputError
 from simgen.plan import sensor_identity
-from simgen.run import run
+from simgen.run import divide, local_cluster, run, shards_per_task
 from simgen.sensor import load_sensor
+from simgen.shard import run_shards
 
 CHILD = """
 import sys, fake, pathlib
@@ -175,3 +178,47 @@ def test_a_changed_job_is_refused(whole):
     with pytest.raises(InputError, match=r"depths_mm\.last: 0\.4 -> 0\.5"):
         changed = fake.make_job(depths_mm={"first": 0.1, "last": 0.5, "count": 4})
         run(fake.make_plan(changed), whole, scheduler="sync", build=fake.fake_presser)
+
+
+def test_a_worker_that_is_killed_loses_no_shard(whole, tmp_path):
+    """kill -9 of a worker process while it solves: another one takes its place and its task."""
+    path = tmp_path / "d.zarr"
+    child = start(tmp_path, path, "", "slow_presser")
+    deadline = time.monotonic() + 60
+    while not (path.exists() and Dataset(path).finished()):
+        assert time.monotonic() < deadline and child.poll() is None
+        time.sleep(0.05)
+    processes = psutil.Process(child.pid).children(recursive=True)
+    workers = [process for process in processes if "spawn_main" in " ".join(process.cmdline())]
+    assert len(workers) == 2
+    workers[0].kill()
+    assert child.wait(timeout=60) == 0
+    assert fake.contents(path) == fake.contents(whole)
+
+
+def test_every_gpu_has_a_worker_that_sees_no_other():
+    """Environments reach the processes before anything is imported there."""
+    with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in ("3", "5")]) as cluster, Client(cluster) as client:
+        client.wait_for_workers(2)
+        seen = client.run(lambda: os.environ["CUDA_VISIBLE_DEVICES"])
+        assert sorted(seen.values()) == ["3", "5"]
+        assert set(client.nthreads().values()) == {2}  # one writes while the other solves
+
+
+@pytest.mark.parametrize(("shards", "gpus", "tasks"), [(215, 1, 4), (215, 2, 4), (215, 4, 4), (3, 4, 3), (1, 1, 1)])
+def test_gpus_get_equal_shares_of_a_dataset(shards, gpus, tasks):
+    """36 presses in a shard, 2048 at most in a task."""
+    job = fake.make_job(dataset={"presses_per_shard": 36})
+    size = shards_per_task(shards, job, gpus)
+    assert size * 36 <= 2048
+    parts = divide(list(range(shards)), size)
+    assert len(parts) == tasks and [shard for part in parts for shard in part] == list(range(shards))
+
+
+def test_a_task_of_many_shards_writes_the_same_bytes(whole, tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
+    reports = run_shards(dataset.path, [0, 1, 2, 3, 4, 5], plan.job, "cpu", fake.fake_presser)
+    finish(dataset)
+    assert [report.shard for report in reports] == list(range(6))
+    assert fake.contents(dataset.path) == fake.contents(whole)

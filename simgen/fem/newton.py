@@ -40,15 +40,15 @@ class SolverSettings:
     krylov_size : most iterations of one linear solve
     """
 
-    residual_tolerance: float = 1e-4
-    contact_tolerance: float = 5e-3
-    linear_tolerance: float = 5e-2
+    residual_tolerance: float = 1e-3
+    contact_tolerance: float = 5e-2
+    linear_tolerance: float = 0.1
     volumetric_split: float = 1.0
     contact_stiffness: float = 20.0
     friction_stiffness: float = 20.0
     max_newton_iterations: int = 25
     smallest_substep: float = 1.0 / 64.0
-    krylov_size: int = 80
+    krylov_size: int = 40
 
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)

@@ -1,0 +1,52 @@
+"""How many presses are under way at once on a device, and the memory that they take."""
+
+import warp as wp
+
+from simgen.errors import InputError
+from simgen.fem.element import ELEMENTS
+from simgen.fem.krylov import chunks
+from simgen.fem.newton import SolverSettings
+from simgen.sensor import Sensor
+
+AT_ONCE = {"cpu": 1, "cuda": 256}  # a core does one after the other; a GPU is busy from some hundreds on
+USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
+
+
+def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSettings | None = None) -> int:
+    """Memory of one press that is under way: states, Krylov vectors, blocks, contact points.
+
+    Without a liquid's few numbers, and without the sparse factors of linear tetrahedra, which the host keeps.
+    """
+    mesh, kind, settings = sensor.simulation_mesh, ELEMENTS[element], settings or SolverSettings()
+    corners = mesh.n_corners
+    nodes = len(mesh.nodes) if kind.nodes == 10 else corners
+    unknowns = 3 * nodes + (corners if kind.pressures else 0)
+    edges = len(mesh.nodes) - corners
+    faces = [mesh.touchable] + ([mesh.facing_core] if sensor.core is not None else [])
+    points = kind.face_points * sum(map(len, faces))
+    double = 8 * unknowns  # x, trial, step, two parts of the forces and their sum, two earlier states
+    vectors = 2 * settings.krylov_size + 6  # directions and images; the solver's own five; where derivatives are taken
+    parts = (settings.krylov_size + 4) * chunks(unknowns)
+    blocks = edges * 2 + corners
+    if kind.pressures:
+        vectors += 3
+        blocks = 2 * nodes + blocks + corners
+    single = vectors * unknowns + 12 * corners
+    in_contact = points * (3 * 24 + 36) + 100 * sum(len(set(f[:, :3].ravel())) for f in faces)
+    output = 24 * len(sensor.output_mesh.vertices)
+    return 8 * (double + parts) + 4 * single + 36 * blocks + in_contact + output
+
+
+def presses_at_once(sensor: Sensor, device: str, element: str, settings: SolverSettings) -> int:
+    """As many as keep a device busy, or as many as its free memory holds. Raises InputError where that is none."""
+    most = AT_ONCE[device.partition(":")[0]]
+    if most == 1:
+        return 1
+    each, free = bytes_per_press(sensor, element, settings), wp.get_device(device).free_memory
+    fit = int(USABLE * free / each)
+    if fit < 1:
+        raise InputError(
+            f"{device}: {free / 1e9:.2g} GB of memory are free, one press on sensor {sensor.name} takes "
+            f"{each / 1e9:.2g} GB; allowed: a coarser mesh or a smaller krylov_size"
+        )
+    return min(most, fit)
