@@ -20,7 +20,7 @@ AROUND_MM = 2.5  # segments of a quarter of a ring times the edge: arcs then are
 # One tolerance at a time, looser and tighter than the default.
 OTHER_TOLERANCES = [
     ("residual_tolerance", 1e-2), ("residual_tolerance", 1e-6),
-    ("contact_tolerance", 5e-2), ("contact_tolerance", 5e-4),
+    ("contact_tolerance", 1e-1), ("contact_tolerance", 1e-3),
     ("linear_tolerance", 5e-1), ("linear_tolerance", 1e-3),
 ]  # fmt: skip
 

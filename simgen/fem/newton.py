@@ -41,7 +41,7 @@ class SolverSettings:
     """
 
     residual_tolerance: float = 1e-3
-    contact_tolerance: float = 5e-2
+    contact_tolerance: float = 2e-2
     linear_tolerance: float = 0.1
     volumetric_split: float = 1.0
     contact_stiffness: float = 20.0
