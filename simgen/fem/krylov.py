@@ -287,7 +287,7 @@ class ConjugateResiduals:
         self._x, self._source = (array((n, self.n_env), wp.float32) for _ in range(2))
         self._parts = array((max(size, 2), chunks(n), self.n_env), wp.float64)
         self._sums = array((max(size, 2), self.n_env), wp.float64)
-        self._square = Dots(n, self.n_env, device)
+        self._square, self._graphs = Dots(n, self.n_env, device), {}
         self._found = array((2, self.n_env), wp.float64)
         self._began, self._stuck = (array(self.n_env, wp.int32) for _ in range(2))
         self._count, self._going = (array(1, wp.int32) for _ in range(2))
@@ -295,12 +295,15 @@ class ConjugateResiduals:
     def _launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
-    def solve(self, operator, preconditioner, b, x_out, tolerance: float):
+    def solve(self, operator, preconditioner, b, x_out, tolerance: float, capture: bool = False):
         """Solve ``operator x = b`` until the residual is ``tolerance`` times b in every active environment.
 
         ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``; of ``x_out`` only active columns change.
         ``active`` is used up: it ends with the environments that missed the tolerance. Returns iterations (env,) and
         relative residuals (env,), infinite where the system broke down; the caller judges those that missed.
+
+        ``capture`` says that both functions do nothing but launch kernels on the same arrays every time: the loop then
+        becomes one graph.
         """
         whole, sections = b.shape, (chunks(b.shape[0]), self.n_env)
         wp.copy(self._began, self.active)
@@ -321,7 +324,15 @@ class ConjugateResiduals:
             operator(self._direction, self._image)
             self._advance(whole, sections, tolerance)
 
-        wp.capture_while(self._going, iterate)
+        key = (operator, preconditioner, tolerance)
+        if capture and key in self._graphs:
+            wp.capture_launch(self._graphs[key])
+        else:
+            wp.capture_while(self._going, iterate)  # and loads all kernels, which cannot be done while one captures
+            if capture:
+                with wp.ScopedCapture(device=self.device) as captured:
+                    wp.capture_while(self._going, iterate)
+                self._graphs[key] = captured.graph
         self._launch(end_kernel, whole, [self._x, squares, self._began], [x_out])
         iterations, relative = np.where(self._began.numpy() * (size > 0.0), self._found.numpy(), 0.0)
         return iterations.astype(int), np.where(np.isfinite(size), relative, np.inf)

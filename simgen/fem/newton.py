@@ -225,7 +225,8 @@ class NewtonSolver:
             self.mark(wanted & ~singular)
         tolerance = self.settings.linear_tolerance
         right = self.balance.residual
-        used, relative = self.krylov.solve(self._tangent, self.preconditioner.apply, right, self._step, tolerance)
+        terms = self._tangent, self.preconditioner.apply, right, self._step, tolerance
+        used, relative = self.krylov.solve(*terms, capture=not factored)
         self.increment.krylov_iterations += used
         self._last_krylov = np.where(wanted, used, self._last_krylov)
         return wanted & (singular | ~(relative <= tolerance))

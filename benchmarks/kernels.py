@@ -1,0 +1,137 @@
+"""How near are the solver's kernels to what the device can do?
+
+    python benchmarks/kernels.py --sensor digit --mesh default --device cuda --batches 64 256 --output kernels.json
+
+Ceilings are measured in the same run: bytes a second of a copy, and floating-point operations a second of independent
+multiply-adds, in single and in double precision. Bytes of a kernel are the fewest: every vector of the batch once, mesh
+data once for all environments. Operations are counted by hand from the formulas, per element.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+from record import write
+
+from simgen.indenter import load_indenter
+from simgen.press import Scene, press
+from simgen.quiet import start_warp
+from simgen.sensor import load_sensor
+from simgen.validate.sensors import PLACES_MM, place_indenter
+
+wp.set_module_options({"enable_backward": False})
+
+ADDS = 256  # multiply-adds of a thread, in each of four chains
+# Operations of a P2-P1 element with 8 points: derivatives at the corners 130, nodal forces 150, and at each point an
+# interpolation 63, det and cofactor 45, stress 70, increment of the stress 190, sums at the corners 80.
+OPERATIONS = {"tangent": 2 * 130 + 150 + 8 * (2 * 63 + 45 + 190 + 80), "forces": 130 + 150 + 8 * (63 + 45 + 70 + 80)}
+
+
+@wp.kernel
+def single_kernel(x: wp.array(dtype=wp.float32)):
+    i = wp.tid()
+    a, b, c, d = x[i], x[i] + 1.0, x[i] + 2.0, x[i] + 3.0
+    for _ in range(ADDS):
+        a = a * 0.999 + 0.1
+        b = b * 0.998 + 0.2
+        c = c * 0.997 + 0.3
+        d = d * 0.996 + 0.4
+    x[i] = a + b + c + d
+
+
+@wp.kernel
+def double_kernel(x: wp.array(dtype=wp.float64)):
+    i = wp.tid()
+    one = wp.float64(1.0)
+    a, b, c, d = x[i], x[i] + one, x[i] + one + one, x[i] - one
+    for _ in range(ADDS):
+        a = a * wp.float64(0.999) + wp.float64(0.1)
+        b = b * wp.float64(0.998) + wp.float64(0.2)
+        c = c * wp.float64(0.997) + wp.float64(0.3)
+        d = d * wp.float64(0.996) + wp.float64(0.4)
+    x[i] = a + b + c + d
+
+
+def seconds(action, repeats: int = 20) -> float:
+    """Median of a call that is waited for."""
+    action()
+    wp.synchronize()
+    spent = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        action()
+        wp.synchronize()
+        spent.append(time.perf_counter() - begin)
+    return float(np.median(spent))
+
+
+def ceilings(device: str) -> dict[str, float]:
+    """Bytes and operations a second that plain kernels reach."""
+    large = (1 << 30 if device != "cpu" else 1 << 26) // 4
+    a, b = (wp.zeros(large, dtype=wp.float32, device=device) for _ in range(2))
+    found = {"bytes_per_second": 2.0 * 4.0 * large / seconds(lambda: wp.copy(b, a))}
+    threads = 1 << (22 if device != "cpu" else 14)
+    for name, kernel, dtype in (("float32", single_kernel, wp.float32), ("float64", double_kernel, wp.float64)):
+        x = wp.ones(threads, dtype=dtype, device=device)
+        taken = seconds(lambda k=kernel, x=x: wp.launch(k, dim=threads, inputs=[x], device=device))
+        found[f"{name}_operations_per_second"] = 8.0 * ADDS * threads / taken
+    return found
+
+
+def measure(sensor, batch: int, device: str, limits: dict[str, float]) -> list[dict]:
+    scene = Scene(sensor, sensor.materials["solid"], device=device, batch=batch)
+    pose = np.tile(place_indenter(sensor, *PLACES_MM["centre"]), (batch, 1, 1))
+    press(scene, [load_indenter("sphere_7mm").shape()] * batch, pose, np.array([0.5e-3]))
+    solver = scene.solver
+    solver.mark(np.ones(batch, dtype=bool))
+    n, elements = solver.n_unknowns, len(solver.elasticity.host_tetrahedra)
+    v, out = (wp.zeros((n, batch), dtype=wp.float32, device=device) for _ in range(2))
+    v.assign(np.random.default_rng(0).normal(size=v.shape))
+    forces, least = solver.vector(), wp.zeros(batch, dtype=wp.float64, device=device)
+    multigrid = solver.preconditioner.multigrid
+    actions = {
+        "tangent": (lambda: solver.elasticity.tangent(v, out), 4 * (4 * n), "float32"),
+        "forces": (lambda: solver.elasticity.residual(solver.x, forces, least), 8 * (3 * n), "float64"),
+        "diagonal blocks": (multigrid._invert_diagonal, 4 * (n + 2 * 9 * len(scene.nodes)), "float32"),
+        "corner blocks": (multigrid.corners.update, 4 * (n + 9 * multigrid.corners.pattern.n_blocks), "float32"),
+        "corner cycle": (lambda: multigrid.corners.apply(multigrid._corner_b, multigrid._corner_x),
+                         4 * 7 * 9 * multigrid.corners.pattern.n_blocks, "float32"),
+        "preconditioner": (lambda: solver.preconditioner.apply(v, out), 0, "float32"),
+        "contact forces": (lambda: scene.indenter_contact.residual(solver.x, forces), 0, "float64"),
+    }  # fmt: skip
+    rows = []
+    for name, (action, moved, precision) in actions.items():
+        taken = seconds(action)
+        row = {"kernel": name, "batch": batch, "unknowns": n, "us_per_environment": 1e6 * taken / batch,
+               "unknowns_per_second": n * batch / taken}  # fmt: skip
+        if moved:
+            row["share_of_bandwidth"] = moved * batch / taken / limits["bytes_per_second"]
+        if name in OPERATIONS:
+            done = OPERATIONS[name] * elements * batch / taken
+            row["share_of_operations"] = done / limits[f"{precision}_operations_per_second"]
+        rows.append({key: round(value, 4) if isinstance(value, float) else value for key, value in row.items()})
+        print(rows[-1], flush=True)
+    return rows
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sensor", default="digit")
+    parser.add_argument("--mesh", default="default")
+    parser.add_argument("--batches", nargs="+", type=int, default=[1])
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--output", type=Path, default=Path("kernels.json"))
+    asked = parser.parse_args()
+    start_warp()
+    limits = ceilings(asked.device)
+    print(limits, flush=True)
+    sensor = load_sensor(asked.sensor, asked.mesh)
+    rows = [row for batch in asked.batches for row in measure(sensor, batch, asked.device, limits)]
+    plain = {name: str(value) for name, value in vars(asked).items()}
+    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, ceilings=limits)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,60 @@
+"""The presses that benchmarks solve: contacts of the full paired job, all nine indenters, posed on a sensor."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgen.distance import RigidShape
+from simgen.fem.newton import SolverSettings
+from simgen.indenter import load_indenter
+from simgen.job import load_job
+from simgen.plan import chosen_material, chosen_sensor, make_plan
+from simgen.press import PressResult, Scene
+
+
+@dataclass(frozen=True)
+class Presses:
+    """Presses of one sensor: shapes and poses (b, 4, 4) m, and the depths (d,) m of all of them."""
+
+    scene: Scene
+    shapes: list[RigidShape]
+    poses: np.ndarray
+    depths_m: np.ndarray
+
+    def some(self, count: int) -> tuple:
+        """Arguments of ``simgen.press.press`` for the first of them, again from the first on where there are fewer."""
+        of = np.arange(count) % len(self.shapes)
+        return self.scene, [self.shapes[i] for i in of], self.poses[of], self.depths_m
+
+
+def paired_presses(sensor: str, mesh: str, trajectories: int, batch: int, device: str, overrides=()) -> Presses:
+    """The first contacts of jobs/paired.yaml on one of its sensors, in an order that mixes indenters."""
+    job = load_job("paired", [f"trajectories.count={trajectories}", f"sensors.{sensor}.mesh={mesh}", *overrides])
+    plan = make_plan(job)
+    model = chosen_sensor(job, sensor)
+    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
+    scene = Scene(model, chosen_material(job, sensor, model), device=device, batch=batch, settings=settings)
+    poses = np.linalg.inv(plan.arrays[f"{sensor}/pose"]) @ plan.arrays["press/contact_pose"]
+    shapes = [load_indenter(job.locate(text)).shape() for text in job.indenters]
+    order = np.random.default_rng(0).permutation(len(poses))
+    return Presses(scene, [shapes[i] for i in plan.arrays["press/indenter"][order]], poses[order], job.depths_m)
+
+
+def summary(results: list[PressResult], seconds: float) -> dict:
+    """Solves a second, what converged, and iterations of a solve."""
+    status = np.stack([result.status for result in results])
+    converged = int((status == 0).sum())
+    newton, krylov = (
+        sum(float(np.nansum(result.certificate[f"{kind}_iterations"])) for result in results)
+        for kind in ("newton", "krylov")
+    )
+    return {
+        "presses": len(results),
+        "solves": int(status.size),
+        "converged": converged,
+        "presses_converged": int((status == 0).all(axis=1).sum()),
+        "seconds": round(seconds, 3),
+        "solves_per_second": round(converged / seconds, 3),
+        "newton_per_solve": round(newton / converged, 2),
+        "krylov_per_newton": round(krylov / newton, 2),
+    }
