@@ -128,7 +128,7 @@ def test_linear_tetrahedra_interpolate_linearly(block):
 def test_environments_out_of_step_do_not_disturb_each_other(block):
     """One that must cut its steps and one that need not, in one batch, against each alone."""
     poses, depths = np.concatenate([pose(), pose(x=1.0)]), np.array([0.6e-3])
-    settings = SolverSettings(max_newton_iterations=8)
+    settings = SolverSettings(1e-4, 5e-3, 5e-2, max_newton_iterations=8)  # tolerances: tight ones need more iterations
     together = press(Scene(block, GEL, batch=2, settings=settings), [CUBE, SPHERE], poses, depths)
     substeps = [int(result.certificate["substeps"][0]) for result in together]
     assert substeps[0] != substeps[1]
@@ -162,7 +162,7 @@ def test_a_press_that_cannot_converge_keeps_what_it_reached(block):
 
 def test_large_steps_are_cut(block):
     """1.2 mm at once takes sub-steps by itself and ends near the march in small steps; friction depends on the path."""
-    scene = Scene(block, GEL, settings=SolverSettings(max_newton_iterations=9))
+    scene = Scene(block, GEL, settings=SolverSettings(max_newton_iterations=6))
     fine = press(scene, [SPHERE], pose(), np.linspace(0.1e-3, 1.2e-3, 12))[0]
     once = press(scene, [SPHERE], pose(), np.array([1.2e-3]))[0]
     assert (fine.status == 0).all() and (once.status == 0).all()
