@@ -22,6 +22,7 @@ wp.set_module_options({"enable_backward": False})
 
 CHUNK = 512  # terms that one thread sums
 STUCK = 0.9  # of the last residual: one that shrinks less says little that is new
+SOON = 4  # iterations after which a looser tolerance holds
 
 
 @wp.kernel
@@ -183,6 +184,7 @@ def count_kernel(count_out: wp.array(dtype=wp.int32), going_out: wp.array(dtype=
 def judge_kernel(
     squares: wp.array2d(dtype=wp.float64),
     tolerance: real,
+    later: real,
     count: wp.array(dtype=wp.int32),
     size: wp.int32,
     # outputs
@@ -200,7 +202,7 @@ def judge_kernel(
     stuck_out[env] = int(relative > real(STUCK) * found_out[1, env])
     found_out[0, env] = real(count[0])
     found_out[1, env] = wp.where(sound, relative, real(wp.inf))
-    if not sound or relative <= tolerance:
+    if not sound or relative <= wp.where(count[0] >= SOON, later, tolerance):
         active_out[env] = 0
     elif count[0] < size:
         wp.atomic_max(going_out, 0, 1)
@@ -295,12 +297,13 @@ class ConjugateResiduals:
     def _launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
-    def solve(self, operator, preconditioner, b, x_out, tolerance: float, capture: bool = False):
+    def solve(self, operator, preconditioner, b, x_out, tolerance: float, later: float = 0.0, capture=False):
         """Solve ``operator x = b`` until the residual is ``tolerance`` times b in every active environment.
 
-        ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``; of ``x_out`` only active columns change.
-        ``active`` is used up: it ends with the environments that missed the tolerance. Returns iterations (env,) and
-        relative residuals (env,), infinite where the system broke down; the caller judges those that missed.
+        From iteration `SOON` on ``later`` times b is enough, if it is given: the slowest environment of a batch keeps
+        the others waiting. ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``; of ``x_out`` only
+        active columns change. ``active`` is used up: it ends with the environments that missed. Returns iterations
+        (env,) and relative residuals (env,), infinite where the system broke down; the caller judges what missed.
 
         ``capture`` says that both functions do nothing but launch kernels on the same arrays every time: the loop then
         becomes one graph.
@@ -322,9 +325,9 @@ class ConjugateResiduals:
             self._launch(source_kernel, whole, inputs, [self._source])
             preconditioner(self._source, self._direction)
             operator(self._direction, self._image)
-            self._advance(whole, sections, tolerance)
+            self._advance(whole, sections, tolerance, max(tolerance, later))
 
-        key = (operator, preconditioner, tolerance)
+        key = (operator, preconditioner, tolerance, later)
         if capture and key in self._graphs:
             wp.capture_launch(self._graphs[key])
         else:
@@ -337,7 +340,7 @@ class ConjugateResiduals:
         iterations, relative = np.where(self._began.numpy() * (size > 0.0), self._found.numpy(), 0.0)
         return iterations.astype(int), np.where(np.isfinite(size), relative, np.inf)
 
-    def _advance(self, whole, sections, tolerance: float):
+    def _advance(self, whole, sections, tolerance: float, later: float):
         """From the new direction and its image to the next residual."""
         every, count, active = (self.size, *sections), self._count, self.active
         self._launch(project_kernel, every, [self._images, self._image, count, active], [self._parts])
@@ -350,5 +353,5 @@ class ConjugateResiduals:
         self._launch(advance_kernel, sections, [self._direction, self._image, self._sums, count, active], outputs)
         self._launch(sum_kernel, (1, self.n_env), [self._parts], [self._sums])
         self._launch(count_kernel, 1, [], [count, self._going])
-        inputs = [self._sums, tolerance, count, self.size]
+        inputs = [self._sums, tolerance, later, count, self.size]
         self._launch(judge_kernel, self.n_env, inputs, [self._stuck, self._found, active, self._going])

@@ -32,7 +32,8 @@ class SolverSettings:
 
     residual_tolerance : out-of-balance forces over contact forces (Euclidean norms over nodes)
     contact_tolerance : change that a further multiplier update would make, over the multipliers (L2 norms)
-    linear_tolerance : residual of the linear solve over the out-of-balance forces; single precision reaches 1e-5
+    linear_tolerance : residual of the linear solve over the out-of-balance forces, three times that from the fourth
+        iteration on; single precision reaches 1e-5
     volumetric_split : gamma / mu, the part of the bulk stiffness that acts pointwise (see material.py)
     contact_stiffness, friction_stiffness : k edge / E of the augmented Lagrangian, edge of each face (see traction.py)
     max_newton_iterations : per increment; an increment that needs more is halved
@@ -53,6 +54,9 @@ class SolverSettings:
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
 LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
+# Of the linear tolerance, from the fourth iteration on. Without, the slowest environment of a batch takes twice as many
+# iterations as a mean one; Newton's method takes none more for it on the DIGIT, 9 % more on the BioTac.
+LOOSER = 3.0
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
 
@@ -223,10 +227,10 @@ class NewtonSolver:
         singular[self.preconditioner.update(np.flatnonzero(wanted), self._last_krylov, factored)] = True
         if singular.any():
             self.mark(wanted & ~singular)
-        tolerance = self.settings.linear_tolerance
+        tolerance, later = self.settings.linear_tolerance, LOOSER * self.settings.linear_tolerance
         right = self.balance.residual
-        terms = self._tangent, self.preconditioner.apply, right, self._step, tolerance
+        terms = self._tangent, self.preconditioner.apply, right, self._step, tolerance, later
         used, relative = self.krylov.solve(*terms, capture=not factored)
         self.increment.krylov_iterations += used
         self._last_krylov = np.where(wanted, used, self._last_krylov)
-        return wanted & (singular | ~(relative <= tolerance))
+        return wanted & (singular | ~(relative <= later))

@@ -93,7 +93,7 @@ def solve(
     """
     n_u, n_p = body.n_displacements, body.n_pressures
     load = DeadLoad(np.zeros_like(displacement) if loads is None else loads, n_u + n_p, body.device)
-    solver = NewtonSolver(body, [load], held, 1, SolverSettings(linear_tolerance=1e-4))
+    solver = NewtonSolver(body, [load], held, 1, SolverSettings(linear_tolerance=1e-4, krylov_size=80))
     step = np.append(displacement.ravel(), np.zeros(n_p)) / steps
     x = np.zeros(n_u + n_p)
     for number in range(1, steps + 1):

@@ -26,7 +26,7 @@ from .meshes import faces_on, on_plane, sphere_shell
 
 RADII = (1.0, 2.0)  # mm, of the spheres
 OCTANT = math.pi / 6.0  # volume of an eighth of a ball over the cube of its radius
-EXACT = SolverSettings(residual_tolerance=1e-9, linear_tolerance=1e-4)
+EXACT = SolverSettings(residual_tolerance=1e-9, linear_tolerance=1e-4, krylov_size=80)
 
 
 @dataclass(frozen=True)
