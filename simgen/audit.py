@@ -14,7 +14,6 @@ from trimesh.triangles import closest_point
 
 from simgen.dataset import SPLITS, Dataset
 
-CONTACT_ERROR = 1e-2  # of the contact constraint
 FORCE_BALANCE = 1e-3  # of the contact force
 LIQUID_VOLUME = 1e-6  # of the cavity's volume
 RIGID = 1e-9  # of a rotation matrix against orthogonality: float64 products of a few rotations
@@ -114,7 +113,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
 
     limits = [
         ("residual", "residual", dataset.job.solver.residual_tolerance),
-        ("contact_error", "contact error", CONTACT_ERROR),
+        ("contact_error", "contact error", dataset.job.solver.contact_tolerance),
         ("force_balance", "force balance", FORCE_BALANCE),
     ]
     if dataset.job.sensors[sensor].fluid != "none":

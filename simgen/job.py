@@ -99,7 +99,7 @@ class Solver(Section):
     """The finite element, and `simgen.fem.newton.SolverSettings` (which says what each key means)."""
 
     element: Literal["P2-P1", "P1"] = Field("P2-P1", description="P2-P1, or P1 for comparison only")
-    residual_tolerance: float = Field(1e-3, gt=0.0, le=1e-2, description="above 0, to 1e-2")
+    residual_tolerance: float = Field(5e-4, gt=0.0, le=1e-2, description="above 0, to 1e-2")
     contact_tolerance: float = Field(2e-2, gt=0.0, le=1e-1, description="above 0, to 1e-1")
     linear_tolerance: float = Field(0.1, ge=1e-4, lt=1.0, description="1e-4 to below 1")
     volumetric_split: float = Field(1.0, ge=0.0, le=50.0, description="gamma / mu, 0 to 50")

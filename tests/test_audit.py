@@ -36,7 +36,7 @@ SPOILED = {
     "status": ("digit/status", (3, 1), 1, "digit: samples converged"),
     "residual": ("digit/certificate/residual", (0, 0), 1.0, "digit: residual"),
     "not a number": ("digit/certificate/residual", (0, 0), np.nan, "digit: residual"),
-    "contact": ("biotac/certificate/contact_error", (11, 3), 0.02, "biotac: contact error"),
+    "contact": ("biotac/certificate/contact_error", (11, 3), 0.03, "biotac: contact error"),
     "force balance": ("biotac/certificate/force_balance", (0, 0), 0.002, "biotac: force balance"),
     "inverted": ("biotac/certificate/min_det_F", (5, 2), -0.1, "biotac: det F"),
     "held": ("biotac/displacement", (0, 0, HELD, 0), 1, "biotac: held vertices move"),

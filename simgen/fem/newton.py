@@ -41,7 +41,7 @@ class SolverSettings:
     krylov_size : most iterations of one linear solve
     """
 
-    residual_tolerance: float = 1e-3
+    residual_tolerance: float = 5e-4
     contact_tolerance: float = 2e-2
     linear_tolerance: float = 0.1
     volumetric_split: float = 1.0
