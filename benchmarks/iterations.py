@@ -7,17 +7,15 @@ at several Poisson's ratios. Reported at some depths: Newton iterations of that 
 """
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
+from record import write
 
 from simgen.indenter import load_indenter
 from simgen.press import Scene, SolverSettings, press
-from simgen.provenance import code_version, package_versions
 from simgen.quiet import start_warp
 from simgen.sensor import load_sensor
-from simgen.validate.record import machine
 from simgen.validate.sensors import PLACES_MM, place_indenter
 
 DEPTHS_MM = np.arange(1, 21) * 0.1
@@ -66,10 +64,9 @@ def main():
             print(f"{mesh:8s} {found['unknowns']:7d} unknowns  nu {nu:<7g} Newton a depth {found['newton']}  "
                   f"Krylov a Newton {found['krylov_per_newton']}  {found['converged']}/{found['of']} converged, "
                   f"{found['seconds']} s", flush=True)  # fmt: skip
-    origin = {"code": code_version(), "packages": package_versions(), "machine": machine(arguments.device)}
     asked = {"sensor": arguments.sensor, "indenter": arguments.indenter, "device": arguments.device,
              "linear_tolerance": arguments.linear_tolerance}  # fmt: skip
-    arguments.output.write_text(json.dumps({**origin, **asked, "rows": rows}, indent=1) + "\n", encoding="utf-8")
+    write(arguments.output, __doc__.splitlines()[0], arguments.device, asked, rows)
 
 
 if __name__ == "__main__":
