@@ -10,6 +10,7 @@ from fem.box import box
 
 from simgen.distance import Kind
 from simgen.errors import InputError
+from simgen.fem.contact import Contact
 from simgen.fem.pattern import corners_to_nodes
 from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
 from simgen.sensor import Material, Sensor
@@ -97,6 +98,14 @@ def test_the_size_of_a_batch_changes_no_bytes(block, scene, central, batch):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
         for name, values in a.certificate.items():
             np.testing.assert_array_equal(values, b.certificate[name])
+
+
+def test_faces_that_cannot_touch_change_nothing(block, central, monkeypatch):
+    """The same bytes when every face is looked at."""
+    monkeypatch.setattr(Contact, "_find_candidates", lambda self, x, travel: None)
+    everywhere = press(Scene(block, GEL), [SPHERE], pose(), DEPTHS)[0]
+    np.testing.assert_array_equal(everywhere.displacement, central.displacement)
+    np.testing.assert_array_equal(everywhere.force, central.force)
 
 
 def test_the_same_press_twice_gives_the_same_bytes(scene, central):

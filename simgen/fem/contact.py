@@ -13,6 +13,7 @@ import warp as wp
 from ..distance import RigidShape
 from ..shape import shape_array
 from . import columns
+from .contact_candidates import find_candidates_kernel, no_candidates_kernel
 from .contact_history import anchor_kernel, carry_kernel, change_kernel, update_kernel
 from .contact_results import gap_kernel, nearest_kernel, resultant_kernel
 from .element import Element, face_geometry
@@ -33,9 +34,10 @@ def contact_residual_kernel(
     sums_out: wp.array2d(dtype=wp.vec4d),
 ):
     """Forces, and integrals of edge (t - lambda, tau - lambda_t) against the multiplier shape functions."""
-    f, env = wp.tid()
-    if active[env] == 0:
+    k, env = wp.tid()
+    if active[env] == 0 or k >= s.count[env]:
         return
+    f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
         found = traction(s, x, f, q, env)
         if found.pressure > real(0.0) or found.multiplier > real(0.0):
@@ -59,9 +61,10 @@ def contact_tangent_kernel(
     tangent_out: wp.array3d(dtype=mat33f),
 ):
     """Store the tangent at every quadrature point: it is used for many Krylov iterations."""
-    f, env = wp.tid()
-    if active[env] == 0:
+    k, env = wp.tid()
+    if active[env] == 0 or k >= s.count[env]:
         return
+    f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
         found = traction(s, x, f, q, env)
         tangent_out[f, q, env] = mat33f(s.areas[f, q] * found.tangent)
@@ -82,9 +85,10 @@ def contact_action_kernel(
     # outputs
     action_out: wp.array2d(dtype=wp.float32),
 ):
-    f, env = wp.tid()
-    if active[env] == 0:
+    k, env = wp.tid()
+    if active[env] == 0 or k >= s.count[env]:
         return
+    f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
         K = tangent[f, q, env]
         if touches(K):
@@ -106,9 +110,10 @@ def contact_blocks_kernel(
     # outputs
     blocks_out: wp.array2d(dtype=mat33f),
 ):
-    f, env = wp.tid()
-    if active[env] == 0:
+    k, env = wp.tid()
+    if active[env] == 0 or k >= s.count[env]:
         return
+    f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
         K = tangent[f, q, env]
         if touches(K):
@@ -126,9 +131,10 @@ def contact_diagonal_kernel(
     # outputs
     diagonal_out: wp.array2d(dtype=mat33f),
 ):
-    f, env = wp.tid()
-    if active[env] == 0:
+    k, env = wp.tid()
+    if active[env] == 0 or k >= s.count[env]:
         return
+    f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
         K = tangent[f, q, env]
         if touches(K):
@@ -169,6 +175,10 @@ class Contact:
         s.anchor = wp.zeros(self._points, dtype=vec3, device=device)
         s.normal = wp.zeros((self.n_slots, self.n_env), dtype=wp.float64, device=device)
         s.tangential = wp.zeros((self.n_slots, self.n_env), dtype=vec3, device=device)
+        every = np.tile(np.arange(len(faces))[:, None], self.n_env)
+        s.candidates = wp.array(every, dtype=wp.int32, device=device)
+        s.count = wp.full(self.n_env, len(faces), dtype=wp.int32, device=device)
+        self._travel = wp.zeros(self.n_env, dtype=wp.float64, device=device)
         s.stiffness, s.friction_stiffness = stiffness
         s.friction = friction
 
@@ -236,6 +246,15 @@ class Contact:
             start = [self._start_rotation, self._start_origin]
             inputs = [x_start, x_predicted, *start, self._carried, self.active]
             self._launch(anchor_kernel, inputs, [self.surface.anchor], dim=self._points)
+        self._find_candidates(x_predicted, np.linalg.norm((poses - start_poses)[:, :3, 3], axis=1))
+
+    def _find_candidates(self, x, travel: np.ndarray):
+        """Faces that can touch while the shapes of the active environments move by ``travel`` (env,) mm."""
+        s = self.surface
+        self._travel.assign(travel)
+        device = self.device
+        wp.launch(no_candidates_kernel, dim=self.n_env, inputs=[self.active], outputs=[s.count], device=device)
+        self._launch(find_candidates_kernel, [x, self._travel, self.active], [s.count, s.candidates])
 
     def _history(self):
         s = self.surface

@@ -49,6 +49,8 @@ class Surface:
     normal: wp.array2d(dtype=wp.float64)  # (slot, env) lambda
     tangential: wp.array2d(dtype=vec3)  # (slot, env) lambda_t
     edges: wp.array(dtype=wp.float64)  # (face,) mm: an edge of a triangle of the face's area
+    candidates: wp.array2d(dtype=wp.int32)  # (k, env) faces that can touch in this increment, so many of them:
+    count: wp.array(dtype=wp.int32)  # (env,)
     stiffness: wp.float64  # k times edge, of the normal traction
     friction_stiffness: wp.float64  # k times edge, of the friction traction
     friction: wp.float64

@@ -1,0 +1,53 @@
+"""Which faces can touch the rigid shape in an increment: the others need not be looked at until it has ended.
+
+A face is a candidate if one of its quadrature points is nearer to the shape than the shape moves in the increment plus
+one edge, at the predicted state, or if a multiplier at one of its corners presses. Beside an indenter a surface rises
+by less than the indenter goes down.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from .material import real
+from .traction import Surface, deformed, probe_in_sensor_frame
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def no_candidates_kernel(
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    count_out: wp.array(dtype=wp.int32),
+):
+    env = wp.tid()
+    if active[env] == 1:
+        count_out[env] = 0
+
+
+@wp.kernel
+def find_candidates_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    travel: wp.array(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    count_out: wp.array(dtype=wp.int32),
+    candidates_out: wp.array2d(dtype=wp.int32),
+):
+    f, env = wp.tid()
+    if active[env] == 0:
+        return
+    near = False
+    for i in range(3):
+        if s.normal[s.slots[f, i], env] > real(0.0):
+            near = True
+    for q in range(s.areas.shape[1]):
+        if not near:
+            gap = probe_in_sensor_frame(s, deformed(s, x, f, q, env), f, q, env).distance
+            near = gap < travel[env] + s.edges[f]
+    if near:
+        k = wp.atomic_add(count_out, env, 1)
+        candidates_out[k, env] = f
+
