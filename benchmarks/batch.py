@@ -9,6 +9,7 @@ after every phase of the solver, which costs some speed, and says how long each 
 import argparse
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import warp as wp
@@ -29,10 +30,12 @@ PHASES = {  # name: attributes of the solver, method
 def watch(thing, method: str, name: str, spent: dict[str, float]):
     plain = getattr(thing, method)
 
-    def timed(*arguments):
+    def timed(*arguments, **keywords):
         wp.synchronize()
         begin = time.perf_counter()
-        result = plain(*arguments)
+        result = plain(*arguments, **keywords)
+        if isinstance(result, Iterator):
+            result = list(result)
         wp.synchronize()
         spent[name] += time.perf_counter() - begin
         return result

@@ -55,6 +55,6 @@ def summary(results: list[PressResult], seconds: float) -> dict:
         "presses_converged": int((status == 0).all(axis=1).sum()),
         "seconds": round(seconds, 3),
         "solves_per_second": round(converged / seconds, 3),
-        "newton_per_solve": round(newton / converged, 2),
-        "krylov_per_newton": round(krylov / newton, 2),
+        "newton_per_solve": round(newton / max(converged, 1), 2),
+        "krylov_per_newton": round(krylov / max(newton, 1.0), 2),
     }

@@ -15,7 +15,7 @@ USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may c
 def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSettings | None = None) -> int:
     """Memory of one press that is under way: states, Krylov vectors, blocks, contact points.
 
-    Without a liquid's few numbers, and without the sparse factors of linear tetrahedra, which the host keeps.
+    Without a liquid, which adds some percent, and the sparse factors of linear tetrahedra, which the host keeps.
     """
     mesh, kind, settings = sensor.simulation_mesh, ELEMENTS[element], settings or SolverSettings()
     corners = mesh.n_corners
@@ -37,9 +37,14 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     return 8 * (double + parts) + 4 * single + 36 * blocks + in_contact + output
 
 
+def at_once(device: str) -> int:
+    """Presses that keep a device busy."""
+    return AT_ONCE[device.partition(":")[0]]
+
+
 def presses_at_once(sensor: Sensor, device: str, element: str, settings: SolverSettings) -> int:
     """As many as keep a device busy, or as many as its free memory holds. Raises InputError where that is none."""
-    most = AT_ONCE[device.partition(":")[0]]
+    most = at_once(device)
     if most == 1:
         return 1
     each, free = bytes_per_press(sensor, element, settings), wp.get_device(device).free_memory

@@ -42,11 +42,13 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         f"about {_time(seen.seconds)} of one {'core' if device == 'cpu' else device} ({seen.seconds_source})"
     )
     console.print(f"time: {duration}")
+    under_way = "one press" if seen.at_once == 1 else f"at most {seen.at_once} presses at once"
     for sensor in seen.sensors:
         material = sensor.material
         console.print(
             f"\n[bold]{sensor.name}[/]: {sensor.tetrahedra:,} tetrahedra, {sensor.nodes:,} nodes, "
             f"{sensor.unknowns:,} unknowns; {sensor.output_vertices:,} output vertices; "
+            f"memory: {_size(sensor.bytes_per_press * seen.at_once)} for {under_way}; "
             f"E = {material.youngs_modulus_pa:g} Pa, nu = {material.poisson_ratio:g}, "
             f"friction {material.friction:g}"
         )

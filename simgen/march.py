@@ -103,9 +103,10 @@ class March:
         self._now[starting] = self._pose(self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
         indenter, core = self.scene.indenter_contact, self.scene.core_contact
-        indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now)
+        travel = np.linalg.norm(now, axis=1)
+        indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now, travel)
         if core is not None:
-            core.begin_increment(self.x_start, solver.trial, at_rest, at_rest)
+            core.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
         solver.begin(starting, np.where(self._guessed, LEAST_GUESS, LEAST_DETERMINANT))
 
     def _settle(self, ended: np.ndarray) -> np.ndarray:

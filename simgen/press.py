@@ -79,6 +79,8 @@ def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np
         raise InputError(f"path of shape {path_m.shape}: allowed: one or more points of three finite coordinates, m")
     if not np.isfinite(poses).all():
         raise InputError("poses: not finite; allowed: rigid transforms, m")
+    if not len(shapes):
+        return []
     begin = time.perf_counter()
     poses_mm = np.array(poses, dtype=float)
     poses_mm[:, :3, 3] *= MM
@@ -90,11 +92,12 @@ def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np
     march.to_the_end()
     seconds = (time.perf_counter() - begin) / len(shapes)
     touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)
-    vertices = scene.n_vertices
-    return [
-        _result(rows, final, len(path_m), vertices, scene.cavity is not None, float(touch[i]), seconds)
-        for i, (rows, final) in enumerate(zip(march.rows, march.final, strict=True))
-    ]
+    results = []
+    for i, final in enumerate(march.final):
+        rows, march.rows[i] = march.rows[i], []  # many presses are large: nothing is kept twice
+        liquid, vertices = scene.cavity is not None, scene.n_vertices
+        results.append(_result(rows, final, len(path_m), vertices, liquid, float(touch[i]), seconds))
+    return results
 
 
 def _result(rows: list[dict], final: int, d: int, vertices: int, liquid: bool, touch: float, seconds) -> PressResult:

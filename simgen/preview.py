@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from simgen.capacity import at_once, bytes_per_press
 from simgen.dataset import CERTIFICATE
 from simgen.fem.newton import SolverSettings
 from simgen.job import Job
@@ -12,9 +13,9 @@ from simgen.sensor import Material
 
 # Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. None: not measured yet.
 # Measured: `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
-# dataset.presses_per_shard=1`, 264 s of presses for 80 depths of 22,400 unknowns. Coarse meshes, all nine: 0.13.
-SECONDS_PER_DEPTH: dict[str, float | None] = {"cpu": 0.15, "cuda": None}
-SECONDS_SOURCE = "as measured on two x86-64 cores at 22,400 unknowns; within a factor of two"
+# dataset.presses_per_shard=1`, 76 s of presses for 80 depths of 51,400 unknowns.
+SECONDS_PER_DEPTH: dict[str, float | None] = {"cpu": 0.019, "cuda": None}
+SECONDS_SOURCE = "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two"
 
 # Stored bytes of the displacement over raw ones, and where that is from.
 COMPRESSION = {
@@ -32,6 +33,7 @@ class SensorPreview:
     nodes: int
     tetrahedra: int
     unknowns: int
+    bytes_per_press: int  # of memory, while it is under way
     output_vertices: int
     material: Material
     terms: list[tuple[str, bool, str]]
@@ -50,6 +52,7 @@ class Preview:
     bytes_source: str
     seconds: float | None
     seconds_source: str
+    at_once: int  # presses under way on one device
     sensors: list[SensorPreview]
 
 
@@ -69,6 +72,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
         bytes_source=COMPRESSION[job.dataset.displacement][1],
         seconds=None if rate is None else rate * unknowns / 1000 * job.samples,
         seconds_source=SECONDS_SOURCE,
+        at_once=at_once(device),
         sensors=sensors,
     )
 
@@ -85,6 +89,7 @@ def _preview_sensor(job: Job, name: str) -> SensorPreview:
         len(mesh.nodes),
         len(mesh.tetrahedra),
         scene.unknowns,
+        bytes_per_press(sensor, job.solver.element, settings),
         len(sensor.output_mesh.vertices),
         material,
         scene.terms,

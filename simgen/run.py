@@ -46,10 +46,9 @@ def run(
     if shards and scheduler != "sync":
         warm_up(plan, build)  # once, here, instead of in every worker at the same time
     gpus = visible_gpus(plan.device) if plan.device != "cpu" and scheduler is None else []
-    at_once = 1 if plan.device == "cpu" else max(1, len(gpus))
-    tasks = divide(shards, 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, at_once))
-    with _executor(workers, scheduler, gpus, len(tasks)) as execute:
+    with _executor(workers, scheduler, gpus, len(shards)) as (execute, at_once):
         on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
+        tasks = divide(shards, 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, at_once))
         device = "cuda" if gpus else plan.device  # a worker sees its own GPU and no other
         for reports in execute([(output.resolve(), some, plan.job, device, build) for some in tasks]):
             for report in reports:
@@ -93,20 +92,23 @@ def _guarded(arguments: tuple) -> list[ShardReport]:
 
 
 @contextmanager
-def _executor(workers: int | None, scheduler: str | None, gpus: list[str], tasks: int) -> Iterator[Callable]:
-    """A function that runs `_guarded` on a list of arguments and yields the reports as they come."""
-    if scheduler == "sync" or tasks == 0:
-        yield lambda arguments: map(_guarded, arguments)
+def _executor(
+    workers: int | None, scheduler: str | None, gpus: list[str], shards: int
+) -> Iterator[tuple[Callable, int]]:
+    """A function that runs `_guarded` on a list of arguments and yields the reports as they come; and its workers."""
+    if scheduler == "sync" or shards == 0:
+        yield lambda arguments: map(_guarded, arguments), 1
         return
     from dask.distributed import Client
 
     if scheduler is not None:
         with Client(scheduler) as client:
-            yield lambda arguments: _submit(client, arguments)
+            yield lambda arguments: _submit(client, arguments), max(1, len(client.nthreads()))
         return
     environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (workers or _cores())
-    with local_cluster(environments[: min(workers or tasks, tasks)]) as cluster, Client(cluster) as client:
-        yield lambda arguments: _submit(client, arguments)
+    environments = environments[: min(workers or shards, shards)]
+    with local_cluster(environments) as cluster, Client(cluster) as client:
+        yield lambda arguments: _submit(client, arguments), len(environments)
 
 
 def local_cluster(environments: list[dict[str, str]]):
@@ -115,8 +117,10 @@ def local_cluster(environments: list[dict[str, str]]):
     A process with a GPU of its own has a second thread, which writes while the first one solves.
     """
     from dask.distributed import Nanny, Scheduler, SpecCluster
+    from distributed.system import MEMORY_LIMIT
 
     shared = {"preload": [IGNORE_INTERRUPTS], "silence_logs": "CRITICAL", "dashboard": False}
+    shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's own would be a share by cores
     workers = {
         i: {"cls": Nanny, "options": {**shared, "nthreads": 2 if environment else 1, "env": environment}}
         for i, environment in enumerate(environments)

@@ -104,6 +104,7 @@ class Scene:
 
     def reset(self, shapes: list[RigidShape]):
         """The indenters of all presses to come, of which :meth:`load` puts some into environments."""
+        self.solver.abandon()
         self.indenter_contact.set_shapes(shapes)
         self.load(np.ones(self.batch, dtype=bool), np.zeros(self.batch))
 

@@ -4,6 +4,7 @@ A worker process makes the scene of a sensor once and keeps it between tasks. A 
 shards of one task while it solves the next.
 """
 
+import gc
 import json
 import socket
 import threading
@@ -93,6 +94,7 @@ def warm_up(plan: Plan, build: Callable[[Job, str, str], Presser] = fem_presser)
     for sensor in plan.job.sensors:
         pose = np.linalg.inv(plan.arrays[f"{sensor}/pose"][:1]) @ plan.arrays["press/contact_pose"][:1]
         build(plan.job, sensor, plan.device)([0], pose, plan.job.depths_m[:1])
+        gc.collect()  # a scene refers to itself; its memory is for the workers
 
 
 def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=fem_presser) -> list[ShardReport]:
@@ -101,7 +103,6 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     Raises `InputError` where this process sees other sensors or indenters than those of the dataset. What goes wrong
     with one shard alone stands in its report.
     """
-    begin = time.perf_counter()
     dataset = Dataset(path)
     presses = [dataset.shard_presses(shard) for shard in shards]
     rows = np.concatenate([np.arange(some.start, some.stop) for some in presses])
@@ -110,15 +111,19 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")})
     results: dict[str, list[PressResult]] = {}
     with SOLVING:
+        begin = time.perf_counter()
         for sensor in dataset.sensors:
             poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
             results[sensor] = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
-    share = (time.perf_counter() - begin) / len(rows)
+        share = (time.perf_counter() - begin) / len(rows)
     reports, first = [], 0
     for shard, some in zip(shards, presses, strict=True):
         of_shard = slice(first, first + len(some))
         found = {sensor: results[sensor][of_shard] for sensor in dataset.sensors}
-        reports.append(_write(dataset, shard, contact_pose[of_shard], found, share))
+        try:
+            reports.append(_write(dataset, shard, contact_pose[of_shard], found, share))
+        except Exception as error:  # a shard that cannot be written does not take the others with it
+            reports.append(ShardReport(shard, len(some), error=f"{type(error).__name__}: {error}"))
         first += len(some)
     return reports
 
@@ -134,10 +139,7 @@ def _write(dataset: Dataset, shard: int, contact_pose: np.ndarray, results: dict
     for sensor in dataset.sensors:
         values[f"{sensor}/touch"] -= first_touch
     values["press/pose"] = _advance(contact_pose, first_touch)
-    try:
-        write_shard(dataset, shard, values)
-    except Exception as error:  # a shard that cannot be written does not take the others with it
-        return ShardReport(shard, count, error=f"{type(error).__name__}: {error}")
+    write_shard(dataset, shard, values)
     failed = sum(int(np.count_nonzero(values[f"{sensor}/status"])) for sensor in dataset.sensors)
     seconds = {sensor: round(sum(result.seconds for result in found), 3) for sensor, found in results.items()}
     total = round(share * count + time.perf_counter() - begin, 3)

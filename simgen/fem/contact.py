@@ -229,10 +229,11 @@ class Contact:
         self._launch(gap_kernel, [x, self.active], [gap], dim=self._points)
         return gap.numpy()
 
-    def begin_increment(self, x_start, x_predicted, start_poses, poses):
+    def begin_increment(self, x_start, x_predicted, start_poses, poses, travel: np.ndarray):
         """Start an increment of the active environments at ``x_start`` and ``start_poses``.
 
-        The prediction tells where points enter contact. Others stay at ``poses``. The tractions are saved.
+        The prediction tells where points enter contact, ``travel`` (env,) mm how far they may be from where they end.
+        Shapes of other environments stay at ``poses``. The tractions are saved.
         """
         for array, saved in zip(self._history(), self._saved, strict=True):
             columns.copy(array, self.active, saved)
@@ -246,10 +247,10 @@ class Contact:
             start = [self._start_rotation, self._start_origin]
             inputs = [x_start, x_predicted, *start, self._carried, self.active]
             self._launch(anchor_kernel, inputs, [self.surface.anchor], dim=self._points)
-        self._find_candidates(x_predicted, np.linalg.norm((poses - start_poses)[:, :3, 3], axis=1))
+        self._find_candidates(x_predicted, travel)
 
     def _find_candidates(self, x, travel: np.ndarray):
-        """Faces that can touch while the shapes of the active environments move by ``travel`` (env,) mm."""
+        """Faces that can touch in the active environments, where points may be off by ``travel`` (env,) mm."""
         s = self.surface
         self._travel.assign(travel)
         device = self.device

@@ -1,8 +1,8 @@
 """Which faces can touch the rigid shape in an increment: the others need not be looked at until it has ended.
 
-A face is a candidate if one of its quadrature points is nearer to the shape than the shape moves in the increment plus
-one edge, at the predicted state, or if a multiplier at one of its corners presses. Beside an indenter a surface rises
-by less than the indenter goes down.
+A face is a candidate if one of its quadrature points is nearer to the shape, at the predicted state, than the indenter
+moves in the increment plus one edge, or if a multiplier at one of its corners presses. No point of a body moves further
+than the indenter that presses it; beside an indenter a surface rises by less.
 """
 
 from __future__ import annotations

@@ -211,7 +211,8 @@ def judge_kernel(
 @wp.kernel
 def source_kernel(
     residual: wp.array2d(dtype=wp.float32),
-    image: wp.array2d(dtype=wp.float32),
+    images: wp.array3d(dtype=wp.float32),
+    count: wp.array(dtype=wp.int32),
     stuck: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
@@ -221,7 +222,10 @@ def source_kernel(
     i, env = wp.tid()
     if active[env] == 0:
         return
-    source_out[i, env] = wp.where(stuck[env] == 1, image[i, env], residual[i, env])
+    value = residual[i, env]
+    if stuck[env] == 1:
+        value = images[count[0] - 1, i, env]
+    source_out[i, env] = value
 
 
 @wp.kernel
@@ -321,7 +325,7 @@ class ConjugateResiduals:
         self._going.fill_(1)
 
         def iterate():
-            inputs = [self._residual, self._image, self._stuck, self.active]
+            inputs = [self._residual, self._images, self._count, self._stuck, self.active]
             self._launch(source_kernel, whole, inputs, [self._source])
             preconditioner(self._source, self._direction)
             operator(self._direction, self._image)

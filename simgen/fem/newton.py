@@ -132,6 +132,10 @@ class NewtonSolver:
             term.tangent(v, out)
         wp.launch(hold_kernel, dim=out.shape, inputs=[self.held], outputs=[out], device=out.device)
 
+    def abandon(self):
+        """Leave all increments where they are: nothing is on its way any more."""
+        self.working[:] = self._first[:] = False
+
     def supports(self) -> np.ndarray:
         """Forces (unknowns, env) that hold the body at ``x``; rows of pressures say what their volumes lack, mm3."""
         self.mark(np.ones(self.n_env, dtype=bool))

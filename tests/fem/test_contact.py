@@ -13,6 +13,7 @@ from .box import box, top
 CUBE = rigid_shape(Kind.CUBE, 20.0, 1.0)  # its flat face covers the whole box
 SPHERE = rigid_shape(Kind.SPHERE, 3.5)
 K = 60.0  # of a face of the box
+NEAR = np.ones(1)  # mm: all faces of the box are near
 STIFFNESS = (2.0 * K, 2.0 * 15.0)  # its faces have edges of 2 mm
 
 
@@ -98,7 +99,7 @@ def test_tangent_against_finite_differences(friction, sideways):
     n = 3 * len(nodes)
     rng = np.random.default_rng(0)
     start = 1e-3 * rng.normal(size=n)
-    term.begin_increment(state(start), state(start), pose(0.3, 0.2, 0.1), pose(0.3 + sideways, 0.2, 0.1))
+    term.begin_increment(state(start), state(start), pose(0.3, 0.2, 0.1), pose(0.3 + sideways, 0.2, 0.1), NEAR)
     update(term, state(start))
     x, v = start + 1e-5 * rng.normal(size=n), rng.normal(size=n)
     term.linearize(state(x))
@@ -129,10 +130,10 @@ def test_friction_sticks_then_slides_on_the_cone(slip, expected):
     nodes, term = contact(0.78, CUBE)
     rest = state(np.zeros(3 * len(nodes)))
     down = pose(0.0, 0.01, 0.0)
-    term.begin_increment(rest, rest, down, down)
+    term.begin_increment(rest, rest, down, down, NEAR)
     update(term, rest)
     flush = pose(0.0, 0.0, 0.0)
-    term.begin_increment(rest, rest, flush, pose(slip, 0.0, 0.0))
+    term.begin_increment(rest, rest, flush, pose(slip, 0.0, 0.0), NEAR)
     force, _, _, _ = term.resultants(rest)
     assert force[0, 0] == pytest.approx(expected, rel=1e-12)  # the gel is dragged along
     assert force[0, 1] == pytest.approx(0.6 * 36.0)
@@ -144,7 +145,7 @@ def test_slip_counts_from_entry(height, counted):
     nodes, term = contact(0.78, CUBE)
     rest = state(np.zeros(3 * len(nodes)))
     start, end = pose(0.0, -height, 0.0), pose(0.004, 0.04 - height, 0.0)
-    term.begin_increment(rest, rest, start, end)
+    term.begin_increment(rest, rest, start, end, NEAR)
     slip = -0.004 - term.surface.anchor.numpy()[..., 0] + np.einsum("qa,fa->fq", term.surface.shapes.numpy(),
            nodes[term.host_faces][:, :, 0])[:, :, None]  # fmt: skip
     np.testing.assert_allclose(slip, -0.004 * counted, atol=1e-12)
@@ -193,7 +194,7 @@ def test_an_increment_is_taken_back_where_it_is_marked():
     term.set_pose(down)
     update(term, rest)
     before = term.surface.normal.numpy().copy()
-    term.begin_increment(rest, rest, down, np.concatenate([pose(0.0, 0.02, 0.0)] * 2))
+    term.begin_increment(rest, rest, down, np.concatenate([pose(0.0, 0.02, 0.0)] * 2), np.ones(2))
     update(term, rest)
     after = term.surface.normal.numpy().copy()
     assert (after > 1.5 * before).all()
@@ -219,12 +220,13 @@ def test_only_faces_that_can_touch_are_candidates():
     assert term.surface.count.numpy()[0] == len(term.host_faces)  # before an increment begins
     counts = []
     for travel in (0.0, 2.0, 10.0):
-        term.begin_increment(rest, rest, pose(2.5, -0.1 - travel, 2.5), pose(2.5, -0.1, 2.5))
+        here = pose(2.5, -0.1, 2.5)
+        term.begin_increment(rest, rest, here, here, np.array([travel]))
         counts.append(int(term.surface.count.numpy()[0]))
         chosen = term.surface.candidates.numpy()[: counts[-1], 0]
         gap = term.gap(rest)[:, :, 0].min(axis=1)
         assert set(chosen) == set(np.flatnonzero(gap < travel + 2.0))  # faces have edges of 2 mm
     assert 0 < counts[0] < counts[1] < counts[2] == len(term.host_faces)
     term.surface.normal.fill_(1.0)
-    term.begin_increment(rest, rest, pose(0.0, -50.0, 0.0), pose(0.0, -50.0, 0.0))
+    term.begin_increment(rest, rest, pose(0.0, -50.0, 0.0), pose(0.0, -50.0, 0.0), NEAR)
     assert term.surface.count.numpy()[0] == len(term.host_faces)
