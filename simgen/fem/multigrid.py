@@ -153,10 +153,21 @@ def dense_kernel(
     # outputs
     y_out: wp.array2d(dtype=wp.float32),
 ):
+    """Four sums at once: one alone waits for each addition."""
     row, env = wp.tid()
-    total = single(0.0)
-    for k in range(matrix.shape[1]):
-        total += matrix[row, k] * x[k, env]
+    n = matrix.shape[1]
+    sums = wp.vec4f()
+    for k in range(n // 4):
+        i = 4 * k
+        sums += wp.vec4f(
+            matrix[row, i] * x[i, env],
+            matrix[row, i + 1] * x[i + 1, env],
+            matrix[row, i + 2] * x[i + 2, env],
+            matrix[row, i + 3] * x[i + 3, env],
+        )
+    total = (sums[0] + sums[1]) + (sums[2] + sums[3])
+    for i in range(n - n % 4, n):
+        total += matrix[row, i] * x[i, env]
     y_out[row, env] = total
 
 
