@@ -12,6 +12,7 @@ from simgen.distance import Kind
 from simgen.errors import InputError
 from simgen.fem.contact import Contact
 from simgen.fem.pattern import corners_to_nodes
+from simgen.fem.preconditioner import BlockTriangular
 from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
@@ -106,6 +107,16 @@ def test_faces_that_cannot_touch_change_nothing(block, central, monkeypatch):
     everywhere = press(Scene(block, GEL), [SPHERE], pose(), DEPTHS)[0]
     np.testing.assert_array_equal(everywhere.displacement, central.displacement)
     np.testing.assert_array_equal(everywhere.force, central.force)
+
+
+def test_a_preconditioner_that_serves_is_kept(block, central, monkeypatch):
+    """It follows the state at the start of an increment, not at every one of Newton's iterations."""
+    followed = []
+    plain = BlockTriangular.follow
+    monkeypatch.setattr(BlockTriangular, "follow", lambda self: (followed.append(1), plain(self)))
+    again = press(Scene(block, GEL), [SPHERE], pose(), DEPTHS)[0]
+    assert again.certificate["substeps"].sum() <= len(followed) < 0.5 * again.certificate["newton_iterations"].sum()
+    np.testing.assert_array_equal(again.displacement, central.displacement)
 
 
 def test_the_same_press_twice_gives_the_same_bytes(scene, central):

@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
+from . import columns
 from .aggregation import coarse_space, dense_inverse, largest_eigenvalue
 from .material import mat33f, single, vec3f
 from .operator import Elasticity
@@ -222,8 +223,8 @@ class CornerCycle:
         self._coarse, self._coarse_x = (wp.zeros((len(coarse), n_env), dtype=wp.float32, device=device) for _ in "rx")
 
     def update(self):
-        """Assemble the blocks of the last linearisation."""
-        self._blocks.zero_()
+        """Assemble the blocks of the last linearisation of the active environments."""
+        columns.clear(self.active, self._blocks)
         self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=True)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
             contact.blocks(index, self._blocks, linear=True)
@@ -304,13 +305,13 @@ class Multigrid:
         return largest_eigenvalue(apply, n_u)
 
     def _invert_diagonal(self):
-        self._blocks.zero_()
+        columns.clear(self.active, self._blocks)
         for term in (self.elasticity, *self.contacts):
             term.diagonal(self._blocks)
         self._launch(invert_kernel, [self._blocks, self._nodes, self.held, self.active], [self._inverse])
 
     def update(self):
-        """Follow the last linearisation."""
+        """Follow the last linearisation in the active environments."""
         self._invert_diagonal()
         self.corners.update()
 

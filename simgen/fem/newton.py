@@ -17,7 +17,7 @@ from . import columns
 from .balance import Balance, hold_kernel
 from .cavity import Cavity
 from .contact import Contact
-from .krylov import ConjugateResiduals
+from .krylov import SOON, ConjugateResiduals
 from .line_search import LineSearch
 from .operator import Elasticity
 from .preconditioner import BlockTriangular
@@ -226,6 +226,10 @@ class NewtonSolver:
         """Solve the linearised systems with a factor or without; returns which environments (env,) stalled."""
         if not wanted.any():
             return wanted
+        stale = wanted & (self._last_krylov > SOON)  # to make a cycle costs two thirds of a use: one that serves is kept
+        if not factored and stale.any():
+            self.mark(stale)
+            self.preconditioner.follow()
         self.mark(wanted)
         singular = np.zeros(self.n_env, dtype=bool)
         singular[self.preconditioner.update(np.flatnonzero(wanted), self._last_krylov, factored)] = True

@@ -67,7 +67,7 @@ def border_kernel(
 
 
 class BlockTriangular:
-    """Applies the preconditioner; ``update`` follows the state of the last linearisation.
+    """Applies the preconditioner; ``follow`` and ``update`` get it ready for the last linearisation.
 
     ``held`` (unknowns,) int32 on the device; ``tangent(v, out)`` is the whole system's.
     """
@@ -110,17 +110,19 @@ class BlockTriangular:
             self.factored |= possible
         return possible
 
-    def update(self, environments: np.ndarray, iterations: np.ndarray, factored: bool) -> np.ndarray:
-        """Follow the last linearisation in the given environments, whose last solves took these iterations (env,).
+    def follow(self):
+        """Make the multigrid cycle of the active environments that of their last linearisation."""
+        self.multigrid.update()
 
-        Next applied with their factors, or without. Returns the environments whose matrix is singular.
+    def update(self, environments: np.ndarray, iterations: np.ndarray, factored: bool) -> np.ndarray:
+        """Get ready for the given environments, with factors or without; their last solves took these iterations (env,).
+
+        Factors that have become poor are made anew. Returns the environments whose matrix is singular.
         """
         singular = np.zeros(0, dtype=int)
         self._displacements = self.factor if factored else self.multigrid
         if factored:
             singular = self.factor.update(environments, iterations)
-        else:
-            self.multigrid.update()
         if self.cavity is not None:
             gradient = self.cavity.gradient  # no larger than the displacements: the rows below them stay zero
             inputs, outputs = [gradient, self._held], [self._gradient]

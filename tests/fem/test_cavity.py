@@ -234,6 +234,8 @@ def test_the_preconditioner_eliminates_the_pressure_of_the_liquid(element):
     x = wp.array(x[:, None], dtype=wp.float64, device="cpu")
     body.linearize(x)
     liquid.linearize(x)
+    if element is P2P1:
+        made.follow()
     assert len(made.update(np.array([0]), np.array([0]), made.factored[0])) == 0
     v = np.where(fixed == 1, 0.0, rng.normal(size=len(fixed)))
     force, found = (wp.zeros((len(fixed), 1), dtype=wp.float32, device="cpu") for _ in range(2))

@@ -52,6 +52,7 @@ class Block:
         self.load = np.append(load.ravel(), np.zeros(self.body.n_pressures))
 
     def update(self):
+        self.preconditioner.follow()
         self.preconditioner.update(np.array([0]), np.array([0]), self.preconditioner.factored[0])
 
     def tangent(self, v, out):
