@@ -226,7 +226,7 @@ class NewtonSolver:
         """Solve the linearised systems with a factor or without; returns which environments (env,) stalled."""
         if not wanted.any():
             return wanted
-        stale = wanted & (self._last_krylov > SOON)  # to make a cycle costs two thirds of a use: one that serves is kept
+        stale = wanted & (self._last_krylov > SOON)  # a cycle is kept while it serves: to make one costs 2/3 of a use
         if not factored and stale.any():
             self.mark(stale)
             self.preconditioner.follow()

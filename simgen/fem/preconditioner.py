@@ -115,7 +115,7 @@ class BlockTriangular:
         self.multigrid.update()
 
     def update(self, environments: np.ndarray, iterations: np.ndarray, factored: bool) -> np.ndarray:
-        """Get ready for the given environments, with factors or without; their last solves took these iterations (env,).
+        """Get ready for the given environments, with factors or not; their last solves took these iterations (env,).
 
         Factors that have become poor are made anew. Returns the environments whose matrix is singular.
         """
