@@ -36,17 +36,6 @@ def geometry_jacobian(element_nodes: np.ndarray, barycentric: np.ndarray) -> np.
     return np.einsum("...ni,...nj->...ij", element_nodes, shape_gradients(barycentric))
 
 
-def deformation_determinants(rest: np.ndarray, deformed: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
-    """det F (e, 20) of ten-node tetrahedra at `CUBIC_LATTICE`, from nodes at rest and deformed, (n, 3) each."""
-    gradients = shape_gradients(CUBIC_LATTICE)
-
-    def determinants(nodes):
-        a, b, c = np.moveaxis(np.einsum("eni,qnj->jeqi", nodes[tetrahedra], gradients, optimize=True), 0, 0)
-        return np.einsum("eqi,eqi->eq", a, np.cross(b, c))
-
-    return determinants(deformed) / determinants(rest)
-
-
 def _invert(element_nodes: np.ndarray, points: np.ndarray, steps: int = 6) -> np.ndarray:
     """Barycentric coordinates of points (m, 3) in elements (m, 10, 3), inside or not: Newton's method."""
     barycentric = np.full((len(points), 4), 0.25)

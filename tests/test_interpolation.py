@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from simgen.interpolation import (
-    CUBIC_LATTICE,
     TET_EDGES,
-    deformation_determinants,
     geometry_jacobian,
     locate,
     shape_functions,
@@ -78,12 +76,3 @@ def test_gradients_match_differences_and_the_jacobian_of_a_straight_element_is_c
     expected = (corners[1:] - corners[0]).T
     for jacobian in geometry_jacobian(np.broadcast_to(nodes, (20, 10, 3)), barycentric):
         np.testing.assert_allclose(jacobian, expected, atol=1e-12)
-
-
-def test_det_of_a_uniform_stretch_and_of_one_that_grows(box):
-    """x -> x + x^2 / 2 l: det F = 1 + x / l at every point of the lattice."""
-    rest, length = box.nodes, np.ptp(box.nodes[:, 0])
-    np.testing.assert_allclose(deformation_determinants(rest, 1.1 * rest, box.tetrahedra), 1.1**3)
-    grown = rest + np.column_stack([rest[:, 0] ** 2 / (2.0 * length), *np.zeros((2, len(rest)))])
-    x = np.einsum("qn,en->eq", shape_functions(CUBIC_LATTICE), rest[box.tetrahedra][:, :, 0])
-    np.testing.assert_allclose(deformation_determinants(rest, grown, box.tetrahedra), 1.0 + x / length, rtol=1e-12)

@@ -260,16 +260,6 @@ class Dots:
         return self.values
 
 
-def dots(a, b) -> np.ndarray:
-    """Inner products (env,) of a and b (n, env)."""
-    return Dots(*a.shape, a.device)(a, b).numpy()[0].copy()
-
-
-def norms(x) -> np.ndarray:
-    """Euclidean norms (env,) of x (n, env)."""
-    return np.sqrt(dots(x, x))
-
-
 def combine(step, factor: np.ndarray, x_out):
     """x_out += factor (env,) times step."""
     values = wp.array(factor, dtype=wp.float64, device=x_out.device)

@@ -1,4 +1,4 @@
-"""Residual, tangent action and blocks of the elastic body, batched over environments.
+"""Residual and tangent action of the elastic body, batched over environments.
 
 One thread handles one element of one environment; kernels gather, call the formulas of ``material.py`` and scatter.
 Derivatives are by an element's own coordinates xi. Those of a quadratic field are linear in them, and known from their
@@ -13,71 +13,12 @@ import numpy as np
 import warp as wp
 
 from .element import Element, tet_geometry
-from .element_fields import (
-    corner_gradients,
-    corner_pressures,
-    edge_gradient,
-    interpolate,
-    scatter_gradients,
-    scatter_pressures,
-)
-from .material import (
-    NeoHookean,
-    cofactor,
-    first_piola,
-    first_piola_increment,
-    mat33,
-    mat33f,
-    real,
-    single,
-    tangent_block,
-    tangent_transposed,
-    tangent_volumetric,
-    vec3f,
-)
+from .element_fields import corner_gradients, corner_pressures, interpolate, scatter_gradients, scatter_pressures
+from .material import NeoHookean, cofactor, first_piola, first_piola_increment, mat33, mat33f, real, single, vec3f
+from .operator_blocks import blocks_kernel, corner_blocks_kernel, diagonal_kernel
+from .solid import SingleSolid, Solid, modulus
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.struct
-class Solid:
-    """Mesh and material of the body in double precision, for its forces; e elements with q quadrature points."""
-
-    tetrahedra: wp.array2d(dtype=wp.int32)  # (e, nodes)
-    rest: wp.array2d(dtype=mat33)  # (e, 4) dX/dxi at the corners, mm
-    shapes: wp.array(dtype=wp.vec4d)  # (q,) linear shape functions
-    metric: wp.array2d(dtype=mat33)  # (e, q) mu dxi/dX dxi/dX^T, see material.first_piola
-    contraction: wp.array2d(dtype=wp.float64)  # (e, q) det dxi/dX, 1/mm3
-    volumes: wp.array2d(dtype=wp.float64)  # (e, q), mm3
-    first_pressure: wp.int32
-    mu: wp.float64
-    gamma: wp.float64
-    pressure_compliance: wp.float64
-
-
-@wp.struct
-class SingleSolid:
-    """The same in single precision, for its derivatives."""
-
-    tetrahedra: wp.array2d(dtype=wp.int32)
-    shapes: wp.array(dtype=wp.vec4f)
-    metric: wp.array2d(dtype=mat33f)
-    contraction: wp.array2d(dtype=wp.float32)
-    volumes: wp.array2d(dtype=wp.float32)
-    first_pressure: wp.int32
-    mu: wp.float32
-    gamma: wp.float32
-    pressure_compliance: wp.float32
-    state: wp.array2d(dtype=wp.float32)  # (unknowns, env) deformed positions and pressures: where derivatives are taken
-
-
-@wp.struct
-class Modulus:
-    """What the tangent needs at a point: cof dx/dX (dxi/dX)^T, and alpha and beta of material.first_piola_increment."""
-
-    cofactor: mat33f
-    alpha: wp.float32
-    beta: wp.float32
 
 
 @wp.kernel
@@ -155,16 +96,6 @@ def state_kernel(
     state_out[i, env] = single(value)
 
 
-@wp.func
-def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32) -> Modulus:
-    out = Modulus()
-    J = s.contraction[e, q] * wp.determinant(F)
-    out.cofactor = s.contraction[e, q] * cofactor(F)
-    out.alpha = tangent_transposed(J, p, s.mu, s.gamma)
-    out.beta = tangent_volumetric(J, p, s.gamma)
-    return out
-
-
 @wp.kernel
 def tangent_kernel(
     s: SingleSolid,
@@ -196,136 +127,6 @@ def tangent_kernel(
         constraints += (wp.ddot(m.cofactor, dF) - s.pressure_compliance * dp) * weights
     scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, action_out)
     scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, action_out)
-
-
-@wp.kernel
-def corner_blocks_kernel(
-    s: SingleSolid,
-    active: wp.array(dtype=wp.int32),
-    block_index: wp.array3d(dtype=wp.int32),
-    # outputs
-    blocks_out: wp.array2d(dtype=mat33f),
-):
-    """Linear shape functions: their gradients are the axes of xi, and for corner 0 minus the sum of these."""
-    e, env = wp.tid()
-    if active[env] == 0:
-        return
-    Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
-    pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
-    x, y, z = vec3f(1.0, 0.0, 0.0), vec3f(0.0, 1.0, 0.0), vec3f(0.0, 0.0, 1.0)
-    K11, K12, K13 = mat33f(), mat33f(), mat33f()
-    K22, K23, K33 = mat33f(), mat33f(), mat33f()
-    for q in range(s.volumes.shape[1]):
-        shapes = s.shapes[q]
-        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
-        M, volume = s.metric[e, q], s.volumes[e, q]
-        K11 += volume * tangent_block(x, x, m.cofactor, M, m.alpha, m.beta)
-        K12 += volume * tangent_block(x, y, m.cofactor, M, m.alpha, m.beta)
-        K13 += volume * tangent_block(x, z, m.cofactor, M, m.alpha, m.beta)
-        K22 += volume * tangent_block(y, y, m.cofactor, M, m.alpha, m.beta)
-        K23 += volume * tangent_block(y, z, m.cofactor, M, m.alpha, m.beta)
-        K33 += volume * tangent_block(z, z, m.cofactor, M, m.alpha, m.beta)
-    K10 = -(K11 + K12 + K13)
-    K20 = -(wp.transpose(K12) + K22 + K23)
-    K30 = -(wp.transpose(K13) + wp.transpose(K23) + K33)
-    wp.atomic_add(blocks_out, block_index[e, 0, 0], env, -(K10 + K20 + K30))
-    wp.atomic_add(blocks_out, block_index[e, 1, 1], env, K11)
-    wp.atomic_add(blocks_out, block_index[e, 2, 2], env, K22)
-    wp.atomic_add(blocks_out, block_index[e, 3, 3], env, K33)
-    add_pair(blocks_out, block_index, e, 1, 0, env, K10)
-    add_pair(blocks_out, block_index, e, 2, 0, env, K20)
-    add_pair(blocks_out, block_index, e, 3, 0, env, K30)
-    add_pair(blocks_out, block_index, e, 1, 2, env, K12)
-    add_pair(blocks_out, block_index, e, 1, 3, env, K13)
-    add_pair(blocks_out, block_index, e, 2, 3, env, K23)
-
-
-@wp.func
-def add_pair(
-    blocks: wp.array2d(dtype=mat33f),
-    block_index: wp.array3d(dtype=wp.int32),
-    e: wp.int32,
-    a: wp.int32,
-    b: wp.int32,
-    env: wp.int32,
-    K: mat33f,
-):
-    wp.atomic_add(blocks, block_index[e, a, b], env, K)
-    wp.atomic_add(blocks, block_index[e, b, a], env, wp.transpose(K))
-
-
-@wp.kernel
-def blocks_kernel(
-    s: SingleSolid,
-    gradients: wp.array2d(dtype=vec3f),
-    active: wp.array(dtype=wp.int32),
-    block_index: wp.array3d(dtype=wp.int32),
-    # outputs
-    blocks_out: wp.array2d(dtype=mat33f),
-):
-    """Between all nodes; gradients (q, nodes) of their shape functions by xi."""
-    e, env = wp.tid()
-    if active[env] == 0:
-        return
-    Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
-    pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
-    for q in range(s.volumes.shape[1]):
-        shapes = s.shapes[q]
-        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
-        for a in range(gradients.shape[1]):
-            for b in range(gradients.shape[1]):
-                K = tangent_block(gradients[q, a], gradients[q, b], m.cofactor, s.metric[e, q], m.alpha, m.beta)
-                wp.atomic_add(blocks_out, block_index[e, a, b], env, s.volumes[e, q] * K)
-
-
-@wp.func
-def own_block(gradient: vec3f, m: Modulus, metric: mat33f, volume: single) -> mat33f:
-    """material.tangent_block of a node with itself, times volume."""
-    h = m.cofactor * gradient
-    plain = volume * wp.dot(gradient, metric * gradient)
-    return wp.diag(vec3f(plain, plain, plain)) + wp.outer((volume * (m.alpha + m.beta)) * h, h)
-
-
-@wp.kernel
-def diagonal_kernel(
-    s: SingleSolid,
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    diagonal_out: wp.array2d(dtype=mat33f),
-):
-    """Of quadratic elements: the gradients of shape functions are multiples of the corners', or sums of two."""
-    e, env = wp.tid()
-    if active[env] == 0:
-        return
-    Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
-    pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
-    Ka, Kb, Kc, Kd = mat33f(), mat33f(), mat33f(), mat33f()
-    Kab, Kbc, Kca = mat33f(), mat33f(), mat33f()
-    Kad, Kbd, Kcd = mat33f(), mat33f(), mat33f()
-    for q in range(s.volumes.shape[1]):
-        shapes = s.shapes[q]
-        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
-        M, volume = s.metric[e, q], s.volumes[e, q]
-        Ka += own_block(edge_gradient(shapes, 0, 0), m, M, volume)
-        Kb += own_block(edge_gradient(shapes, 1, 1), m, M, volume)
-        Kc += own_block(edge_gradient(shapes, 2, 2), m, M, volume)
-        Kd += own_block(edge_gradient(shapes, 3, 3), m, M, volume)
-        Kab += own_block(edge_gradient(shapes, 0, 1), m, M, volume)
-        Kbc += own_block(edge_gradient(shapes, 1, 2), m, M, volume)
-        Kca += own_block(edge_gradient(shapes, 2, 0), m, M, volume)
-        Kad += own_block(edge_gradient(shapes, 0, 3), m, M, volume)
-        Kbd += own_block(edge_gradient(shapes, 1, 3), m, M, volume)
-        Kcd += own_block(edge_gradient(shapes, 2, 3), m, M, volume)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 0], env, Ka)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 1], env, Kb)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 2], env, Kc)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 3], env, Kd)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 4], env, Kab)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 5], env, Kbc)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 6], env, Kca)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 7], env, Kad)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 8], env, Kbd)
-    wp.atomic_add(diagonal_out, s.tetrahedra[e, 9], env, Kcd)
 
 
 class Elasticity:

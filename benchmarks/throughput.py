@@ -1,0 +1,72 @@
+"""How long does a dataset take, written and audited, and how does that scale with the number of workers or GPUs?
+
+    python benchmarks/throughput.py --device cuda --workers 1 2 4 --trajectories 860 --output throughput.json
+
+Runs the full paired job, or its first trajectories, from the command that a user gives, into a folder that is removed
+afterwards. Solves are converged samples of both sensors; set-up, kernels that must be loaded, writing and the audit are
+in the time.
+"""
+
+import argparse
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from record import write
+
+from simgen.audit import check, passes
+from simgen.job import load_job
+from simgen.plan import make_plan
+from simgen.run import run
+
+
+def measure(job, device: str, workers: int, folder: Path) -> dict:
+    begin = time.perf_counter()
+    plan = make_plan(job, device)
+    planned, reports = time.perf_counter() - begin, []
+    dataset = run(plan, folder, workers, on_report=reports.append)
+    solved = time.perf_counter() - begin
+    findings = check(dataset)
+    total = time.perf_counter() - begin
+    status = {sensor: dataset[f"{sensor}/status"] for sensor in job.sensors}
+    converged = sum(int((values == 0).sum()) for values in status.values())
+    return {
+        "workers": workers,
+        "presses": dataset.presses,
+        "solves": sum(values.size for values in status.values()),
+        "converged": converged,
+        "presses_converged": int(np.logical_and.reduce([(v == 0).all(axis=1) for v in status.values()]).sum()),
+        "outcomes": {str(code): sum(int((v == code).sum()) for v in status.values())
+                     for code in np.unique(np.concatenate([v.ravel() for v in status.values()]))},
+        "errors": sorted({report.error for report in reports if report.error}),
+        "audit_passes": passes(findings),
+        "seconds_to_plan": round(planned, 2),
+        "seconds_with_writing": round(solved, 2),
+        "seconds_with_audit": round(total, 2),
+        "solves_per_second": round(converged / solved, 2),
+    }  # fmt: skip
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trajectories", type=int, default=860)
+    parser.add_argument("--workers", nargs="+", type=int, default=[1])
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="keys of the job to replace")
+    parser.add_argument("--output", type=Path, default=Path("throughput.json"))
+    asked = parser.parse_args()
+    job = load_job("paired", [f"trajectories.count={asked.trajectories}", *asked.set])
+    rows = []
+    for workers in asked.workers:
+        folder = Path(tempfile.mkdtemp()) / "dataset.zarr"
+        rows.append(measure(job, asked.device, workers, folder))
+        shutil.rmtree(folder.parent)
+        print(rows[-1], flush=True)
+    plain = {name: str(value) for name, value in vars(asked).items()}
+    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
+
+
+if __name__ == "__main__":
+    main()

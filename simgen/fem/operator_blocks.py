@@ -1,0 +1,144 @@
+"""The tangent as 3 x 3 blocks, between corners, between all nodes, and of each node with itself.
+
+From these the preconditioners are made (``multigrid``, ``factor``). Single precision, as all derivatives.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from .element_fields import corner_gradients, corner_pressures, edge_gradient, interpolate
+from .material import mat33f, single, tangent_block, vec3f
+from .solid import Modulus, SingleSolid, modulus
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def corner_blocks_kernel(
+    s: SingleSolid,
+    active: wp.array(dtype=wp.int32),
+    block_index: wp.array3d(dtype=wp.int32),
+    # outputs
+    blocks_out: wp.array2d(dtype=mat33f),
+):
+    """Linear shape functions: their gradients are the axes of xi, and for corner 0 minus the sum of these."""
+    e, env = wp.tid()
+    if active[env] == 0:
+        return
+    Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
+    pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
+    x, y, z = vec3f(1.0, 0.0, 0.0), vec3f(0.0, 1.0, 0.0), vec3f(0.0, 0.0, 1.0)
+    K11, K12, K13 = mat33f(), mat33f(), mat33f()
+    K22, K23, K33 = mat33f(), mat33f(), mat33f()
+    for q in range(s.volumes.shape[1]):
+        shapes = s.shapes[q]
+        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
+        M, volume = s.metric[e, q], s.volumes[e, q]
+        K11 += volume * tangent_block(x, x, m.cofactor, M, m.alpha, m.beta)
+        K12 += volume * tangent_block(x, y, m.cofactor, M, m.alpha, m.beta)
+        K13 += volume * tangent_block(x, z, m.cofactor, M, m.alpha, m.beta)
+        K22 += volume * tangent_block(y, y, m.cofactor, M, m.alpha, m.beta)
+        K23 += volume * tangent_block(y, z, m.cofactor, M, m.alpha, m.beta)
+        K33 += volume * tangent_block(z, z, m.cofactor, M, m.alpha, m.beta)
+    K10 = -(K11 + K12 + K13)
+    K20 = -(wp.transpose(K12) + K22 + K23)
+    K30 = -(wp.transpose(K13) + wp.transpose(K23) + K33)
+    wp.atomic_add(blocks_out, block_index[e, 0, 0], env, -(K10 + K20 + K30))
+    wp.atomic_add(blocks_out, block_index[e, 1, 1], env, K11)
+    wp.atomic_add(blocks_out, block_index[e, 2, 2], env, K22)
+    wp.atomic_add(blocks_out, block_index[e, 3, 3], env, K33)
+    add_pair(blocks_out, block_index, e, 1, 0, env, K10)
+    add_pair(blocks_out, block_index, e, 2, 0, env, K20)
+    add_pair(blocks_out, block_index, e, 3, 0, env, K30)
+    add_pair(blocks_out, block_index, e, 1, 2, env, K12)
+    add_pair(blocks_out, block_index, e, 1, 3, env, K13)
+    add_pair(blocks_out, block_index, e, 2, 3, env, K23)
+
+
+@wp.func
+def add_pair(
+    blocks: wp.array2d(dtype=mat33f),
+    block_index: wp.array3d(dtype=wp.int32),
+    e: wp.int32,
+    a: wp.int32,
+    b: wp.int32,
+    env: wp.int32,
+    K: mat33f,
+):
+    wp.atomic_add(blocks, block_index[e, a, b], env, K)
+    wp.atomic_add(blocks, block_index[e, b, a], env, wp.transpose(K))
+
+
+@wp.kernel
+def blocks_kernel(
+    s: SingleSolid,
+    gradients: wp.array2d(dtype=vec3f),
+    active: wp.array(dtype=wp.int32),
+    block_index: wp.array3d(dtype=wp.int32),
+    # outputs
+    blocks_out: wp.array2d(dtype=mat33f),
+):
+    """Between all nodes; gradients (q, nodes) of their shape functions by xi."""
+    e, env = wp.tid()
+    if active[env] == 0:
+        return
+    Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
+    pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
+    for q in range(s.volumes.shape[1]):
+        shapes = s.shapes[q]
+        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
+        for a in range(gradients.shape[1]):
+            for b in range(gradients.shape[1]):
+                K = tangent_block(gradients[q, a], gradients[q, b], m.cofactor, s.metric[e, q], m.alpha, m.beta)
+                wp.atomic_add(blocks_out, block_index[e, a, b], env, s.volumes[e, q] * K)
+
+
+@wp.func
+def own_block(gradient: vec3f, m: Modulus, metric: mat33f, volume: single) -> mat33f:
+    """material.tangent_block of a node with itself, times volume."""
+    h = m.cofactor * gradient
+    plain = volume * wp.dot(gradient, metric * gradient)
+    return wp.diag(vec3f(plain, plain, plain)) + wp.outer((volume * (m.alpha + m.beta)) * h, h)
+
+
+@wp.kernel
+def diagonal_kernel(
+    s: SingleSolid,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    diagonal_out: wp.array2d(dtype=mat33f),
+):
+    """Of quadratic elements: the gradients of shape functions are multiples of the corners', or sums of two."""
+    e, env = wp.tid()
+    if active[env] == 0:
+        return
+    Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
+    pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
+    Ka, Kb, Kc, Kd = mat33f(), mat33f(), mat33f(), mat33f()
+    Kab, Kbc, Kca = mat33f(), mat33f(), mat33f()
+    Kad, Kbd, Kcd = mat33f(), mat33f(), mat33f()
+    for q in range(s.volumes.shape[1]):
+        shapes = s.shapes[q]
+        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
+        M, volume = s.metric[e, q], s.volumes[e, q]
+        Ka += own_block(edge_gradient(shapes, 0, 0), m, M, volume)
+        Kb += own_block(edge_gradient(shapes, 1, 1), m, M, volume)
+        Kc += own_block(edge_gradient(shapes, 2, 2), m, M, volume)
+        Kd += own_block(edge_gradient(shapes, 3, 3), m, M, volume)
+        Kab += own_block(edge_gradient(shapes, 0, 1), m, M, volume)
+        Kbc += own_block(edge_gradient(shapes, 1, 2), m, M, volume)
+        Kca += own_block(edge_gradient(shapes, 2, 0), m, M, volume)
+        Kad += own_block(edge_gradient(shapes, 0, 3), m, M, volume)
+        Kbd += own_block(edge_gradient(shapes, 1, 3), m, M, volume)
+        Kcd += own_block(edge_gradient(shapes, 2, 3), m, M, volume)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 0], env, Ka)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 1], env, Kb)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 2], env, Kc)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 3], env, Kd)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 4], env, Kab)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 5], env, Kbc)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 6], env, Kca)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 7], env, Kad)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 8], env, Kbd)
+    wp.atomic_add(diagonal_out, s.tetrahedra[e, 9], env, Kcd)

@@ -1,0 +1,60 @@
+"""Mesh and material of the elastic body, as kernels see them: double precision for forces, single for derivatives."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from .material import cofactor, mat33, mat33f, single, tangent_transposed, tangent_volumetric
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Solid:
+    """Mesh and material of the body in double precision, for its forces; e elements with q quadrature points."""
+
+    tetrahedra: wp.array2d(dtype=wp.int32)  # (e, nodes)
+    rest: wp.array2d(dtype=mat33)  # (e, 4) dX/dxi at the corners, mm
+    shapes: wp.array(dtype=wp.vec4d)  # (q,) linear shape functions
+    metric: wp.array2d(dtype=mat33)  # (e, q) mu dxi/dX dxi/dX^T, see material.first_piola
+    contraction: wp.array2d(dtype=wp.float64)  # (e, q) det dxi/dX, 1/mm3
+    volumes: wp.array2d(dtype=wp.float64)  # (e, q), mm3
+    first_pressure: wp.int32
+    mu: wp.float64
+    gamma: wp.float64
+    pressure_compliance: wp.float64
+
+
+@wp.struct
+class SingleSolid:
+    """The same in single precision, for its derivatives."""
+
+    tetrahedra: wp.array2d(dtype=wp.int32)
+    shapes: wp.array(dtype=wp.vec4f)
+    metric: wp.array2d(dtype=mat33f)
+    contraction: wp.array2d(dtype=wp.float32)
+    volumes: wp.array2d(dtype=wp.float32)
+    first_pressure: wp.int32
+    mu: wp.float32
+    gamma: wp.float32
+    pressure_compliance: wp.float32
+    state: wp.array2d(dtype=wp.float32)  # (unknowns, env) deformed positions and pressures: where derivatives are taken
+
+
+@wp.struct
+class Modulus:
+    """What the tangent needs at a point: cof dx/dX (dxi/dX)^T, and alpha and beta of material.first_piola_increment."""
+
+    cofactor: mat33f
+    alpha: wp.float32
+    beta: wp.float32
+
+
+@wp.func
+def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32) -> Modulus:
+    out = Modulus()
+    J = s.contraction[e, q] * wp.determinant(F)
+    out.cofactor = s.contraction[e, q] * cofactor(F)
+    out.alpha = tangent_transposed(J, p, s.mu, s.gamma)
+    out.beta = tangent_volumetric(J, p, s.gamma)
+    return out
