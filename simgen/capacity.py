@@ -8,7 +8,7 @@ from simgen.fem.krylov import chunks
 from simgen.fem.newton import SolverSettings
 from simgen.sensor import Sensor
 
-AT_ONCE = {"cpu": 1, "cuda": 256}  # a core does one after the other; a GPU is busy from some hundreds on
+AT_ONCE = {"cpu": 1, "cuda": 256}  # a core does one after the other; what suits a GPU is still to be measured
 USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
 
 
@@ -38,12 +38,12 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
 
 
 def at_once(device: str) -> int:
-    """Presses that keep a device busy."""
+    """Presses that are under way on a device where its memory allows them."""
     return AT_ONCE[device.partition(":")[0]]
 
 
 def presses_at_once(sensor: Sensor, device: str, element: str, settings: SolverSettings) -> int:
-    """As many as keep a device busy, or as many as its free memory holds. Raises InputError where that is none."""
+    """As many as `at_once` says, or as many as the free memory holds. Raises InputError where that is none."""
     most = at_once(device)
     if most == 1:
         return 1

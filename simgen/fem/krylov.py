@@ -53,17 +53,6 @@ def sum_kernel(
 
 
 @wp.kernel
-def combine_kernel(
-    step: wp.array2d(dtype=wp.float64),
-    factor: wp.array(dtype=wp.float64),
-    # outputs
-    x_out: wp.array2d(dtype=wp.float64),
-):
-    i, env = wp.tid()
-    x_out[i, env] = x_out[i, env] + factor[env] * step[i, env]
-
-
-@wp.kernel
 def begin_kernel(
     b: wp.array2d(dtype=wp.float64),
     squares: wp.array2d(dtype=wp.float64),
@@ -258,12 +247,6 @@ class Dots:
         wp.launch(dots_kernel, dim=(sections, n_env), inputs=[a, b], outputs=[self._parts], device=a.device)
         wp.launch(sum_kernel, dim=(1, n_env), inputs=[self._parts], outputs=[self.values], device=a.device)
         return self.values
-
-
-def combine(step, factor: np.ndarray, x_out):
-    """x_out += factor (env,) times step."""
-    values = wp.array(factor, dtype=wp.float64, device=x_out.device)
-    wp.launch(combine_kernel, dim=x_out.shape, inputs=[step, values], outputs=[x_out], device=x_out.device)
 
 
 class ConjugateResiduals:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
+from simgen.fem import columns
 from simgen.fem.element import P2P1, TET_EDGES, barycentric_p2, face_shapes, tet_geometry, tet_rule
-from simgen.fem.krylov import combine
 from simgen.fem.material import NeoHookean
 from simgen.fem.newton import SMALLEST_FORCE, NewtonSolver, SolverSettings
 from simgen.fem.operator import Elasticity
@@ -34,10 +34,11 @@ class DeadLoad:
         column = np.zeros((n_unknowns, 1))
         column[: forces.size, 0] = forces.ravel()
         self._forces = wp.array(column, dtype=wp.float64, device=device)
+        self._everywhere = wp.ones(1, dtype=wp.int32, device=device)
         self.share = 1.0
 
     def residual(self, x, residual_out):
-        combine(self._forces, np.array([-self.share]), residual_out)
+        columns.go_along(residual_out, self._forces, np.array([-self.share]), self._everywhere, residual_out)
 
     def linearize(self, x):
         pass

@@ -1,0 +1,33 @@
+import numpy as np
+import warp as wp
+
+from simgen.fem import columns
+from simgen.fem.material import mat33f
+
+MARKED = wp.array(np.array([0, 1, 1], dtype=np.int32), dtype=wp.int32, device="cpu")
+
+
+def array(values, dtype=wp.float64):
+    return wp.array(np.asarray(values, dtype=float), dtype=dtype, device="cpu")
+
+
+def test_what_is_not_marked_stays():
+    rng = np.random.default_rng(0)
+    a, b, out = rng.normal(size=(3, 4, 3))
+    factor = np.array([1.0, 0.5, -2.0])
+    for act, expected in (
+        (lambda x: columns.copy(array(a), MARKED, x), a),
+        (lambda x: columns.clear(MARKED, x), 0.0 * a),
+        (lambda x: columns.go_along(array(a), array(b), factor, MARKED, x), a + factor * b),
+        (lambda x: columns.go_beyond(array(a), array(b), factor, MARKED, x), b + factor * (b - a)),
+    ):
+        found = array(out)
+        act(found)
+        np.testing.assert_array_equal(found.numpy()[:, 0], out[:, 0])
+        np.testing.assert_allclose(found.numpy()[:, 1:], expected[:, 1:], rtol=1e-15)
+
+
+def test_matrices_are_cleared_too():
+    blocks = wp.array(np.ones((2, 3, 3, 3)), dtype=mat33f, device="cpu")
+    columns.clear(MARKED, blocks)
+    assert (blocks.numpy()[:, 0] == 1.0).all() and not blocks.numpy()[:, 1:].any()
