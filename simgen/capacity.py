@@ -4,7 +4,6 @@ import warp as wp
 
 from simgen.errors import InputError
 from simgen.fem.element import ELEMENTS
-from simgen.fem.krylov import chunks
 from simgen.fem.newton import SolverSettings
 from simgen.sensor import Sensor
 
@@ -26,7 +25,6 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     points = kind.face_points * sum(map(len, faces))
     double = 8 * unknowns  # x, trial, step, two parts of the forces and their sum, two earlier states
     vectors = 2 * settings.krylov_size + 6  # directions and images; the solver's own five; where derivatives are taken
-    parts = (settings.krylov_size + 4) * chunks(unknowns)
     blocks = edges * 2 + corners
     if kind.pressures:
         vectors += 3
@@ -34,7 +32,7 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     single = vectors * unknowns + 12 * corners
     in_contact = points * (3 * 24 + 36) + 100 * sum(len(set(f[:, :3].ravel())) for f in faces)
     output = 24 * len(sensor.output_mesh.vertices)
-    return 8 * (double + parts) + 4 * single + 36 * blocks + in_contact + output
+    return 8 * double + 4 * single + 36 * blocks + in_contact + output
 
 
 def at_once(device: str) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from .fem.krylov import CHUNK, chunks, sum_kernel
+from .fem.krylov_kernels import CHUNK, chunks
 from .fem.material import real
 from .fem.newton import SMALLEST_FORCE
 from .first_touch import dense_shapes
@@ -31,9 +31,9 @@ def reaction_kernel(
     nodes: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
-    parts_out: wp.array3d(dtype=wp.float64),
+    reactions_out: wp.array2d(dtype=wp.float64),
 ):
-    """Components of the forces on what is held, a part of the nodes each."""
+    """Components of the forces on what is held."""
     c, i, env = wp.tid()
     if active[env] == 0:
         return
@@ -42,7 +42,7 @@ def reaction_kernel(
         row = 3 * node + i
         if held[row] == 1:
             total += internal[row, env] + surface[row, env]
-    parts_out[i, c, env] = total
+    wp.atomic_add(reactions_out, i, env, total)
 
 
 @wp.kernel
@@ -75,7 +75,6 @@ class Samples:
         self._weights.append(wp.array(to_output.data, dtype=wp.float64, device=device))
         self._displacement = wp.zeros((batch, to_output.shape[0], 3), dtype=wp.float64, device=device)
         self._nodes = len(scene.nodes)
-        self._parts = wp.zeros((3, chunks(self._nodes), batch), dtype=wp.float64, device=device)
         self._sums = wp.zeros((3, batch), dtype=wp.float64, device=device)
         corners = scene.indenter_contact.host_faces.shape[1] == 3
         self._dense = wp.array(dense_shapes(SUBDIVISIONS, linear=corners), dtype=wp.float64, device=device)
@@ -91,11 +90,10 @@ class Samples:
     def _reactions(self) -> np.ndarray:
         """Forces (3, env) of the held nodes on the body, at the last measured state."""
         balance, solver = self.scene.solver.balance, self.scene.solver
-        dim = (self._parts.shape[1], 3, self.scene.batch)
+        self._sums.zero_()
+        dim = (chunks(self._nodes), 3, self.scene.batch)
         inputs = [balance.internal, balance.surface, solver.held, self._nodes, solver.active]
-        wp.launch(reaction_kernel, dim=dim, inputs=inputs, outputs=[self._parts], device=self.scene.device)
-        inputs, outputs = [self._parts], [self._sums]
-        wp.launch(sum_kernel, dim=self._sums.shape, inputs=inputs, outputs=outputs, device=self.scene.device)
+        wp.launch(reaction_kernel, dim=dim, inputs=inputs, outputs=[self._sums], device=self.scene.device)
         return self._sums.numpy()
 
     def displacement(self, environments: np.ndarray) -> np.ndarray:
@@ -125,10 +123,12 @@ class Samples:
         return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x, self._lattice)
 
     def take(self, reached: np.ndarray) -> Iterator[tuple[int, dict]]:
-        """Samples of the environments (env,) bool: forces in N, lengths in m unless the key says mm."""
+        """Samples of the environments (env,) bool that have just converged: their forces have been measured.
+
+        Forces in N, lengths in m unless the key says mm.
+        """
         scene, solver = self.scene, self.scene.solver
         solver.mark(reached)
-        solver.balance.measure(solver.x)
         unit = scene.material.youngs_modulus_pa / MM**2  # N per unit of solver force
         force, moment, rms, _ = scene.indenter_contact.resultants(solver.x)
         total = force + self._reactions().T

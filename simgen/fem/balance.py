@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import warp as wp
 
-from .krylov import CHUNK, chunks, sum_kernel
+from . import columns
+from .krylov_kernels import CHUNK, chunks
 from .material import real
 
 wp.set_module_options({"enable_backward": False})
 
 SMALLEST_MULTIPLIERS = 1e-6  # E mm, L2 norm of the contact multipliers: below, a contact that opens
-
-
-@wp.kernel
-def hold_kernel(
-    held: wp.array(dtype=wp.int32),
-    # outputs
-    residual_out: wp.array2d(dtype=Any),
-):
-    i, env = wp.tid()
-    if held[i] == 1:
-        residual_out[i, env] = residual_out.dtype(0.0)
 
 
 @wp.kernel
@@ -37,9 +26,9 @@ def balance_kernel(
     active: wp.array(dtype=wp.int32),
     # outputs
     residual_out: wp.array2d(dtype=wp.float64),
-    parts_out: wp.array3d(dtype=wp.float64),
+    sums_out: wp.array2d(dtype=wp.float64),
 ):
-    """Sum of both where nothing is held; parts of the squares of the loads and of the sum, and of its virtual work."""
+    """Sum of both where nothing is held; squares of the loads and of the sum, and its virtual work."""
     c, env = wp.tid()
     if active[env] == 0:
         return
@@ -54,9 +43,9 @@ def balance_kernel(
         if i < n_displacements:
             load += from_surface * from_surface
             work += r * step[i, env]
-    parts_out[0, c, env] = load
-    parts_out[1, c, env] = square
-    parts_out[2, c, env] = work
+    wp.atomic_add(sums_out, 0, env, load)
+    wp.atomic_add(sums_out, 1, env, square)
+    wp.atomic_add(sums_out, 2, env, work)
 
 
 @wp.kernel
@@ -66,7 +55,7 @@ def work_kernel(
     n_displacements: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
-    parts_out: wp.array3d(dtype=wp.float64),
+    sums_out: wp.array2d(dtype=wp.float64),
 ):
     """Virtual work of the displacements' forces along a step; squares of all forces and of the whole step."""
     c, env = wp.tid()
@@ -79,9 +68,9 @@ def work_kernel(
         length += d * d
         if i < n_displacements:
             work += r * d
-    parts_out[0, c, env] = work
-    parts_out[1, c, env] = square
-    parts_out[2, c, env] = length
+    wp.atomic_add(sums_out, 0, env, work)
+    wp.atomic_add(sums_out, 1, env, square)
+    wp.atomic_add(sums_out, 2, env, length)
 
 
 @dataclass(frozen=True)
@@ -99,7 +88,10 @@ class Measured:
 
 
 class Balance:
-    """Forces of the body and of what acts on its surface; ``residual`` (unknowns, env) is what remains of their sum."""
+    """Forces of the body and of what acts on its surface; ``residual`` (unknowns, env) is what remains of their sum.
+
+    ``internal`` and ``surface`` are those of the environments that were measured last.
+    """
 
     def __init__(self, elasticity, contacts: list, cavity, held, step):
         self.elasticity, self.contacts, self.cavity = elasticity, contacts, cavity
@@ -107,14 +99,13 @@ class Balance:
         self.internal, self.surface, self.residual = (wp.zeros_like(step) for _ in range(3))
         n, n_env = step.shape
         self._dim = (chunks(n), n_env)
-        self._parts = wp.zeros((3, *self._dim), dtype=wp.float64, device=step.device)
         self._sums = wp.zeros((3, n_env), dtype=wp.float64, device=step.device)
         self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
 
     def _sum(self, kernel, inputs, outputs) -> np.ndarray:
         device = self.residual.device
-        wp.launch(kernel, dim=self._dim, inputs=inputs, outputs=[*outputs, self._parts], device=device)
-        wp.launch(sum_kernel, dim=self._sums.shape, inputs=[self._parts], outputs=[self._sums], device=device)
+        self._sums.zero_()
+        wp.launch(kernel, dim=self._dim, inputs=inputs, outputs=[*outputs, self._sums], device=device)
         return self._sums.numpy()
 
     def _measure_sum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -130,6 +121,7 @@ class Balance:
     def measure(self, x) -> Measured:
         """Forces at x in the active environments."""
         self.internal.zero_()
+        self.surface.zero_()
         self._min_det.fill_(np.inf)
         self.elasticity.residual(x, self.internal, self._min_det)
         self._apply_surfaces(x)
@@ -138,13 +130,13 @@ class Balance:
 
     def measure_surfaces(self, x, before: Measured, marked: np.ndarray) -> Measured:
         """The same once more where the multipliers have changed, and nothing else; the active ones are ``marked``."""
+        columns.clear(self.active, self.surface)
         self._apply_surfaces(x)
         sums, error = self._measure_sum()
         new = dict(zip(("load", "size", "work"), sums, strict=True), contact_error=error)
         return replace(before, **{name: np.where(marked, new[name], getattr(before, name)) for name in new})
 
     def _apply_surfaces(self, x):
-        self.surface.zero_()
         for term in self.contacts if self.cavity is None else [*self.contacts, self.cavity]:
             term.residual(x, self.surface)
 

@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from . import columns
+from .blocks import add_block
 from .element import TRIANGLE_EDGES, Element, face_shapes
 from .element_fields import gather
 from .material import mat33f, real, single, vec3
@@ -172,7 +174,7 @@ def cavity_blocks_kernel(
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=mat33f),
+    blocks_out: wp.array2d(dtype=wp.float32),
 ):
     """K_ab = p_c N_a skew(N_b,2 x,1 - N_b,1 x,2): how the forces turn and grow with the faces."""
     f, env = wp.tid()
@@ -184,7 +186,7 @@ def cavity_blocks_kernel(
             turn = wp.skew(w.gradients[q, b][1] * now.along - w.gradients[q, b][0] * now.across)
             for a in range(w.shapes.shape[1]):
                 factor = w.weights[q] * pressure[env] * w.shapes[q, a]
-                wp.atomic_add(blocks_out, block_index[f, a, b], env, mat33f(factor * turn))
+                add_block(blocks_out, block_index[f, a, b], env, mat33f(factor * turn))
 
 
 @wp.kernel
@@ -238,7 +240,7 @@ class Cavity:
 
     def linearize(self, x):
         """Keep what the derivative at state x needs; ``gradient`` (3 nodes, env) is that of the volume row by u."""
-        self.gradient.zero_()
+        columns.clear(self.active, self.gradient)
         self._launch(cavity_linearize_kernel, [x, self.active], [self._pressure, self._deformed, self.gradient])
 
     def tangent(self, v, action_out):

@@ -13,6 +13,7 @@ import warp as wp
 from ..distance import RigidShape
 from ..shape import shape_array
 from . import columns
+from .blocks import add_block
 from .contact_candidates import find_candidates_kernel, no_candidates_kernel
 from .contact_history import anchor_kernel, carry_kernel, change_kernel, update_kernel
 from .contact_results import gap_kernel, nearest_kernel, resultant_kernel
@@ -108,7 +109,7 @@ def contact_blocks_kernel(
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=mat33f),
+    blocks_out: wp.array2d(dtype=wp.float32),
 ):
     k, env = wp.tid()
     if active[env] == 0 or k >= s.count[env]:
@@ -120,7 +121,7 @@ def contact_blocks_kernel(
             for a in range(shapes.shape[1]):
                 for b in range(shapes.shape[1]):
                     weight = single(shapes[q, a] * shapes[q, b])
-                    wp.atomic_add(blocks_out, block_index[f, a, b], env, weight * K)
+                    add_block(blocks_out, block_index[f, a, b], env, weight * K)
 
 
 @wp.kernel
@@ -129,7 +130,7 @@ def contact_diagonal_kernel(
     tangent: wp.array3d(dtype=mat33f),
     active: wp.array(dtype=wp.int32),
     # outputs
-    diagonal_out: wp.array2d(dtype=mat33f),
+    diagonal_out: wp.array2d(dtype=wp.float32),
 ):
     k, env = wp.tid()
     if active[env] == 0 or k >= s.count[env]:
@@ -139,7 +140,7 @@ def contact_diagonal_kernel(
         K = tangent[f, q, env]
         if touches(K):
             for a in range(s.shapes.shape[1]):
-                wp.atomic_add(diagonal_out, s.faces[f, a], env, single(s.shapes[q, a] * s.shapes[q, a]) * K)
+                add_block(diagonal_out, s.faces[f, a], env, single(s.shapes[q, a] * s.shapes[q, a]) * K)
 
 
 class Contact:
@@ -284,7 +285,6 @@ class Contact:
         self._launch(update_kernel, [self.weights, self._sums, self.active], [], dim=self._sums.shape)
 
     def linearize(self, x):
-        self._tangent.zero_()
         self._launch(contact_tangent_kernel, [x, self.active], [self._tangent])
 
     def tangent(self, v, action_out):

@@ -96,17 +96,20 @@ class Element:
 
     Contact begins and ends within faces: the more points, the less its force depends on where (measured on a sphere of
     R = 3.5 mm, 0.5 mm deep, edges of 1.1 mm: 2.4 % too much force with 6 points, 1.4 % with 16).
+
+    A preconditioner need not know everything: with half the points, Krylov iterations stay the same to a percent.
     """
 
     name: str
     nodes: int
     pressures: int
     quadrature_points: int
+    preconditioner_points: int
     face_points: int
 
 
-P2P1 = Element("P2-P1", nodes=10, pressures=4, quadrature_points=8, face_points=12)
-P1 = Element("P1", nodes=4, pressures=0, quadrature_points=1, face_points=6)
+P2P1 = Element("P2-P1", nodes=10, pressures=4, quadrature_points=8, preconditioner_points=4, face_points=12)
+P1 = Element("P1", nodes=4, pressures=0, quadrature_points=1, preconditioner_points=1, face_points=6)
 ELEMENTS = {element.name: element for element in (P2P1, P1)}
 
 

@@ -13,7 +13,7 @@ import scipy.sparse as sparse
 import scipy.sparse.linalg
 import warp as wp
 
-from .material import mat33f
+from . import blocks
 from .pattern import BlockPattern
 
 REFACTOR_ABOVE = 10  # Krylov iterations above which a factor is made anew
@@ -30,15 +30,15 @@ def elimination_order(graph: sparse.csr_array) -> np.ndarray:
 class SparseFactor:
     """A factor of the displacement block for each environment, at the state where it was made.
 
-    ``held`` (unknowns,) int32 on the device; ``tangent(v, out)`` is the whole system's.
+    ``held`` (unknowns,) int32 on the device; ``add_tangent(v, out, rough)`` is the whole system's.
     """
 
-    def __init__(self, elasticity, surface_terms: list, held, tangent):
-        self.elasticity, self.surface_terms, self._tangent = elasticity, surface_terms, tangent
+    def __init__(self, elasticity, surface_terms: list, held, add_tangent):
+        self.elasticity, self.surface_terms, self._add_tangent = elasticity, surface_terms, add_tangent
         n, n_env, device = elasticity.n_displacements // 3, elasticity.active.shape[0], elasticity.device
         faces = [term.host_faces for term in surface_terms]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra, faces, device)
-        self._blocks = wp.zeros((self.pattern.n_blocks, n_env), dtype=mat33f, device=device)
+        self._blocks = blocks.zeros(self.pattern.n_blocks, n_env, device)
         graph = self.pattern.matrix(np.ones((self.pattern.n_blocks, 3, 3)))[::3, ::3]
         unknowns = (3 * elimination_order(graph)[:, None] + np.arange(3)).ravel()
         self.free = unknowns[held.numpy()[unknowns] == 0]
@@ -63,10 +63,10 @@ class SparseFactor:
         self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=False)
         for term, index in zip(self.surface_terms, self.pattern.face_index, strict=True):
             term.blocks(index, self._blocks, linear=False)
-        values, singular = self._blocks.numpy(), []
+        singular = []
         for env in wanted:
             self.factors[env] = None  # before the next one is made: together they may not fit into memory
-            matrix = self.pattern.matrix(values[:, env])[self.free][:, self.free].tocsc()
+            matrix = self.pattern.matrix(blocks.of_environment(self._blocks, env))[self.free][:, self.free].tocsc()
             try:
                 self.factors[env] = scipy.sparse.linalg.splu(
                     matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0,
@@ -78,7 +78,8 @@ class SparseFactor:
 
     def apply(self, b, x_out):
         """Change the displacements in x, which are zero, to A^-1 (b - B^T p), p being the pressures in x."""
-        self._tangent(x_out, self._action)
+        self._action.zero_()
+        self._add_tangent(x_out, self._action, rough=False)
         load, x = b.numpy() - self._action.numpy(), x_out.numpy().copy()
         for env in self._solved:
             if self.factors[env] is not None:

@@ -3,249 +3,44 @@
 Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20, 1983. With the directions kept, the preconditioner may be any
 map. The space is GMRES's: the residual adds to it as long as it changes, and where it does not (an indefinite matrix),
 the last image does, which always is new (Young and Jea's Orthodir, Linear Algebra Appl. 34, 1980). Vectors are in
-single precision, scaled by the norm of the right-hand side; inner products are summed in double precision, in the same
-order every time.
+single precision, scaled by the norm of the right-hand side; inner products are summed in double precision, on a CPU in
+the same order every time.
 
-The host is not asked before the last environment has finished: on a GPU the loop is one graph.
+Environments begin when they like, and each keeps its directions until it has finished: a slow one does not hold the
+others up. On a GPU some iterations of all of them are one graph.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
-from .material import real, single
-
-wp.set_module_options({"enable_backward": False})
-
-CHUNK = 512  # terms that one thread sums
-STUCK = 0.9  # of the last residual: one that shrinks less says little that is new
-SOON = 4  # iterations after which a looser tolerance holds
-
-
-@wp.kernel
-def dots_kernel(
-    a: wp.array2d(dtype=Any),
-    b: wp.array2d(dtype=Any),
-    # outputs
-    parts_out: wp.array3d(dtype=wp.float64),
-):
-    c, env = wp.tid()
-    total = real(0.0)
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, a.shape[0])):
-        total += real(a[i, env]) * real(b[i, env])
-    parts_out[0, c, env] = total
-
-
-@wp.kernel
-def sum_kernel(
-    parts: wp.array3d(dtype=wp.float64),
-    # outputs
-    sums_out: wp.array2d(dtype=wp.float64),
-):
-    k, env = wp.tid()
-    total = real(0.0)
-    for c in range(parts.shape[1]):
-        total += parts[k, c, env]
-    sums_out[k, env] = total
-
-
-@wp.kernel
-def begin_kernel(
-    b: wp.array2d(dtype=wp.float64),
-    squares: wp.array2d(dtype=wp.float64),
-    # outputs
-    residual_out: wp.array2d(dtype=wp.float32),
-):
-    i, env = wp.tid()
-    size = wp.sqrt(squares[0, env])
-    value = real(0.0)
-    if size > real(0.0):
-        value = b[i, env] / size
-    residual_out[i, env] = single(value)
-
-
-@wp.kernel
-def project_kernel(
-    images: wp.array3d(dtype=wp.float32),
-    image: wp.array2d(dtype=wp.float32),
-    count: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    parts_out: wp.array3d(dtype=wp.float64),
-):
-    """Inner products of the new image with those before it."""
-    k, c, env = wp.tid()
-    if k >= count[0] or active[env] == 0:
-        return
-    total = real(0.0)
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
-        total += real(images[k, i, env] * image[i, env])
-    parts_out[k, c, env] = total
-
-
-@wp.kernel
-def orthogonalize_kernel(
-    directions: wp.array3d(dtype=wp.float32),
-    images: wp.array3d(dtype=wp.float32),
-    coefficients: wp.array2d(dtype=wp.float64),
-    count: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    direction_out: wp.array2d(dtype=wp.float32),
-    image_out: wp.array2d(dtype=wp.float32),
-):
-    i, env = wp.tid()
-    if active[env] == 0:
-        return
-    z = direction_out[i, env]
-    q = image_out[i, env]
-    for k in range(count[0]):
-        coefficient = single(coefficients[k, env])
-        z -= coefficient * directions[k, i, env]
-        q -= coefficient * images[k, i, env]
-    direction_out[i, env] = z
-    image_out[i, env] = q
-
-
-@wp.kernel
-def measure_kernel(
-    residual: wp.array2d(dtype=wp.float32),
-    image: wp.array2d(dtype=wp.float32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    parts_out: wp.array3d(dtype=wp.float64),
-):
-    """Squares of the image, and its inner product with the residual."""
-    c, env = wp.tid()
-    if active[env] == 0:
-        return
-    square, product = real(0.0), real(0.0)
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
-        q = image[i, env]
-        square += real(q * q)
-        product += real(q * residual[i, env])
-    parts_out[0, c, env] = square
-    parts_out[1, c, env] = product
-
-
-@wp.kernel
-def advance_kernel(
-    direction: wp.array2d(dtype=wp.float32),
-    image: wp.array2d(dtype=wp.float32),
-    sums: wp.array2d(dtype=wp.float64),
-    count: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    directions_out: wp.array3d(dtype=wp.float32),
-    images_out: wp.array3d(dtype=wp.float32),
-    x_out: wp.array2d(dtype=wp.float32),
-    residual_out: wp.array2d(dtype=wp.float32),
-    parts_out: wp.array3d(dtype=wp.float64),
-):
-    """Keep the direction and its image, of length one, and go along it; squares of the residual that is left."""
-    c, env = wp.tid()
-    if active[env] == 0:
-        return
-    length = wp.sqrt(sums[0, env])
-    scale, step = single(real(1.0) / length), single(sums[1, env] / length)
-    square = real(0.0)
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
-        z, q = scale * direction[i, env], scale * image[i, env]
-        directions_out[count[0], i, env] = z
-        images_out[count[0], i, env] = q
-        x_out[i, env] = x_out[i, env] + step * z
-        r = residual_out[i, env] - step * q
-        residual_out[i, env] = r
-        square += real(r * r)
-    parts_out[0, c, env] = square
-
-
-@wp.kernel
-def count_kernel(count_out: wp.array(dtype=wp.int32), going_out: wp.array(dtype=wp.int32)):
-    count_out[0] = count_out[0] + 1
-    going_out[0] = 0
-
-
-@wp.kernel
-def judge_kernel(
-    squares: wp.array2d(dtype=wp.float64),
-    tolerance: real,
-    later: real,
-    count: wp.array(dtype=wp.int32),
-    size: wp.int32,
-    # outputs
-    stuck_out: wp.array(dtype=wp.int32),
-    found_out: wp.array2d(dtype=wp.float64),
-    active_out: wp.array(dtype=wp.int32),
-    going_out: wp.array(dtype=wp.int32),
-):
-    """Rows of ``found_out``: iterations, relative residual. A system that has broken down is not solved any further."""
-    env = wp.tid()
-    if active_out[env] == 0:
-        return
-    relative = wp.sqrt(squares[0, env])
-    sound = wp.isfinite(relative)
-    stuck_out[env] = int(relative > real(STUCK) * found_out[1, env])
-    found_out[0, env] = real(count[0])
-    found_out[1, env] = wp.where(sound, relative, real(wp.inf))
-    if not sound or relative <= wp.where(count[0] >= SOON, later, tolerance):
-        active_out[env] = 0
-    elif count[0] < size:
-        wp.atomic_max(going_out, 0, 1)
-
-
-@wp.kernel
-def source_kernel(
-    residual: wp.array2d(dtype=wp.float32),
-    images: wp.array3d(dtype=wp.float32),
-    count: wp.array(dtype=wp.int32),
-    stuck: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    source_out: wp.array2d(dtype=wp.float32),
-):
-    """What the next direction is made of."""
-    i, env = wp.tid()
-    if active[env] == 0:
-        return
-    value = residual[i, env]
-    if stuck[env] == 1:
-        value = images[count[0] - 1, i, env]
-    source_out[i, env] = value
-
-
-@wp.kernel
-def end_kernel(
-    x: wp.array2d(dtype=wp.float32),
-    squares: wp.array2d(dtype=wp.float64),
-    began: wp.array(dtype=wp.int32),
-    # outputs
-    x_out: wp.array2d(dtype=wp.float64),
-):
-    i, env = wp.tid()
-    if began[env] == 0:
-        return
-    x_out[i, env] = wp.sqrt(squares[0, env]) * real(x[i, env])
-
-
-def chunks(n: int) -> int:
-    return -(-n // CHUNK)
+from .krylov_kernels import (
+    advance_kernel,
+    begin_kernel,
+    chunks,
+    clear_kernel,
+    dots_kernel,
+    end_kernel,
+    judge_kernel,
+    orthogonalize_kernel,
+    project_kernel,
+    rest_kernel,
+    source_kernel,
+    tick_kernel,
+)
 
 
 class Dots:
-    """Inner products of pairs of vectors (n, env), which stay on the device as ``values`` (1, env)."""
+    """Inner products of pairs of vectors (n, env), which stay on the device as ``values`` (env,)."""
 
     def __init__(self, n: int, n_env: int, device):
-        self._parts = wp.zeros((1, chunks(n), n_env), dtype=wp.float64, device=device)
-        self.values = wp.zeros((1, n_env), dtype=wp.float64, device=device)
+        self._dim = (chunks(n), n_env)
+        self.values = wp.zeros(n_env, dtype=wp.float64, device=device)
 
     def __call__(self, a, b):
-        _, sections, n_env = self._parts.shape
-        wp.launch(dots_kernel, dim=(sections, n_env), inputs=[a, b], outputs=[self._parts], device=a.device)
-        wp.launch(sum_kernel, dim=(1, n_env), inputs=[self._parts], outputs=[self.values], device=a.device)
+        self.values.zero_()
+        wp.launch(dots_kernel, dim=self._dim, inputs=[a, b], outputs=[self.values], device=a.device)
         return self.values
 
 
@@ -264,47 +59,45 @@ class ConjugateResiduals:
         self._directions, self._images = (array((size, n, self.n_env), wp.float32) for _ in range(2))
         self._residual, self._direction, self._image = (array((n, self.n_env), wp.float32) for _ in range(3))
         self._x, self._source = (array((n, self.n_env), wp.float32) for _ in range(2))
-        self._parts = array((max(size, 2), chunks(n), self.n_env), wp.float64)
-        self._sums = array((max(size, 2), self.n_env), wp.float64)
-        self._square, self._graphs = Dots(n, self.n_env, device), {}
-        self._found = array((2, self.n_env), wp.float64)
-        self._began, self._stuck = (array(self.n_env, wp.int32) for _ in range(2))
-        self._count, self._going = (array(1, wp.int32) for _ in range(2))
+        self._products, self._inverse_squares = (array((size, self.n_env), wp.float64) for _ in range(2))
+        self._square, self._along, self._left = (array(self.n_env, wp.float64) for _ in range(3))
+        self._norm, self._graphs = Dots(n, self.n_env, device), {}
+        self._size, self._relative = (array(self.n_env, wp.float64) for _ in range(2))
+        self._count, self._stuck = (array(self.n_env, wp.int32) for _ in range(2))
+        self._ticks, self._going = (array(1, wp.int32) for _ in range(2))
 
     def _launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
-    def solve(self, operator, preconditioner, b, x_out, tolerance: float, later: float = 0.0, capture=False):
-        """Solve ``operator x = b`` until the residual is ``tolerance`` times b in every active environment.
+    def begin(self, b):
+        """Start on the systems of the active environments, with right-hand sides b."""
+        inputs = [b, self._norm(b, b), self.active]
+        outputs = [self._residual, self._x, self._size, self._count, self._relative, self._stuck]
+        self._launch(begin_kernel, b.shape, inputs, outputs)
 
-        From iteration `SOON` on ``later`` times b is enough, if it is given: the slowest environment of a batch keeps
-        the others waiting. ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``; of ``x_out`` only
-        active columns change. ``active`` is used up: it ends with the environments that missed. Returns iterations
-        (env,) and relative residuals (env,), infinite where the system broke down; the caller judges what missed.
+    def go_on(self, operator, preconditioner, tolerance: float, later: float, most: int, capture=False) -> np.ndarray:
+        """Carry the systems ``operator x = b`` of the active environments on by at most ``most`` iterations.
+
+        One has finished when its residual is ``tolerance`` times b, from iteration `SOON` on ``later`` times b, or
+        after ``size`` iterations. ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``. Returns which
+        environments (env,) have not finished; ``active`` is left with those.
 
         ``capture`` says that both functions do nothing but launch kernels on the same arrays every time: the loop then
         becomes one graph.
         """
-        whole, sections = b.shape, (chunks(b.shape[0]), self.n_env)
-        wp.copy(self._began, self.active)
-        squares = self._square(b, b)
-        self._launch(begin_kernel, whole, [b, squares], [self._residual])
-        self._x.zero_()
-        self._count.zero_()
-        self._found.fill_(1.0)
-        self._stuck.zero_()
-        size = np.sqrt(squares.numpy()[0])
-        self.active.assign(np.where(size > 0.0, self.active.numpy(), 0).astype(np.int32))
-        self._going.fill_(1)
+        sections = (chunks(len(self._residual)), self.n_env)
+        self._ticks.zero_()
+        self._going.zero_()
+        self._launch(rest_kernel, self.n_env, [self._relative], [self.active, self._going])
 
         def iterate():
             inputs = [self._residual, self._images, self._count, self._stuck, self.active]
-            self._launch(source_kernel, whole, inputs, [self._source])
+            self._launch(source_kernel, sections, inputs, [self._source])
             preconditioner(self._source, self._direction)
             operator(self._direction, self._image)
-            self._advance(whole, sections, tolerance, max(tolerance, later))
+            self._advance(sections, tolerance, later, most)
 
-        key = (operator, preconditioner, tolerance, later)
+        key = (operator, preconditioner, tolerance, later, most)
         if capture and key in self._graphs:
             wp.capture_launch(self._graphs[key])
         else:
@@ -313,22 +106,37 @@ class ConjugateResiduals:
                 with wp.ScopedCapture(device=self.device) as captured:
                     wp.capture_while(self._going, iterate)
                 self._graphs[key] = captured.graph
-        self._launch(end_kernel, whole, [self._x, squares, self._began], [x_out])
-        iterations, relative = np.where(self._began.numpy() * (size > 0.0), self._found.numpy(), 0.0)
-        return iterations.astype(int), np.where(np.isfinite(size), relative, np.inf)
+        return self.active.numpy() != 0
 
-    def _advance(self, whole, sections, tolerance: float, later: float):
+    def end(self, x_out) -> tuple[np.ndarray, np.ndarray]:
+        """Solutions of the active environments into their columns of ``x_out``.
+
+        Returns iterations (env,) and relative residuals (env,) of all, infinite where a system broke down.
+        """
+        self._launch(end_kernel, self._x.shape, [self._x, self._size, self.active], [x_out])
+        return self._count.numpy().astype(int), self._relative.numpy().copy()
+
+    def solve(self, operator, preconditioner, b, x_out, tolerance: float):
+        """Begin, go on to the end and return what :meth:`end` does, zeros where nothing was active."""
+        began = self.active.numpy().copy()
+        self.begin(b)
+        self.go_on(operator, preconditioner, tolerance, tolerance, self.size)
+        self.active.assign(began)
+        iterations, relative = self.end(x_out)
+        return iterations * began, np.where(began != 0, relative, 0.0)
+
+    def _advance(self, sections, tolerance: float, later: float, most: int):
         """From the new direction and its image to the next residual."""
-        every, count, active = (self.size, *sections), self._count, self.active
-        self._launch(project_kernel, every, [self._images, self._image, count, active], [self._parts])
-        self._launch(sum_kernel, (self.size, self.n_env), [self._parts], [self._sums])
-        inputs = [self._directions, self._images, self._sums, count, active]
-        self._launch(orthogonalize_kernel, whole, inputs, [self._direction, self._image])
-        self._launch(measure_kernel, sections, [self._residual, self._image, active], [self._parts])
-        self._launch(sum_kernel, (2, self.n_env), [self._parts], [self._sums])
-        outputs = [self._directions, self._images, self._x, self._residual, self._parts]
-        self._launch(advance_kernel, sections, [self._direction, self._image, self._sums, count, active], outputs)
-        self._launch(sum_kernel, (1, self.n_env), [self._parts], [self._sums])
-        self._launch(count_kernel, 1, [], [count, self._going])
-        inputs = [self._sums, tolerance, later, count, self.size]
-        self._launch(judge_kernel, self.n_env, inputs, [self._stuck, self._found, active, self._going])
+        count, active, going = self._count, self.active, [self._ticks, self._going]
+        sums = [self._square, self._along, self._left]
+        self._launch(clear_kernel, self.n_env, [count], [self._products, *sums])
+        self._launch(project_kernel, sections, [self._images, self._image, count, active], [self._products])
+        inputs = [self._direction, self._image, self._residual, self._products, self._inverse_squares, count, active]
+        outputs = [self._directions, self._images, self._square, self._along]
+        self._launch(orthogonalize_kernel, sections, inputs, outputs)
+        inputs = [self._directions, self._images, self._square, self._along, count, active]
+        outputs = [self._inverse_squares, self._x, self._residual, self._left]
+        self._launch(advance_kernel, sections, inputs, outputs)
+        self._launch(tick_kernel, 1, [], going)
+        inputs = [self._left, tolerance, later, self.size, self._ticks, most]
+        self._launch(judge_kernel, self.n_env, inputs, [count, self._stuck, self._relative, active, self._going])

@@ -14,10 +14,11 @@ import numpy as np
 import warp as wp
 
 from . import columns
-from .balance import Balance, hold_kernel
+from .balance import Balance
 from .cavity import Cavity
 from .contact import Contact
-from .krylov import SOON, ConjugateResiduals
+from .krylov import ConjugateResiduals
+from .krylov_kernels import SOON
 from .line_search import LineSearch
 from .operator import Elasticity
 from .preconditioner import BlockTriangular
@@ -52,11 +53,22 @@ class SolverSettings:
     krylov_size: int = 40
 
 
+@wp.kernel
+def hold_kernel(
+    rows: wp.array(dtype=wp.int32),
+    # outputs
+    action_out: wp.array2d(dtype=wp.float32),
+):
+    i, env = wp.tid()
+    action_out[rows[i], env] = 0.0
+
+
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
 LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
 # Of the linear tolerance, from the fourth iteration on. Without, the slowest environment of a batch takes twice as many
 # iterations as a mean one; Newton's method takes none more for it on the DIGIT, 9 % more on the BioTac.
 LOOSER = 3.0
+KRYLOV_AT_ONCE = 3  # iterations of all linear systems of a batch, before those that are solved go on
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
 
@@ -108,12 +120,16 @@ class NewtonSolver:
         held = per_component(held)
         rows[: elasticity.n_displacements] = held.ravel()
         self.held = wp.array(rows, dtype=wp.int32, device=device)
-        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, self.held, self._tangent)
+        self._held_rows = wp.array(np.flatnonzero(rows), dtype=wp.int32, device=device)
+        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, self.held, self._add_tangent)
         self.krylov = ConjugateResiduals(self.n_unknowns, settings.krylov_size, device, self.active)
         self.x, self.trial, self._step = (self.vector() for _ in range(3))
         self.balance = Balance(elasticity, contacts, cavity, self.held, self._step)
         self.increment, self.working = Increment.empty(n_env), np.zeros(n_env, dtype=bool)
-        self._first, self._search = np.zeros(n_env, dtype=bool), LineSearch(n_env)
+        self._first, self._solving = np.zeros((2, n_env), dtype=bool)
+        self._search, self._size = LineSearch(n_env), np.zeros(n_env)
+        # A press alone waits for itself. A batch does not wait for its slowest linear system.
+        self._at_once = settings.krylov_size if n_env == 1 else KRYLOV_AT_ONCE
         self._least_start, self._best = np.zeros(n_env), np.zeros(n_env)
         self._since_best, self._last_krylov = np.zeros((2, n_env), dtype=np.int64)
 
@@ -125,16 +141,20 @@ class NewtonSolver:
         self.active.assign(environments.astype(np.int32))
         return self.active
 
-    def _tangent(self, v, out):
-        out.zero_()
-        self.elasticity.tangent(v, out)
+    def _add_tangent(self, v, out, rough: bool):
+        self.elasticity.tangent(v, out, rough)
         for term in self.surface_terms:
             term.tangent(v, out)
-        wp.launch(hold_kernel, dim=out.shape, inputs=[self.held], outputs=[out], device=out.device)
+        dim = (len(self._held_rows), self.n_env)
+        wp.launch(hold_kernel, dim=dim, inputs=[self._held_rows], outputs=[out], device=out.device)
+
+    def _tangent(self, v, out):
+        out.zero_()
+        self._add_tangent(v, out, rough=False)
 
     def abandon(self):
         """Leave all increments where they are: nothing is on its way any more."""
-        self.working[:] = self._first[:] = False
+        self.working[:] = self._first[:] = self._solving[:] = False
 
     def supports(self) -> np.ndarray:
         """Forces (unknowns, env) that hold the body at ``x``; rows of pressures say what their volumes lack, mm3."""
@@ -169,14 +189,34 @@ class NewtonSolver:
         self._last_krylov[environments] = self.settings.krylov_size
 
     def iterate(self) -> np.ndarray:
-        """Carry on all working environments; returns those (env,) bool that have ended, by ``increment.status``."""
+        """Carry on all working environments; returns those (env,) bool that have ended, by ``increment.status``.
+
+        An environment either tries a step and, where it takes it, starts on the next linear system, or goes on with
+        that system's solution.
+        """
+        trying = self.working & ~self._solving
+        again, ended = self._try_steps(trying) if trying.any() else (trying, trying)
+        solved, stalled = self._go_on_solving()
+        self.increment.status[stalled] = Status.LINEAR_SOLVER_STALLED
+        if solved.any():
+            self.mark(solved)
+            self._search.begin(solved, self._size, self.balance.work())
+        if (again | solved).any():
+            marked = self.mark(again | solved)
+            columns.go_along(self.x, self._step, -self._search.alpha, marked, self.trial)
+        ended = ended | stalled
+        self.working &= ~ended
+        return ended
+
+    def _try_steps(self, trying: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Judge ``trial``, begin linear systems where it is taken. Returns (env,): searches that go on, what ended."""
         s, now = self.settings, self.increment
-        self.mark(self.working)
+        self.mark(trying)
         measured = self.balance.measure(self.trial)
         least = np.where(self._first, self._least_start, LEAST_DETERMINANT)
-        taken, again = self._search.judge(measured, least, self._first, self.working)
-        inverted = self.working & ~(measured.min_det > least)
-        lost = self.working & ~taken & ~again
+        taken, again = self._search.judge(measured, least, self._first, trying)
+        inverted = trying & ~(measured.min_det > least)
+        lost = trying & ~taken & ~again
         now.status[lost & inverted] = Status.INVERTED
         columns.copy(self.trial, self.mark(taken), self.x)
         # Multipliers that are good enough rest, so that Newton's method ends with quadratic convergence.
@@ -188,7 +228,7 @@ class NewtonSolver:
             measured = self.balance.measure_surfaces(self.x, measured, unfinished)
         relative = measured.size / np.maximum(measured.load, SMALLEST_FORCE)
         now.residual[taken], now.contact_error[taken] = relative[taken], measured.contact_error[taken]
-        now.min_det[self.working] = measured.min_det[self.working]
+        now.min_det[trying] = measured.min_det[trying]
         done = taken & (relative <= s.residual_tolerance) & (measured.contact_error <= s.contact_tolerance)
         now.status[done] = Status.CONVERGED
         better = taken & (relative < 0.9 * self._best)
@@ -196,49 +236,64 @@ class NewtonSolver:
         self._since_best[taken & ~better] += 1
         hopeless = (self._since_best > PATIENCE) | (now.newton_iterations >= s.max_newton_iterations)
         onwards = taken & ~done & ~hopeless
-        stalled = self._linear_solve(onwards)
-        now.status[stalled] = Status.LINEAR_SOLVER_STALLED
-        onwards &= ~stalled
+        self._size[onwards] = measured.size[onwards]
         self._first &= ~taken & ~lost
-        self.mark(onwards)
-        self._search.begin(onwards, measured.size, self.balance.work())
-        going = onwards | again
-        columns.go_along(self.x, self._step, -self._search.alpha, self.mark(going), self.trial)
-        ended = self.working & ~going
-        self.working = going
-        return ended
+        if onwards.any():
+            self._begin_solving(onwards)
+        return again, trying & ~onwards & ~again
 
-    def _linear_solve(self, wanted: np.ndarray) -> np.ndarray:
-        """Newton directions into ``self._step`` at ``self.x``; returns which environments (env,) stalled."""
-        missed = np.zeros(self.n_env, dtype=bool)
-        if not wanted.any():
-            return missed
-        self.mark(wanted)
-        self.increment.newton_iterations[wanted] += 1
+    def _begin_solving(self, environments: np.ndarray):
+        """Start on Newton directions at ``x``."""
+        self._solving |= environments
+        self.mark(environments)
+        self.increment.newton_iterations[environments] += 1
         self.elasticity.linearize(self.x)
         for term in self.surface_terms:
             term.linearize(self.x)
-        missed = self._krylov(wanted & ~self.preconditioner.factored, factored=False)
-        missed &= ~self.preconditioner.fall_back(missed)
-        return missed | self._krylov(wanted & self.preconditioner.factored, factored=True)
-
-    def _krylov(self, wanted: np.ndarray, factored: bool) -> np.ndarray:
-        """Solve the linearised systems with a factor or without; returns which environments (env,) stalled."""
-        if not wanted.any():
-            return wanted
-        stale = wanted & (self._last_krylov > SOON)  # a cycle is kept while it serves: to make one costs 2/3 of a use
-        if not factored and stale.any():
+        # A cycle is kept while it serves: to make one costs two thirds of a use.
+        stale = environments & ~self.preconditioner.factored & (self._last_krylov > SOON)
+        if stale.any():
             self.mark(stale)
             self.preconditioner.follow()
-        self.mark(wanted)
+        self._prepare(environments & ~self.preconditioner.factored, factored=False)
+
+    def _prepare(self, environments: np.ndarray, factored: bool) -> np.ndarray:
+        """Get preconditioners ready and begin the linear systems; returns those (env,) that are singular."""
         singular = np.zeros(self.n_env, dtype=bool)
-        singular[self.preconditioner.update(np.flatnonzero(wanted), self._last_krylov, factored)] = True
-        if singular.any():
-            self.mark(wanted & ~singular)
+        if environments.any():
+            self.mark(environments)
+            singular[self.preconditioner.update(np.flatnonzero(environments), self._last_krylov, factored)] = True
+            self.mark(environments & ~singular)
+            self.krylov.begin(self.balance.residual)
+        return singular
+
+    def _go_on_solving(self) -> tuple[np.ndarray, np.ndarray]:
+        """Iterations of the linear systems under way; returns which (env,) are solved, with ``_step``, and stalled."""
+        factored = self.preconditioner.factored
+        solved, missed = self._krylov_iterations(self._solving & ~factored, self._at_once, factored=False)
+        missed &= ~self.preconditioner.fall_back(missed)
+        by_factor = self._solving & factored
+        if by_factor.any():
+            singular = self._prepare(by_factor, factored=True)
+            also, stalled = self._krylov_iterations(by_factor & ~singular, self.settings.krylov_size, factored=True)
+            solved, missed = solved | also, missed | stalled | singular
+        self._solving &= ~(solved | missed)
+        return solved, missed
+
+    def _krylov_iterations(self, wanted: np.ndarray, most: int, factored: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Carry the wanted systems (env,) on; returns which are solved and which have missed their tolerance."""
+        if not wanted.any():
+            return wanted, wanted
+        self.mark(wanted)
+        self.preconditioner.use(factored)
         tolerance, later = self.settings.linear_tolerance, LOOSER * self.settings.linear_tolerance
-        right = self.balance.residual
-        terms = self._tangent, self.preconditioner.apply, right, self._step, tolerance, later
-        used, relative = self.krylov.solve(*terms, capture=not factored)
-        self.increment.krylov_iterations += used
-        self._last_krylov = np.where(wanted, used, self._last_krylov)
-        return wanted & (singular | ~(relative <= later))
+        terms = self._tangent, self.preconditioner.apply, tolerance, later
+        finished = wanted & ~self.krylov.go_on(*terms, most, capture=not factored)
+        if not finished.any():
+            return finished, finished
+        self.mark(finished)
+        used, relative = self.krylov.end(self._step)
+        self.increment.krylov_iterations[finished] += used[finished]
+        self._last_krylov[finished] = used[finished]
+        missed = finished & ~(relative <= later)
+        return finished & ~missed, missed

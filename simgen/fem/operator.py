@@ -9,13 +9,15 @@ faster if it read its moduli, but these are 350 bytes an element and environment
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import warp as wp
 
 from .element import Element, tet_geometry
 from .element_fields import corner_gradients, corner_pressures, interpolate, scatter_gradients, scatter_pressures
 from .material import NeoHookean, cofactor, first_piola, first_piola_increment, mat33, mat33f, real, single, vec3f
-from .operator_blocks import blocks_kernel, corner_blocks_kernel, diagonal_kernel
+from .operator_blocks import REGISTERS, blocks_kernel, corner_blocks_kernel, diagonal_kernel
 from .solid import SingleSolid, Solid, modulus
 
 wp.set_module_options({"enable_backward": False})
@@ -96,7 +98,7 @@ def state_kernel(
     state_out[i, env] = single(value)
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=REGISTERS)
 def tangent_kernel(
     s: SingleSolid,
     v: wp.array2d(dtype=wp.float32),
@@ -145,20 +147,25 @@ class Elasticity:
             np.add.at(self.pressure_mass, tetrahedra[:, b], shares)
         self._gradients = wp.array(geometry.local_gradients, dtype=vec3f, device=device)
         self._positions = wp.array(nodes.ravel(), dtype=wp.float64, device=device)
-        self._solid, self._single = Solid(), SingleSolid()
+        self._solid, self._single, self._rough = Solid(), SingleSolid(), SingleSolid()
         self._solid.rest = wp.array(geometry.corner_jacobians, dtype=mat33, device=device)
-        metric = material.mu * np.einsum("eqij,eqkj->eqik", geometry.inverse, geometry.inverse)
+        rough = tet_geometry(replace(element, quadrature_points=element.preconditioner_points), nodes, tetrahedra)
         tets = wp.array(self.host_tetrahedra, dtype=wp.int32, device=device)
-        for s, scalar, vec4, mat in ((self._solid, real, wp.vec4d, mat33), (self._single, single, wp.vec4f, mat33f)):
+        doubles, singles = (real, wp.vec4d, mat33), (single, wp.vec4f, mat33f)
+        for s, g, (scalar, vec4, mat) in (
+            (self._solid, geometry, doubles), (self._single, geometry, singles), (self._rough, rough, singles)
+        ):  # fmt: skip
+            metric = material.mu * np.einsum("eqij,eqkj->eqik", g.inverse, g.inverse)
             s.tetrahedra = tets
-            s.shapes = wp.array(geometry.corner_shapes, dtype=vec4, device=device)
+            s.shapes = wp.array(g.corner_shapes, dtype=vec4, device=device)
             s.metric = wp.array(metric, dtype=mat, device=device)
-            s.contraction = wp.array(np.linalg.det(geometry.inverse), dtype=scalar, device=device)
-            s.volumes = wp.array(geometry.volumes, dtype=scalar, device=device)
+            s.contraction = wp.array(np.linalg.det(g.inverse), dtype=scalar, device=device)
+            s.volumes = wp.array(g.volumes, dtype=scalar, device=device)
             s.first_pressure = self.n_displacements
             s.mu, s.gamma, s.pressure_compliance = material.mu, material.gamma, material.pressure_compliance
         unknowns = self.n_displacements + self.n_pressures
         self._single.state = wp.zeros((unknowns, active.shape[0]), dtype=wp.float32, device=device)
+        self._rough.state = self._single.state
 
     def _launch(self, kernel, inputs, outputs):
         dim = (len(self.host_tetrahedra), self.active.shape[0])
@@ -174,9 +181,9 @@ class Elasticity:
         inputs = [self._positions, x, self.active]
         wp.launch(state_kernel, dim=state.shape, inputs=inputs, outputs=[state], device=self.device)
 
-    def tangent(self, v, action_out):
-        """Add the action of the derivative on v."""
-        self._launch(tangent_kernel, [self._single, v, self.active], [action_out])
+    def tangent(self, v, action_out, rough: bool = False):
+        """Add the action of the derivative on v; a rough one will do for a preconditioner."""
+        self._launch(tangent_kernel, [self._rough if rough else self._single, v, self.active], [action_out])
 
     def inverted_elements(self, x, points: wp.array) -> np.ndarray:
         """How many elements (env,) have det F <= 0 at one of the barycentric points (k,) at state x."""
@@ -185,12 +192,15 @@ class Elasticity:
         return count.numpy()
 
     def blocks(self, block_index, blocks_out, linear: bool):
-        """Add the derivative by displacements, or by linear ones alone, as 3 x 3 blocks between nodes or corners."""
+        """Add the derivative by displacements, or by linear ones alone, as 3 x 3 blocks between nodes or corners.
+
+        The latter roughly.
+        """
         if linear:
-            self._launch(corner_blocks_kernel, [self._single, self.active, block_index], [blocks_out])
+            self._launch(corner_blocks_kernel, [self._rough, self.active, block_index], [blocks_out])
         else:
             self._launch(blocks_kernel, [self._single, self._gradients, self.active, block_index], [blocks_out])
 
     def diagonal(self, diagonal_out):
-        """Add the 3 x 3 blocks of each node's displacement by itself, of quadratic elements."""
-        self._launch(diagonal_kernel, [self._single, self.active], [diagonal_out])
+        """Add, roughly, the 3 x 3 blocks of each node's displacement by itself, of quadratic elements."""
+        self._launch(diagonal_kernel, [self._rough, self.active], [diagonal_out])

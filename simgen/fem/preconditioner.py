@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from . import columns
 from .factor import SparseFactor
 from .krylov import Dots
 from .material import single
@@ -39,18 +40,20 @@ def pressures_kernel(
 def free_part_kernel(
     gradient: wp.array2d(dtype=wp.float64),
     held: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     free_out: wp.array2d(dtype=wp.float32),
 ):
     i, env = wp.tid()
-    free_out[i, env] = wp.where(held[i] == 0, single(gradient[i, env]), single(0.0))
+    if active[env] != 0:
+        free_out[i, env] = wp.where(held[i] == 0, single(gradient[i, env]), single(0.0))
 
 
 @wp.kernel
 def border_kernel(
     response: wp.array2d(dtype=wp.float32),
-    stiffness: wp.array2d(dtype=wp.float64),
-    along: wp.array2d(dtype=wp.float64),
+    stiffness: wp.array(dtype=wp.float64),
+    along: wp.array(dtype=wp.float64),
     r: wp.array2d(dtype=wp.float32),
     row: wp.int32,
     # outputs
@@ -58,8 +61,8 @@ def border_kernel(
 ):
     i, env = wp.tid()
     pressure = single(0.0)
-    if stiffness[0, env] != wp.float64(0.0):
-        pressure = single((along[0, env] - wp.float64(r[row, env])) / stiffness[0, env])
+    if stiffness[env] != wp.float64(0.0):
+        pressure = single((along[env] - wp.float64(r[row, env])) / stiffness[env])
     if i == row:
         z_out[i, env] = pressure
     else:
@@ -69,17 +72,18 @@ def border_kernel(
 class BlockTriangular:
     """Applies the preconditioner; ``follow`` and ``update`` get it ready for the last linearisation.
 
-    ``held`` (unknowns,) int32 on the device; ``tangent(v, out)`` is the whole system's.
+    ``held`` (unknowns,) int32 on the device; ``add_tangent(v, out, rough)`` adds the whole system's action on v to out,
+    or roughly, and leaves zeros in held rows.
     """
 
-    def __init__(self, elasticity, contacts: list, cavity, held, tangent):
+    def __init__(self, elasticity, contacts: list, cavity, held, add_tangent):
         self.elasticity, self.cavity = elasticity, cavity
         device, n_env = elasticity.device, elasticity.active.shape[0]
         terms = contacts if cavity is None else [*contacts, cavity]
-        self._make_factor = lambda: SparseFactor(elasticity, terms, held, tangent)
+        self._make_factor = lambda: SparseFactor(elasticity, terms, held, add_tangent)
         self.multigrid = self.factor = None
         if elasticity.n_pressures:
-            self.multigrid = Multigrid(elasticity, contacts, held, tangent)
+            self.multigrid = Multigrid(elasticity, contacts, held, add_tangent)
             m = elasticity.material
             schur = (1.0 / (m.mu + m.gamma) + m.pressure_compliance) * elasticity.pressure_mass
             self._schur = wp.array(schur, dtype=wp.float32, device=device)
@@ -114,21 +118,27 @@ class BlockTriangular:
         """Make the multigrid cycle of the active environments that of their last linearisation."""
         self.multigrid.update()
 
+    def use(self, factored: bool):
+        """Apply factors from now on, or multigrid."""
+        self._displacements = self.factor if factored else self.multigrid
+
     def update(self, environments: np.ndarray, iterations: np.ndarray, factored: bool) -> np.ndarray:
         """Get ready for the given environments, with factors or not; their last solves took these iterations (env,).
 
         Factors that have become poor are made anew. Returns the environments whose matrix is singular.
         """
         singular = np.zeros(0, dtype=int)
-        self._displacements = self.factor if factored else self.multigrid
+        self.use(factored)
         if factored:
             singular = self.factor.update(environments, iterations)
         if self.cavity is not None:
             gradient = self.cavity.gradient  # no larger than the displacements: the rows below them stay zero
-            inputs, outputs = [gradient, self._held], [self._gradient]
+            active = self.elasticity.active
+            inputs, outputs = [gradient, self._held, active], [self._gradient]
             wp.launch(free_part_kernel, dim=gradient.shape, inputs=inputs, outputs=outputs, device=gradient.device)
-            self._response.zero_()
-            self._displacements.apply(self._gradient, self._response)
+            response = wp.zeros_like(self._response)
+            self._displacements.apply(self._gradient, response)
+            columns.copy(response, active, self._response)
             self._stiffness(self._gradient, self._response)
         return singular
 

@@ -11,7 +11,7 @@ The fine meshes take minutes for a press, so these cases are "long": name them, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -56,12 +56,25 @@ def place_indenter(sensor: Sensor, x_mm: float, arc_mm: float) -> np.ndarray:
 
 
 def solve(model: str, mesh: str, indenter: str, place: str, device: str) -> Solution:
-    """Press one indenter at one place to all depths on the named mesh of a sensor."""
+    """Press one indenter at one place to all depths on the named mesh of a sensor.
+
+    A GPU takes the presses of all indenters at all places together, once for each mesh.
+    """
+    if device == "cpu":
+        return _solve(model, mesh, ((indenter, place),), device)[indenter, place]
+    every = tuple((indenter, place) for place in PLACES_MM for indenter in indenter_names())
+    return _solve(model, mesh, every, device)[indenter, place]
+
+
+@lru_cache(maxsize=len(MESHES))
+def _solve(model: str, mesh: str, presses: tuple[tuple[str, str], ...], device: str) -> dict[tuple, Solution]:
     sensor = load_sensor(model, mesh)
-    scene = Scene(sensor, sensor.materials["solid"], device=device)
-    pose = place_indenter(sensor, *PLACES_MM[place])
-    result = press(scene, [load_indenter(indenter).shape()], pose[None], DEPTHS_MM * 1e-3)[0]
-    return Solution(mesh, sensor.simulation_mesh.hash, scene.unknowns, result)
+    scene = Scene(sensor, sensor.materials["solid"], device=device, batch=len(presses))
+    shapes = {indenter: load_indenter(indenter).shape() for indenter, _ in presses}
+    poses = np.stack([place_indenter(sensor, *PLACES_MM[place]) for _, place in presses])
+    results = press(scene, [shapes[indenter] for indenter, _ in presses], poses, DEPTHS_MM * 1e-3)
+    found = (Solution(mesh, sensor.simulation_mesh.hash, scene.unknowns, result) for result in results)
+    return dict(zip(presses, found, strict=True))
 
 
 def difference_um(a: np.ndarray, b: np.ndarray) -> float:

@@ -2,7 +2,6 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import columns
-from simgen.fem.material import mat33f
 
 MARKED = wp.array(np.array([0, 1, 1], dtype=np.int32), dtype=wp.int32, device="cpu")
 
@@ -27,7 +26,7 @@ def test_what_is_not_marked_stays():
         np.testing.assert_allclose(found.numpy()[:, 1:], expected[:, 1:], rtol=1e-15)
 
 
-def test_matrices_are_cleared_too():
-    blocks = wp.array(np.ones((2, 3, 3, 3)), dtype=mat33f, device="cpu")
-    columns.clear(MARKED, blocks)
-    assert (blocks.numpy()[:, 0] == 1.0).all() and not blocks.numpy()[:, 1:].any()
+def test_vectors_are_cleared_too():
+    vectors = wp.array(np.ones((2, 3, 3)), dtype=wp.vec3d, device="cpu")
+    columns.clear(MARKED, vectors)
+    assert (vectors.numpy()[:, 0] == 1.0).all() and not vectors.numpy()[:, 1:].any()

@@ -11,10 +11,10 @@ import scipy.sparse as sparse
 import warp as wp
 
 from simgen.fem.aggregation import SMALL, coarse_space, largest_eigenvalue, rigid_motions
+from simgen.fem.corner_cycle import CORNER_SPREAD, CORNER_STEPS, MARGIN, chebyshev
 from simgen.fem.element import P2P1
 from simgen.fem.krylov import ConjugateResiduals
 from simgen.fem.material import NeoHookean
-from simgen.fem.multigrid import CORNER_SPREAD, CORNER_STEPS, MARGIN, chebyshev
 from simgen.fem.operator import Elasticity
 from simgen.fem.pattern import BlockPattern
 from simgen.fem.preconditioner import BlockTriangular
@@ -37,7 +37,7 @@ class Block:
         held[:n_u] = np.repeat(on_plane(mesh.nodes, 1, SIZE[1]), 3)
         self.held = held[:, None] == 1
         self.preconditioner = BlockTriangular(
-            self.body, [], None, wp.array(held, dtype=wp.int32, device="cpu"), self.tangent
+            self.body, [], None, wp.array(held, dtype=wp.int32, device="cpu"), self.add_tangent
         )
         self.space = self.preconditioner.multigrid.corners.space
         x, y, z = (2.0 * np.pi * mesh.nodes / SIZE).T
@@ -55,10 +55,13 @@ class Block:
         self.preconditioner.follow()
         self.preconditioner.update(np.array([0]), np.array([0]), self.preconditioner.factored[0])
 
+    def add_tangent(self, v, out, rough):
+        self.body.tangent(v, out, rough)
+        out.assign(np.where(self.held, 0.0, out.numpy()))
+
     def tangent(self, v, out):
         out.zero_()
-        self.body.tangent(v, out)
-        out.assign(np.where(self.held, 0.0, out.numpy()))
+        self.add_tangent(v, out, rough=False)
 
     def iterations(self) -> int:
         """Of the Krylov solver, to 1e-6."""
@@ -164,7 +167,7 @@ MADE = """
 import hashlib
 from fem.test_multigrid import Block
 made = Block(9, 0.499).preconditioner.multigrid
-numbers = str((made._smoothing, made.corners._smoothing)).encode()
+numbers = str((made._step, made.corners._smoothing)).encode()
 print(hashlib.sha256(made.corners._coarse_inverse.numpy().tobytes() + numbers).hexdigest())
 """
 

@@ -6,9 +6,10 @@ import scipy.sparse as sparse
 import warp as wp
 
 from simgen.distance import Kind
+from simgen.fem import blocks
 from simgen.fem.contact import Contact
 from simgen.fem.element import P1, P2P1
-from simgen.fem.material import NeoHookean, mat33f
+from simgen.fem.material import NeoHookean
 from simgen.fem.operator import Elasticity
 from simgen.fem.pattern import BlockPattern, corners_to_nodes
 from simgen.shape import rigid_shape
@@ -44,14 +45,15 @@ def test_blocks_are_the_tangent_among_displacements_or_linear_ones(element, line
     v = rng.normal(size=embedding.shape[1])
     pattern = BlockPattern(len(v) // 3, tets, [on_faces], "cpu")
     for term, index in ((body, pattern.tet_index), (contact, pattern.face_index[0])):
-        blocks = wp.zeros((pattern.n_blocks, 1), dtype=mat33f, device="cpu")
+        made = blocks.zeros(pattern.n_blocks, 1, "cpu")
         out = wp.zeros((n, 1), dtype=wp.float32, device="cpu")
         whole = np.append(embedding @ v, np.zeros(body.n_pressures))
         term.linearize(x)
-        term.blocks(index, blocks, linear)
-        term.tangent(wp.array(whole[:, None], dtype=wp.float32, device="cpu"), out)
+        term.blocks(index, made, linear)
+        roughly = [linear] if term is body else []  # by fewer points
+        term.tangent(wp.array(whole[:, None], dtype=wp.float32, device="cpu"), out, *roughly)
         expected = embedding.T @ out.numpy()[: body.n_displacements, 0]
-        found = pattern.matrix(blocks.numpy()[:, 0]) @ v
+        found = pattern.matrix(blocks.of_environment(made, 0)) @ v
         assert np.abs(expected).max() > 1e-3
         np.testing.assert_allclose(found, expected, rtol=0, atol=SINGLE * np.abs(expected).max())
 
@@ -65,9 +67,10 @@ def test_the_contact_s_diagonal_is_that_of_its_tangent():
     pose[0, 1, 3] = 0.2
     contact.set_pose(pose)
     contact.linearize(wp.zeros((nodes.size, 1), dtype=wp.float64, device="cpu"))
-    diagonal = wp.zeros((len(nodes), 1), dtype=mat33f, device="cpu")
-    contact.diagonal(diagonal)
-    touched = np.flatnonzero(np.abs(diagonal.numpy()).max(axis=(1, 2, 3)) > 0.0)
+    made = blocks.zeros(len(nodes), 1, "cpu")
+    contact.diagonal(made)
+    diagonal = blocks.of_environment(made, 0)
+    touched = np.flatnonzero(np.abs(diagonal).max(axis=(1, 2)) > 0.0)
     assert len(touched) > 5
     for node in touched[::5]:
         for i in range(3):
@@ -76,14 +79,14 @@ def test_the_contact_s_diagonal_is_that_of_its_tangent():
             contact.tangent(wp.array(unit, dtype=wp.float32, device="cpu"), out)
             column = out.numpy().reshape(-1, 3)[node]
             allowed = SINGLE * np.abs(column).max()
-            np.testing.assert_allclose(diagonal.numpy()[node, 0, :, i], column, rtol=0, atol=allowed)
+            np.testing.assert_allclose(diagonal[node, :, i], column, rtol=0, atol=allowed)
 
 
 def test_the_matrix_has_the_pattern_s_blocks():
     _, tets, n_corners, _ = box()
     pattern = BlockPattern(n_corners, tets[:, :4], [], "cpu")
-    blocks = np.arange(9.0 * pattern.n_blocks).reshape(-1, 3, 3)
-    matrix = pattern.matrix(blocks)
+    values = np.arange(9.0 * pattern.n_blocks).reshape(-1, 3, 3)
+    matrix = pattern.matrix(values)
     assert isinstance(matrix, sparse.csr_array)
     row = pattern.host_columns[pattern.host_row_starts[4]]
-    np.testing.assert_array_equal(matrix[12:15, 3 * row : 3 * row + 3].toarray(), blocks[pattern.host_row_starts[4]])
+    np.testing.assert_array_equal(matrix[12:15, 3 * row : 3 * row + 3].toarray(), values[pattern.host_row_starts[4]])

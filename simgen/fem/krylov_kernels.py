@@ -1,0 +1,253 @@
+"""What conjugate residuals (see ``krylov``) do to vectors (n, env), in the environments that are active."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from .material import real, single
+
+wp.set_module_options({"enable_backward": False})
+
+CHUNK = 64  # terms that one thread sums: few enough to keep a GPU busy
+STUCK = 0.9  # of the last residual: one that shrinks less says little that is new
+SOON = 4  # iterations after which a looser tolerance holds
+
+
+@wp.kernel
+def dots_kernel(
+    a: wp.array2d(dtype=Any),
+    b: wp.array2d(dtype=Any),
+    # outputs
+    products_out: wp.array(dtype=wp.float64),
+):
+    c, env = wp.tid()
+    total = real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, a.shape[0])):
+        total += real(a[i, env]) * real(b[i, env])
+    wp.atomic_add(products_out, env, total)
+
+
+@wp.kernel
+def begin_kernel(
+    b: wp.array2d(dtype=wp.float64),
+    squares: wp.array(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    residual_out: wp.array2d(dtype=wp.float32),
+    x_out: wp.array2d(dtype=wp.float32),
+    size_out: wp.array(dtype=wp.float64),
+    count_out: wp.array(dtype=wp.int32),
+    relative_out: wp.array(dtype=wp.float64),
+    stuck_out: wp.array(dtype=wp.int32),
+):
+    i, env = wp.tid()
+    if active[env] == 0:
+        return
+    size = wp.sqrt(squares[env])
+    value = real(0.0)
+    if size > real(0.0):
+        value = b[i, env] / size
+    residual_out[i, env] = single(value)
+    x_out[i, env] = single(0.0)
+    if i == 0:
+        size_out[env] = size
+        count_out[env] = 0
+        relative_out[env] = wp.where(wp.isfinite(size), wp.where(size > real(0.0), real(1.0), real(0.0)), real(wp.inf))
+        stuck_out[env] = 0
+
+
+@wp.kernel
+def clear_kernel(
+    count: wp.array(dtype=wp.int32),
+    # outputs
+    products_out: wp.array2d(dtype=wp.float64),
+    square_out: wp.array(dtype=wp.float64),
+    along_out: wp.array(dtype=wp.float64),
+    left_out: wp.array(dtype=wp.float64),
+):
+    env = wp.tid()
+    for k in range(count[env]):
+        products_out[k, env] = real(0.0)
+    square_out[env] = real(0.0)
+    along_out[env] = real(0.0)
+    left_out[env] = real(0.0)
+
+
+@wp.kernel
+def project_kernel(
+    images: wp.array3d(dtype=wp.float32),
+    image: wp.array2d(dtype=wp.float32),
+    count: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    products_out: wp.array2d(dtype=wp.float64),
+):
+    """Inner products of the new image with those before it."""
+    c, env = wp.tid()
+    if active[env] == 0:
+        return
+    for k in range(count[env]):
+        total = real(0.0)
+        for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
+            total += real(images[k, i, env] * image[i, env])
+        wp.atomic_add(products_out, k, env, total)
+
+
+@wp.kernel
+def orthogonalize_kernel(
+    direction: wp.array2d(dtype=wp.float32),
+    image: wp.array2d(dtype=wp.float32),
+    residual: wp.array2d(dtype=wp.float32),
+    products: wp.array2d(dtype=wp.float64),
+    inverse_squares: wp.array2d(dtype=wp.float64),
+    count: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    directions_out: wp.array3d(dtype=wp.float32),
+    images_out: wp.array3d(dtype=wp.float32),
+    square_out: wp.array(dtype=wp.float64),
+    along_out: wp.array(dtype=wp.float64),
+):
+    """Keep the direction and its image without what was there; squares of the image, its product with the residual."""
+    c, env = wp.tid()
+    if active[env] == 0:
+        return
+    last = count[env]
+    square, along = real(0.0), real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
+        z = direction[i, env]
+        q = image[i, env]
+        for k in range(last):
+            share = single(products[k, env] * inverse_squares[k, env])
+            z -= share * directions_out[k, i, env]
+            q -= share * images_out[k, i, env]
+        directions_out[last, i, env] = z
+        images_out[last, i, env] = q
+        square += real(q * q)
+        along += real(q * residual[i, env])
+    wp.atomic_add(square_out, env, square)
+    wp.atomic_add(along_out, env, along)
+
+
+@wp.kernel
+def advance_kernel(
+    directions: wp.array3d(dtype=wp.float32),
+    images: wp.array3d(dtype=wp.float32),
+    square: wp.array(dtype=wp.float64),
+    along: wp.array(dtype=wp.float64),
+    count: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    inverse_squares_out: wp.array2d(dtype=wp.float64),
+    x_out: wp.array2d(dtype=wp.float32),
+    residual_out: wp.array2d(dtype=wp.float32),
+    left_out: wp.array(dtype=wp.float64),
+):
+    """Go along the last direction; squares of the residual that is left."""
+    c, env = wp.tid()
+    if active[env] == 0:
+        return
+    last = count[env]
+    inverse = real(1.0) / square[env]
+    step = single(along[env] * inverse)
+    if c == 0:
+        inverse_squares_out[last, env] = inverse
+    left = real(0.0)
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, x_out.shape[0])):
+        x_out[i, env] = x_out[i, env] + step * directions[last, i, env]
+        r = residual_out[i, env] - step * images[last, i, env]
+        residual_out[i, env] = r
+        left += real(r * r)
+    wp.atomic_add(left_out, env, left)
+
+
+@wp.kernel
+def rest_kernel(
+    relative: wp.array(dtype=wp.float64),
+    # outputs
+    active_out: wp.array(dtype=wp.int32),
+    going_out: wp.array(dtype=wp.int32),
+):
+    """Systems of which nothing is left, or nothing to be had, rest."""
+    env = wp.tid()
+    if relative[env] > real(0.0) and wp.isfinite(relative[env]):
+        wp.atomic_max(going_out, 0, active_out[env])
+    else:
+        active_out[env] = 0
+
+
+@wp.kernel
+def tick_kernel(ticks_out: wp.array(dtype=wp.int32), going_out: wp.array(dtype=wp.int32)):
+    ticks_out[0] = ticks_out[0] + 1
+    going_out[0] = 0
+
+
+@wp.kernel
+def judge_kernel(
+    left: wp.array(dtype=wp.float64),
+    tolerance: real,
+    later: real,
+    size: wp.int32,
+    ticks: wp.array(dtype=wp.int32),
+    most: wp.int32,
+    # outputs
+    count_out: wp.array(dtype=wp.int32),
+    stuck_out: wp.array(dtype=wp.int32),
+    relative_out: wp.array(dtype=wp.float64),
+    active_out: wp.array(dtype=wp.int32),
+    going_out: wp.array(dtype=wp.int32),
+):
+    """Which systems go on. One that has broken down does not: its relative residual is infinite."""
+    env = wp.tid()
+    if active_out[env] == 0:
+        return
+    relative = wp.sqrt(left[env])
+    sound = wp.isfinite(relative)
+    stuck_out[env] = int(relative > real(STUCK) * relative_out[env])
+    relative_out[env] = wp.where(sound, relative, real(wp.inf))
+    count = count_out[env] + 1
+    count_out[env] = count
+    if not sound or relative <= wp.where(count >= SOON, later, tolerance) or count >= size:
+        active_out[env] = 0
+    elif ticks[0] < most:
+        wp.atomic_max(going_out, 0, 1)
+
+
+@wp.kernel
+def source_kernel(
+    residual: wp.array2d(dtype=wp.float32),
+    images: wp.array3d(dtype=wp.float32),
+    count: wp.array(dtype=wp.int32),
+    stuck: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    source_out: wp.array2d(dtype=wp.float32),
+):
+    """What the next direction is made of."""
+    c, env = wp.tid()
+    if active[env] == 0:
+        return
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual.shape[0])):
+        value = residual[i, env]
+        if stuck[env] == 1:
+            value = images[count[env] - 1, i, env]
+        source_out[i, env] = value
+
+
+@wp.kernel
+def end_kernel(
+    x: wp.array2d(dtype=wp.float32),
+    size: wp.array(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    x_out: wp.array2d(dtype=wp.float64),
+):
+    i, env = wp.tid()
+    if active[env] != 0:
+        x_out[i, env] = size[env] * real(x[i, env])
+
+
+def chunks(n: int) -> int:
+    return -(-n // CHUNK)
