@@ -16,6 +16,7 @@ from .fem.status import Status
 from .scene import Scene
 
 EXTRAPOLATION = 0.9  # share of the last step that a new one along the same line starts from
+CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
 LEAST_GUESS = 0.2  # of det F in an extrapolated start
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
@@ -42,6 +43,7 @@ class March:
         batch = scene.batch
         self.press = np.full(batch, NO_PRESS)
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
+        self._calm = np.zeros(batch, dtype=int)  # increments since one failed
         self.goal, self._guessed = np.zeros(batch), np.zeros(batch, dtype=bool)
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
         self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
@@ -65,6 +67,7 @@ class March:
         self.press[free] = [self._waiting.popleft() for _ in free]
         for array in (self.way, self.previous, self.cost.T):
             array[free] = 0
+        self._calm[free] = CALM
         self.step[free] = self.spacing
         fresh = np.zeros(self.scene.batch, dtype=bool)
         fresh[free] = True
@@ -124,14 +127,16 @@ class March:
             columns.copy(self.x_start, marked, solver.x)
             for contact in solver.contacts:
                 contact.restore(marked)
-            self.step[failed] = (self.target - self.way)[failed] / 2.0
+            self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0
             hopeless = failed & (self.step < self.scene.settings.smallest_substep * self.spacing)
             for env in np.flatnonzero(hopeless):
                 self._end(env, out.status[env])
         columns.copy(self.x_start, solver.mark(converged), self.x_previous)
         self.previous[converged] = self.way[converged]
         self.way[converged] = self.target[converged]
-        self.step[converged] = np.minimum(2.0 * self.step[converged], self.spacing)
+        self._calm[converged] += 1
+        longer = converged & (self._calm >= CALM)
+        self.step[longer] = np.minimum(2.0 * self.step[longer], self.spacing)
         self._store(converged & (self.target == self.goal))
         return rejected
 

@@ -19,6 +19,8 @@ from simgen.shard import Presser, ShardReport, fem_presser, run_shards, warm_up
 TASKS_PER_WORKER = 2  # submitted and not finished: one runs, one waits
 # A task on a GPU: so many that the presses at its end, which leave the device idle, are few among them.
 PRESSES_PER_GPU_TASK = 2048
+# One solves while the other has few presses left, or decides on the host.
+WORKERS_PER_GPU = int(os.environ.get("WPG", "2"))
 
 # A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -105,8 +107,8 @@ def _executor(
         with Client(scheduler) as client:
             yield lambda arguments: _submit(client, arguments), max(1, len(client.nthreads()))
         return
-    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (workers or _cores())
-    environments = environments[: min(workers or shards, shards)]
+    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus[:workers]] * WORKERS_PER_GPU
+    environments = (environments or [{}] * (workers or _cores()))[:shards]
     with local_cluster(environments) as cluster, Client(cluster) as client:
         yield lambda arguments: _submit(client, arguments), len(environments)
 
