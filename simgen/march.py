@@ -11,13 +11,14 @@ from collections import deque
 import numpy as np
 
 from .fem import columns
-from .fem.newton import LEAST_DETERMINANT
 from .fem.status import Status
 from .scene import Scene
 
 EXTRAPOLATION = 0.9  # share of the last step that a new one along the same line starts from
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
-LEAST_GUESS = 0.2  # of det F in an extrapolated start
+# Of det F in an extrapolated start. Strains that are so large do not go on along a line: the forces of such a start are
+# several times the contact's, and Newton's method takes twice as many iterations as from the last state.
+LEAST_GUESS = 0.35
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1
@@ -110,7 +111,7 @@ class March:
         indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now, travel)
         if core is not None:
             core.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
-        solver.begin(starting, np.where(self._guessed, LEAST_GUESS, LEAST_DETERMINANT))
+        solver.begin(starting, np.where(self._guessed, LEAST_GUESS, 0.0))
 
     def _settle(self, ended: np.ndarray) -> np.ndarray:
         """Keep or take back the increments that have ended; returns where (env,) only the guess was rejected."""

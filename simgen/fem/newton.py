@@ -64,7 +64,8 @@ def hold_kernel(
 
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
-LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted
+LEAST_DETERMINANT = 0.05  # det F below which a step counts as inverted,
+LEAST_SHARE = 0.2  # unless it leaves this share of the least det F: slivers approach zero for long, and never reach it
 # Of the linear tolerance, from the fourth iteration on. Without, the slowest environment of a batch takes twice as many
 # iterations as a mean one; Newton's method takes none more for it on the DIGIT, 9 % more on the BioTac.
 LOOSER = 3.0
@@ -213,7 +214,7 @@ class NewtonSolver:
         s, now = self.settings, self.increment
         self.mark(trying)
         measured = self.balance.measure(self.trial)
-        least = np.where(self._first, self._least_start, LEAST_DETERMINANT)
+        least = np.where(self._first, self._least_start, np.minimum(LEAST_DETERMINANT, LEAST_SHARE * now.min_det))
         taken, again = self._search.judge(measured, least, self._first, trying)
         inverted = trying & ~(measured.min_det > least)
         lost = trying & ~taken & ~again
@@ -228,7 +229,7 @@ class NewtonSolver:
             measured = self.balance.measure_surfaces(self.x, measured, unfinished)
         relative = measured.size / np.maximum(measured.load, SMALLEST_FORCE)
         now.residual[taken], now.contact_error[taken] = relative[taken], measured.contact_error[taken]
-        now.min_det[trying] = measured.min_det[trying]
+        now.min_det[taken] = measured.min_det[taken]
         done = taken & (relative <= s.residual_tolerance) & (measured.contact_error <= s.contact_tolerance)
         now.status[done] = Status.CONVERGED
         better = taken & (relative < 0.9 * self._best)
