@@ -7,7 +7,7 @@ from simgen.fem.element import ELEMENTS
 from simgen.fem.newton import SolverSettings
 from simgen.sensor import Sensor
 
-AT_ONCE = {"cpu": 1, "cuda": 256}  # a core does one after the other; what suits a GPU is still to be measured
+AT_ONCE = {"cpu": 1, "cuda": 512}  # a core does one after the other; of an H200, 256 lose a tenth to the host
 USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
 
 

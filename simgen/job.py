@@ -106,7 +106,7 @@ class Solver(Section):
     contact_stiffness: float = Field(20.0, ge=1.0, le=1e3, description="k edge / E, 1 to 1000")
     friction_stiffness: float = Field(20.0, ge=0.1, le=1e3, description="k edge / E, 0.1 to 1000")
     max_newton_iterations: int = Field(25, ge=1, le=1000, description="a whole number, 1 to 1000")
-    smallest_substep: float = Field(1 / 8, gt=0.0, le=1.0, description="a share of a depth, above 0, to 1")
+    smallest_substep: float = Field(1 / 64, gt=0.0, le=1.0, description="a share of a depth, above 0, to 1")
     krylov_size: int = Field(40, ge=1, le=1000, description="a whole number, 1 to 1000")
 
 

@@ -104,7 +104,7 @@ def _result(rows: list[dict], final: int, d: int, vertices: int, liquid: bool, t
     """The samples of one press, which ended with ``final``, as arrays over its d depths."""
 
     def column(key, *inner):
-        out = np.full((d, *inner), np.nan)
+        out = np.full((d, *inner), np.nan, dtype=np.asarray(rows[0][key]).dtype if inner and rows else float)
         for i, row in enumerate(rows):
             out[i] = row[key]
         return out

@@ -18,9 +18,7 @@ from simgen.shard import Presser, ShardReport, fem_presser, run_shards, warm_up
 
 TASKS_PER_WORKER = 2  # submitted and not finished: one runs, one waits
 # A task on a GPU: so many that the presses at its end, which leave the device idle, are few among them.
-PRESSES_PER_GPU_TASK = 2048
-# One solves while the other has few presses left, or decides on the host.
-WORKERS_PER_GPU = int(os.environ.get("WPG", "2"))
+PRESSES_PER_GPU_TASK = 4096
 
 # A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -45,8 +43,8 @@ def run(
     """
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
     shards = dataset.unfinished()
-    if shards and scheduler != "sync":
-        warm_up(plan, build)  # once, here, instead of in every worker at the same time
+    if shards and scheduler != "sync" and plan.device == "cpu":
+        warm_up(plan, build)  # once, here; a GPU's worker has cores enough to compile by itself
     gpus = visible_gpus(plan.device) if plan.device != "cpu" and scheduler is None else []
     with _executor(workers, scheduler, gpus, len(shards)) as (execute, at_once):
         on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
@@ -107,8 +105,8 @@ def _executor(
         with Client(scheduler) as client:
             yield lambda arguments: _submit(client, arguments), max(1, len(client.nthreads()))
         return
-    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus[:workers]] * WORKERS_PER_GPU
-    environments = (environments or [{}] * (workers or _cores()))[:shards]
+    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (workers or _cores())
+    environments = environments[: min(workers or shards, shards)]
     with local_cluster(environments) as cluster, Client(cluster) as client:
         yield lambda arguments: _submit(client, arguments), len(environments)
 

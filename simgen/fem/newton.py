@@ -49,7 +49,7 @@ class SolverSettings:
     contact_stiffness: float = 20.0
     friction_stiffness: float = 20.0
     max_newton_iterations: int = 25
-    smallest_substep: float = 1.0 / 8.0
+    smallest_substep: float = 1.0 / 64.0
     krylov_size: int = 40
 
 
