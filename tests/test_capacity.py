@@ -49,7 +49,7 @@ class Gpu:
 def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
     sensor, settings = load_sensor("digit", "coarse"), SolverSettings()
     each = bytes_per_press(sensor)
-    for free, expected in ((1e12, 256), (100.0 * each, 80), (1.3 * each, 1)):
+    for free, expected in ((1e12, 512), (100.0 * each, 80), (1.3 * each, 1)):
         monkeypatch.setattr("simgen.capacity.wp.get_device", lambda name, free=free: Gpu(free))
         assert presses_at_once(sensor, "cuda:0", "P2-P1", settings) == expected
     monkeypatch.setattr("simgen.capacity.wp.get_device", lambda name: Gpu(each))
