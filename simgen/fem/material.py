@@ -97,7 +97,7 @@ def volumetric_stress(J: Any, p: Any, gamma: Any):
 def volumetric_stiffness(J: Any, gamma: Any):
     """Derivative of the volumetric stress by J."""
     rate = type(J)(1.0)  # de/dJ where e is not 0
-    if J < type(J)(1.0):
+    if type(J)(1.0) > J:
         rate = type(J)(LOWEST) / (J * J)
     return gamma * (type(J)(1.0) + type(J)(2.0) * type(J)(LIMITER) * wp.abs(excess(J)) * rate)
 
