@@ -314,9 +314,9 @@ def _chunk_files(root: Path, name: str, presses: range, stored: np.ndarray) -> d
     """The files that zarr makes of some presses of an array, in memory."""
     to_buffer = default_buffer_prototype().buffer.from_bytes
     contents = {f"{name}/zarr.json": to_buffer((root / name / "zarr.json").read_bytes())}
-    with zarr.config.set({"array.write_empty_chunks": True}):
-        array = zarr.open_array(MemoryStore(contents), path=name, mode="r+")
-        array[presses.start : presses.stop] = stored
+    # A setting of this array alone: zarr's own are the process's, and shards are written side by side.
+    array = zarr.open_array(MemoryStore(contents), path=name, mode="r+").with_config({"write_empty_chunks": True})
+    array[presses.start : presses.stop] = stored
     return {key: buffer.to_bytes() for key, buffer in contents.items() if not key.endswith("zarr.json")}
 
 

@@ -16,8 +16,8 @@ from .scene import Scene
 
 EXTRAPOLATION = 0.9  # share of the last step that a new one along the same line starts from
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
-# Of det F in an extrapolated start. Strains that are so large do not go on along a line: the forces of such a start are
-# several times the contact's, and Newton's method takes twice as many iterations as from the last state.
+# Of det F in an extrapolated start. Strains that are so large do not go on along a line: under a cube at the rim the
+# forces of such a start were two to five times the contact's.
 LEAST_GUESS = 0.35
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed

@@ -10,6 +10,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -29,6 +30,7 @@ from simgen.quiet import start_warp
 Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
 """(indenter indices, poses in the sensor's frame (b, 4, 4) m, depths (d,) m) -> one result each."""
 
+WRITTEN_AT_ONCE = 4  # shards: each takes some 2 GB of the host's memory, and a second or two of a core
 SOLVING = threading.Lock()  # one task of a process solves, others read and write
 
 
@@ -116,16 +118,18 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
             poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
             results[sensor] = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
         share = (time.perf_counter() - begin) / len(rows)
-    reports, first = [], 0
-    for shard, some in zip(shards, presses, strict=True):
-        of_shard = slice(first, first + len(some))
+    starts = np.cumsum([0, *map(len, presses)])
+
+    def write(i: int) -> ShardReport:
+        of_shard = slice(starts[i], starts[i + 1])
         found = {sensor: results[sensor][of_shard] for sensor in dataset.sensors}
         try:
-            reports.append(_write(dataset, shard, contact_pose[of_shard], found, share))
+            return _write(dataset, shards[i], contact_pose[of_shard], found, share)
         except Exception as error:  # a shard that cannot be written does not take the others with it
-            reports.append(ShardReport(shard, len(some), error=f"{type(error).__name__}: {error}"))
-        first += len(some)
-    return reports
+            return ShardReport(shards[i], len(presses[i]), error=f"{type(error).__name__}: {error}")
+
+    with ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
+        return list(threads.map(write, range(len(shards))))
 
 
 def _write(dataset: Dataset, shard: int, contact_pose: np.ndarray, results: dict[str, list], share: float):

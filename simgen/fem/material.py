@@ -11,15 +11,6 @@ With lam = gamma + (lam - gamma), only the second part is enforced through the c
 
 Eliminating p pointwise returns psi(F): the split changes how one and the same material is discretised, and keeps the
 displacement block definite in deep presses (as "grad-div" stabilisation does for incompressible flow).
-
-The pressure holds volumes only on average. At the edges of bonded faces, where strains are singular, J then departs far
-from 1 within single elements, which turn inside out under blunt indenters. A limiter opposes that pointwise::
-
-    psi_limiter(J) = gamma LIMITER (J - HIGHEST)^3 / 3                             J > HIGHEST
-    psi_limiter(J) = gamma LIMITER (LOWEST^2 / J + 2 LOWEST ln (J / LOWEST) - J)   J < LOWEST
-
-Between these, where a solid of nu near 0.5 is wherever the mesh resolves it, there is none; its stress and stiffness
-(d psi / dJ = gamma LIMITER e |e|, see :func:`excess`) set in continuously.
 """
 
 from __future__ import annotations
@@ -35,10 +26,6 @@ mat33 = wp.mat33d
 single = wp.float32  # of derivatives and of all that solves linear systems, whose errors Newton's method corrects
 vec3f = wp.vec3f
 mat33f = wp.mat33f
-
-LOWEST, HIGHEST = wp.constant(0.5), wp.constant(1.5)  # J beyond which the limiter acts
-# With 300, Newton's method took twice as many iterations on blunt presses; with 0, their elements invert.
-LIMITER = wp.constant(100.0)
 
 
 @dataclass(frozen=True)
@@ -77,34 +64,14 @@ def cofactor(F: Any):
 
 
 @wp.func
-def excess(J: Any):
-    """e, how far J is beyond the limiter's bounds: J - HIGHEST above, 1 - LOWEST / J below, which J = 0 sends to -inf.
-
-    A difference instead of the ratio would not hold slivers, whose forces are small for their volume.
-    """
-    none = type(J)(0.0)
-    return wp.max(J - type(J)(HIGHEST), none) - wp.max(type(J)(LOWEST) / J - type(J)(1.0), none)
-
-
-@wp.func
 def volumetric_stress(J: Any, p: Any, gamma: Any):
-    """gamma (J - 1 + LIMITER e |e|) + p."""
-    e = excess(J)
-    return gamma * (J - type(J)(1.0) + type(J)(LIMITER) * e * wp.abs(e)) + p
-
-
-@wp.func
-def volumetric_stiffness(J: Any, gamma: Any):
-    """Derivative of the volumetric stress by J."""
-    rate = type(J)(1.0)  # de/dJ where e is not 0
-    if type(J)(1.0) > J:
-        rate = type(J)(LOWEST) / (J * J)
-    return gamma * (type(J)(1.0) + type(J)(2.0) * type(J)(LIMITER) * wp.abs(excess(J)) * rate)
+    """gamma (J - 1) + p."""
+    return gamma * (J - type(J)(1.0)) + p
 
 
 @wp.func
 def first_piola(F: Any, cof: Any, metric: Any, J: Any, p: Any, mu: Any, gamma: Any):
-    """dpsi/dF = mu (F - F^-T) + volumetric stress times cof F, with metric = mu I.
+    """dpsi/dF = mu (F - F^-T) + (gamma (J - 1) + p) cof F, with metric = mu I.
 
     In other coordinates xi of the rest shape, with g = dxi/dX and F_xi = dx/dxi, the same formula holds for the stress
     that does work on derivatives by xi, with mu g g^T and cof F g^T = cof F_xi / det (dX/dxi).
@@ -121,7 +88,7 @@ def tangent_transposed(J: Any, p: Any, mu: Any, gamma: Any):
 @wp.func
 def tangent_volumetric(J: Any, p: Any, gamma: Any):
     """Coefficient beta of ``(cof : dF) cof`` in dP; see :func:`first_piola_increment`."""
-    return volumetric_stiffness(J, gamma) + volumetric_stress(J, p, gamma) / J
+    return gamma + volumetric_stress(J, p, gamma) / J
 
 
 @wp.func

@@ -5,9 +5,6 @@ import pytest
 import warp as wp
 
 from simgen.fem.material import (
-    HIGHEST,
-    LIMITER,
-    LOWEST,
     NeoHookean,
     cofactor,
     first_piola,
@@ -52,19 +49,12 @@ def stress(F, dF=None, p=P, dp=0.0, mu=MU, gamma=GAMMA):
 
 def energy(F, p=P):
     J = np.linalg.det(F)
-    limiter = 0.0
-    if J > HIGHEST:
-        limiter = GAMMA * LIMITER * (J - HIGHEST) ** 3 / 3
-    if J < LOWEST:
-        limiter = GAMMA * LIMITER * (LOWEST**2 / J + 2 * LOWEST * np.log(J / LOWEST) - J)
-    return MU / 2 * (np.sum(F * F) - 3 - 2 * np.log(J)) + GAMMA / 2 * (J - 1) ** 2 + p * (J - 1) + limiter
+    return MU / 2 * (np.sum(F * F) - 3 - 2 * np.log(J)) + GAMMA / 2 * (J - 1) ** 2 + p * (J - 1)
 
 
-@pytest.fixture(params=[1.0, 0.4, 1.8], ids=lambda J: f"J={J}")
-def F(request):
-    """Between the limiter's bounds, below and above."""
-    F = np.eye(3) + 0.2 * np.random.default_rng(3).normal(size=(3, 3))
-    return F * (request.param / np.linalg.det(F)) ** (1 / 3)
+@pytest.fixture
+def F():
+    return np.eye(3) + 0.2 * np.random.default_rng(3).normal(size=(3, 3))
 
 
 def test_stress_is_the_derivative_of_the_energy(F):
@@ -83,7 +73,7 @@ def test_tangent_is_the_derivative_of_the_stress_with_a_v_shaped_error(F):
     error = {}
     for h in (1e-2, 1e-3, 1e-6, 1e-12):
         forward, back = stress(F + h * dF, p=P + h * dp)[0][0], stress(F - h * dF, p=P - h * dp)[0][0]
-        error[h] = np.linalg.norm((forward - back) / (2 * h) - exact) / np.linalg.norm(exact)
+        error[h] = np.linalg.norm((forward - back) / (2 * h) - exact)
     assert error[1e-2] / error[1e-3] == pytest.approx(100.0, rel=0.2)  # second order
     assert error[1e-6] < 1e-9 < error[1e-12]  # truncation gone; rounding takes over
 
