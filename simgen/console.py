@@ -38,9 +38,8 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         f"each on {sensors}, in {seen.shards:,} shards"
     )
     console.print(f"size: about {_size(seen.bytes)} ({seen.bytes_source})")
-    duration = "not measured on this kind of device" if seen.seconds is None else (
-        f"about {_time(seen.seconds)} of one {'core' if device == 'cpu' else device} ({seen.seconds_source})"
-    )
+    device_name = "core" if device == "cpu" else device
+    duration = f"about {_time(seen.seconds)} of one {device_name} ({seen.seconds_source})"
     console.print(f"time: {duration}")
     under_way = "one press" if seen.at_once == 1 else f"at most {seen.at_once} presses at once"
     for sensor in seen.sensors:

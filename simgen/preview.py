@@ -11,11 +11,15 @@ from simgen.press import Scene
 from simgen.quiet import start_warp
 from simgen.sensor import Material
 
-# Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. None: not measured yet.
-# Measured: `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
-# dataset.presses_per_shard=1`, 76 s of presses for 80 depths of 51,400 unknowns.
-SECONDS_PER_DEPTH: dict[str, float | None] = {"cpu": 0.019, "cuda": None}
-SECONDS_SOURCE = "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two"
+# Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU:
+# `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
+# dataset.presses_per_shard=1`, 76 s of presses for 80 depths of 51,400 unknowns; on a GPU:
+# docs/benchmarks/throughput-h200.json, 826 s for 309,600 depths.
+SECONDS_PER_DEPTH = {"cpu": 0.019, "cuda": 5.2e-5}
+SECONDS_SOURCE = {
+    "cpu": "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two",
+    "cuda": "as measured on one NVIDIA H200, the whole paired job",
+}
 
 # Stored bytes of the displacement over raw ones, and where that is from.
 COMPRESSION = {
@@ -41,7 +45,7 @@ class SensorPreview:
 
 @dataclass(frozen=True)
 class Preview:
-    """Counts and estimates; `seconds` is of one core (or GPU) and None where nothing was measured."""
+    """Counts and estimates; `seconds` is of one core (or GPU)."""
 
     trajectories: int
     indenters: int
@@ -50,7 +54,7 @@ class Preview:
     shards: int
     bytes: float
     bytes_source: str
-    seconds: float | None
+    seconds: float
     seconds_source: str
     at_once: int  # presses under way on one device
     sensors: list[SensorPreview]
@@ -60,7 +64,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     """Load every sensor and make its scene, but sample and solve nothing."""
     start_warp()
     sensors = [_preview_sensor(job, name) for name in job.sensors]
-    rate = SECONDS_PER_DEPTH[device.partition(":")[0]]
+    kind = device.partition(":")[0]
     unknowns = sum(sensor.unknowns for sensor in sensors)
     return Preview(
         trajectories=job.trajectories.count,
@@ -70,8 +74,8 @@ def preview(job: Job, device: str = "cpu") -> Preview:
         shards=-(-job.presses // job.dataset.presses_per_shard),
         bytes=sum(_bytes(job, sensor) for sensor in sensors),
         bytes_source=COMPRESSION[job.dataset.displacement][1],
-        seconds=None if rate is None else rate * unknowns / 1000 * job.samples,
-        seconds_source=SECONDS_SOURCE,
+        seconds=SECONDS_PER_DEPTH[kind] * unknowns / 1000 * job.samples,
+        seconds_source=SECONDS_SOURCE[kind],
         at_once=at_once(device),
         sensors=sensors,
     )

@@ -64,8 +64,8 @@ def hold_kernel(
 
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
-# det F below which a step counts as inverted, unless it leaves this share of the least one: single elements at the edge of
-# a bond, where strains are singular, approach zero for long before anything else is in danger.
+# det F below which a step counts as inverted, unless it leaves this share of the least one: single elements at the edge
+# of a bond, where strains are singular, approach zero long before anything else is in danger.
 LEAST_DETERMINANT, LEAST_SHARE = 0.05, 0.2
 # Of the linear tolerance, from the fourth iteration on. Without, the slowest environment of a batch takes twice as many
 # iterations as a mean one; Newton's method takes none more for it on the DIGIT, 9 % more on the BioTac.
