@@ -22,8 +22,8 @@ from simgen.quiet import start_warp
 PHASES = {  # name: attributes of the solver, method
     "forces": ("balance", "measure"),
     "forces after an update of the multipliers": ("balance", "measure_surfaces"),
-    "preconditioner's update": ("preconditioner", "update"),
-    "Krylov iterations": ("krylov", "solve"),
+    "preconditioner": ("preconditioner", "follow"),
+    "Krylov iterations": ("krylov", "go_on"),
 }
 
 

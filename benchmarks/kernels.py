@@ -27,7 +27,9 @@ ADDS = 256  # multiply-adds of a thread, in each of eight chains
 Chains, DoubleChains = (wp.types.vector(length=8, dtype=dtype) for dtype in (wp.float32, wp.float64))
 # Operations of a P2-P1 element with 8 points: derivatives at the corners 130, nodal forces 150, and at each point an
 # interpolation 63, det and cofactor 45, stress 70, increment of the stress 190, sums at the corners 80.
-OPERATIONS = {"tangent": 2 * 130 + 150 + 8 * (2 * 63 + 45 + 190 + 80), "forces": 130 + 150 + 8 * (63 + 45 + 70 + 80)}
+OPERATIONS = {"tangent": 2 * 130 + 150 + 8 * (2 * 63 + 45 + 190 + 80),
+              "rough tangent": 2 * 130 + 150 + 4 * (2 * 63 + 45 + 190 + 80),
+              "forces": 130 + 150 + 8 * (63 + 45 + 70 + 80)}  # fmt: skip
 
 
 @wp.kernel
@@ -89,11 +91,12 @@ def measure(sensor, batch: int, device: str, limits: dict[str, float]) -> list[d
     multigrid = solver.preconditioner.multigrid
     actions = {
         "tangent": (lambda: solver.elasticity.tangent(v, out), 4 * (4 * n), "float32"),
+        "rough tangent": (lambda: solver.elasticity.tangent(v, out, rough=True), 4 * (4 * n), "float32"),
         "forces": (lambda: solver.elasticity.residual(solver.x, forces, least), 8 * (3 * n), "float64"),
         "diagonal blocks": (multigrid._invert_diagonal, 4 * (n + 2 * 9 * len(scene.nodes)), "float32"),
         "corner blocks": (multigrid.corners.update, 4 * (n + 9 * multigrid.corners.pattern.n_blocks), "float32"),
         "corner cycle": (lambda: multigrid.corners.apply(multigrid._corner_b, multigrid._corner_x),
-                         4 * 7 * 9 * multigrid.corners.pattern.n_blocks, "float32"),
+                         4 * 6 * 9 * multigrid.corners.pattern.n_blocks, "float32"),
         "preconditioner": (lambda: solver.preconditioner.apply(v, out), 0, "float32"),
         "contact forces": (lambda: scene.indenter_contact.residual(solver.x, forces), 0, "float64"),
     }  # fmt: skip

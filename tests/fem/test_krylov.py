@@ -71,3 +71,33 @@ def test_a_residual_that_does_not_change_at_first_is_no_end():
     x, used, relative = solve(A, b, lambda v: v, 1e-5, 20)
     assert used[0] == n and relative[0] <= 1e-5
     np.testing.assert_allclose(A[0] @ x, b, atol=1e-6)
+
+
+def test_a_system_that_begins_later_and_one_that_waits_are_solved_as_alone():
+    """Iterations are carried on two at a time; the second system begins when the first is under way."""
+    rng = np.random.default_rng(4)
+    A, b = rng.normal(size=(2, 30, 30)) / 6 + 2.0 * np.eye(30), rng.normal(size=(30, 2))
+    flags = wp.zeros(2, dtype=wp.int32, device="cpu")
+    krylov = ConjugateResiduals(30, 30, "cpu", flags)
+    x, right = (wp.array(values, dtype=wp.float64, device="cpu") for values in (np.zeros((30, 2)), b))
+    action = lambda v, out: out.assign(np.einsum("eij,je->ie", A, v.numpy()))  # noqa: E731
+    going, used, rounds = np.zeros(2, dtype=bool), np.zeros(2, dtype=int), 0
+    for starts in (0, 1, None, *[None] * 30):
+        if starts is not None:
+            flags.assign(np.arange(2) == starts)
+            krylov.begin(right)
+            going[starts] = True
+        if not going.any():
+            break
+        flags.assign(going.astype(np.int32))
+        still = krylov.go_on(action, lambda v, out: wp.copy(out, v), 1e-4, 1e-4, most=2)
+        flags.assign((going & ~still).astype(np.int32))
+        iterations, relative = krylov.end(x)
+        used[going & ~still] = iterations[going & ~still]
+        assert (relative[going & ~still] <= 1e-4).all()
+        going, rounds = still, rounds + 1
+    assert not going.any() and rounds == -(-used[1] // 2) + 1 >= 4
+    for env in range(2):
+        alone = solve(A[env : env + 1], b[:, env : env + 1], lambda v: v, 1e-4, 30)
+        np.testing.assert_array_equal(x.numpy()[:, env], alone[0][:, 0])
+        assert alone[1][0] == used[env]
