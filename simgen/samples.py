@@ -34,8 +34,9 @@ def reaction_kernel(
     reactions_out: wp.array2d(dtype=wp.float64),
 ):
     """Components of the forces on what is held."""
-    c, i, env = wp.tid()
-    if active[env] == 0:
+    c, i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     total = real(0.0)
     for node in range(c * CHUNK, wp.min((c + 1) * CHUNK, nodes)):

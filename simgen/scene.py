@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sparse
-import warp as wp
 
 from .distance import RigidShape
 from .errors import InputError
@@ -50,7 +49,7 @@ class Scene:
         held = per_component(mesh.held[:n])
         split = self.settings.volumetric_split if kind.pressures else None
         solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)
-        active = wp.ones(batch, dtype=wp.int32, device=device)
+        active = columns.all_of(batch, device)
         body = Elasticity(kind, self.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
         k = (self.settings.contact_stiffness, self.settings.friction_stiffness)
         self.indenter_contact = Contact(kind, self.nodes, mesh.touchable, k, material.friction, device, active)

@@ -31,5 +31,6 @@ an unknown like any other.
 States, forces and all that certifies them are in double precision. Derivatives, and what solves linear systems with
 them, are in single precision: Newton's method corrects their errors, and its residual does not contain them.
 
-Kernels act in the environments that the one array ``active`` (env,) marks; ``newton`` sets it before every phase.
+Kernels act in the environments that the one array ``active`` (env,) lists (see ``columns``); ``newton`` sets it before
+every phase.
 """

@@ -29,8 +29,9 @@ def balance_kernel(
     sums_out: wp.array2d(dtype=wp.float64),
 ):
     """Sum of both where nothing is held; squares of the loads and of the sum, and its virtual work."""
-    c, env = wp.tid()
-    if active[env] == 0:
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     load, square, work = real(0.0), real(0.0), real(0.0)
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, internal.shape[0])):
@@ -58,8 +59,9 @@ def work_kernel(
     sums_out: wp.array2d(dtype=wp.float64),
 ):
     """Virtual work of the displacements' forces along a step; squares of all forces and of the whole step."""
-    c, env = wp.tid()
-    if active[env] == 0:
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     work, square, length = real(0.0), real(0.0), real(0.0)
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual.shape[0])):

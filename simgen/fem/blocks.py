@@ -67,8 +67,9 @@ def invert_kernel(
     inverse_out: wp.array2d(dtype=wp.float32),
 ):
     """Invert the diagonal blocks; rows and columns of what is held become zero."""
-    node, env = wp.tid()
-    if active[env] == 0:
+    node, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     K = block(blocks, diagonal[node], env)
     for i in range(3):

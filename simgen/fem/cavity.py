@@ -112,8 +112,9 @@ def cavity_residual_kernel(
     # outputs
     residual_out: wp.array2d(dtype=wp.float64),
 ):
-    f, env = wp.tid()
-    if active[env] == 0:
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     volume = real(0.0)
     for q in range(w.weights.shape[0]):
@@ -133,8 +134,9 @@ def cavity_linearize_kernel(
     deformed_out: wp.array3d(dtype=Tangents),
     gradient_out: wp.array2d(dtype=wp.float64),
 ):
-    f, env = wp.tid()
-    if active[env] == 0:
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     pressure_out[env] = x[w.row, env]
     for q in range(w.weights.shape[0]):
@@ -153,8 +155,9 @@ def cavity_action_kernel(
     # outputs
     action_out: wp.array2d(dtype=wp.float32),
 ):
-    f, env = wp.tid()
-    if active[env] == 0:
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     volume = real(0.0)
     for q in range(w.weights.shape[0]):
@@ -177,8 +180,9 @@ def cavity_blocks_kernel(
     blocks_out: wp.array2d(dtype=wp.float32),
 ):
     """K_ab = p_c N_a skew(N_b,2 x,1 - N_b,1 x,2): how the forces turn and grow with the faces."""
-    f, env = wp.tid()
-    if active[env] == 0:
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     for q in range(w.weights.shape[0]):
         now = deformed[f, q, env]

@@ -35,8 +35,11 @@ def contact_residual_kernel(
     sums_out: wp.array2d(dtype=wp.vec4d),
 ):
     """Forces, and integrals of edge (t - lambda, tau - lambda_t) against the multiplier shape functions."""
-    k, env = wp.tid()
-    if active[env] == 0 or k >= s.count[env]:
+    k, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    if k >= s.count[env]:
         return
     f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
@@ -62,8 +65,11 @@ def contact_tangent_kernel(
     tangent_out: wp.array3d(dtype=mat33f),
 ):
     """Store the tangent at every quadrature point: it is used for many Krylov iterations."""
-    k, env = wp.tid()
-    if active[env] == 0 or k >= s.count[env]:
+    k, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    if k >= s.count[env]:
         return
     f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
@@ -86,8 +92,11 @@ def contact_action_kernel(
     # outputs
     action_out: wp.array2d(dtype=wp.float32),
 ):
-    k, env = wp.tid()
-    if active[env] == 0 or k >= s.count[env]:
+    k, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    if k >= s.count[env]:
         return
     f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
@@ -111,8 +120,11 @@ def contact_blocks_kernel(
     # outputs
     blocks_out: wp.array2d(dtype=wp.float32),
 ):
-    k, env = wp.tid()
-    if active[env] == 0 or k >= s.count[env]:
+    k, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    if k >= s.count[env]:
         return
     f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):
@@ -132,8 +144,11 @@ def contact_diagonal_kernel(
     # outputs
     diagonal_out: wp.array2d(dtype=wp.float32),
 ):
-    k, env = wp.tid()
-    if active[env] == 0 or k >= s.count[env]:
+    k, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    if k >= s.count[env]:
         return
     f = s.candidates[k, env]
     for q in range(s.areas.shape[1]):

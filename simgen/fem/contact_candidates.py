@@ -21,8 +21,8 @@ def no_candidates_kernel(
     # outputs
     count_out: wp.array(dtype=wp.int32),
 ):
-    env = wp.tid()
-    if active[env] == 1:
+    env = active[wp.tid()]
+    if env >= 0:
         count_out[env] = 0
 
 
@@ -36,8 +36,9 @@ def find_candidates_kernel(
     count_out: wp.array(dtype=wp.int32),
     candidates_out: wp.array2d(dtype=wp.int32),
 ):
-    f, env = wp.tid()
-    if active[env] == 0:
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     near = False
     for i in range(3):

@@ -31,8 +31,9 @@ def anchor_kernel(
     A point in contact: behind the start by the slip that it carries. Else on the straight path to the predicted state:
     where a point that is apart by g0 and would overlap by -g1 enters, or at the path's end if it is not to enter.
     """
-    f, q, env = wp.tid()
-    if active[env] == 0:
+    f, q, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     shape = s.rigid[s.shape_of[env]]
     start = wp.transpose(rotation_start[env]) * (deformed(s, x_start, f, q, env) - origin_start[env])
@@ -58,8 +59,9 @@ def carry_kernel(
     The multipliers meet the tractions only on average around a corner. Were slip counted anew at every increment, what
     differs at a point would be forgotten, and a contact that sticks would creep with the number of increments.
     """
-    f, q, env = wp.tid()
-    if active[env] == 0:
+    f, q, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     found = traction(s, x, f, q, env)
     k_inverse = s.edges[f] / s.friction_stiffness
@@ -94,8 +96,9 @@ def change_kernel(
     change_out: wp.array2d(dtype=wp.float64),
 ):
     """Squared change and squared size of the multipliers in an update, summed (lumped, area times edge)."""
-    slot, env = wp.tid()
-    if active[env] == 0:
+    slot, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     w = weights[slot]
     normal = moved_normal(s, sums, w, slot, env)
@@ -113,8 +116,9 @@ def update_kernel(
     active: wp.array(dtype=wp.int32),
 ):
     """Move the multipliers."""
-    slot, env = wp.tid()
-    if active[env] == 0:
+    slot, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     w = weights[slot]
     normal = moved_normal(s, sums, w, slot, env)

@@ -22,8 +22,9 @@ def gap_kernel(
     # outputs
     gap_out: wp.array3d(dtype=wp.float64),
 ):
-    f, q, env = wp.tid()
-    if active[env] == 0:
+    f, q, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     gap_out[f, q, env] = probe_in_sensor_frame(s, deformed(s, x, f, q, env), f, q, env).distance
 
@@ -39,8 +40,9 @@ def resultant_kernel(
     penetration_out: wp.array2d(dtype=wp.float64),
 ):
     """Force and moment on the sensor; rows of ``penetration_out``: area in contact, integral of g^2 there, max -g."""
-    f, env = wp.tid()
-    if active[env] == 0:
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     for q in range(s.areas.shape[1]):
         found = traction(s, x, f, q, env)
@@ -64,8 +66,9 @@ def nearest_kernel(
     distance_out: wp.array(dtype=wp.float64),
 ):
     """Least distance of the shape from the surface at points with shape functions ``dense`` (point, nodes)."""
-    f, env = wp.tid()
-    if active[env] == 0:
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     least = real(wp.inf)
     for q in range(dense.shape[0]):

@@ -62,8 +62,9 @@ def residual_kernel(
     # outputs
     residual_out: wp.array2d(dtype=wp.float32),
 ):
-    row, env = wp.tid()
-    if active[env] == 0:
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     store(residual_out, row, env, row_residual(row_starts, columns, blocks, x, b, row, env))
 
@@ -79,8 +80,9 @@ def chebyshev_start_kernel(
     x_out: wp.array2d(dtype=wp.float32),
 ):
     """The first step, from x = 0."""
-    row, env = wp.tid()
-    if active[env] == 0:
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     d = step * (block(inverse, row, env) * load(b, row, env))
     store(direction_out, row, env, d)
@@ -102,8 +104,9 @@ def chebyshev_kernel(
     direction_out: wp.array2d(dtype=wp.float32),
     x_out: wp.array2d(dtype=wp.float32),
 ):
-    row, env = wp.tid()
-    if active[env] == 0:
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     r = row_residual(row_starts, columns, blocks, x, b, row, env)
     d = step * (block(inverse, row, env) * r)
@@ -117,11 +120,15 @@ def chebyshev_kernel(
 def dense_kernel(
     matrix: wp.array2d(dtype=wp.float32),
     x: wp.array2d(dtype=wp.float32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     y_out: wp.array2d(dtype=wp.float32),
 ):
     """Four sums at once: one alone waits for each addition."""
-    row, env = wp.tid()
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
     n = matrix.shape[1]
     sums = wp.vec4f()
     for k in range(n // 4):
@@ -161,7 +168,7 @@ class CornerCycle:
         largest = largest_eigenvalue(lambda v: inverse @ (matrix @ v), 3 * n)
         self._smoothing = chebyshev(largest, CORNER_STEPS, CORNER_SPREAD)
         space = coarse_space(matrix, elasticity.host_nodes[:n], self.held.numpy() == 0, inverse, largest)
-        self.space = Transfer(space, device)
+        self.space = Transfer(space, self.active)
         coarse = dense_inverse(space.T @ matrix @ space)
         self._coarse_inverse = wp.array(coarse, dtype=wp.float32, device=device)
         self._coarse, self._coarse_x = (wp.zeros((len(coarse), n_env), dtype=wp.float32, device=device) for _ in "rx")
@@ -196,7 +203,7 @@ class CornerCycle:
         x, other = self._steps(others, b, x, other)
         self._launch(residual_kernel, [*self._rows(), x, b, self.active], [self._residual])
         self.space.restrict(self._residual, self._coarse)
-        inputs = [self._coarse_inverse, self._coarse]
+        inputs = [self._coarse_inverse, self._coarse, self.active]
         wp.launch(dense_kernel, dim=self._coarse.shape, inputs=inputs, outputs=[self._coarse_x], device=b.device)
         self.space.prolong(self._coarse_x, x)
         self._steps(self._smoothing, b, x, other)

@@ -15,11 +15,13 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from . import columns
 from .krylov_kernels import (
     advance_kernel,
     begin_kernel,
     chunks,
     clear_kernel,
+    close_ranks_kernel,
     dots_kernel,
     end_kernel,
     judge_kernel,
@@ -27,27 +29,27 @@ from .krylov_kernels import (
     project_kernel,
     rest_kernel,
     source_kernel,
-    tick_kernel,
 )
 
 
 class Dots:
-    """Inner products of pairs of vectors (n, env), which stay on the device as ``values`` (env,)."""
+    """Inner products of pairs of vectors (n, env) where they are active; stay on the device as ``values`` (env,)."""
 
-    def __init__(self, n: int, n_env: int, device):
-        self._dim = (chunks(n), n_env)
-        self.values = wp.zeros(n_env, dtype=wp.float64, device=device)
+    def __init__(self, n: int, active):
+        self._dim, self._active = (chunks(n), len(active)), active
+        self.values = wp.zeros(len(active), dtype=wp.float64, device=active.device)
 
     def __call__(self, a, b):
         self.values.zero_()
-        wp.launch(dots_kernel, dim=self._dim, inputs=[a, b], outputs=[self.values], device=a.device)
+        wp.launch(dots_kernel, dim=self._dim, inputs=[a, b, self._active], outputs=[self.values], device=a.device)
         return self.values
 
 
 class ConjugateResiduals:
     """Work space for systems of ``n`` unknowns, one for each environment; at most ``size`` iterations.
 
-    ``active`` (env,) int32 on the device says which environments take part: operator and preconditioner read it too.
+    ``active`` (env,) int32 on the device lists the environments that take part (see ``columns``); operator and
+    preconditioner read it too.
     """
 
     def __init__(self, n: int, size: int, device, active):
@@ -61,9 +63,10 @@ class ConjugateResiduals:
         self._x, self._source = (array((n, self.n_env), wp.float32) for _ in range(2))
         self._products, self._inverse_squares = (array((size, self.n_env), wp.float64) for _ in range(2))
         self._square, self._along, self._left = (array(self.n_env, wp.float64) for _ in range(3))
-        self._norm, self._graphs = Dots(n, self.n_env, device), {}
+        self._norm, self._graphs = Dots(n, active), {}
         self._size, self._relative = (array(self.n_env, wp.float64) for _ in range(2))
         self._count, self._stuck = (array(self.n_env, wp.int32) for _ in range(2))
+        self._keep, self._kept = (array(self.n_env, wp.int32) for _ in range(2))
         self._ticks, self._going = (array(1, wp.int32) for _ in range(2))
 
     def _launch(self, kernel, dim, inputs, outputs):
@@ -87,8 +90,8 @@ class ConjugateResiduals:
         """
         sections = (chunks(len(self._residual)), self.n_env)
         self._ticks.zero_()
-        self._going.zero_()
-        self._launch(rest_kernel, self.n_env, [self._relative], [self.active, self._going])
+        self._launch(rest_kernel, self.n_env, [self._relative, self.active], [self._keep])
+        self._close_ranks(most)
 
         def iterate():
             inputs = [self._residual, self._images, self._count, self._stuck, self.active]
@@ -106,7 +109,7 @@ class ConjugateResiduals:
                 with wp.ScopedCapture(device=self.device) as captured:
                     wp.capture_while(self._going, iterate)
                 self._graphs[key] = captured.graph
-        return self.active.numpy() != 0
+        return columns.unlisted(self.active.numpy())
 
     def end(self, x_out) -> tuple[np.ndarray, np.ndarray]:
         """Solutions of the active environments into their columns of ``x_out``.
@@ -123,11 +126,12 @@ class ConjugateResiduals:
         self.go_on(operator, preconditioner, tolerance, tolerance, self.size)
         self.active.assign(began)
         iterations, relative = self.end(x_out)
-        return iterations * began, np.where(began != 0, relative, 0.0)
+        took_part = columns.unlisted(began)
+        return iterations * took_part, np.where(took_part, relative, 0.0)
 
     def _advance(self, sections, tolerance: float, later: float, most: int):
         """From the new direction and its image to the next residual."""
-        count, active, going = self._count, self.active, [self._ticks, self._going]
+        count, active = self._count, self.active
         sums = [self._square, self._along, self._left]
         self._launch(clear_kernel, self.n_env, [count], [self._products, *sums])
         self._launch(project_kernel, sections, [self._images, self._image, count, active], [self._products])
@@ -137,6 +141,12 @@ class ConjugateResiduals:
         inputs = [self._directions, self._images, self._square, self._along, count, active]
         outputs = [self._inverse_squares, self._x, self._residual, self._left]
         self._launch(advance_kernel, sections, inputs, outputs)
-        self._launch(tick_kernel, 1, [], going)
-        inputs = [self._left, tolerance, later, self.size, self._ticks, most]
-        self._launch(judge_kernel, self.n_env, inputs, [count, self._stuck, self._relative, active, self._going])
+        inputs = [self._left, tolerance, later, self.size, active]
+        self._launch(judge_kernel, self.n_env, inputs, [count, self._stuck, self._relative, self._keep])
+        self._close_ranks(most)
+
+    def _close_ranks(self, most: int):
+        """Shorten the list of the active ones to those to keep."""
+        outputs = [self._kept, self._ticks, self._going]
+        self._launch(close_ranks_kernel, self.n_env, [self._keep, self.active, most], outputs)
+        wp.copy(self.active, self._kept)

@@ -19,10 +19,14 @@ SOON = 4  # iterations after which a looser tolerance holds
 def dots_kernel(
     a: wp.array2d(dtype=Any),
     b: wp.array2d(dtype=Any),
+    active: wp.array(dtype=wp.int32),
     # outputs
     products_out: wp.array(dtype=wp.float64),
 ):
-    c, env = wp.tid()
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
     total = real(0.0)
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, a.shape[0])):
         total += real(a[i, env]) * real(b[i, env])
@@ -42,8 +46,9 @@ def begin_kernel(
     relative_out: wp.array(dtype=wp.float64),
     stuck_out: wp.array(dtype=wp.int32),
 ):
-    i, env = wp.tid()
-    if active[env] == 0:
+    i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     size = wp.sqrt(squares[env])
     value = real(0.0)
@@ -85,8 +90,9 @@ def project_kernel(
     products_out: wp.array2d(dtype=wp.float64),
 ):
     """Inner products of the new image with those before it."""
-    c, env = wp.tid()
-    if active[env] == 0:
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     for k in range(count[env]):
         total = real(0.0)
@@ -111,8 +117,9 @@ def orthogonalize_kernel(
     along_out: wp.array(dtype=wp.float64),
 ):
     """Keep the direction and its image without what was there; squares of the image, its product with the residual."""
-    c, env = wp.tid()
-    if active[env] == 0:
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     last = count[env]
     square, along = real(0.0), real(0.0)
@@ -146,8 +153,9 @@ def advance_kernel(
     left_out: wp.array(dtype=wp.float64),
 ):
     """Go along the last direction; squares of the residual that is left."""
-    c, env = wp.tid()
-    if active[env] == 0:
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     last = count[env]
     inverse = real(1.0) / square[env]
@@ -166,22 +174,43 @@ def advance_kernel(
 @wp.kernel
 def rest_kernel(
     relative: wp.array(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
     # outputs
-    active_out: wp.array(dtype=wp.int32),
-    going_out: wp.array(dtype=wp.int32),
+    keep_out: wp.array(dtype=wp.int32),
 ):
     """Systems of which nothing is left, or nothing to be had, rest."""
-    env = wp.tid()
-    if relative[env] > real(0.0) and wp.isfinite(relative[env]):
-        wp.atomic_max(going_out, 0, active_out[env])
-    else:
-        active_out[env] = 0
+    lane = wp.tid()
+    env = active[lane]
+    if env >= 0:
+        keep_out[lane] = int(relative[env] > real(0.0) and wp.isfinite(relative[env]))
 
 
 @wp.kernel
-def tick_kernel(ticks_out: wp.array(dtype=wp.int32), going_out: wp.array(dtype=wp.int32)):
-    ticks_out[0] = ticks_out[0] + 1
-    going_out[0] = 0
+def close_ranks_kernel(
+    keep: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    most: wp.int32,
+    # outputs
+    kept_out: wp.array(dtype=wp.int32),
+    ticks_out: wp.array(dtype=wp.int32),
+    going_out: wp.array(dtype=wp.int32),
+):
+    """The list of those to keep, in order; whether another iteration follows, if ``most`` are wanted."""
+    lane = wp.tid()
+    before = wp.int32(0)
+    total = wp.int32(0)
+    for k in range(active.shape[0]):
+        if active[k] >= 0:
+            if k < lane:
+                before += keep[k]
+            total += keep[k]
+    if lane >= total:
+        kept_out[lane] = -1
+    if active[lane] >= 0 and keep[lane] == 1:
+        kept_out[before] = active[lane]
+    if lane == 0:
+        going_out[0] = int(total > 0 and ticks_out[0] < most)
+        ticks_out[0] = ticks_out[0] + 1
 
 
 @wp.kernel
@@ -190,18 +219,17 @@ def judge_kernel(
     tolerance: real,
     later: real,
     size: wp.int32,
-    ticks: wp.array(dtype=wp.int32),
-    most: wp.int32,
+    active: wp.array(dtype=wp.int32),
     # outputs
     count_out: wp.array(dtype=wp.int32),
     stuck_out: wp.array(dtype=wp.int32),
     relative_out: wp.array(dtype=wp.float64),
-    active_out: wp.array(dtype=wp.int32),
-    going_out: wp.array(dtype=wp.int32),
+    keep_out: wp.array(dtype=wp.int32),
 ):
     """Which systems go on. One that has broken down does not: its relative residual is infinite."""
-    env = wp.tid()
-    if active_out[env] == 0:
+    lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     relative = wp.sqrt(left[env])
     sound = wp.isfinite(relative)
@@ -209,10 +237,7 @@ def judge_kernel(
     relative_out[env] = wp.where(sound, relative, real(wp.inf))
     count = count_out[env] + 1
     count_out[env] = count
-    if not sound or relative <= wp.where(count >= SOON, later, tolerance) or count >= size:
-        active_out[env] = 0
-    elif ticks[0] < most:
-        wp.atomic_max(going_out, 0, 1)
+    keep_out[lane] = int(sound and relative > wp.where(count >= SOON, later, tolerance) and count < size)
 
 
 @wp.kernel
@@ -226,8 +251,9 @@ def source_kernel(
     source_out: wp.array2d(dtype=wp.float32),
 ):
     """What the next direction is made of."""
-    c, env = wp.tid()
-    if active[env] == 0:
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual.shape[0])):
         value = residual[i, env]
@@ -244,8 +270,9 @@ def end_kernel(
     # outputs
     x_out: wp.array2d(dtype=wp.float64),
 ):
-    i, env = wp.tid()
-    if active[env] != 0:
+    i, lane = wp.tid()
+    env = active[lane]
+    if env >= 0:
         x_out[i, env] = size[env] * real(x[i, env])
 
 

@@ -41,8 +41,9 @@ def smooth_kernel(
     # outputs
     x_out: wp.array2d(dtype=wp.float32),
 ):
-    node, env = wp.tid()
-    if active[env] == 0:
+    node, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     change = step * (block(inverse, node, env) * load(residual, node, env))
     store(x_out, node, env, load(x_out, node, env) + change)
@@ -51,10 +52,14 @@ def smooth_kernel(
 @wp.kernel
 def negative_kernel(
     a: wp.array2d(dtype=wp.float32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     negative_out: wp.array2d(dtype=wp.float32),
 ):
-    c, env = wp.tid()
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, a.shape[0])):
         negative_out[i, env] = -a[i, env]
 
@@ -82,7 +87,7 @@ class Multigrid:
         self._corner_b, self._corner_x = vector(3 * elasticity.n_corners), vector(3 * elasticity.n_corners)
         elasticity.linearize(wp.zeros((n, n_env), dtype=wp.float64, device=device))
         self.corners = CornerCycle(elasticity, contacts, held)
-        self.transfer = Transfer(self._embedding(), device)
+        self.transfer = Transfer(self._embedding(), self.active)
         self._invert_diagonal()
         self._step = 1.0
         [(_, self._step)] = chebyshev(self._largest_eigenvalue(), 1, QUADRATIC_SPREAD)
@@ -130,7 +135,7 @@ class Multigrid:
 
     def _remainder(self, b, x):
         dim = (chunks(b.shape[0]), b.shape[1])
-        wp.launch(negative_kernel, dim=dim, inputs=[b], outputs=[self._negative], device=b.device)
+        wp.launch(negative_kernel, dim=dim, inputs=[b, self.active], outputs=[self._negative], device=b.device)
         self._add_tangent(x, self._negative, rough=True)
 
     def apply(self, b, x_out):

@@ -32,8 +32,9 @@ def residual_kernel(
     residual_out: wp.array2d(dtype=wp.float64),
     min_det_out: wp.array(dtype=wp.float64),
 ):
-    e, env = wp.tid()
-    if active[env] == 0:
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
     Fa, Fb, Fc, Fd = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
@@ -68,8 +69,9 @@ def inverted_kernel(
     # outputs
     count_out: wp.array(dtype=wp.int32),
 ):
-    e, env = wp.tid()
-    if active[env] == 0:
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
     Fa, Fb, Fc, Fd = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
@@ -89,8 +91,9 @@ def state_kernel(
     state_out: wp.array2d(dtype=wp.float32),
 ):
     """Deformed positions, and the other unknowns as they are."""
-    i, env = wp.tid()
-    if active[env] == 0:
+    i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     value = x[i, env]
     if i < positions.shape[0]:
@@ -106,8 +109,9 @@ def tangent_kernel(
     # outputs
     action_out: wp.array2d(dtype=wp.float32),
 ):
-    e, env = wp.tid()
-    if active[env] == 0:
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
     Ha, Hb, Hc, Hd = corner_gradients(s.tetrahedra, v, e, env)

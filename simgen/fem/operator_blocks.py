@@ -29,8 +29,9 @@ def corner_blocks_kernel(
     blocks_out: wp.array2d(dtype=wp.float32),
 ):
     """Linear shape functions: their gradients are the axes of xi, and for corner 0 minus the sum of these."""
-    e, env = wp.tid()
-    if active[env] == 0:
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
     pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
@@ -86,8 +87,9 @@ def blocks_kernel(
     blocks_out: wp.array2d(dtype=wp.float32),
 ):
     """Between all nodes; gradients (q, nodes) of their shape functions by xi."""
-    e, env = wp.tid()
-    if active[env] == 0:
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
     pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
@@ -116,8 +118,9 @@ def diagonal_kernel(
     diagonal_out: wp.array2d(dtype=wp.float32),
 ):
     """Of quadratic elements: the gradients of shape functions are multiples of the corners', or sums of two."""
-    e, env = wp.tid()
-    if active[env] == 0:
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
         return
     Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
     pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)

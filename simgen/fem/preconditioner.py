@@ -28,10 +28,14 @@ def pressures_kernel(
     schur: wp.array(dtype=wp.float32),
     r: wp.array2d(dtype=wp.float32),
     n_displacements: wp.int32,
+    active: wp.array(dtype=wp.int32),
     # outputs
     z_out: wp.array2d(dtype=wp.float32),
 ):
-    i, env = wp.tid()
+    i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
     row = n_displacements + i
     z_out[row, env] = -r[row, env] / schur[i]
 
@@ -44,8 +48,9 @@ def free_part_kernel(
     # outputs
     free_out: wp.array2d(dtype=wp.float32),
 ):
-    i, env = wp.tid()
-    if active[env] != 0:
+    i, lane = wp.tid()
+    env = active[lane]
+    if env >= 0:
         free_out[i, env] = wp.where(held[i] == 0, single(gradient[i, env]), single(0.0))
 
 
@@ -94,7 +99,7 @@ class BlockTriangular:
         if cavity is not None:
             shape = (len(held), n_env)
             self._gradient, self._response = (wp.zeros(shape, dtype=wp.float32, device=device) for _ in range(2))
-            self._stiffness, self._along = (Dots(*shape, device) for _ in range(2))
+            self._stiffness, self._along = (Dots(len(held), elasticity.active) for _ in range(2))
             self._held = held
 
     def forget(self, environments: np.ndarray):
@@ -147,7 +152,7 @@ class BlockTriangular:
         z_out.zero_()
         n_u, n_p = self.elasticity.n_displacements, self.elasticity.n_pressures
         if n_p:
-            inputs = [self._schur, r, n_u]
+            inputs = [self._schur, r, n_u, self.elasticity.active]
             wp.launch(pressures_kernel, dim=(n_p, r.shape[1]), inputs=inputs, outputs=[z_out], device=r.device)
         self._displacements.apply(r, z_out)
         if self.cavity is not None:

@@ -19,11 +19,15 @@ def sparse_kernel(
     x: wp.array2d(dtype=wp.float32),
     factor: single,
     keep: wp.bool,
+    active: wp.array(dtype=wp.int32),
     # outputs
     y_out: wp.array2d(dtype=wp.float32),
 ):
     """y = factor times M x, or that much more."""
-    row, env = wp.tid()
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
     total = single(0.0)
     for k in range(row_starts[row], row_starts[row + 1]):
         total += values[k] * x[columns[k], env]
@@ -34,10 +38,10 @@ def sparse_kernel(
 
 
 class Transfer:
-    """A sparse matrix that is the same for all environments, and its transpose."""
+    """A sparse matrix that is the same for all environments, and its transpose, in the ``active`` ones."""
 
-    def __init__(self, matrix: sparse.csr_array, device):
-        self.shape = matrix.shape
+    def __init__(self, matrix: sparse.csr_array, active):
+        self.shape, self._active, device = matrix.shape, active, active.device
         self._there, self._back = (self._on_device(m, device) for m in (matrix, sparse.csr_array(matrix.T)))
 
     @staticmethod
@@ -47,7 +51,8 @@ class Transfer:
 
     def _launch(self, matrix, rows, x, factor, keep, out):
         dim = (rows, x.shape[1])
-        wp.launch(sparse_kernel, dim=dim, inputs=[*matrix, x, factor, keep], outputs=[out], device=x.device)
+        inputs = [*matrix, x, factor, keep, self._active]
+        wp.launch(sparse_kernel, dim=dim, inputs=inputs, outputs=[out], device=x.device)
 
     def prolong(self, x, y_out):
         """y += M x."""

@@ -3,7 +3,7 @@ import warp as wp
 
 from simgen.fem import columns
 
-MARKED = wp.array(np.array([0, 1, 1], dtype=np.int32), dtype=wp.int32, device="cpu")
+MARKED = wp.array(columns.listed(np.array([False, True, True])), dtype=wp.int32, device="cpu")
 
 
 def array(values, dtype=wp.float64):
@@ -24,6 +24,13 @@ def test_what_is_not_marked_stays():
         act(found)
         np.testing.assert_array_equal(found.numpy()[:, 0], out[:, 0])
         np.testing.assert_allclose(found.numpy()[:, 1:], expected[:, 1:], rtol=1e-15)
+
+
+def test_a_list_says_which_environments_take_part():
+    for some in ([True, False, True], [False, False, False], [True, True, True]):
+        numbers = columns.listed(np.array(some))
+        assert numbers.tolist() == [i for i in range(3) if some[i]] + [-1] * (3 - sum(some))
+        assert columns.unlisted(numbers).tolist() == some
 
 
 def test_vectors_are_cleared_too():

@@ -3,6 +3,7 @@ import pytest
 import warp as wp
 
 from simgen.distance import Kind
+from simgen.fem import columns
 from simgen.fem.contact import Contact
 from simgen.fem.element import P2P1
 from simgen.first_touch import dense_shapes
@@ -19,7 +20,7 @@ STIFFNESS = (2.0 * K, 2.0 * 15.0)  # its faces have edges of 2 mm
 
 def contact(friction, shape, n_env=1):
     nodes, _, _, faces = box()
-    active = wp.ones(n_env, dtype=wp.int32, device="cpu")
+    active = columns.all_of(n_env, "cpu")
     term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, friction, "cpu", active)
     term.set_shapes([shape] * n_env)
     return nodes, term
@@ -63,7 +64,7 @@ def test_a_flat_overlap_presses_with_stiffness_times_depth_times_area():
 
 def test_stiffness_goes_with_one_over_the_edge():
     nodes, _, _, faces = box()
-    big = Contact(P2P1, 3.0 * nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", wp.ones(1, dtype=wp.int32, device="cpu"))
+    big = Contact(P2P1, 3.0 * nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", columns.all_of(1, "cpu"))
     big.set_shapes([rigid_shape(Kind.CUBE, 60.0, 1.0)])
     big.set_pose(pose(0.0, 0.01, 0.0))
     force = big.resultants(state(np.zeros(3 * len(nodes))))[0]
@@ -76,7 +77,7 @@ def test_an_update_weighs_by_area_over_stiffness():
     graded = nodes * 1.0
     graded[:, 0] += 3.0 * np.maximum(nodes[:, 0] - 1.0, 0.0)  # the last of three cells is four times as long
     on_top = top(nodes, faces)
-    term = Contact(P2P1, graded, on_top, STIFFNESS, 0.0, "cpu", wp.ones(1, dtype=wp.int32, device="cpu"))
+    term = Contact(P2P1, graded, on_top, STIFFNESS, 0.0, "cpu", columns.all_of(1, "cpu"))
     term.set_shapes([CUBE])
     term.set_pose(pose(0.0, 0.01, 0.0))
     update(term, state(np.zeros(3 * len(nodes))))
@@ -162,7 +163,7 @@ def test_rest_overlap_may_count_as_touching():
 
 def test_shapes_and_poses_belong_to_their_environment():
     nodes, _, _, faces = box()
-    active = wp.ones(2, dtype=wp.int32, device="cpu")
+    active = columns.all_of(2, "cpu")
     term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", active)
     term.set_shapes([SPHERE, CUBE])
     term.set_pose(np.concatenate([pose(0.0, 0.2, 0.0), pose(0.0, 0.01, 0.0)]))
@@ -177,7 +178,7 @@ def test_shapes_and_poses_belong_to_their_environment():
 
 def test_environments_choose_among_the_shapes():
     nodes, _, _, faces = box()
-    term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", wp.ones(2, dtype=wp.int32, device="cpu"))
+    term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", columns.all_of(2, "cpu"))
     term.set_shapes([SPHERE, CUBE, SPHERE])
     term.choose(np.array([1, 0]))
     term.set_pose(np.concatenate([pose(0.0, 0.1, 0.0)] * 2))
@@ -198,9 +199,9 @@ def test_an_increment_is_taken_back_where_it_is_marked():
     update(term, rest)
     after = term.surface.normal.numpy().copy()
     assert (after > 1.5 * before).all()
-    term.restore(wp.array(np.array([0, 1], dtype=np.int32), dtype=wp.int32, device="cpu"))
+    term.restore(wp.array(columns.listed(np.array([False, True])), dtype=wp.int32, device="cpu"))
     np.testing.assert_array_equal(term.surface.normal.numpy(), np.column_stack([after[:, 0], before[:, 1]]))
-    term.forget(wp.array(np.array([1, 0], dtype=np.int32), dtype=wp.int32, device="cpu"))
+    term.forget(wp.array(columns.listed(np.array([True, False])), dtype=wp.int32, device="cpu"))
     np.testing.assert_array_equal(term.surface.normal.numpy(), np.column_stack([0.0 * after[:, 0], before[:, 1]]))
 
 

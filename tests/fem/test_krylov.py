@@ -1,13 +1,14 @@
 import numpy as np
 import warp as wp
 
+from simgen.fem import columns
 from simgen.fem.krylov import ConjugateResiduals
 
 
 def solve(A, b, preconditioner, tolerance, size, active=None):
     """Systems A (env, n, n), b (n, env): solutions (n, env), iterations and relative residuals (env,)."""
     flags = np.ones(b.shape[1]) if active is None else np.asarray(active)
-    flags = wp.array(flags.astype(np.int32), dtype=wp.int32, device="cpu")
+    flags = wp.array(columns.listed(flags != 0), dtype=wp.int32, device="cpu")
     krylov = ConjugateResiduals(len(b), size, "cpu", flags)
     x = wp.full(b.shape, 7.0, dtype=wp.float64, device="cpu")
     b = wp.array(b, dtype=wp.float64, device="cpu")
@@ -84,14 +85,14 @@ def test_a_system_that_begins_later_and_one_that_waits_are_solved_as_alone():
     going, used, rounds = np.zeros(2, dtype=bool), np.zeros(2, dtype=int), 0
     for starts in (0, 1, None, *[None] * 30):
         if starts is not None:
-            flags.assign(np.arange(2) == starts)
+            flags.assign(columns.listed(np.arange(2) == starts))
             krylov.begin(right)
             going[starts] = True
         if not going.any():
             break
-        flags.assign(going.astype(np.int32))
+        flags.assign(columns.listed(going))
         still = krylov.go_on(action, lambda v, out: wp.copy(out, v), 1e-4, 1e-4, most=2)
-        flags.assign((going & ~still).astype(np.int32))
+        flags.assign(columns.listed(going & ~still))
         iterations, relative = krylov.end(x)
         used[going & ~still] = iterations[going & ~still]
         assert (relative[going & ~still] <= 1e-4).all()
