@@ -18,6 +18,7 @@ from .fem.pattern import corners_to_nodes
 from .samples import Samples
 from .sensor import Material, Sensor
 from .shape import sampled_shape
+from .sweep import in_sweep_order
 from .tetrahedra import interpolation_matrix
 
 MM = 1e3  # millimetres per metre
@@ -43,7 +44,7 @@ class Scene:
         self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[element]
-        mesh = sensor.simulation_mesh
+        mesh = self.mesh = in_sweep_order(sensor.simulation_mesh)
         n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
         self.nodes = mesh.nodes[:n] * MM
         held = per_component(mesh.held[:n])

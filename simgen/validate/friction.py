@@ -94,7 +94,7 @@ def reactions(scene: Scene) -> np.ndarray:
     solver = scene.solver
     n_u = solver.elasticity.n_displacements
     forces = solver.supports()[:n_u, 0].reshape(-1, 3)
-    return np.where(scene.sensor.simulation_mesh.held.reshape(len(forces), -1), forces, 0.0) * MODULUS_MPA
+    return np.where(scene.mesh.held.reshape(len(forces), -1), forces, 0.0) * MODULUS_MPA
 
 
 @case("friction-balance", "Forces and moments of contact and of reactions, on a block that partly slides", "quick")
