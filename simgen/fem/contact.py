@@ -1,7 +1,7 @@
 """Contact of one surface with one rigid shape per environment, as a term of the solver.
 
-The formulas are in ``traction.py``; the kernels here gather and scatter, as do those of ``contact_history``
-(multipliers and slip) and ``contact_results``. Used twice: the touchable surface against the indenter, and the BioTac's
+The formulas are in ``traction.py``; the kernels of ``contact_forces``, ``contact_history`` (multipliers and slip) and
+``contact_results`` gather and scatter. Used twice: the touchable surface against the indenter, and the BioTac's
 inner skin against its core.
 """
 
@@ -13,149 +13,22 @@ import warp as wp
 from ..distance import RigidShape
 from ..shape import shape_array
 from . import columns
-from .blocks import add_block
+from .blocks import zeros
 from .contact_candidates import find_candidates_kernel, no_candidates_kernel
+from .contact_forces import (
+    contact_action_kernel,
+    contact_blocks_kernel,
+    contact_diagonal_kernel,
+    contact_residual_kernel,
+    contact_tangent_kernel,
+)
 from .contact_history import anchor_kernel, carry_kernel, change_kernel, update_kernel
 from .contact_results import gap_kernel, nearest_kernel, resultant_kernel
 from .element import Element, face_geometry
-from .element_fields import gather, scatter
-from .material import mat33, mat33f, real, single, vec3, vec3f
-from .traction import Surface, traction
+from .material import mat33, vec3
+from .traction import Surface
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.kernel
-def contact_residual_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    residual_out: wp.array2d(dtype=wp.float64),
-    sums_out: wp.array2d(dtype=wp.vec4d),
-):
-    """Forces, and integrals of edge (t - lambda, tau - lambda_t) against the multiplier shape functions."""
-    k, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
-    for q in range(s.areas.shape[1]):
-        found = traction(s, x, f, q, env)
-        if found.pressure > real(0.0) or found.multiplier > real(0.0):
-            force = s.areas[f, q] * (found.pressure * found.normal + found.friction)
-            for a in range(s.shapes.shape[1]):
-                scatter(s.faces, -s.shapes[q, a] * force, f, a, env, residual_out)
-            slip = found.friction - found.tangential
-            missing = (s.edges[f] * s.areas[f, q]) * wp.vec4d(
-                found.pressure - found.multiplier, slip[0], slip[1], slip[2]
-            )
-            for i in range(3):
-                wp.atomic_add(sums_out, s.slots[f, i], env, s.multiplier_shapes[q, i] * missing)
-
-
-@wp.kernel
-def contact_tangent_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    tangent_out: wp.array3d(dtype=mat33f),
-):
-    """Store the tangent at every quadrature point: it is used for many Krylov iterations."""
-    k, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
-    for q in range(s.areas.shape[1]):
-        found = traction(s, x, f, q, env)
-        tangent_out[f, q, env] = mat33f(s.areas[f, q] * found.tangent)
-
-
-@wp.func
-def touches(K: mat33f) -> wp.bool:
-    """Whether there is contact at a point, from its tangent."""
-    return K[0, 0] != 0.0 or K[1, 1] != 0.0 or K[2, 2] != 0.0
-
-
-@wp.kernel
-def contact_action_kernel(
-    s: Surface,
-    tangent: wp.array3d(dtype=mat33f),
-    v: wp.array2d(dtype=wp.float32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    action_out: wp.array2d(dtype=wp.float32),
-):
-    k, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
-    for q in range(s.areas.shape[1]):
-        K = tangent[f, q, env]
-        if touches(K):
-            dx = vec3f()
-            for a in range(s.shapes.shape[1]):
-                dx += single(s.shapes[q, a]) * gather(s.faces, v, f, a, env)
-            df = K * dx
-            for a in range(s.shapes.shape[1]):
-                scatter(s.faces, single(s.shapes[q, a]) * df, f, a, env, action_out)
-
-
-@wp.kernel
-def contact_blocks_kernel(
-    s: Surface,
-    tangent: wp.array3d(dtype=mat33f),
-    shapes: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    block_index: wp.array3d(dtype=wp.int32),
-    # outputs
-    blocks_out: wp.array2d(dtype=wp.float32),
-):
-    k, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
-    for q in range(s.areas.shape[1]):
-        K = tangent[f, q, env]
-        if touches(K):
-            for a in range(shapes.shape[1]):
-                for b in range(shapes.shape[1]):
-                    weight = single(shapes[q, a] * shapes[q, b])
-                    add_block(blocks_out, block_index[f, a, b], env, weight * K)
-
-
-@wp.kernel
-def contact_diagonal_kernel(
-    s: Surface,
-    tangent: wp.array3d(dtype=mat33f),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    diagonal_out: wp.array2d(dtype=wp.float32),
-):
-    k, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
-    for q in range(s.areas.shape[1]):
-        K = tangent[f, q, env]
-        if touches(K):
-            for a in range(s.shapes.shape[1]):
-                add_block(diagonal_out, s.faces[f, a], env, single(s.shapes[q, a] * s.shapes[q, a]) * K)
 
 
 class Contact:
@@ -198,7 +71,8 @@ class Contact:
         s.stiffness, s.friction_stiffness = stiffness
         s.friction = friction
 
-        self._tangent = wp.zeros(self._points, dtype=mat33f, device=device)
+        self._tangent = zeros(geometry.areas.size, self.n_env, device)  # by candidates, not by faces
+        self._touching = wp.zeros((len(faces), self.n_env), dtype=wp.int32, device=device)
         self._sums = wp.zeros((self.n_slots, self.n_env), dtype=wp.vec4d, device=device)
         self._change = wp.zeros((2, self.n_env), dtype=wp.float64, device=device)
         self._carried = wp.zeros(self._points, dtype=vec3, device=device)
@@ -300,20 +174,21 @@ class Contact:
         self._launch(update_kernel, [self.weights, self._sums, self.active], [], dim=self._sums.shape)
 
     def linearize(self, x):
-        self._launch(contact_tangent_kernel, [x, self.active], [self._tangent])
+        self._launch(contact_tangent_kernel, [x, self.active], [self._tangent, self._touching])
 
     def tangent(self, v, action_out):
         """Action of the derivative at the state of the last ``linearize``."""
-        self._launch(contact_action_kernel, [self._tangent, v, self.active], [action_out])
+        self._launch(contact_action_kernel, [self._tangent, self._touching, v, self.active], [action_out])
 
     def blocks(self, block_index, blocks_out, linear: bool):
         """Add the derivative by displacements, or by linear ones alone, as 3 x 3 blocks between nodes or corners."""
         shapes = self.surface.multiplier_shapes if linear else self.surface.shapes
-        self._launch(contact_blocks_kernel, [self._tangent, shapes, self.active, block_index], [blocks_out])
+        inputs = [self._tangent, self._touching, shapes, self.active, block_index]
+        self._launch(contact_blocks_kernel, inputs, [blocks_out])
 
     def diagonal(self, diagonal_out):
         """Add the 3 x 3 blocks of each node's displacement by itself."""
-        self._launch(contact_diagonal_kernel, [self._tangent, self.active], [diagonal_out])
+        self._launch(contact_diagonal_kernel, [self._tangent, self._touching, self.active], [diagonal_out])
 
     def resultants(self, x):
         """On the sensor: force (env, 3), moment about the origin (env, 3), and penetration rms, max (env,) mm."""

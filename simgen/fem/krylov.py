@@ -29,6 +29,7 @@ from .krylov_kernels import (
     project_kernel,
     rest_kernel,
     source_kernel,
+    substitute_kernel,
 )
 
 
@@ -60,8 +61,9 @@ class ConjugateResiduals:
 
         self._directions, self._images = (array((size, n, self.n_env), wp.float32) for _ in range(2))
         self._residual, self._direction, self._image = (array((n, self.n_env), wp.float32) for _ in range(3))
-        self._x, self._source = (array((n, self.n_env), wp.float32) for _ in range(2))
-        self._products, self._inverse_squares = (array((size, self.n_env), wp.float64) for _ in range(2))
+        self._source = array((n, self.n_env), wp.float32)
+        self._products = array((size, size, self.n_env), wp.float64)
+        self._inverse_squares, self._steps = (array((size, self.n_env), wp.float64) for _ in range(2))
         self._square, self._along, self._left = (array(self.n_env, wp.float64) for _ in range(3))
         self._norm, self._graphs = Dots(n, active), {}
         self._size, self._relative = (array(self.n_env, wp.float64) for _ in range(2))
@@ -75,7 +77,7 @@ class ConjugateResiduals:
     def begin(self, b):
         """Start on the systems of the active environments, with right-hand sides b."""
         inputs = [b, self._norm(b, b), self.active]
-        outputs = [self._residual, self._x, self._size, self._count, self._relative, self._stuck]
+        outputs = [self._residual, self._size, self._count, self._relative, self._stuck]
         self._launch(begin_kernel, b.shape, inputs, outputs)
 
     def go_on(self, operator, preconditioner, tolerance: float, later: float, most: int, capture=False) -> np.ndarray:
@@ -116,7 +118,10 @@ class ConjugateResiduals:
 
         Returns iterations (env,) and relative residuals (env,) of all, infinite where a system broke down.
         """
-        self._launch(end_kernel, self._x.shape, [self._x, self._size, self.active], [x_out])
+        inputs = [self._products, self._inverse_squares, self._count, self.active]
+        self._launch(substitute_kernel, self.n_env, inputs, [self._steps])
+        inputs = [self._directions, self._steps, self._count, self._size, self.active]
+        self._launch(end_kernel, x_out.shape, inputs, [x_out])
         return self._count.numpy().astype(int), self._relative.numpy().copy()
 
     def solve(self, operator, preconditioner, b, x_out, tolerance: float):
@@ -138,8 +143,8 @@ class ConjugateResiduals:
         inputs = [self._direction, self._image, self._residual, self._products, self._inverse_squares, count, active]
         outputs = [self._directions, self._images, self._square, self._along]
         self._launch(orthogonalize_kernel, sections, inputs, outputs)
-        inputs = [self._directions, self._images, self._square, self._along, count, active]
-        outputs = [self._inverse_squares, self._x, self._residual, self._left]
+        inputs = [self._images, self._square, self._along, count, active]
+        outputs = [self._inverse_squares, self._steps, self._residual, self._left]
         self._launch(advance_kernel, sections, inputs, outputs)
         inputs = [self._left, tolerance, later, self.size, active]
         self._launch(judge_kernel, self.n_env, inputs, [count, self._stuck, self._relative, self._keep])

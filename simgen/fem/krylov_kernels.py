@@ -40,7 +40,6 @@ def begin_kernel(
     active: wp.array(dtype=wp.int32),
     # outputs
     residual_out: wp.array2d(dtype=wp.float32),
-    x_out: wp.array2d(dtype=wp.float32),
     size_out: wp.array(dtype=wp.float64),
     count_out: wp.array(dtype=wp.int32),
     relative_out: wp.array(dtype=wp.float64),
@@ -55,7 +54,6 @@ def begin_kernel(
     if size > real(0.0):
         value = b[i, env] / size
     residual_out[i, env] = single(value)
-    x_out[i, env] = single(0.0)
     if i == 0:
         size_out[env] = size
         count_out[env] = 0
@@ -67,14 +65,15 @@ def begin_kernel(
 def clear_kernel(
     count: wp.array(dtype=wp.int32),
     # outputs
-    products_out: wp.array2d(dtype=wp.float64),
+    products_out: wp.array3d(dtype=wp.float64),
     square_out: wp.array(dtype=wp.float64),
     along_out: wp.array(dtype=wp.float64),
     left_out: wp.array(dtype=wp.float64),
 ):
     env = wp.tid()
-    for k in range(count[env]):
-        products_out[k, env] = real(0.0)
+    last = count[env]
+    for k in range(last):
+        products_out[last, k, env] = real(0.0)
     square_out[env] = real(0.0)
     along_out[env] = real(0.0)
     left_out[env] = real(0.0)
@@ -87,18 +86,19 @@ def project_kernel(
     count: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
-    products_out: wp.array2d(dtype=wp.float64),
+    products_out: wp.array3d(dtype=wp.float64),
 ):
     """Inner products of the new image with those before it."""
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
-    for k in range(count[env]):
+    last = count[env]
+    for k in range(last):
         total = real(0.0)
         for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
             total += real(images[k, i, env] * image[i, env])
-        wp.atomic_add(products_out, k, env, total)
+        wp.atomic_add(products_out, last, k, env, total)
 
 
 @wp.kernel
@@ -106,7 +106,7 @@ def orthogonalize_kernel(
     direction: wp.array2d(dtype=wp.float32),
     image: wp.array2d(dtype=wp.float32),
     residual: wp.array2d(dtype=wp.float32),
-    products: wp.array2d(dtype=wp.float64),
+    products: wp.array3d(dtype=wp.float64),
     inverse_squares: wp.array2d(dtype=wp.float64),
     count: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
@@ -116,7 +116,7 @@ def orthogonalize_kernel(
     square_out: wp.array(dtype=wp.float64),
     along_out: wp.array(dtype=wp.float64),
 ):
-    """Keep the direction and its image without what was there; squares of the image, its product with the residual."""
+    """Keep the direction, and of its image what is new: its square, and its product with the residual."""
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -124,13 +124,10 @@ def orthogonalize_kernel(
     last = count[env]
     square, along = real(0.0), real(0.0)
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
-        z = direction[i, env]
         q = image[i, env]
         for k in range(last):
-            share = single(products[k, env] * inverse_squares[k, env])
-            z -= share * directions_out[k, i, env]
-            q -= share * images_out[k, i, env]
-        directions_out[last, i, env] = z
+            q -= single(products[last, k, env] * inverse_squares[k, env]) * images_out[k, i, env]
+        directions_out[last, i, env] = direction[i, env]
         images_out[last, i, env] = q
         square += real(q * q)
         along += real(q * residual[i, env])
@@ -140,7 +137,6 @@ def orthogonalize_kernel(
 
 @wp.kernel
 def advance_kernel(
-    directions: wp.array3d(dtype=wp.float32),
     images: wp.array3d(dtype=wp.float32),
     square: wp.array(dtype=wp.float64),
     along: wp.array(dtype=wp.float64),
@@ -148,11 +144,11 @@ def advance_kernel(
     active: wp.array(dtype=wp.int32),
     # outputs
     inverse_squares_out: wp.array2d(dtype=wp.float64),
-    x_out: wp.array2d(dtype=wp.float32),
+    steps_out: wp.array2d(dtype=wp.float64),
     residual_out: wp.array2d(dtype=wp.float32),
     left_out: wp.array(dtype=wp.float64),
 ):
-    """Go along the last direction; squares of the residual that is left."""
+    """Take from the residual what the last image has of it; squares of what is left."""
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -162,9 +158,9 @@ def advance_kernel(
     step = single(along[env] * inverse)
     if c == 0:
         inverse_squares_out[last, env] = inverse
+        steps_out[last, env] = along[env] * inverse
     left = real(0.0)
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, x_out.shape[0])):
-        x_out[i, env] = x_out[i, env] + step * directions[last, i, env]
+    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual_out.shape[0])):
         r = residual_out[i, env] - step * images[last, i, env]
         residual_out[i, env] = r
         left += real(r * r)
@@ -263,8 +259,31 @@ def source_kernel(
 
 
 @wp.kernel
+def substitute_kernel(
+    products: wp.array3d(dtype=wp.float64),
+    inverse_squares: wp.array2d(dtype=wp.float64),
+    count: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    steps_out: wp.array2d(dtype=wp.float64),
+):
+    """From steps along the images that were kept to steps along the directions: image j was that of direction j without
+    the shares of those before it.
+    """
+    env = active[wp.tid()]
+    if env < 0:
+        return
+    for below in range(count[env]):
+        j = count[env] - 1 - below
+        for k in range(j):
+            steps_out[k, env] = steps_out[k, env] - products[j, k, env] * inverse_squares[k, env] * steps_out[j, env]
+
+
+@wp.kernel
 def end_kernel(
-    x: wp.array2d(dtype=wp.float32),
+    directions: wp.array3d(dtype=wp.float32),
+    steps: wp.array2d(dtype=wp.float64),
+    count: wp.array(dtype=wp.int32),
     size: wp.array(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     # outputs
@@ -272,8 +291,12 @@ def end_kernel(
 ):
     i, lane = wp.tid()
     env = active[lane]
-    if env >= 0:
-        x_out[i, env] = size[env] * real(x[i, env])
+    if env < 0:
+        return
+    total = real(0.0)
+    for k in range(count[env]):
+        total += steps[k, env] * real(directions[k, i, env])
+    x_out[i, env] = size[env] * total
 
 
 def chunks(n: int) -> int:

@@ -120,8 +120,13 @@ def return_tangent(trial: vec3, radius: real, plane: mat33) -> mat33:
 def traction(
     s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32
 ) -> Traction:
+    return traction_at(s, deformed(s, x, f, q, env), f, q, env)
+
+
+@wp.func
+def traction_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> Traction:
     out = Traction()
-    out.position = deformed(s, x, f, q, env)
+    out.position = position
     found = probe_in_sensor_frame(s, out.position, f, q, env)
     out.gap = found.distance
     out.normal = found.normal
