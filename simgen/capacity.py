@@ -24,15 +24,16 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     faces = [mesh.touchable] + ([mesh.facing_core] if sensor.core is not None else [])
     points = kind.face_points * sum(map(len, faces))
     double = 8 * unknowns  # x, trial, step, two parts of the forces and their sum, two earlier states
-    vectors = 2 * settings.krylov_size + 6  # directions and images; the solver's own five; where derivatives are taken
+    vectors = 2 * settings.krylov_size + 5  # directions and images; the solver's own four; where derivatives are taken
     blocks = edges * 2 + corners
     if kind.pressures:
         vectors += 3
         blocks = 2 * nodes + blocks + corners
     single = vectors * unknowns + 12 * corners
-    in_contact = points * (3 * 24 + 36) + 100 * sum(len(set(f[:, :3].ravel())) for f in faces)
+    in_contact = points * (3 * 24 + 36) + sum(4 * len(f) + 100 * len(set(f[:, :3].ravel())) for f in faces)
     output = 24 * len(sensor.output_mesh.vertices)
-    return 8 * double + 4 * single + 36 * blocks + in_contact + output
+    products = 8 * settings.krylov_size**2
+    return 8 * double + 4 * single + 36 * blocks + products + in_contact + output
 
 
 def at_once(device: str) -> int:

@@ -17,7 +17,11 @@ from .transfer import Transfer
 wp.set_module_options({"enable_backward": False})
 
 CORNER_SPREAD, CORNER_STEPS = 10.0, 3  # largest over smallest eigenvalue that smoothing acts on
+STRIP = 8  # rows of the dense inverse that one thread multiplies
 MARGIN = 1.15  # on the largest eigenvalue at rest: contact and large strains raise it a little
+
+
+strip_of_rows = wp.types.vector(length=STRIP, dtype=wp.float32)
 
 
 def chebyshev(largest: float, steps: int, spread: float) -> list[tuple[float, float]]:
@@ -118,31 +122,26 @@ def chebyshev_kernel(
 
 @wp.kernel
 def dense_kernel(
-    matrix: wp.array2d(dtype=wp.float32),
+    columns_of: wp.array2d(dtype=wp.float32),
     x: wp.array2d(dtype=wp.float32),
     active: wp.array(dtype=wp.int32),
     # outputs
     y_out: wp.array2d(dtype=wp.float32),
 ):
-    """Four sums at once: one alone waits for each addition."""
-    row, lane = wp.tid()
+    """Some rows of a matrix, given by its columns, times x: what is read of x serves all of them."""
+    strip, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
-    n = matrix.shape[1]
-    sums = wp.vec4f()
-    for k in range(n // 4):
-        i = 4 * k
-        sums += wp.vec4f(
-            matrix[row, i] * x[i, env],
-            matrix[row, i + 1] * x[i + 1, env],
-            matrix[row, i + 2] * x[i + 2, env],
-            matrix[row, i + 3] * x[i + 3, env],
-        )
-    total = (sums[0] + sums[1]) + (sums[2] + sums[3])
-    for i in range(n - n % 4, n):
-        total += matrix[row, i] * x[i, env]
-    y_out[row, env] = total
+    first = strip * STRIP
+    sums = strip_of_rows()
+    for k in range(x.shape[0]):
+        value = x[k, env]
+        for r in range(STRIP):
+            sums[r] += columns_of[k, first + r] * value
+    for r in range(STRIP):
+        if first + r < y_out.shape[0]:
+            y_out[first + r, env] = sums[r]
 
 
 class CornerCycle:
@@ -170,7 +169,8 @@ class CornerCycle:
         space = coarse_space(matrix, elasticity.host_nodes[:n], self.held.numpy() == 0, inverse, largest)
         self.space = Transfer(space, self.active)
         coarse = dense_inverse(space.T @ matrix @ space)
-        self._coarse_inverse = wp.array(coarse, dtype=wp.float32, device=device)
+        padded = np.pad(coarse.T, ((0, 0), (0, -len(coarse) % STRIP)))
+        self._coarse_inverse = wp.array(padded, dtype=wp.float32, device=device)
         self._coarse, self._coarse_x = (wp.zeros((len(coarse), n_env), dtype=wp.float32, device=device) for _ in "rx")
 
     def update(self):
@@ -204,6 +204,7 @@ class CornerCycle:
         self._launch(residual_kernel, [*self._rows(), x, b, self.active], [self._residual])
         self.space.restrict(self._residual, self._coarse)
         inputs = [self._coarse_inverse, self._coarse, self.active]
-        wp.launch(dense_kernel, dim=self._coarse.shape, inputs=inputs, outputs=[self._coarse_x], device=b.device)
+        dim = (self._coarse_inverse.shape[1] // STRIP, b.shape[1])
+        wp.launch(dense_kernel, dim=dim, inputs=inputs, outputs=[self._coarse_x], device=b.device)
         self.space.prolong(self._coarse_x, x)
         self._steps(self._smoothing, b, x, other)
