@@ -142,20 +142,20 @@ class Samples:
             lacking, pressure = (array[scene.cavity.row].numpy() for array in (solver.balance.surface, solver.x))
         overlap, of_edge = self.overlap()
         inverted = self.inverted_elements()
+        size = np.maximum(np.linalg.norm(force, axis=1), SMALLEST_FORCE)
+        found = {
+            "force": force * unit,
+            "moment": moment * unit / MM,
+            "force_balance": np.linalg.norm(total, axis=1) / size,
+            "inverted_elements": inverted,
+            "rms_penetration_m": rms / MM,
+            "max_penetration_m": np.maximum(overlap, 0.0) / MM,
+            "overlap_mm": overlap,
+            "overlap_of_edge": of_edge,
+        }
+        if scene.cavity is not None:
+            found["liquid_volume_error"] = np.abs(lacking) / scene.cavity.volume
+            found["cavity_pressure"] = pressure * scene.material.youngs_modulus_pa
         environments = np.flatnonzero(reached)
         for env, displacement in zip(environments, self.displacement(environments), strict=True):
-            sample = {
-                "displacement": displacement,
-                "force": force[env] * unit,
-                "moment": moment[env] * unit / MM,
-                "force_balance": np.linalg.norm(total[env]) / max(np.linalg.norm(force[env]), SMALLEST_FORCE),
-                "inverted_elements": inverted[env],
-                "rms_penetration_m": rms[env] / MM,
-                "max_penetration_m": max(overlap[env], 0.0) / MM,
-                "overlap_mm": overlap[env],
-                "overlap_of_edge": of_edge[env],
-            }
-            if scene.cavity is not None:
-                sample["liquid_volume_error"] = abs(lacking[env]) / scene.cavity.volume
-                sample["cavity_pressure"] = pressure[env] * scene.material.youngs_modulus_pa
-            yield env, sample
+            yield env, {"displacement": displacement} | {name: values[env] for name, values in found.items()}

@@ -127,17 +127,17 @@ class Contact:
         """
         for array, saved in zip(self._history(), self._saved, strict=True):
             columns.copy(array, self.active, saved)
+        self.set_pose(poses)
+        self._find_candidates(x_predicted, travel)  # faces with multipliers among them: none else carries slip
         if self.friction > 0.0:
             self.set_pose(start_poses)
             wp.copy(self._start_rotation, self.surface.rotation)
             wp.copy(self._start_origin, self.surface.origin)
-            self._launch(carry_kernel, [x_start, self.active], [self._carried], dim=self._points)
-        self.set_pose(poses)
-        if self.friction > 0.0:
+            self._launch(carry_kernel, [x_start, self.active], [self._carried])
+            self.set_pose(poses)
             start = [self._start_rotation, self._start_origin]
             inputs = [x_start, x_predicted, *start, self._carried, self.active]
-            self._launch(anchor_kernel, inputs, [self.surface.anchor], dim=self._points)
-        self._find_candidates(x_predicted, travel)
+            self._launch(anchor_kernel, inputs, [self.surface.anchor])
 
     def _find_candidates(self, x, travel: np.ndarray):
         """Faces that can touch in the active environments, where points may be off by ``travel`` (env,) mm."""

@@ -11,33 +11,12 @@ import warp as wp
 
 from .blocks import add_block, block, store_block
 from .element_fields import gather, scatter
-from .material import mat33f, real, single, vec3, vec3f
-from .traction import Surface, traction_at
+from .material import mat33f, real, single, vec3f
+from .traction import NODES, Surface, at_point, face_positions, face_vectors, traction_at
 
 wp.set_module_options({"enable_backward": False})
 
-NODES = 6  # of a face, at most
-face_vectors = wp.types.matrix(shape=(NODES, 3), dtype=wp.float64)  # one a node
 face_vectors_f = wp.types.matrix(shape=(NODES, 3), dtype=wp.float32)
-
-
-@wp.func
-def positions(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, env: wp.int32) -> face_vectors:
-    """Of a face's nodes in the sensor's frame, mm."""
-    found = face_vectors()
-    for a in range(NODES):
-        if a < s.shapes.shape[1]:
-            found[a] = s.positions[s.faces[f, a]] + gather(s.faces, x, f, a, env)
-    return found
-
-
-@wp.func
-def at_point(s: Surface, nodes: face_vectors, q: wp.int32) -> vec3:
-    value = vec3()
-    for a in range(NODES):
-        if a < s.shapes.shape[1]:
-            value += s.shapes[q, a] * nodes[a]
-    return value
 
 
 @wp.kernel
@@ -57,7 +36,7 @@ def contact_residual_kernel(
     if k >= s.count[env]:
         return
     f = s.candidates[k, env]
-    nodes = positions(s, x, f, env)
+    nodes = face_positions(s, x, f, env)
     forces = face_vectors()
     first, second, third = wp.vec4d(), wp.vec4d(), wp.vec4d()
     touches = wp.bool(False)
@@ -102,7 +81,7 @@ def contact_tangent_kernel(
     if k >= s.count[env]:
         return
     f = s.candidates[k, env]
-    nodes = positions(s, x, f, env)
+    nodes = face_positions(s, x, f, env)
     touching = wp.int32(0)
     for q in range(s.areas.shape[1]):
         found = traction_at(s, at_point(s, nodes, q), f, q, env)

@@ -9,7 +9,7 @@ import warp as wp
 
 from ..distance import probe
 from .material import mat33, real, vec3
-from .traction import Surface, deformed, return_to_cone, traction
+from .traction import Surface, at_point, face_positions, return_to_cone, traction_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -31,19 +31,26 @@ def anchor_kernel(
     A point in contact: behind the start by the slip that it carries. Else on the straight path to the predicted state:
     where a point that is apart by g0 and would overlap by -g1 enters, or at the path's end if it is not to enter.
     """
-    f, q, lane = wp.tid()
+    k, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
+    if k >= s.count[env]:
+        return
+    f = s.candidates[k, env]
     shape = s.rigid[s.shape_of[env]]
-    start = wp.transpose(rotation_start[env]) * (deformed(s, x_start, f, q, env) - origin_start[env])
-    predicted = wp.transpose(s.rotation[env]) * (deformed(s, x_predicted, f, q, env) - s.origin[env])
-    g0 = probe(shape, start).distance + s.gap_offset[f, q]
-    g1 = wp.min(probe(shape, predicted).distance + s.gap_offset[f, q], real(0.0))
-    entry = real(0.0)
-    if g0 > real(0.0) and wp.length_sq(carried[f, q, env]) == real(0.0):
-        entry = g0 / (g0 - g1)
-    anchor_out[f, q, env] = start + entry * (predicted - start) - carried[f, q, env]
+    before = face_positions(s, x_start, f, env)
+    after = face_positions(s, x_predicted, f, env)
+    for q in range(s.areas.shape[1]):
+        start = wp.transpose(rotation_start[env]) * (at_point(s, before, q) - origin_start[env])
+        predicted = wp.transpose(s.rotation[env]) * (at_point(s, after, q) - s.origin[env])
+        g0 = probe(shape, start).distance + s.gap_offset[f, q]
+        g1 = wp.min(probe(shape, predicted).distance + s.gap_offset[f, q], real(0.0))
+        slip = carried[k, q, env]
+        entry = real(0.0)
+        if g0 > real(0.0) and wp.length_sq(slip) == real(0.0):
+            entry = g0 / (g0 - g1)
+        anchor_out[f, q, env] = start + entry * (predicted - start) - slip
 
 
 @wp.kernel
@@ -59,16 +66,21 @@ def carry_kernel(
     The multipliers meet the tractions only on average around a corner. Were slip counted anew at every increment, what
     differs at a point would be forgotten, and a contact that sticks would creep with the number of increments.
     """
-    f, q, lane = wp.tid()
+    k, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
-    found = traction(s, x, f, q, env)
+    if k >= s.count[env]:
+        return
+    f = s.candidates[k, env]
+    nodes = face_positions(s, x, f, env)
     k_inverse = s.edges[f] / s.friction_stiffness
-    slip = vec3()
-    if found.pressure > real(0.0) and found.multiplier > real(0.0):  # without it the anchor may be from another press
-        slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) * k_inverse)
-    carried_out[f, q, env] = slip
+    for q in range(s.areas.shape[1]):
+        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        slip = vec3()
+        if found.pressure > real(0.0) and found.multiplier > real(0.0):  # else the anchor may be from another press
+            slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) * k_inverse)
+        carried_out[k, q, env] = slip
 
 
 @wp.func

@@ -30,6 +30,10 @@ from .material import mat33, real, vec3
 wp.set_module_options({"enable_backward": False})
 
 
+NODES = 6  # of a face, at most
+face_vectors = wp.types.matrix(shape=(NODES, 3), dtype=wp.float64)  # one a node
+
+
 @wp.struct
 class Surface:
     """The faces of one contact term and where its rigid shape stands, per environment."""
@@ -86,6 +90,25 @@ def surface_point(
 @wp.func
 def deformed(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32) -> vec3:
     return surface_point(s, x, s.shapes, f, q, env)
+
+
+@wp.func
+def face_positions(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, env: wp.int32) -> face_vectors:
+    """Of a face's nodes, mm: who needs many points of a face reads it once."""
+    found = face_vectors()
+    for a in range(NODES):
+        if a < s.shapes.shape[1]:
+            found[a] = s.positions[s.faces[f, a]] + gather(s.faces, x, f, a, env)
+    return found
+
+
+@wp.func
+def at_point(s: Surface, nodes: face_vectors, q: wp.int32) -> vec3:
+    position = vec3()
+    for a in range(NODES):
+        if a < s.shapes.shape[1]:
+            position += s.shapes[q, a] * nodes[a]
+    return position
 
 
 @wp.func

@@ -39,7 +39,7 @@ def test_reactions_hold_what_presses():
     supports = reactions(scene)
     assert result.force[-1, 1] > 0.0  # the sphere presses the gel along +y
     np.testing.assert_allclose(supports.sum(axis=0), -result.force[-1], atol=1e-3 * result.force[-1, 1])
-    held = scene.sensor.simulation_mesh.held
+    held = scene.mesh.held
     assert (supports[~held] == 0.0).all() and np.abs(supports[held]).max() > 0.0
 
 
