@@ -15,7 +15,7 @@ def test_elements_inverted_between_their_quadrature_points_are_counted():
     scene.solver.x.assign(x[:, None])
     assert scene.samples.inverted_elements()[0] == 0
     u[:] = 0.0
-    tetrahedron = scene.sensor.simulation_mesh.tetrahedra[0]
+    tetrahedron = scene.mesh.tetrahedra[0]
     u[tetrahedron[0]] = 0.45 * (scene.nodes[tetrahedron[1:4]].mean(axis=0) - scene.nodes[tetrahedron[0]])
     scene.solver.x.assign(x[:, None])
     at_points = scene.solver.balance.measure(scene.solver.x).min_det
