@@ -45,9 +45,8 @@ from typing import Any
 import numpy as np
 import zarr
 from zarr.codecs import BloscCodec
-from zarr.core.buffer import default_buffer_prototype
-from zarr.storage import MemoryStore
 
+from simgen.chunk_files import chunk_files, open_sharded
 from simgen.errors import InputError
 from simgen.job import Job, job_from_dict
 from simgen.provenance import difference
@@ -183,6 +182,7 @@ class Dataset:
         if not (self.path / "zarr.json").is_file():
             raise InputError(f"{path}: not a dataset (a folder that `simgen run` wrote, with a zarr.json)")
         self.root = zarr.open_group(self.path, mode="r")
+        self._open: dict[str, zarr.Array] = {}  # the sharded ones
         self.attributes = dict(self.root.attrs)
         if self.attributes.get("schema") != SCHEMA:
             raise InputError(f"{path}: schema {self.attributes.get('schema')}; this version reads {SCHEMA}")
@@ -229,7 +229,7 @@ class Dataset:
 
     def displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """(..., vertex, 3) float64 in m; NaN where not reached or not there yet."""
-        array = self.root[f"{sensor}/displacement"]
+        array = self._sharded(f"{sensor}/displacement")
         stored = array[press, depth]
         scale = array.attrs.get("scale_factor")
         return (
@@ -237,6 +237,11 @@ class Dataset:
             if scale is None
             else np.where(stored == NOT_REACHED, np.nan, stored * scale)
         )
+
+    def _sharded(self, name: str) -> zarr.Array:
+        if name not in self._open:
+            self._open[name] = open_sharded(self.path, name)
+        return self._open[name]
 
     def checksums(self) -> dict[str, str]:
         """sha256 of every file that a manifest vouches for, by its path in the dataset."""
@@ -275,11 +280,11 @@ def write_shard(dataset: Dataset, shard: int, values: Mapping[str, np.ndarray]) 
     The bytes are made in memory by zarr itself, then each file is written aside, flushed and renamed.
     Raises `OverflowError` if a displacement does not fit the stored type.
     """
-    presses = dataset.shard_presses(shard)
-    files = {}
+    presses, aside, files = dataset.shard_presses(shard), dataset.path / STAGING, {}
+    aside.mkdir(exist_ok=True)
     for name, array in dataset.arrays.items():
         stored = _encode(np.asarray(values[name]), array, name)
-        files |= _chunk_files(dataset.path, name, presses, stored)
+        files |= chunk_files(dataset.path, name, presses, stored, bool(array.chunk), aside)
     _write_all(dataset.path, files)
     _write_all(dataset.path, {f"manifest/{shard:06d}.json": _manifest(files, shard=shard)})
 
@@ -296,28 +301,21 @@ def log_timing(dataset: Dataset, entry: Mapping[str, Any]) -> None:
 
 def _encode(values: np.ndarray, array: Array, name: str) -> np.ndarray:
     """Floats to the stored type; NaN becomes the fill value."""
-    missing = np.isnan(values)
     if array.dtype.startswith("float"):
         return values.astype(array.dtype)
-    steps = np.rint(np.where(missing, 0.0, values) / array.attributes.get("scale_factor", 1.0))
-    largest = np.abs(steps).max(initial=0.0)
+    missing, scale = np.isnan(values), array.attributes.get("scale_factor", 1.0)
+    steps = values / scale
+    np.rint(steps, out=steps)
+    steps[missing] = 0.0
+    largest = max(steps.max(initial=0.0), -steps.min(initial=0.0))
     if largest > np.iinfo(array.dtype).max:
-        scale = array.attributes.get("scale_factor", 1.0)
         raise OverflowError(
             f"{name}: {largest * scale:.3g} does not fit {array.dtype} in steps of {scale:g} "
             "(set dataset.displacement: float32)"
         )
-    return np.where(missing, array.fill, steps).astype(array.dtype)
-
-
-def _chunk_files(root: Path, name: str, presses: range, stored: np.ndarray) -> dict[str, bytes]:
-    """The files that zarr makes of some presses of an array, in memory."""
-    to_buffer = default_buffer_prototype().buffer.from_bytes
-    contents = {f"{name}/zarr.json": to_buffer((root / name / "zarr.json").read_bytes())}
-    # A setting of this array alone: zarr's own are the process's, and shards are written side by side.
-    array = zarr.open_array(MemoryStore(contents), path=name, mode="r+").with_config({"write_empty_chunks": True})
-    array[presses.start : presses.stop] = stored
-    return {key: buffer.to_bytes() for key, buffer in contents.items() if not key.endswith("zarr.json")}
+    stored = steps.astype(array.dtype)
+    stored[missing] = array.fill
+    return stored
 
 
 def _manifest(files: Mapping[str, bytes], **head: int) -> bytes:

@@ -3,6 +3,7 @@ import warp as wp
 
 from simgen.fem import columns
 from simgen.fem.krylov import ConjugateResiduals
+from simgen.fem.krylov_kernels import WINDOW
 
 
 def solve(A, b, preconditioner, tolerance, size, active=None):
@@ -72,6 +73,17 @@ def test_a_residual_that_does_not_change_at_first_is_no_end():
     x, used, relative = solve(A, b, lambda v: v, 1e-5, 20)
     assert used[0] == n and relative[0] <= 1e-5
     np.testing.assert_allclose(A[0] @ x, b, atol=1e-6)
+
+
+def test_a_system_takes_more_iterations_than_images_are_kept():
+    rng = np.random.default_rng(5)
+    n = 120
+    skew = rng.normal(size=(n, n))
+    A = (np.diag(np.geomspace(1.0, 300.0, n)) + 0.02 * (skew - skew.T))[None]
+    b = rng.normal(size=(n, 1))
+    x, used, relative = solve(A, b, lambda v: v, 1e-3, n)
+    assert used[0] > 2 * WINDOW and relative[0] <= 1e-3
+    assert np.linalg.norm(b[:, 0] - A[0] @ x[:, 0]) <= 1.1e-3 * np.linalg.norm(b)
 
 
 def test_a_system_that_begins_later_and_one_that_waits_are_solved_as_alone():
