@@ -15,16 +15,21 @@ import zarr
 from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
-# With one thread the chunks of a file are in the same order every time; shards are what is done side by side.
-PIPELINE = {"codec_pipeline.path": "zarrs.ZarrsCodecPipeline", "threading.max_workers": 1}
-OPENING = threading.Lock()  # settings are the process's, and an array keeps those that it was opened with
+# With one thread the chunks of a file are in the same order every time; shards are what is done side by side. (zarr's
+# own threads, whose number is the same setting, are made when a dataset is opened.) What zarrs cannot do it refuses, or
+# the bytes would depend on who wrote them.
+PIPELINE = {
+    "codec_pipeline.path": "zarrs.ZarrsCodecPipeline",
+    "codec_pipeline.strict": True,
+    "threading.max_workers": 1,
+}
+# Settings are the process's, and an array keeps those that it was opened with. Arrays that others open meanwhile get
+# them, too: those in a folder are then read by zarrs, those in memory by zarr as ever.
+OPENING = threading.Lock()
 
 
 def open_sharded(root: Path, name: str, mode: str = "r") -> zarr.Array:
-    """A sharded array of the zarr group in a folder.
-
-    zarr has made its own threads by then, which would take their number from the same setting: a group was opened.
-    """
+    """A sharded array of the zarr group in a folder."""
     with OPENING, zarr.config.set(PIPELINE):
         return zarr.open_array(LocalStore(root), path=name, mode=mode)
 
@@ -38,11 +43,12 @@ def chunk_files(root: Path, name: str, presses: range, stored: np.ndarray, shard
     if sharded:
         with tempfile.TemporaryDirectory(dir=aside) as scratch:
             there = Path(scratch)
-            (there / name).mkdir(parents=True)
-            shutil.copy(root / name / "zarr.json", there / name)
+            chunks = there / name / "c"
+            chunks.parent.mkdir(parents=True)
+            shutil.copy(root / name / "zarr.json", chunks.parent)
             open_sharded(there, name, mode="r+")[rows] = stored
             found = {file.relative_to(there).as_posix(): file.read_bytes()
-                     for file in sorted(there.rglob("c/**/*")) if file.is_file()}  # fmt: skip
+                     for file in sorted(chunks.rglob("*")) if file.is_file()}  # fmt: skip
         if found:  # it makes none for fill values alone
             return found
     to_buffer = default_buffer_prototype().buffer.from_bytes

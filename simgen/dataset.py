@@ -277,7 +277,7 @@ def open_or_create(
 def write_shard(dataset: Dataset, shard: int, values: Mapping[str, np.ndarray]) -> None:
     """Write the presses of one shard; `values` has one float array in SI for each of `dataset.arrays`.
 
-    The bytes are made in memory by zarr itself, then each file is written aside, flushed and renamed.
+    The bytes are made by zarr and zarrs (see ``chunk_files``), then each file is written aside, flushed and renamed.
     Raises `OverflowError` if a displacement does not fit the stored type.
     """
     presses, aside, files = dataset.shard_presses(shard), dataset.path / STAGING, {}

@@ -19,15 +19,15 @@ def in_sweep_order(mesh: SimulationMesh) -> SimulationMesh:
     n, n_corners, corners = len(mesh.nodes), mesh.n_corners, mesh.tetrahedra[:, :4]
     a, b = (corners[:, ends].ravel() for ends in TET_EDGES.T)
     graph = sparse.csr_array((np.ones(len(a)), (a, b)), shape=(n_corners, n_corners))
-    place = np.empty(n)  # along the sweep
+    place = np.full(n, np.inf)  # along the sweep
     place[reverse_cuthill_mckee(sparse.csr_matrix(graph + graph.T), symmetric_mode=True)] = np.arange(n_corners)
     place[mesh.tetrahedra[:, 4:]] = place[corners[:, TET_EDGES]].mean(axis=-1)
     order = np.concatenate([np.argsort(place[:n_corners]), n_corners + np.argsort(place[n_corners:], kind="stable")])
     new = np.empty(n, dtype=np.int32)
     new[order] = np.arange(n, dtype=np.int32)
 
-    def elements(nodes: np.ndarray, corners: int) -> np.ndarray:
-        return new[nodes[np.argsort(place[nodes[:, :corners]].mean(axis=1), kind="stable")]]
+    def elements(nodes: np.ndarray, n_own: int) -> np.ndarray:
+        return new[nodes[np.argsort(place[nodes[:, :n_own]].mean(axis=1), kind="stable")]]
 
     return replace(
         mesh,

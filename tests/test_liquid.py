@@ -67,6 +67,18 @@ def test_a_liquid_keeps_the_volume_of_its_cavity(hollow):
     np.testing.assert_allclose(again.cavity_pressure, filled.cavity_pressure, rtol=1e-9)
 
 
+def test_presses_with_a_liquid_are_the_same_among_others(hollow):
+    """Linear systems begin at different times, and those that begin leave the others' liquid alone."""
+    shapes, poses = [rigid_shape(Kind.SPHERE, radius) for radius in (3.5, 1.5, 5.0)], np.tile(POSE, (3, 1, 1))
+    together = press(Scene(hollow, GEL, fluid="incompressible", batch=2), shapes, poses, DEPTHS)
+    alone = Scene(hollow, GEL, fluid="incompressible")
+    for shape, found in zip(shapes, together, strict=True):
+        expected = press(alone, [shape], POSE, DEPTHS)[0]
+        assert (found.status == 0).all()
+        np.testing.assert_array_equal(found.displacement, expected.displacement)
+        np.testing.assert_array_equal(found.cavity_pressure, expected.cavity_pressure)
+
+
 def test_pressure_of_the_liquid_grows_with_stiffness(hollow):
     """In units of E nothing changes: a gel twice as stiff presses its liquid with twice the pressure."""
     soft, stiff = (

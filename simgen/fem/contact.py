@@ -67,6 +67,7 @@ class Contact:
         every = np.tile(np.arange(len(faces))[:, None], self.n_env)
         s.candidates = wp.array(every, dtype=wp.int32, device=device)
         s.count = wp.full(self.n_env, len(faces), dtype=wp.int32, device=device)
+        self._is_candidate = wp.zeros((len(faces), self.n_env), dtype=wp.int32, device=device)
         self._travel = wp.zeros(self.n_env, dtype=wp.float64, device=device)
         s.stiffness, s.friction_stiffness = stiffness
         s.friction = friction
@@ -94,6 +95,7 @@ class Contact:
         self.choose(np.arange(self.n_env) if len(shapes) == self.n_env else np.zeros(self.n_env))
         s.normal.zero_()
         s.tangential.zero_()
+        self._is_candidate.zero_()
         s.gap_offset.zero_()
         if count_overlap_as_touching is not None:
             overlap = np.maximum(-self.gap(count_overlap_as_touching)[:, :, 0], 0.0)
@@ -104,9 +106,9 @@ class Contact:
         self.surface.shape_of.assign(shape_of.astype(np.int32))
 
     def forget(self, marked):
-        """Drop the tractions of the marked environments (env,) int32 on the device."""
-        columns.clear(marked, self.surface.normal)
-        columns.clear(marked, self.surface.tangential)
+        """Drop the tractions of the listed environments (env,)."""
+        for array in (self.surface.normal, self.surface.tangential, self._is_candidate):
+            columns.clear(marked, array)
 
     def set_pose(self, poses: np.ndarray):
         """Place the shapes: (env, 4, 4), shape frame -> sensor frame, mm."""
@@ -133,7 +135,7 @@ class Contact:
             self.set_pose(start_poses)
             wp.copy(self._start_rotation, self.surface.rotation)
             wp.copy(self._start_origin, self.surface.origin)
-            self._launch(carry_kernel, [x_start, self.active], [self._carried])
+            self._launch(carry_kernel, [x_start, self._saved[-1], self.active], [self._carried])
             self.set_pose(poses)
             start = [self._start_rotation, self._start_origin]
             inputs = [x_start, x_predicted, *start, self._carried, self.active]
@@ -145,14 +147,15 @@ class Contact:
         self._travel.assign(travel)
         device = self.device
         wp.launch(no_candidates_kernel, dim=self.n_env, inputs=[self.active], outputs=[s.count], device=device)
-        self._launch(find_candidates_kernel, [x, self._travel, self.active], [s.count, s.candidates])
+        outputs = [s.count, s.candidates, self._is_candidate]
+        self._launch(find_candidates_kernel, [x, self._travel, self.active], outputs)
 
     def _history(self):
         s = self.surface
-        return s.normal, s.tangential, s.anchor.reshape((-1, self.n_env))
+        return s.normal, s.tangential, s.anchor.reshape((-1, self.n_env)), self._is_candidate
 
     def restore(self, marked):
-        """Return the marked environments (env,) int32 on the device to where their increment began."""
+        """Return the listed environments (env,) to where their increment began."""
         for array, saved in zip(self._history(), self._saved, strict=True):
             columns.copy(saved, marked, array)
 

@@ -35,6 +35,7 @@ def find_candidates_kernel(
     # outputs
     count_out: wp.array(dtype=wp.int32),
     candidates_out: wp.array2d(dtype=wp.int32),
+    is_candidate_out: wp.array2d(dtype=wp.int32),
 ):
     f, lane = wp.tid()
     env = active[lane]
@@ -48,6 +49,7 @@ def find_candidates_kernel(
         if not near:
             gap = probe_in_sensor_frame(s, deformed(s, x, f, q, env), f, q, env).distance
             near = gap < travel[env] + s.edges[f]
+    is_candidate_out[f, env] = int(near)
     if near:
         k = wp.atomic_add(count_out, env, 1)
         candidates_out[k, env] = f

@@ -57,6 +57,7 @@ def anchor_kernel(
 def carry_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
+    was_candidate: wp.array2d(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
     carried_out: wp.array3d(dtype=vec3),
@@ -73,12 +74,13 @@ def carry_kernel(
     if k >= s.count[env]:
         return
     f = s.candidates[k, env]
+    touched = was_candidate[f, env] == 1  # else its anchor is of an earlier increment, or of another press
     nodes = face_positions(s, x, f, env)
     k_inverse = s.edges[f] / s.friction_stiffness
     for q in range(s.areas.shape[1]):
         found = traction_at(s, at_point(s, nodes, q), f, q, env)
         slip = vec3()
-        if found.pressure > real(0.0) and found.multiplier > real(0.0):  # else the anchor may be from another press
+        if touched and found.pressure > real(0.0) and found.multiplier > real(0.0):
             slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) * k_inverse)
         carried_out[k, q, env] = slip
 

@@ -37,14 +37,14 @@ from .krylov_kernels import (
 
 
 class Dots:
-    """Inner products of pairs of vectors (n, env) where they are active; stay on the device as ``values`` (env,)."""
+    """Inner products of pairs of vectors (n, env), on the device as ``values`` (env,); those not active stay."""
 
     def __init__(self, n: int, active):
         self._dim, self._active = (chunks(n), len(active)), active
         self.values = wp.zeros(len(active), dtype=wp.float64, device=active.device)
 
     def __call__(self, a, b):
-        self.values.zero_()
+        columns.clear(self._active, self.values.reshape((1, -1)))
         wp.launch(dots_kernel, dim=self._dim, inputs=[a, b, self._active], outputs=[self.values], device=a.device)
         return self.values
 
@@ -142,7 +142,7 @@ class ConjugateResiduals:
         """From the new direction and its image to the next residual."""
         count, active = self._count, self.active
         sums = [self._square, self._along, self._left]
-        self._launch(clear_kernel, self.n_env, [count], [self._products, *sums])
+        self._launch(clear_kernel, self.n_env, [count, active], [self._products, *sums])
         self._launch(project_kernel, sections, [self._images, self._image, count, active], [self._products])
         inputs = [self._direction, self._image, self._residual, self._products, self._inverse_squares, count, active]
         outputs = [self._directions, self._images, self._square, self._along]

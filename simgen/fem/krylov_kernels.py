@@ -67,13 +67,16 @@ def begin_kernel(
 @wp.kernel
 def clear_kernel(
     count: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     products_out: wp.array3d(dtype=wp.float64),
     square_out: wp.array(dtype=wp.float64),
     along_out: wp.array(dtype=wp.float64),
     left_out: wp.array(dtype=wp.float64),
 ):
-    env = wp.tid()
+    env = active[wp.tid()]
+    if env < 0:
+        return
     last = count[env]
     for k in range(last):
         products_out[last, k, env] = real(0.0)

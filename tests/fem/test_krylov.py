@@ -2,7 +2,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import columns
-from simgen.fem.krylov import ConjugateResiduals
+from simgen.fem.krylov import ConjugateResiduals, Dots
 from simgen.fem.krylov_kernels import WINDOW
 
 
@@ -84,6 +84,37 @@ def test_a_system_takes_more_iterations_than_images_are_kept():
     x, used, relative = solve(A, b, lambda v: v, 1e-3, n)
     assert used[0] > 2 * WINDOW and relative[0] <= 1e-3
     assert np.linalg.norm(b[:, 0] - A[0] @ x[:, 0]) <= 1.1e-3 * np.linalg.norm(b)
+
+
+def test_a_system_that_has_come_to_its_end_is_left_alone():
+    """One stops at the most iterations that there is room for, the other goes on: nothing is written beyond."""
+    A = np.stack([np.eye(30) + np.diag(np.ones(29), 1) * 3.0, np.diag(np.linspace(1.0, 3.0, 30))])
+    b = np.random.default_rng(6).normal(size=(30, 2))
+    flags = wp.array([0, 1], dtype=wp.int32, device="cpu")
+    krylov = ConjugateResiduals(30, 6, "cpu", flags)
+    krylov._steps = wp.full((6, 2), 7.0, dtype=wp.float64, device="cpu")
+    whole = wp.full((7, 6, 2), 7.0, dtype=wp.float64, device="cpu")  # with a plane behind what there is room for
+    krylov._products = whole[:6]
+    right, x = (wp.array(values, dtype=wp.float64, device="cpu") for values in (b, np.zeros((30, 2))))
+    action = lambda v, out: out.assign(np.einsum("eij,je->ie", A, v.numpy()))  # noqa: E731
+    flags.assign(columns.listed(np.array([True, False])))
+    krylov.begin(right)
+    assert not krylov.go_on(action, lambda v, out: wp.copy(out, v), 1e-9, 1e-9, most=6).any()
+    flags.assign(columns.listed(np.array([False, True])))
+    krylov.begin(right)
+    krylov.go_on(action, lambda v, out: wp.copy(out, v), 1e-9, 1e-9, most=6)
+    assert (whole.numpy()[6] == 7.0).all()
+    flags.assign(columns.listed(np.array([True, True])))
+    used, _ = krylov.end(x)
+    assert used.tolist() == [6, 6]
+
+
+def test_products_of_environments_that_are_not_listed_stay():
+    flags = wp.array([0, 1], dtype=wp.int32, device="cpu")
+    ones, dots = wp.ones((4, 2), dtype=wp.float32, device="cpu"), Dots(4, flags)
+    assert dots(ones, ones).numpy().tolist() == [4.0, 4.0]
+    flags.assign(columns.listed(np.array([False, True])))
+    assert dots(ones, ones).numpy().tolist() == [4.0, 4.0]
 
 
 def test_a_system_that_begins_later_and_one_that_waits_are_solved_as_alone():
