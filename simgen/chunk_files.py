@@ -34,8 +34,10 @@ def open_sharded(root: Path, name: str, mode: str = "r") -> zarr.Array:
         return zarr.open_array(LocalStore(root), path=name, mode=mode)
 
 
-def chunk_files(root: Path, name: str, presses: range, stored: np.ndarray, sharded: bool, aside: Path) -> dict:
-    """Files, by path below ``root``, that hold ``stored`` (presses, ...) at these presses of an array: bytes.
+def chunk_files(
+    root: Path, name: str, presses: range, stored: np.ndarray, sharded: bool, aside: Path
+) -> dict[str, bytes]:
+    """Files, by path below ``root``, that hold ``stored`` (presses, ...) at these presses of an array.
 
     A sharded array's are made in a folder below ``aside``, which is removed.
     """
