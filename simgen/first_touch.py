@@ -103,29 +103,32 @@ class _Approach:
             travel[going] += least[going]
         return travel, least
 
-    def touch(self) -> tuple[np.ndarray, np.ndarray]:
-        """Travel (b,) mm and Status (b,)."""
+    def touch(self, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Travel (b,) mm, Status (b,), and how many faces (b,) are then nearer than ``reach`` mm."""
         start, everywhere = np.full(len(self.poses), -RETREAT_MM), np.full(len(self.poses), np.inf)
         travel, least = self._advance(start, np.ones(len(self.poses), dtype=bool), False, everywhere)
         status = np.full(len(self.poses), int(Status.CONVERGED))
         status[travel > RETREAT_MM] = Status.NEVER_TOUCHES
         status[travel == start] = Status.STARTS_INSIDE
         touches = status == Status.CONVERGED
+        near = (self._of_face.numpy() < reach).sum(axis=0)
         travel, _ = self._advance(np.maximum(travel - CLOSE_MM, start), touches, True, least + CLOSE_MM)
-        return np.where(touches, travel, 0.0), status
+        return np.where(touches, travel, 0.0), status, near
 
 
 def first_touch(
-    nodes, faces, shapes: list[RigidShape], poses: np.ndarray, device="cpu", batch: int = 1
-) -> tuple[np.ndarray, np.ndarray]:
+    nodes, faces, shapes: list[RigidShape], poses: np.ndarray, device="cpu", batch: int = 1, reach: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Travel (b,) mm along each shape's +y axis from its pose (b, 4, 4) mm to first touch, and a Status (b,).
+
+    And how many faces (b,) are nearer than ``reach`` mm then, which a press as deep as that could meet.
 
     The surface, nodes (n, 3) mm and faces (f, 6 or 3), is sampled on every face, then densely on the faces next to the
     touch; ``batch`` shapes at a time.
     """
     found = [
-        _Approach(nodes, faces, shapes[i : i + batch], poses[i : i + batch], device).touch()
+        _Approach(nodes, faces, shapes[i : i + batch], poses[i : i + batch], device).touch(reach)
         for i in range(0, len(shapes), batch)
     ]
-    travel, status = zip(*found, strict=True)
-    return np.concatenate(travel), np.concatenate(status)
+    travel, status, near = (np.concatenate(each) for each in zip(*found, strict=True))
+    return travel, status, near

@@ -14,11 +14,11 @@ from .fem import columns
 from .fem.status import Status
 from .scene import Scene
 
-EXTRAPOLATION = 0.9  # share of the last step that a new one along the same line starts from
+GUESSES = 3  # starts beyond the last state, by the whole of a step, two thirds, a third; then from it as it is
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
-# Of det F in an extrapolated start. Strains that are so large do not go on along a line: under a cube at the rim the
-# forces of such a start were two to five times the contact's.
-LEAST_GUESS = 0.35
+# Of det F in such a start, or a share of the least that the last state has. Large strains do not go on along a line:
+# under a cube at the rim the forces of a start without this bound were two to five times the contact's.
+LEAST_GUESS, LEAST_GUESS_SHARE = 0.35, 0.5
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1
@@ -27,16 +27,17 @@ NO_PRESS = -1
 class March:
     """The paths of the scene's b presses, of which ``scene.batch`` are under way, one in each environment.
 
-    poses (b, 4, 4) mm at first touch; path (d, 3) mm; status (b,): those that have not converged there do not begin.
+    poses (b, 4, 4) mm at first touch; path (d, 3) mm; status (b,): those that have not converged there do not begin;
+    the others do in this ``order`` (b,).
     ``rows`` are the samples of each press, ``final`` how it ended. ``way`` is the length of path that lies behind an
     environment, mm.
     """
 
-    def __init__(self, scene: Scene, poses: np.ndarray, path: np.ndarray, status: np.ndarray):
+    def __init__(self, scene: Scene, poses: np.ndarray, path: np.ndarray, status: np.ndarray, order: np.ndarray):
         self.scene, self.solver, self.path, self._poses = scene, scene.solver, path, poses
         self.rows: list[list[dict]] = [[] for _ in poses]
         self.final = status.copy()
-        self._waiting = deque(np.flatnonzero(status == Status.CONVERGED))
+        self._waiting = deque(order[status[order] == Status.CONVERGED])
         self._corners = np.vstack([np.zeros(3), path])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -44,6 +45,7 @@ class March:
         batch = scene.batch
         self.press = np.full(batch, NO_PRESS)
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
+        self._min_det, self._rejections = np.ones(batch), np.zeros(batch, dtype=int)  # of the last state, of its guess
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
         self.goal, self._guessed = np.zeros(batch), np.zeros(batch, dtype=bool)
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
@@ -69,6 +71,7 @@ class March:
         for array in (self.way, self.previous, self.cost.T):
             array[free] = 0
         self._calm[free] = CALM
+        self._min_det[free] = 1.0
         self.step[free] = self.spacing
         fresh = np.zeros(self.scene.batch, dtype=bool)
         fresh[free] = True
@@ -84,7 +87,7 @@ class March:
         return moved
 
     def _begin(self, starting: np.ndarray, rejected: np.ndarray):
-        """The next increment in the environments (env,) bool; where a guess was rejected, from the state as it is.
+        """The next increment in the environments (env,) bool; where a guess was rejected, with a nearer one.
 
         A guess goes on from the last two states, as far as the path goes on along (or back) their line.
         """
@@ -98,8 +101,9 @@ class March:
         here = self._offset(self.way)
         last, now = here - self._offset(self.previous), self._offset(self.target) - here
         length = (last**2).sum(axis=-1)
-        factor = EXTRAPOLATION * (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
-        factor[rejected] = 0.0
+        factor = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
+        self._rejections[starting] = np.where(rejected, self._rejections + 1, 0)[starting]
+        factor *= np.maximum(1.0 - self._rejections / GUESSES, 0.0)
         self._guessed = np.where(starting, factor != 0.0, self._guessed)
         marked = solver.mark(starting)
         columns.copy(solver.x, marked, self.x_start)
@@ -111,7 +115,8 @@ class March:
         indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now, travel)
         if core is not None:
             core.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
-        solver.begin(starting, np.where(self._guessed, LEAST_GUESS, 0.0))
+        least = np.minimum(LEAST_GUESS, LEAST_GUESS_SHARE * self._min_det)
+        solver.begin(starting, np.where(self._guessed, least, 0.0))
 
     def _settle(self, ended: np.ndarray) -> np.ndarray:
         """Keep or take back the increments that have ended; returns where (env,) only the guess was rejected."""
@@ -136,6 +141,7 @@ class March:
         self.previous[converged] = self.way[converged]
         self.way[converged] = self.target[converged]
         self._calm[converged] += 1
+        self._min_det[converged] = out.min_det[converged]
         longer = converged & (self._calm >= CALM)
         self.step[longer] = np.minimum(2.0 * self.step[longer], self.spacing)
         self._store(converged & (self.target == self.goal))

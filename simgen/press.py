@@ -86,9 +86,12 @@ def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np
     poses_mm[:, :3, 3] *= MM
     scene.reset(shapes)
     faces, device = scene.indenter_contact.host_faces, scene.device
-    travel, status = first_touch(scene.nodes, faces, shapes, poses_mm, device, scene.batch)
+    path = path_m * MM
+    reach = float(np.linalg.norm(path, axis=1).max())
+    travel, status, near = first_touch(scene.nodes, faces, shapes, poses_mm, device, scene.batch, reach)
     poses_mm[:, :3, 3] += travel[:, None] * poses_mm[:, :3, 1]
-    march = March(scene, poses_mm, path_m * MM, status)
+    # Those that touch the most take the longest: they go first, as the end of a batch waits for its slowest presses.
+    march = March(scene, poses_mm, path, status, np.argsort(-near, kind="stable"))
     march.to_the_end()
     seconds = (time.perf_counter() - begin) / len(shapes)
     touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)

@@ -1,0 +1,29 @@
+"""Where an indenter meets a surface, and how much of the surface is near it then."""
+
+import numpy as np
+from fem.box import box
+
+from simgen.distance import Kind
+from simgen.fem.status import Status
+from simgen.first_touch import COARSE, dense_shapes, first_touch
+from simgen.shape import rigid_shape
+
+RADIUS, REACH = 3.5, 1.5
+
+
+def test_faces_within_reach_of_a_sphere():
+    """Counted again from the distances of all faces to the sphere's centre, 3.5 mm above the plane that it touches."""
+    nodes, _, _, faces = box((8, 2, 8), (10.0, 4.0, 10.0))
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[:, 1, 3] = -2.0
+    poses[1, 0, 3] = 40.0
+    shapes = [rigid_shape(Kind.SPHERE, RADIUS)] * 2
+    travel, status, near = first_touch(nodes, faces, shapes, poses, batch=1, reach=REACH)
+    assert list(status) == [Status.CONVERGED, Status.NEVER_TOUCHES]
+    np.testing.assert_allclose(travel[0], 2.0 + nodes[:, 1].min(), atol=1e-5)
+    points = np.einsum("qa,fai->fqi", dense_shapes(COARSE, linear=False), nodes[faces])
+    centre = np.array([0.0, nodes[:, 1].min() - RADIUS, 0.0])
+    distance = np.linalg.norm(points - centre, axis=-1).min(axis=1) - RADIUS
+    assert not np.isclose(distance, REACH, atol=1e-4).any()  # or the count would depend on rounding
+    assert near[0] == (distance < REACH).sum() and 0 < near[0] < len(faces)
+    assert near[1] == 0

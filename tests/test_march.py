@@ -1,0 +1,53 @@
+"""Who goes first, and where an increment starts."""
+
+import numpy as np
+import pytest
+from test_press import CUBE, DEPTHS, GEL, SPHERE, make_block, pose
+
+from simgen import march
+from simgen.distance import Kind
+from simgen.fem import columns
+from simgen.press import Scene, press
+from simgen.shape import rigid_shape
+
+
+@pytest.fixture(scope="module")
+def block():
+    return make_block((4, 2, 4))
+
+
+def test_presses_that_touch_the_most_go_first(monkeypatch):
+    loaded = []
+    load = Scene.load
+
+    def watch(scene, environments, shape_of):
+        loaded.append(int(shape_of[0]))
+        load(scene, environments, shape_of)
+
+    monkeypatch.setattr(Scene, "load", watch)
+    small = rigid_shape(Kind.SPHERE, 0.8)
+    results = press(Scene(make_block((8, 2, 8)), GEL), [small, CUBE, SPHERE], np.tile(pose(), (3, 1, 1)), DEPTHS)
+    assert loaded[1:] == [1, 2, 0]  # the first call is the scene's own, back to rest
+    forces = [np.linalg.norm(result.force[-1]) for result in results]
+    assert forces[1] > forces[2] > forces[0]  # and the results come in the order of the presses
+
+
+def test_a_start_that_is_rejected_is_made_nearer_by_thirds(block, monkeypatch):
+    """No start is good enough for this bound: every increment begins from the last state as it is, and converges."""
+    monkeypatch.setattr(march, "LEAST_GUESS", 10.0)
+    monkeypatch.setattr(march, "LEAST_GUESS_SHARE", 10.0)
+    factors = []
+    beyond = columns.go_beyond
+
+    def watch(before, start, factor, marked, out):
+        factors.append(factor.copy())
+        beyond(before, start, factor, marked, out)
+
+    monkeypatch.setattr(columns, "go_beyond", watch)
+    depths = np.array([0.2e-3, 0.4e-3, 0.6e-3])
+    alone = press(Scene(block, GEL), [SPHERE], pose(), depths)[0]
+    assert (alone.status == 0).all() and alone.certificate["substeps"].tolist() == [1, 1, 1]
+    np.testing.assert_allclose(np.ravel(factors), [0.0, *2 * [1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0]], atol=1e-15)
+    # Rejections of one press are not forgotten when another begins its increment.
+    both = press(Scene(block, GEL, batch=2), [CUBE, SPHERE], np.tile(pose(), (2, 1, 1)), depths)
+    np.testing.assert_array_equal(both[1].displacement, alone.displacement)
