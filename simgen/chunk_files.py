@@ -5,9 +5,11 @@ in one thread of the process, however many shards are written or audited side by
 Python in between.
 """
 
+import os
 import shutil
 import tempfile
 import threading
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +17,8 @@ import zarr
 from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
-# With one thread the chunks of a file are in the same order every time; shards are what is done side by side. (zarr's
-# own threads, whose number is the same setting, are made when a dataset is opened.) What zarrs cannot do it refuses, or
-# the bytes would depend on who wrote them.
+# With one thread the chunks of a file are in the same order every time; shards are what is done side by side. What
+# zarrs cannot do it refuses, or the bytes would depend on who wrote them.
 PIPELINE = {
     "codec_pipeline.path": "zarrs.ZarrsCodecPipeline",
     "codec_pipeline.strict": True,
@@ -28,10 +29,22 @@ PIPELINE = {
 OPENING = threading.Lock()
 
 
+@cache
+def make_threads():
+    """Have zarr make the threads in which it calls zarrs: once in a process, as many as the setting says just then.
+
+    The pipeline's single thread would be all that a process has, and shards would wait for each other.
+    """
+    with zarr.config.set({"threading.max_workers": os.cpu_count()}):
+        zarr.open_group(MemoryStore(), mode="w")
+
+
 def open_sharded(root: Path, name: str, mode: str = "r") -> zarr.Array:
     """A sharded array of the zarr group in a folder."""
-    with OPENING, zarr.config.set(PIPELINE):
-        return zarr.open_array(LocalStore(root), path=name, mode=mode)
+    with OPENING:
+        make_threads()
+        with zarr.config.set(PIPELINE):
+            return zarr.open_array(LocalStore(root), path=name, mode=mode)
 
 
 def chunk_files(

@@ -18,7 +18,7 @@ GUESSES = 3  # starts beyond the last state, by the whole of a step, two thirds,
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
 # Of det F in such a start, or a share of the least that the last state has. Large strains do not go on along a line:
 # under a cube at the rim the forces of a start without this bound were two to five times the contact's.
-LEAST_GUESS, LEAST_GUESS_SHARE = 0.35, 0.5
+LEAST_GUESS, LEAST_GUESS_SHARE = 0.35, 0.3
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1

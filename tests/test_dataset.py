@@ -1,6 +1,8 @@
 """The dataset: round trip, fill values, overflow, splits, provenance, and shards that nobody shares."""
 
 import json
+import subprocess
+import sys
 
 import fake
 import numpy as np
@@ -184,3 +186,25 @@ LEAF = st.integers() | st.dictionaries(st.sampled_from("xy"), st.integers())
 def test_difference_is_empty_between_equals_and_names_what_is_new(data):
     assert difference(data, data) == []
     assert difference(data, {**data, "new": 1}) == ["new: (absent) -> 1"]
+
+
+def test_shards_do_not_wait_for_each_others_threads():
+    """zarr calls zarrs in the threads of its loop: in a new process there are as many as cores, not the pipeline's one.
+
+    Two calls that wait for each other end only if both are under way.
+    """
+    code = """
+import asyncio, tempfile, threading
+from pathlib import Path
+import zarr
+from simgen.chunk_files import open_sharded
+with tempfile.TemporaryDirectory() as folder:
+    zarr.create_array(Path(folder) / "a", shape=(4, 4), chunks=(1, 4), shards=(4, 4), dtype="int16")
+    array = open_sharded(Path(folder), "a", mode="r+")
+    array[:] = 1
+    both = threading.Barrier(2)
+    async def meet():
+        await asyncio.gather(*(asyncio.to_thread(both.wait, 20.0) for _ in range(2)))
+    asyncio.run_coroutine_threadsafe(meet(), zarr.core.sync.loop[0]).result(30.0)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

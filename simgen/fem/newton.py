@@ -70,7 +70,7 @@ LEAST_DETERMINANT, LEAST_SHARE = 0.05, 0.2
 # Of the linear tolerance, from the fourth iteration on. Without, the slowest environment of a batch takes twice as many
 # iterations as a mean one; Newton's method takes none more for it on the DIGIT, 9 % more on the BioTac.
 LOOSER = 3.0
-KRYLOV_AT_ONCE = 2  # iterations of all linear systems of a batch, before those that are solved go on
+KRYLOV_AT_ONCE = 4  # iterations of all linear systems of a batch, before those that are solved go on
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
 
