@@ -31,11 +31,11 @@ OPENING = threading.Lock()
 
 @cache
 def make_threads():
-    """Have zarr make the threads in which it calls zarrs: once in a process, as many as the setting says just then.
+    """Have zarr make the threads in which it calls zarrs: once in a process, as many as it has cores.
 
     The pipeline's single thread would be all that a process has, and shards would wait for each other.
     """
-    with zarr.config.set({"threading.max_workers": os.cpu_count()}):
+    with zarr.config.set({"threading.max_workers": max(4, os.cpu_count() or 1)}):
         zarr.open_group(MemoryStore(), mode="w")
 
 

@@ -14,11 +14,13 @@ from .fem import columns
 from .fem.status import Status
 from .scene import Scene
 
-GUESSES = 3  # starts beyond the last state, by the whole of a step, two thirds, a third; then from it as it is
+# Starts beyond the last state, by the whole of a step, two thirds, a third; then from it as it is. They also say where
+# surface points enter contact, from where friction holds them (Contact.begin_increment).
+GUESSES = 3
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
-# Of det F in such a start, or a share of the least that the last state has. Large strains do not go on along a line:
-# under a cube at the rim the forces of a start without this bound were two to five times the contact's.
-LEAST_GUESS, LEAST_GUESS_SHARE = 0.35, 0.3
+# Least det F of such a start over that of the last state. Large strains do not go on along a line: under a cube at the
+# rim the forces of a start without any bound were two to five times the contact's.
+LEAST_GUESS_SHARE = 0.3
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1
@@ -115,8 +117,7 @@ class March:
         indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now, travel)
         if core is not None:
             core.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
-        least = np.minimum(LEAST_GUESS, LEAST_GUESS_SHARE * self._min_det)
-        solver.begin(starting, np.where(self._guessed, least, 0.0))
+        solver.begin(starting, np.where(self._guessed, LEAST_GUESS_SHARE * self._min_det, 0.0))
 
     def _settle(self, ended: np.ndarray) -> np.ndarray:
         """Keep or take back the increments that have ended; returns where (env,) only the guess was rejected."""

@@ -34,7 +34,6 @@ def test_presses_that_touch_the_most_go_first(monkeypatch):
 
 def test_a_start_that_is_rejected_is_made_nearer_by_thirds(block, monkeypatch):
     """No start is good enough for this bound: every increment begins from the last state as it is, and converges."""
-    monkeypatch.setattr(march, "LEAST_GUESS", 10.0)
     monkeypatch.setattr(march, "LEAST_GUESS_SHARE", 10.0)
     factors = []
     beyond = columns.go_beyond
