@@ -4,7 +4,8 @@
 
 Runs the full paired job, or its first trajectories, from the command that a user gives, into a folder that is removed
 afterwards. Solves are converged samples of both sensors; set-up, kernels that must be loaded, writing and the audit are
-in the time. ``seconds_of_solving_by_sensor`` are those of one worker, on average, without any of that.
+in the time. ``seconds_of_solving_by_sensor`` are those of one worker, on average, with what is
+loaded at its first press and without writing and audit; no more workers than GPUs and shards.
 """
 
 import argparse

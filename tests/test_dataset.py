@@ -189,7 +189,7 @@ def test_difference_is_empty_between_equals_and_names_what_is_new(data):
 
 
 def test_shards_do_not_wait_for_each_others_threads():
-    """zarr calls zarrs in the threads of its loop: in a new process there are as many as cores, not the pipeline's one.
+    """zarr calls zarrs in the threads of its loop: in a new process there are several, not the pipeline's one.
 
     Two calls that wait for each other end only if both are under way.
     """
