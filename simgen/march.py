@@ -14,8 +14,7 @@ from .fem import columns
 from .fem.status import Status
 from .scene import Scene
 
-# Starts beyond the last state, by the whole of a step, two thirds, a third; then from it as it is. They also say where
-# surface points enter contact, from where friction holds them (Contact.begin_increment).
+# Starts beyond the last state, by the whole of a step, two thirds, a third; then from it as it is.
 GUESSES = 3
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
 # Least det F of such a start over that of the last state. Large strains do not go on along a line: under a cube at the
@@ -91,7 +90,8 @@ class March:
     def _begin(self, starting: np.ndarray, rejected: np.ndarray):
         """The next increment in the environments (env,) bool; where a guess was rejected, with a nearer one.
 
-        A guess goes on from the last two states, as far as the path goes on along (or back) their line.
+        A guess goes on from the last two states, displacements and multipliers, as far as the path goes on along (or
+        back) their line. Where points enter contact the whole of it says, even where it is no start to solve from.
         """
         if not starting.any():
             return
@@ -103,13 +103,13 @@ class March:
         here = self._offset(self.way)
         last, now = here - self._offset(self.previous), self._offset(self.target) - here
         length = (last**2).sum(axis=-1)
-        factor = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
+        onwards = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         self._rejections[starting] = np.where(rejected, self._rejections + 1, 0)[starting]
-        factor *= np.maximum(1.0 - self._rejections / GUESSES, 0.0)
+        factor = onwards * np.maximum(1.0 - self._rejections / GUESSES, 0.0)
         self._guessed = np.where(starting, factor != 0.0, self._guessed)
         marked = solver.mark(starting)
         columns.copy(solver.x, marked, self.x_start)
-        columns.go_beyond(self.x_previous, self.x_start, factor, marked, solver.trial)
+        columns.go_beyond(self.x_previous, self.x_start, onwards, marked, solver.trial)
         self._now[starting] = self._pose(self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
         indenter, core = self.scene.indenter_contact, self.scene.core_contact
@@ -117,6 +117,10 @@ class March:
         indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now, travel)
         if core is not None:
             core.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
+        if rejected.any():
+            columns.go_beyond(self.x_previous, self.x_start, factor, marked, solver.trial)
+        for contact in solver.contacts:
+            contact.extrapolate(factor)
         solver.begin(starting, np.where(self._guessed, LEAST_GUESS_SHARE * self._min_det, 0.0))
 
     def _settle(self, ended: np.ndarray) -> np.ndarray:
@@ -129,16 +133,20 @@ class March:
         ]
         converged = ended & (out.status == Status.CONVERGED)
         failed = ended & ~converged
-        if failed.any():
-            marked = solver.mark(failed)
+        if (rejected | failed).any():
+            marked = solver.mark(rejected | failed)
             columns.copy(self.x_start, marked, solver.x)
             for contact in solver.contacts:
                 contact.restore(marked)
+        if failed.any():
             self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0
             hopeless = failed & (self.step < self.scene.settings.smallest_substep * self.spacing)
             for env in np.flatnonzero(hopeless):
                 self._end(env, out.status[env])
-        columns.copy(self.x_start, solver.mark(converged), self.x_previous)
+        marked = solver.mark(converged)
+        columns.copy(self.x_start, marked, self.x_previous)
+        for contact in solver.contacts:
+            contact.keep(marked)
         self.previous[converged] = self.way[converged]
         self.way[converged] = self.target[converged]
         self._calm[converged] += 1

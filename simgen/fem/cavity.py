@@ -25,7 +25,7 @@ import numpy as np
 import warp as wp
 
 from . import columns
-from .blocks import add_block
+from .blocks import Blocks, add_block
 from .element import TRIANGLE_EDGES, Element, face_shapes
 from .element_fields import gather
 from .material import mat33f, real, single, vec3
@@ -177,7 +177,7 @@ def cavity_blocks_kernel(
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=wp.float32),
+    blocks_out: Blocks,
 ):
     """K_ab = p_c N_a skew(N_b,2 x,1 - N_b,1 x,2): how the forces turn and grow with the faces."""
     f, lane = wp.tid()

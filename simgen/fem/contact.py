@@ -22,7 +22,7 @@ from .contact_forces import (
     contact_residual_kernel,
     contact_tangent_kernel,
 )
-from .contact_history import anchor_kernel, carry_kernel, change_kernel, update_kernel
+from .contact_history import anchor_kernel, carry_kernel, change_kernel, extrapolate_kernel, update_kernel
 from .contact_results import gap_kernel, nearest_kernel, resultant_kernel
 from .element import Element, face_geometry
 from .material import mat33, vec3
@@ -79,6 +79,7 @@ class Contact:
         self._carried = wp.zeros(self._points, dtype=vec3, device=device)
         self._start_rotation, self._start_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
         self._saved = [wp.zeros_like(array) for array in self._history()]
+        self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # where the last increment began
 
     def _launch(self, kernel, inputs, outputs, dim=None):
         dim = (len(self.host_faces), self.n_env) if dim is None else dim
@@ -107,7 +108,7 @@ class Contact:
 
     def forget(self, marked):
         """Drop the tractions of the listed environments (env,)."""
-        for array in (self.surface.normal, self.surface.tangential, self._is_candidate):
+        for array in (self.surface.normal, self.surface.tangential, self._is_candidate, *self._before):
             columns.clear(marked, array)
 
     def set_pose(self, poses: np.ndarray):
@@ -140,6 +141,18 @@ class Contact:
             start = [self._start_rotation, self._start_origin]
             inputs = [x_start, x_predicted, *start, self._carried, self.active]
             self._launch(anchor_kernel, inputs, [self.surface.anchor])
+
+    def extrapolate(self, factor: np.ndarray):
+        """Let the multipliers of the active environments start this increment where ``factor`` (env,) times what the
+        last one that was kept has changed would lead them.
+        """
+        factors = wp.array(factor, dtype=wp.float64, device=self.device)
+        self._launch(extrapolate_kernel, [*self._before, factors, self.active], [], dim=self._sums.shape)
+
+    def keep(self, marked):
+        """The increments of the listed environments (env,) have converged: the next ones go on along them."""
+        for saved, before in zip(self._saved, self._before, strict=False):
+            columns.copy(saved, marked, before)
 
     def _find_candidates(self, x, travel: np.ndarray):
         """Faces that can touch in the active environments, where points may be off by ``travel`` (env,) mm."""

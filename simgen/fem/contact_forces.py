@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from .blocks import add_block, block, store_block
+from .blocks import Blocks, add_block, block, store_block
 from .element_fields import gather, scatter
 from .material import mat33f, real, single, vec3f
 from .traction import NODES, Surface, at_point, face_positions, face_vectors, traction_at
@@ -70,7 +70,7 @@ def contact_tangent_kernel(
     x: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     # outputs
-    tangent_out: wp.array2d(dtype=wp.float32),
+    tangent_out: Blocks,
     touching_out: wp.array2d(dtype=wp.int32),
 ):
     """Keep the tangent at the points that touch, and which these are (a bit each): it serves many Krylov iterations."""
@@ -99,7 +99,7 @@ def touches_at(touching: wp.int32, q: wp.int32) -> wp.bool:
 @wp.kernel
 def contact_action_kernel(
     s: Surface,
-    tangent: wp.array2d(dtype=wp.float32),
+    tangent: Blocks,
     touching: wp.array2d(dtype=wp.int32),
     v: wp.array2d(dtype=wp.float32),
     active: wp.array(dtype=wp.int32),
@@ -138,7 +138,7 @@ def contact_action_kernel(
 
 @wp.func
 def face_block(
-    tangent: wp.array2d(dtype=wp.float32),
+    tangent: Blocks,
     points: wp.int32,
     shapes: wp.array2d(dtype=wp.float64),
     k: wp.int32,
@@ -157,13 +157,13 @@ def face_block(
 @wp.kernel
 def contact_blocks_kernel(
     s: Surface,
-    tangent: wp.array2d(dtype=wp.float32),
+    tangent: Blocks,
     touching: wp.array2d(dtype=wp.int32),
     shapes: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=wp.float32),
+    blocks_out: Blocks,
 ):
     k, lane = wp.tid()
     env = active[lane]
@@ -184,11 +184,11 @@ def contact_blocks_kernel(
 @wp.kernel
 def contact_diagonal_kernel(
     s: Surface,
-    tangent: wp.array2d(dtype=wp.float32),
+    tangent: Blocks,
     touching: wp.array2d(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
-    diagonal_out: wp.array2d(dtype=wp.float32),
+    diagonal_out: Blocks,
 ):
     k, lane = wp.tid()
     env = active[lane]

@@ -138,3 +138,23 @@ def update_kernel(
     normal = moved_normal(s, sums, w, slot, env)
     s.tangential[slot, env] = moved_tangential(s, sums, w, normal, slot, env)
     s.normal[slot, env] = normal
+
+
+@wp.kernel
+def extrapolate_kernel(
+    s: Surface,
+    normal_before: wp.array2d(dtype=wp.float64),
+    tangential_before: wp.array2d(dtype=vec3),
+    factor: wp.array(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+):
+    """Move the multipliers on along the line from those before: displacements that go on without them meet the forces
+    of the last state.
+    """
+    slot, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    normal, tangential, a = s.normal[slot, env], s.tangential[slot, env], factor[env]
+    s.normal[slot, env] = wp.max(normal + a * (normal - normal_before[slot, env]), real(0.0))
+    s.tangential[slot, env] = tangential + a * (tangential - tangential_before[slot, env])

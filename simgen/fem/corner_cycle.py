@@ -6,9 +6,8 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from . import columns
 from .aggregation import coarse_space, dense_inverse, largest_eigenvalue
-from .blocks import block, invert_kernel, load, of_environment, store, zeros
+from .blocks import Blocks, block, clear, invert_kernel, load, of_environment, store, zeros
 from .material import single, vec3f
 from .operator import Elasticity
 from .pattern import BlockPattern
@@ -43,7 +42,7 @@ def chebyshev(largest: float, steps: int, spread: float) -> list[tuple[float, fl
 def row_residual(
     row_starts: wp.array(dtype=wp.int32),
     columns: wp.array(dtype=wp.int32),
-    blocks: wp.array2d(dtype=wp.float32),
+    blocks: Blocks,
     x: wp.array2d(dtype=wp.float32),
     b: wp.array2d(dtype=wp.float32),
     row: wp.int32,
@@ -59,7 +58,7 @@ def row_residual(
 def residual_kernel(
     row_starts: wp.array(dtype=wp.int32),
     columns: wp.array(dtype=wp.int32),
-    blocks: wp.array2d(dtype=wp.float32),
+    blocks: Blocks,
     x: wp.array2d(dtype=wp.float32),
     b: wp.array2d(dtype=wp.float32),
     active: wp.array(dtype=wp.int32),
@@ -75,7 +74,7 @@ def residual_kernel(
 
 @wp.kernel
 def chebyshev_start_kernel(
-    inverse: wp.array2d(dtype=wp.float32),
+    inverse: Blocks,
     b: wp.array2d(dtype=wp.float32),
     step: single,
     active: wp.array(dtype=wp.int32),
@@ -97,8 +96,8 @@ def chebyshev_start_kernel(
 def chebyshev_kernel(
     row_starts: wp.array(dtype=wp.int32),
     columns: wp.array(dtype=wp.int32),
-    blocks: wp.array2d(dtype=wp.float32),
-    inverse: wp.array2d(dtype=wp.float32),
+    blocks: Blocks,
+    inverse: Blocks,
     x: wp.array2d(dtype=wp.float32),
     b: wp.array2d(dtype=wp.float32),
     keep: single,
@@ -175,7 +174,7 @@ class CornerCycle:
 
     def update(self):
         """Assemble the blocks of the last linearisation of the active environments."""
-        columns.clear(self.active, self._blocks)
+        clear(self._blocks, self.active)
         self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=True)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
             contact.blocks(index, self._blocks, linear=True)

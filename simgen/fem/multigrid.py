@@ -17,9 +17,8 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from . import columns
 from .aggregation import largest_eigenvalue
-from .blocks import block, invert_kernel, load, store, zeros
+from .blocks import Blocks, block, clear, invert_kernel, load, store, zeros
 from .corner_cycle import CornerCycle, chebyshev
 from .krylov_kernels import CHUNK, chunks
 from .material import single
@@ -34,7 +33,7 @@ QUADRATIC_SPREAD = 3.0  # largest over smallest eigenvalue that smoothing acts o
 
 @wp.kernel
 def smooth_kernel(
-    inverse: wp.array2d(dtype=wp.float32),
+    inverse: Blocks,
     residual: wp.array2d(dtype=wp.float32),
     step: single,
     active: wp.array(dtype=wp.int32),
@@ -117,7 +116,7 @@ class Multigrid:
         return largest_eigenvalue(apply, n_u)
 
     def _invert_diagonal(self):
-        columns.clear(self.active, self._blocks)
+        clear(self._blocks, self.active)
         for term in (self.elasticity, *self.contacts):
             term.diagonal(self._blocks)
         self._launch(invert_kernel, [self._blocks, self._nodes, self.held, self.active], [self._inverse])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from .blocks import add_block
+from .blocks import Blocks, add_block
 from .element_fields import corner_gradients, corner_pressures, edge_gradient, interpolate
 from .material import mat33f, single, tangent_block, vec3f
 from .solid import Modulus, SingleSolid, modulus
@@ -26,7 +26,7 @@ def corner_blocks_kernel(
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=wp.float32),
+    blocks_out: Blocks,
 ):
     """Linear shape functions: their gradients are the axes of xi, and for corner 0 minus the sum of these."""
     e, lane = wp.tid()
@@ -65,7 +65,7 @@ def corner_blocks_kernel(
 
 @wp.func
 def add_pair(
-    blocks: wp.array2d(dtype=wp.float32),
+    blocks: Blocks,
     block_index: wp.array3d(dtype=wp.int32),
     e: wp.int32,
     a: wp.int32,
@@ -84,7 +84,7 @@ def blocks_kernel(
     active: wp.array(dtype=wp.int32),
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
-    blocks_out: wp.array2d(dtype=wp.float32),
+    blocks_out: Blocks,
 ):
     """Between all nodes; gradients (q, nodes) of their shape functions by xi."""
     e, lane = wp.tid()
@@ -115,7 +115,7 @@ def diagonal_kernel(
     s: SingleSolid,
     active: wp.array(dtype=wp.int32),
     # outputs
-    diagonal_out: wp.array2d(dtype=wp.float32),
+    diagonal_out: Blocks,
 ):
     """Of quadratic elements: the gradients of shape functions are multiples of the corners', or sums of two."""
     e, lane = wp.tid()
