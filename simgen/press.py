@@ -107,9 +107,10 @@ def _result(rows: list[dict], final: int, d: int, vertices: int, liquid: bool, t
     """The samples of one press, which ended with ``final``, as arrays over its d depths."""
 
     def column(key, *inner):
-        out = np.full((d, *inner), np.nan, dtype=np.asarray(rows[0][key]).dtype if inner and rows else float)
+        out = np.empty((d, *inner), dtype=np.asarray(rows[0][key]).dtype if inner and rows else float)
         for i, row in enumerate(rows):
             out[i] = row[key]
+        out[len(rows) :] = np.nan
         return out
 
     status = np.full(d, final, dtype=np.int8)

@@ -106,7 +106,8 @@ class Samples:
         dim = (self._displacement.shape[1], 3, k)
         inputs, outputs = [*self._weights, x, lanes], [self._displacement]
         wp.launch(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
-        return self._displacement[:k].numpy().copy()
+        found = self._displacement[:k].numpy()
+        return found.copy() if self._displacement.device.is_cpu else found  # a GPU's array has come as a copy
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
         """Deepest overlap with indenter and core, mm, on points denser than the integration's; and over a face's edge.

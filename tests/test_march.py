@@ -7,6 +7,7 @@ from test_press import CUBE, DEPTHS, GEL, SPHERE, make_block, pose
 from simgen import march
 from simgen.distance import Kind
 from simgen.fem import columns
+from simgen.fem.contact import Contact
 from simgen.press import Scene, press
 from simgen.shape import rigid_shape
 
@@ -53,3 +54,27 @@ def test_a_start_that_is_rejected_is_made_nearer_by_thirds(block, monkeypatch):
     # Rejections of one press are not forgotten when another begins its increment.
     both = press(Scene(block, GEL, batch=2), [CUBE, SPHERE], np.tile(pose(), (2, 1, 1)), depths)
     np.testing.assert_array_equal(both[1].displacement, alone.displacement)
+
+
+def test_multipliers_begin_where_they_were_when_a_start_is_rejected(block, monkeypatch):
+    """All starts beyond are rejected; the one from the last state has the last multipliers, whatever they were given."""
+    monkeypatch.setattr(march, "LEAST_GUESS_SHARE", 10.0)
+    began, kept = [], []
+    extrapolate, keep = Contact.extrapolate, Contact.keep
+
+    def watch_begin(contact, factor):
+        extrapolate(contact, factor)
+        began.append((float(factor[0]), contact.surface.normal.numpy().copy()))
+
+    def watch_end(contact, marked):
+        if marked.numpy()[0] >= 0:
+            kept.append(contact.surface.normal.numpy().copy())
+        keep(contact, marked)
+
+    monkeypatch.setattr(Contact, "extrapolate", watch_begin)
+    monkeypatch.setattr(Contact, "keep", watch_end)
+    press(Scene(block, GEL), [SPHERE], pose(), np.array([0.2e-3, 0.4e-3, 0.6e-3]))
+    assert [factor for factor, _ in began] == pytest.approx([0.0, *2 * [1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0]])
+    for (_, first), (_, last), end in ((began[1], began[4], kept[0]), (began[5], began[8], kept[1])):
+        assert end.any() and np.abs(first - end).max() > 0.1 * end.max()
+        np.testing.assert_array_equal(last, end)

@@ -19,6 +19,7 @@ import warp as wp
 
 from . import columns
 from .krylov_kernels import (
+    SOON,
     WINDOW,
     advance_kernel,
     begin_kernel,
@@ -34,6 +35,8 @@ from .krylov_kernels import (
     source_kernel,
     substitute_kernel,
 )
+
+EXACT = 1e-3  # relative residual below which an inexact Newton method gains nothing
 
 
 class Dots:
@@ -84,16 +87,23 @@ class ConjugateResiduals:
         outputs = [self._residual, self._size, self._count, self._relative, self._stuck]
         self._launch(begin_kernel, b.shape, inputs, outputs)
 
-    def go_on(self, operator, preconditioner, tolerance: float, later: float, most: int, capture=False) -> np.ndarray:
+    def go_on(
+        self, operator, preconditioner, tolerance: float, later: float, most: int, together=False, capture=False
+    ) -> np.ndarray:
         """Carry the systems ``operator x = b`` of the active environments on by at most ``most`` iterations.
 
         One has finished when its residual is ``tolerance`` times b, from iteration `SOON` on ``later`` times b, or
         after ``size`` iterations. ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``. Returns which
-        environments (env,) have not finished; ``active`` is left with those.
+        environments (env,) have not finished; ``active`` is used up.
 
+        ``together`` says that those that have finished go on with the others, to `EXACT`: on a GPU an iteration of half
+        of them costs as much as one of all, whose numbers lie between theirs, and Newton's method has use for it.
         ``capture`` says that both functions do nothing but launch kernels on the same arrays every time: the loop then
         becomes one graph.
         """
+        began = columns.unlisted(self.active.numpy())
+        exact = min(EXACT, tolerance)
+        stop = (exact, exact) if together else (tolerance, later)
         sections = (chunks(len(self._residual)), self.n_env)
         self._ticks.zero_()
         self._launch(rest_kernel, self.n_env, [self._relative, self.active], [self._keep])
@@ -104,9 +114,9 @@ class ConjugateResiduals:
             self._launch(source_kernel, sections, inputs, [self._source])
             preconditioner(self._source, self._direction)
             operator(self._direction, self._image)
-            self._advance(sections, tolerance, later, most)
+            self._advance(sections, *stop, most)
 
-        key = (operator, preconditioner, tolerance, later, most)
+        key = (operator, preconditioner, *stop, most)
         if capture and key in self._graphs:
             wp.capture_launch(self._graphs[key])
         else:
@@ -115,7 +125,9 @@ class ConjugateResiduals:
                 with wp.ScopedCapture(device=self.device) as captured:
                     wp.capture_while(self._going, iterate)
                 self._graphs[key] = captured.graph
-        return columns.unlisted(self.active.numpy())
+        count, relative = self._count.numpy(), self._relative.numpy()
+        missed = relative > np.where(count >= SOON, later, tolerance)
+        return began & missed & (count < self.size) & np.isfinite(relative)
 
     def end(self, x_out) -> tuple[np.ndarray, np.ndarray]:
         """Solutions of the active environments into their columns of ``x_out``.

@@ -205,6 +205,33 @@ def test_an_increment_is_taken_back_where_it_is_marked():
     np.testing.assert_array_equal(term.surface.normal.numpy(), np.column_stack([0.0 * after[:, 0], before[:, 1]]))
 
 
+def test_multipliers_go_on_along_the_last_increment_that_was_kept():
+    """From 0 to 0.1 E in an increment that is kept; half as far again, and back beyond zero, where there is no pull."""
+    nodes, term = contact(0.78, CUBE)
+    rest, everywhere = state(np.zeros(3 * len(nodes))), columns.all_of(1, "cpu")
+    down = pose(0.0, 0.01, 0.0)
+
+    def begin(factor):
+        term.begin_increment(rest, rest, down, down, NEAR)
+        term.extrapolate(np.array([factor]))
+        return term.surface.normal.numpy().copy(), term.surface.tangential.numpy().copy()
+
+    assert not begin(1.0)[0].any()  # nothing before
+    update(term, rest)
+    term.surface.tangential.assign(np.broadcast_to([0.02, 0.0, -0.01], (*term.surface.tangential.shape, 3)))
+    normal, tangential = term.surface.normal.numpy().copy(), term.surface.tangential.numpy().copy()
+    assert normal.min() > 0.0
+    term.keep(everywhere)
+    for factor, share in ((0.5, 1.5), (-2.0, -1.0), (0.0, 1.0)):
+        found = begin(factor)
+        np.testing.assert_allclose(found[0], max(share, 0.0) * normal, rtol=1e-14)
+        np.testing.assert_allclose(found[1], share * tangential, rtol=1e-14)
+        term.restore(everywhere)
+        np.testing.assert_array_equal(term.surface.normal.numpy(), normal)
+    term.forget(everywhere)
+    assert not begin(1.0)[0].any()  # another press knows nothing of it
+
+
 def test_the_nearest_point_is_looked_for_between_the_integration_points():
     nodes, term = contact(0.0, SPHERE)
     rest = state(np.zeros(3 * len(nodes)))

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import warp as wp
 
 from simgen.fem import columns
@@ -145,3 +146,25 @@ def test_a_system_that_begins_later_and_one_that_waits_are_solved_as_alone():
         alone = solve(A[env : env + 1], b[:, env : env + 1], lambda v: v, 1e-4, 30)
         np.testing.assert_array_equal(x.numpy()[:, env], alone[0][:, 0])
         assert alone[1][0] == used[env]
+
+
+def test_systems_that_go_on_together_take_as_many_iterations():
+    """One is solved at once, the other after some: the first goes on with it; alone it stops."""
+    hard, easy = np.diag(np.geomspace(1.0, 1e3, 40)), np.eye(40) + np.diag(np.full(39, 0.1), 1)
+    A, b = np.stack([hard, easy]), np.random.default_rng(7).normal(size=(40, 2))
+    right = wp.array(b, dtype=wp.float64, device="cpu")
+    action = lambda v, out: out.assign(np.einsum("eij,je->ie", A, v.numpy()))  # noqa: E731
+    copy = lambda v, out: wp.copy(out, v)  # noqa: E731
+    counts = {}
+    for together in (False, True):
+        flags = wp.array([0, 1], dtype=wp.int32, device="cpu")
+        krylov = ConjugateResiduals(40, 40, "cpu", flags)
+        krylov.begin(right)
+        still = krylov.go_on(action, copy, 0.2, 0.2, most=3, together=together)
+        assert still.tolist() == [True, False]
+        flags.assign(columns.listed(np.ones(2, dtype=bool)))
+        x = wp.zeros((40, 2), dtype=wp.float64, device="cpu")
+        counts[together], relative = krylov.end(x)
+        left = np.linalg.norm(easy @ x.numpy()[:, 1] - b[:, 1]) / np.linalg.norm(b[:, 1])
+        assert left == pytest.approx(relative[1], rel=1e-3) and left < 0.2
+    assert counts[False].tolist() == [3, 1] and counts[True][0] == 3 and 1 < counts[True][1] <= 3

@@ -1,0 +1,46 @@
+"""Blocks of many environments: where they lie is nobody's business but theirs."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from simgen.fem import blocks, columns
+from simgen.fem.material import mat33f
+
+
+@wp.kernel
+def number_kernel(blocks_out: blocks.Blocks):
+    """Block k of environment e: all e + 100 k, and as much again in the last column."""
+    k, env = wp.tid()
+    value = wp.float32(env + 100 * k)
+    K = mat33f(value, value, value, value, value, value, value, value, value)
+    blocks.store_block(blocks_out, k, env, K)
+    blocks.add_block(blocks_out, k, env, K * wp.diag(wp.vec3f(0.0, 0.0, 1.0)))
+
+
+@wp.kernel
+def read_kernel(made: blocks.Blocks, sum_out: wp.array2d(dtype=wp.float32)):
+    k, env = wp.tid()
+    K = blocks.block(made, k, env)
+    sum_out[k, env] = K[0, 0] + 10.0 * K[2, 2]
+
+
+@pytest.mark.parametrize("n_env", [1, 5, 32, 40, 65])
+def test_each_environment_has_its_own(n_env):
+    made = blocks.zeros(3, n_env, "cpu")
+    wp.launch(number_kernel, dim=(3, n_env), inputs=[], outputs=[made], device="cpu")
+    for env in range(n_env):
+        expected = (env + 100.0 * np.arange(3))[:, None, None] * np.array([[1.0, 1.0, 2.0]] * 3)
+        np.testing.assert_array_equal(blocks.of_environment(made, env), expected)
+    sums = wp.zeros((3, n_env), dtype=wp.float32, device="cpu")
+    wp.launch(read_kernel, dim=(3, n_env), inputs=[made], outputs=[sums], device="cpu")
+    np.testing.assert_array_equal(sums.numpy(), 21.0 * (np.arange(n_env) + 100.0 * np.arange(3)[:, None]))
+
+
+def test_clearing_leaves_those_that_are_not_listed():
+    made = blocks.zeros(30, 40, "cpu")  # more rows than one thread clears
+    made.fill_(1.0)
+    chosen = np.isin(np.arange(40), [0, 31, 32])
+    blocks.clear(made, wp.array(columns.listed(chosen), dtype=wp.int32, device="cpu"))
+    for env in range(40):
+        assert (blocks.of_environment(made, env) == (0.0 if chosen[env] else 1.0)).all()
