@@ -57,7 +57,7 @@ def test_a_start_that_is_rejected_is_made_nearer_by_thirds(block, monkeypatch):
 
 
 def test_multipliers_begin_where_they_were_when_a_start_is_rejected(block, monkeypatch):
-    """All starts beyond are rejected; the one from the last state has the last multipliers, whatever they were given."""
+    """All starts beyond are rejected; the one from the last state has its multipliers, whatever they were given."""
     monkeypatch.setattr(march, "LEAST_GUESS_SHARE", 10.0)
     began, kept = [], []
     extrapolate, keep = Contact.extrapolate, Contact.keep
