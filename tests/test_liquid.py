@@ -9,6 +9,7 @@ import warp as wp
 
 from simgen.distance import Kind
 from simgen.errors import InputError
+from simgen.fem.newton import SolverSettings
 from simgen.press import Scene, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
@@ -100,8 +101,11 @@ def test_a_liquid_in_part_of_a_cavity_is_balanced_by_what_holds_the_rest(hollow)
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
 def test_cuda_gives_what_the_cpu_gives(hollow):
-    cpu, cuda = (press(Scene(hollow, GEL, device=device, fluid="incompressible"), [SPHERE], POSE, DEPTHS)[0]
+    """Solved so far that two ways of rounding cannot end a linear system an iteration apart: 1.8 nm on an H200."""
+    settings = SolverSettings(residual_tolerance=1e-7, contact_tolerance=1e-3, max_newton_iterations=60)
+    cpu, cuda = (press(Scene(hollow, GEL, "P2-P1", device, 1, settings, "incompressible"), [SPHERE], POSE, DEPTHS)[0]
                  for device in ("cpu", "cuda"))  # fmt: skip
+    assert (cpu.status == 0).all() and (cuda.status == 0).all()
     np.testing.assert_allclose(cuda.displacement, cpu.displacement, atol=1e-9)  # as for presses without a liquid
     np.testing.assert_allclose(cuda.cavity_pressure, cpu.cavity_pressure, rtol=1e-5)
 

@@ -25,7 +25,8 @@ def zeros(n_blocks: int, n_env: int, device) -> wp.array:
 
 def of_environment(blocks: wp.array, env: int) -> np.ndarray:
     """Blocks (k, 3, 3) of an environment, on the host."""
-    return np.ascontiguousarray(blocks.numpy()[env // TILE, :, env % TILE]).reshape(-1, 3, 3)
+    tile, place = divmod(int(env), TILE)
+    return blocks[tile, :, place].contiguous().numpy().reshape(-1, 3, 3)
 
 
 def clear(blocks: wp.array, active):

@@ -101,17 +101,17 @@ class Multigrid:
         return matrix
 
     def _largest_eigenvalue(self) -> float:
-        n_u, shape = self.elasticity.n_displacements, self._negative.shape
-        values, (v, out) = np.zeros(shape), (wp.zeros_like(self._negative) for _ in range(2))
+        """Of the first environment, at rest as all are: what the others have stays on the device."""
+        n_u = self.elasticity.n_displacements
+        v, out = (wp.zeros_like(self._negative) for _ in range(2))
 
         def apply(u):
-            values[:n_u] = u[:, None]
-            v.assign(values)
+            wp.copy(v[:n_u, 0], wp.array(u, dtype=wp.float32, device=v.device))
             self._negative.zero_()
             self._add_tangent(v, self._negative, rough=True)
             out.zero_()
             self._smooth(self._negative, out)
-            return out.numpy()[:n_u, 0]
+            return out[:n_u, 0].contiguous().numpy()
 
         return largest_eigenvalue(apply, n_u)
 
