@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from .distance import RigidShape, probe
+from .distance import RigidShape, distance
 from .fem.element import TRIANGLE_EDGES, barycentric_p2
 from .fem.material import mat33, real, vec3
 from .fem.status import Status
@@ -50,7 +50,7 @@ def approach_kernel(
         for a in range(faces.shape[1]):
             position += points[q, a] * nodes[faces[f, a]]
         local = wp.transpose(rotation[i]) * (position - origin[i])
-        least = wp.min(least, probe(shapes[shape_of[i]], local).distance)
+        least = wp.min(least, distance(shapes[shape_of[i]], local))
     of_face_out[f, i] = least
     wp.atomic_min(distance_out, i, least)
 

@@ -5,7 +5,9 @@ import hashlib
 import numpy as np
 import pytest
 import trimesh
+import warp as wp
 
+from simgen.distance import RigidShape, distance
 from simgen.errors import InputError
 from simgen.indenter import (
     Kind,
@@ -16,6 +18,7 @@ from simgen.indenter import (
     sampled_shape,
     signed_distance,
 )
+from simgen.shape import shape_array
 from simgen.validate.published_geometry import tip_distances
 
 NAMES = indenter_names()
@@ -136,6 +139,23 @@ def test_far_points_are_outside(sampled_sphere):
     distance = signed_distance(sampled_sphere, points)[0]
     # Clamping to the box overestimates by no more than the box's half diagonal.
     assert (np.abs(distance - 96.5) < 5.7 * np.sqrt(3.0)).all()
+
+
+@wp.kernel
+def distance_kernel(shapes: wp.array(dtype=RigidShape), points: wp.array(dtype=wp.vec3d),
+                    distance_out: wp.array(dtype=wp.float64)):  # fmt: skip
+    i = wp.tid()
+    distance_out[i] = distance(shapes[0], points[i])
+
+
+@pytest.mark.parametrize("name", [*NAMES, "sampled"])
+def test_the_distance_alone_is_the_probe_s(name, sampled_sphere):
+    shape = sampled_sphere if name == "sampled" else load_indenter(name).shape()
+    points = np.random.default_rng(4).uniform(-9.0, 9.0, (4000, 3))  # the grid of the sampled one ends at 5.5
+    found = wp.zeros(len(points), dtype=wp.float64, device="cpu")
+    inputs = [shape_array([shape], "cpu"), wp.array(points, dtype=wp.vec3d, device="cpu")]
+    wp.launch(distance_kernel, dim=len(points), inputs=inputs, outputs=[found], device="cpu")
+    np.testing.assert_allclose(found.numpy(), signed_distance(shape, points)[0], rtol=0.0, atol=1e-13)
 
 
 def test_mixed_shapes_in_one_kernel(sampled_sphere):

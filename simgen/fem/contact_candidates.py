@@ -10,7 +10,7 @@ from __future__ import annotations
 import warp as wp
 
 from .material import real
-from .traction import Surface, deformed, probe_in_sensor_frame
+from .traction import Surface, at_point, face_positions, gap_at, least_gap
 
 wp.set_module_options({"enable_backward": False})
 
@@ -45,10 +45,12 @@ def find_candidates_kernel(
     for i in range(3):
         if s.normal[s.slots[f, i], env] > real(0.0):
             near = True
-    for q in range(s.areas.shape[1]):
-        if not near:
-            gap = probe_in_sensor_frame(s, deformed(s, x, f, q, env), f, q, env).distance
-            near = gap < travel[env] + s.edges[f]
+    reach = travel[env] + s.edges[f]
+    nodes = face_positions(s, x, f, env)
+    if not near and least_gap(s, nodes, f, env) < reach:
+        for q in range(s.areas.shape[1]):
+            if not near:
+                near = gap_at(s, at_point(s, nodes, q), f, q, env) < reach
     is_candidate_out[f, env] = int(near)
     if near:
         k = wp.atomic_add(count_out, env, 1)

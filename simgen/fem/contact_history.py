@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..distance import probe
+from ..distance import distance
 from .material import mat33, real, vec3
 from .traction import Surface, at_point, face_positions, return_to_cone, traction_at
 
@@ -44,8 +44,8 @@ def anchor_kernel(
     for q in range(s.areas.shape[1]):
         start = wp.transpose(rotation_start[env]) * (at_point(s, before, q) - origin_start[env])
         predicted = wp.transpose(s.rotation[env]) * (at_point(s, after, q) - s.origin[env])
-        g0 = probe(shape, start).distance + s.gap_offset[f, q]
-        g1 = wp.min(probe(shape, predicted).distance + s.gap_offset[f, q], real(0.0))
+        g0 = distance(shape, start) + s.gap_offset[f, q]
+        g1 = wp.min(distance(shape, predicted) + s.gap_offset[f, q], real(0.0))
         slip = carried[k, q, env]
         entry = real(0.0)
         if g0 > real(0.0) and wp.length_sq(slip) == real(0.0):

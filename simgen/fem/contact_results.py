@@ -7,9 +7,18 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..distance import probe
+from ..distance import distance
 from .material import real, vec3
-from .traction import Surface, deformed, probe_in_sensor_frame, surface_point, traction
+from .traction import (
+    Surface,
+    at_point,
+    deformed,
+    face_positions,
+    gap_at,
+    least_gap,
+    surface_point,
+    traction_at,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,7 +35,7 @@ def gap_kernel(
     env = active[lane]
     if env < 0:
         return
-    gap_out[f, q, env] = probe_in_sensor_frame(s, deformed(s, x, f, q, env), f, q, env).distance
+    gap_out[f, q, env] = gap_at(s, deformed(s, x, f, q, env), f, q, env)
 
 
 @wp.kernel
@@ -40,12 +49,16 @@ def resultant_kernel(
     penetration_out: wp.array2d(dtype=wp.float64),
 ):
     """Force and moment on the sensor; rows of ``penetration_out``: area in contact, integral of g^2 there, max -g."""
-    f, lane = wp.tid()
+    k, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
+    if k >= s.count[env]:
+        return
+    f = s.candidates[k, env]
+    nodes = face_positions(s, x, f, env)
     for q in range(s.areas.shape[1]):
-        found = traction(s, x, f, q, env)
+        found = traction_at(s, at_point(s, nodes, q), f, q, env)
         if found.pressure > real(0.0):
             area = s.areas[f, q]
             force = area * (found.pressure * found.normal + found.friction)
@@ -70,9 +83,11 @@ def nearest_kernel(
     env = active[lane]
     if env < 0:
         return
+    if least_gap(s, face_positions(s, x, f, env), f, env) > distance_out[env]:
+        return
     least = real(wp.inf)
     for q in range(dense.shape[0]):
         position = surface_point(s, x, dense, f, q, env)
         local = wp.transpose(s.rotation[env]) * (position - s.origin[env])
-        least = wp.min(least, probe(s.rigid[s.shape_of[env]], local).distance)
+        least = wp.min(least, distance(s.rigid[s.shape_of[env]], local))
     wp.atomic_min(distance_out, env, least)

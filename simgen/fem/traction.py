@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..distance import Probe, RigidShape, probe
+from ..distance import Probe, RigidShape, distance, probe
 from .element_fields import gather
 from .material import mat33, real, vec3
 
@@ -31,6 +31,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 NODES = 6  # of a face, at most
+STEEPEST = wp.constant(wp.float64(1.5))  # slope of a distance: 1; sqrt 2 beyond a sampled one's grid, and its ripples
 face_vectors = wp.types.matrix(shape=(NODES, 3), dtype=wp.float64)  # one a node
 
 
@@ -112,6 +113,30 @@ def at_point(s: Surface, nodes: face_vectors, q: wp.int32) -> vec3:
 
 
 @wp.func
+def least_gap(s: Surface, nodes: face_vectors, f: wp.int32, env: wp.int32) -> real:
+    """A lower bound of the distance on a whole face from one probe: it grows no faster than the way from there.
+
+    A quadratic face lies in the convex hull of its corners and, for each edge ab with middle m, 2 m - (a + b) / 2
+    (its Bezier points).
+    """
+    middle = (nodes[0] + nodes[1] + nodes[2]) / real(3.0)
+    radius = real(0.0)
+    for a in range(3):
+        radius = wp.max(radius, wp.length(nodes[a] - middle))
+        if s.shapes.shape[1] == NODES:
+            control = real(2.0) * nodes[3 + a] - real(0.5) * (nodes[a] + nodes[(a + 1) % 3])
+            radius = wp.max(radius, wp.length(control - middle))
+    local = wp.transpose(s.rotation[env]) * (middle - s.origin[env])
+    return distance(s.rigid[s.shape_of[env]], local) - STEEPEST * radius
+
+
+@wp.func
+def gap_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> real:
+    local = wp.transpose(s.rotation[env]) * (position - s.origin[env])
+    return distance(s.rigid[s.shape_of[env]], local) + s.gap_offset[f, q]
+
+
+@wp.func
 def probe_in_sensor_frame(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> Probe:
     R = s.rotation[env]
     found = probe(s.rigid[s.shape_of[env]], wp.transpose(R) * (position - s.origin[env]))
@@ -150,9 +175,7 @@ def traction(
 def traction_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> Traction:
     out = Traction()
     out.position = position
-    found = probe_in_sensor_frame(s, out.position, f, q, env)
-    out.gap = found.distance
-    out.normal = found.normal
+    out.gap = gap_at(s, position, f, q, env)
     for i in range(3):
         out.multiplier += s.multiplier_shapes[q, i] * s.normal[s.slots[f, i], env]
         out.tangential += s.multiplier_shapes[q, i] * s.tangential[s.slots[f, i], env]
@@ -161,6 +184,8 @@ def traction_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.in
     if out.pressure <= real(0.0):
         out.pressure = real(0.0)
         return out
+    found = probe_in_sensor_frame(s, position, f, q, env)  # most points are open: normal and curvature are for the rest
+    out.normal = found.normal
     out.tangent = normal_k * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
     if s.friction > real(0.0):
         slip = out.position - (s.origin[env] + s.rotation[env] * s.anchor[f, q, env])

@@ -1,13 +1,15 @@
 import numpy as np
 import pytest
+import trimesh
 import warp as wp
 
 from simgen.distance import Kind
 from simgen.fem import columns
 from simgen.fem.contact import Contact
 from simgen.fem.element import P2P1
+from simgen.fem.traction import Surface, face_positions, least_gap
 from simgen.first_touch import dense_shapes
-from simgen.shape import rigid_shape
+from simgen.shape import rigid_shape, sampled_shape, signed_distance
 
 from .box import box, top
 
@@ -239,6 +241,31 @@ def test_the_nearest_point_is_looked_for_between_the_integration_points():
     dense = wp.array(dense_shapes(12, linear=False), dtype=wp.float64, device="cpu")
     assert term.nearest(rest, dense)[0] == pytest.approx(0.1, abs=1e-12)  # the middle of the top is a point
     assert term.gap(rest).min() > 0.1001
+
+
+@wp.kernel
+def least_gap_kernel(s: Surface, x: wp.array2d(dtype=wp.float64), least_out: wp.array2d(dtype=wp.float64)):
+    f, env = wp.tid()
+    least_out[f, env] = least_gap(s, face_positions(s, x, f, env), f, env)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cube", "sampled"])
+def test_the_gap_of_a_whole_face_has_a_lower_bound(kind):
+    """No point of a face, however bent, is nearer; where the shape is far, the bound is near the truth."""
+    sampled = sampled_shape(trimesh.creation.icosphere(subdivisions=3, radius=2e-3), 0.25, 0.5)
+    shape = {"sphere": SPHERE, "cube": CUBE, "sampled": sampled}[kind]
+    nodes, term = contact(0.0, shape)
+    rng, dense = np.random.default_rng(5), dense_shapes(12, linear=False)
+    least = wp.zeros((len(term.host_faces), 1), dtype=wp.float64, device="cpu")
+    for height in (-1.0, 0.5, 20.0):
+        x = state(0.3 * rng.normal(size=3 * len(nodes)))  # edges are 2 mm long
+        term.set_pose(pose(0.4, -height, 0.2))
+        wp.launch(least_gap_kernel, dim=least.shape, inputs=[term.surface, x], outputs=[least], device="cpu")
+        positions = (nodes + x.numpy().reshape(-1, 3))[term.host_faces]
+        points = np.einsum("qa,fai->fqi", dense, positions) - [0.4, -height, 0.2]
+        truth = signed_distance(shape, points.reshape(-1, 3))[0].reshape(points.shape[:2]).min(axis=1)
+        assert (least.numpy()[:, 0] <= truth + 1e-12).all()
+        assert (least.numpy()[:, 0] >= truth - 8.0).all()
 
 
 def test_only_faces_that_can_touch_are_candidates():
