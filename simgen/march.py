@@ -16,6 +16,7 @@ from .scene import Scene
 
 # Starts beyond the last state, by the whole of a step, two thirds, a third; then from it as it is.
 GUESSES = 3
+FURTHEST = 3.0  # of the last step, that a start may lie beyond: a short one says little of one that is much longer
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
 # Least det F of such a start over that of the last state. Large strains do not go on along a line: under a cube at the
 # rim the forces of a start without any bound were two to five times the contact's.
@@ -90,8 +91,8 @@ class March:
     def _begin(self, starting: np.ndarray, rejected: np.ndarray):
         """The next increment in the environments (env,) bool; where a guess was rejected, with a nearer one.
 
-        A guess goes on from the last two states, displacements and multipliers, as far as the path goes on along (or
-        back) their line. Where points enter contact the whole of it says, even where it is no start to solve from.
+        A guess goes on from the last two states, displacements and multipliers, as far as the path goes on along their
+        line. Where points enter contact the whole of it says, even where it is no start to solve from.
         """
         if not starting.any():
             return
@@ -104,6 +105,7 @@ class March:
         last, now = here - self._offset(self.previous), self._offset(self.target) - here
         length = (last**2).sum(axis=-1)
         onwards = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
+        onwards = np.clip(onwards, 0.0, FURTHEST)
         self._rejections[starting] = np.where(rejected, self._rejections + 1, 0)[starting]
         factor = onwards * np.maximum(1.0 - self._rejections / GUESSES, 0.0)
         self._guessed = np.where(starting, factor != 0.0, self._guessed)

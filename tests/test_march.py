@@ -8,7 +8,8 @@ from simgen import march
 from simgen.distance import Kind
 from simgen.fem import columns
 from simgen.fem.contact import Contact
-from simgen.press import Scene, press
+from simgen.fem.preconditioner import BlockTriangular
+from simgen.press import Scene, follow, press
 from simgen.shape import rigid_shape
 
 
@@ -47,6 +48,7 @@ def test_a_start_that_is_rejected_is_made_nearer_by_thirds(block, monkeypatch):
     depths = np.array([0.2e-3, 0.4e-3, 0.6e-3])
     alone = press(Scene(block, GEL), [SPHERE], pose(), depths)[0]
     assert (alone.status == 0).all() and alone.certificate["substeps"].tolist() == [1, 1, 1]
+    assert len(factors) == 15
     whole = np.ravel(factors)[[0, 1, 2, 4, 6, 8, 9, 11, 13]]  # what surface points are said to do, nearer or not
     np.testing.assert_allclose(whole, [0.0, *8 * [1.0]], atol=1e-15)
     nearer = np.ravel(factors)[[3, 5, 7, 10, 12, 14]]
@@ -78,3 +80,34 @@ def test_multipliers_begin_where_they_were_when_a_start_is_rejected(block, monke
     for (_, first), (_, last), end in ((began[1], began[4], kept[0]), (began[5], began[8], kept[1])):
         assert end.any() and np.abs(first - end).max() > 0.1 * end.max()
         np.testing.assert_array_equal(last, end)
+
+
+def test_friction_begins_anew_after_the_indenter_has_left():
+    """Sheared, lifted off, and pressed again in one step 2.5 times as long as the last: as a first press, no more.
+
+    The next step lies back along the line of the last one; states beyond that would say that points enter elsewhere.
+    """
+    wide = make_block((12, 2, 12))
+    path = [[0.0, 0.4, 0.0], [0.3, 0.4, 0.0], [0.6, 0.4, 0.0], [0.9, 0.4, 0.0], [0.6, 0.4, 0.0], [0.0, 0.4, 0.0],
+            [0.0, 0.1, 0.0], [0.0, -0.1, 0.0], [0.0, 0.4, 0.0]]  # fmt: skip
+    again, fresh = (follow(Scene(wide, GEL), [SPHERE], pose(), np.array(part) * 1e-3)[0] for part in (path, path[:1]))
+    assert (again.status == 0).all() and not again.force[-2].any()
+    np.testing.assert_allclose(again.force[-1], fresh.force[-1], atol=1e-3 * fresh.force[-1, 1])
+
+
+def test_a_cycle_is_kept_while_it_serves_a_batch(block, monkeypatch):
+    """As a GPU solves: all linear systems take as many iterations, and few Newton iterations make the cycle anew."""
+    made = []
+    follow_state = BlockTriangular.follow
+
+    def watch(preconditioner):
+        made.append(int((preconditioner.elasticity.active.numpy() >= 0).sum()))
+        follow_state(preconditioner)
+
+    monkeypatch.setattr(BlockTriangular, "follow", watch)
+    scene = Scene(make_block((8, 2, 8)), GEL, batch=2)
+    scene.solver._together = True
+    results = press(scene, [SPHERE, CUBE], np.tile(pose(), (2, 1, 1)), np.array([0.2e-3, 0.4e-3, 0.6e-3, 0.8e-3]))
+    newton = sum(result.certificate["newton_iterations"].sum() for result in results)
+    assert all((result.status == 0).all() for result in results)
+    assert 8 <= sum(made) < 0.5 * newton

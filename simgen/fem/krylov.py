@@ -94,7 +94,7 @@ class ConjugateResiduals:
 
         One has finished when its residual is ``tolerance`` times b, from iteration `SOON` on ``later`` times b, or
         after ``size`` iterations. ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``. Returns which
-        environments (env,) have not finished; ``active`` is used up.
+        environments (env,) have not finished; ``active`` lists nothing of use then.
 
         ``together`` says that those that have finished go on with the others, to `EXACT`: on a GPU an iteration of half
         of them costs as much as one of all, whose numbers lie between theirs, and Newton's method has use for it.
@@ -102,8 +102,7 @@ class ConjugateResiduals:
         becomes one graph.
         """
         began = columns.unlisted(self.active.numpy())
-        exact = min(EXACT, tolerance)
-        stop = (exact, exact) if together else (tolerance, later)
+        tolerances = tolerance, later, EXACT if together else np.inf
         sections = (chunks(len(self._residual)), self.n_env)
         self._ticks.zero_()
         self._launch(rest_kernel, self.n_env, [self._relative, self.active], [self._keep])
@@ -114,9 +113,9 @@ class ConjugateResiduals:
             self._launch(source_kernel, sections, inputs, [self._source])
             preconditioner(self._source, self._direction)
             operator(self._direction, self._image)
-            self._advance(sections, *stop, most)
+            self._advance(sections, tolerances, most)
 
-        key = (operator, preconditioner, *stop, most)
+        key = (operator, preconditioner, *tolerances, most)
         if capture and key in self._graphs:
             wp.capture_launch(self._graphs[key])
         else:
@@ -150,7 +149,7 @@ class ConjugateResiduals:
         took_part = columns.unlisted(began)
         return iterations * took_part, np.where(took_part, relative, 0.0)
 
-    def _advance(self, sections, tolerance: float, later: float, most: int):
+    def _advance(self, sections, tolerances: tuple[float, float, float], most: int):
         """From the new direction and its image to the next residual."""
         count, active = self._count, self.active
         sums = [self._square, self._along, self._left]
@@ -162,7 +161,7 @@ class ConjugateResiduals:
         inputs = [self._images, self._square, self._along, count, active]
         outputs = [self._inverse_squares, self._steps, self._residual, self._left]
         self._launch(advance_kernel, sections, inputs, outputs)
-        inputs = [self._left, tolerance, later, self.size, active]
+        inputs = [self._left, *tolerances, self.size, active]
         self._launch(judge_kernel, self.n_env, inputs, [count, self._stuck, self._relative, self._keep])
         self._close_ranks(most)
 

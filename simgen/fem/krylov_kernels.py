@@ -223,6 +223,7 @@ def judge_kernel(
     left: wp.array(dtype=wp.float64),
     tolerance: real,
     later: real,
+    exact: real,
     size: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
@@ -231,18 +232,28 @@ def judge_kernel(
     relative_out: wp.array(dtype=wp.float64),
     keep_out: wp.array(dtype=wp.int32),
 ):
-    """Which systems go on. One that has broken down does not: its relative residual is infinite."""
+    """Which systems go on: until their tolerance, or until they are ``exact`` if that is less.
+
+    One that has broken down does not, its relative residual is infinite; if it had met its tolerance before, it rests
+    as it was.
+    """
     lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
+    before = count_out[env]
     relative = wp.sqrt(left[env])
-    sound = wp.isfinite(relative)
+    if not wp.isfinite(relative):
+        if relative_out[env] > wp.where(before >= SOON, later, tolerance):
+            relative_out[env] = real(wp.inf)
+            count_out[env] = before + 1
+        keep_out[lane] = 0
+        return
     stuck_out[env] = int(relative > real(STUCK) * relative_out[env])
-    relative_out[env] = wp.where(sound, relative, real(wp.inf))
-    count = count_out[env] + 1
-    count_out[env] = count
-    keep_out[lane] = int(sound and relative > wp.where(count >= SOON, later, tolerance) and count < size)
+    relative_out[env] = relative
+    count_out[env] = before + 1
+    goal = wp.min(wp.where(before + 1 >= SOON, later, tolerance), exact)
+    keep_out[lane] = int(relative > goal and before + 1 < size)
 
 
 @wp.kernel

@@ -34,7 +34,7 @@ class SolverSettings:
     residual_tolerance : out-of-balance forces over contact forces (Euclidean norms over nodes)
     contact_tolerance : change that a further multiplier update would make, over the multipliers (L2 norms)
     linear_tolerance : residual of the linear solve over the out-of-balance forces, three times that from the fourth
-        iteration on; single precision reaches 1e-5
+        iteration on; single precision reaches 1e-5. Batches on a GPU solve further, where that costs nothing
     volumetric_split : gamma / mu, the part of the bulk stiffness that acts pointwise (see material.py)
     contact_stiffness, friction_stiffness : k edge / E of the augmented Lagrangian, edge of each face (see traction.py)
     max_newton_iterations : per increment; an increment that needs more is halved
@@ -71,8 +71,8 @@ LEAST_DETERMINANT, LEAST_SHARE = 0.05, 0.2
 # iterations as a mean one; Newton's method takes none more for it on the DIGIT, 9 % more on the BioTac.
 LOOSER = 3.0
 # Iterations of all linear systems of a batch, before those that are solved go on: on a GPU most are after five, and
-# those that were earlier have saved Newton iterations by then (4, 5, 6: 17.6, 17.7, 17.8 s for 1,024 presses on the
-# DIGIT, 5, 6: 22.2, 22.4 s on the BioTac; as soon as each was solved, 4 at once: 18.1 and 25.3 s. One H200.)
+# those that were earlier have saved Newton iterations by then. 1,024 presses on one H200: 17.7 s on the DIGIT and 22.2
+# on the BioTac; when those that were solved did nothing, four at once, 18.1 and 25.3 s.
 KRYLOV_AT_ONCE = 5
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
@@ -257,7 +257,8 @@ class NewtonSolver:
         for term in self.surface_terms:
             term.linearize(self.x)
         # A cycle is kept while it serves: to make one costs two thirds of a use.
-        stale = environments & ~self.preconditioner.factored & (self._last_krylov > SOON)
+        most = self._at_once if self._together else SOON
+        stale = environments & ~self.preconditioner.factored & (self._last_krylov > most)
         if stale.any():
             self.mark(stale)
             self.preconditioner.follow()

@@ -31,7 +31,8 @@ wp.set_module_options({"enable_backward": False})
 
 
 NODES = 6  # of a face, at most
-STEEPEST = wp.constant(wp.float64(1.5))  # slope of a distance: 1; sqrt 2 beyond a sampled one's grid, and its ripples
+# Slope of a distance: 1; of a sampled one up to 1.27 along an axis, at kinks, hence 1.62 obliquely beyond its grid.
+STEEPEST = wp.constant(wp.float64(1.65))
 face_vectors = wp.types.matrix(shape=(NODES, 3), dtype=wp.float64)  # one a node
 
 
@@ -162,13 +163,6 @@ def return_tangent(trial: vec3, radius: real, plane: mat33) -> mat33:
         return plane
     direction = trial / size
     return (radius / size) * (plane - wp.outer(direction, direction))
-
-
-@wp.func
-def traction(
-    s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32
-) -> Traction:
-    return traction_at(s, deformed(s, x, f, q, env), f, q, env)
 
 
 @wp.func

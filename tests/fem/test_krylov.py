@@ -168,3 +168,22 @@ def test_systems_that_go_on_together_take_as_many_iterations():
         left = np.linalg.norm(easy @ x.numpy()[:, 1] - b[:, 1]) / np.linalg.norm(b[:, 1])
         assert left == pytest.approx(relative[1], rel=1e-3) and left < 0.2
     assert counts[False].tolist() == [3, 1] and counts[True][0] == 3 and 1 < counts[True][1] <= 3
+
+
+def test_a_system_that_was_solved_stays_so_when_it_breaks_down():
+    """The matrix has a zero: what is left after one iteration has no image. Alone the system would have stopped."""
+    A, b = np.stack([np.diag([1.0] * 39 + [0.0]), np.diag(np.geomspace(1.0, 1e3, 40))]), np.ones((40, 2))
+    b[39, 0] = 0.3
+    action = lambda v, out: out.assign(np.einsum("eij,je->ie", A, v.numpy()))  # noqa: E731
+    for tolerance, solved in ((0.1, True), (0.01, False)):
+        flags = wp.array([0, 1], dtype=wp.int32, device="cpu")
+        krylov = ConjugateResiduals(40, 40, "cpu", flags)
+        krylov.begin(wp.array(b, dtype=wp.float64, device="cpu"))
+        krylov.go_on(action, lambda v, out: wp.copy(out, v), tolerance, tolerance, most=5, together=True)
+        flags.assign(columns.listed(np.array([True, False])))
+        x = wp.zeros((40, 2), dtype=wp.float64, device="cpu")
+        _, relative = krylov.end(x)
+        assert (relative[0] <= tolerance) == solved
+        if solved:
+            left = np.linalg.norm(A[0] @ x.numpy()[:, 0] - b[:, 0]) / np.linalg.norm(b[:, 0])
+            assert left == pytest.approx(relative[0], rel=1e-3)
