@@ -151,7 +151,7 @@ class Contact:
 
     def keep(self, marked):
         """The increments of the listed environments (env,) have converged: the next ones go on along them."""
-        for saved, before in zip(self._saved, self._before, strict=False):
+        for saved, before in zip(self._saved[:2], self._before, strict=True):
             columns.copy(saved, marked, before)
 
     def _find_candidates(self, x, travel: np.ndarray):
