@@ -3,9 +3,9 @@
     python benchmarks/throughput.py --device cuda --workers 1 2 4 --trajectories 860 --output throughput.json
 
 Runs the full paired job, or its first trajectories, from the command that a user gives, into a folder that is removed
-afterwards. Solves are converged samples of both sensors; set-up, kernels that must be loaded, writing and the audit are
-in the time. ``seconds_of_solving_by_sensor`` are those of one worker, on average, with what is
-loaded at its first press and without writing and audit; no more workers than GPUs and shards.
+afterwards. Solves are converged samples of both sensors; set-up, kernels that must be loaded, writing and the audit
+are in the time. ``seconds_of_solving_by_sensor`` are those of one worker, on average, with what is loaded at its first
+press and without writing and audit; no more workers than GPUs and shards.
 """
 
 import argparse

@@ -129,8 +129,7 @@ def _rounded_intersection(a: Probe, b: Probe, fillet: wp.float64) -> Probe:
 @wp.func
 def _sphere(x: wp.vec3d, radius: wp.float64) -> Probe:
     """A ray-shaped core along -y, grown by the radius: hemispherical tip and shaft."""
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
+    zero, one = wp.float64(0.0), wp.float64(1.0)
     height = x[1] + radius
     active = wp.vec3d(one, one, one)
     if height < zero:
@@ -140,8 +139,7 @@ def _sphere(x: wp.vec3d, radius: wp.float64) -> Probe:
 
 @wp.func
 def _cylinder(x: wp.vec3d, radius: wp.float64, half_length: wp.float64, fillet: wp.float64) -> Probe:
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
+    zero, one = wp.float64(0.0), wp.float64(1.0)
     height = x[1] + radius
     active = wp.vec3d(zero, one, one)
     if height < zero:
@@ -152,8 +150,7 @@ def _cylinder(x: wp.vec3d, radius: wp.float64, half_length: wp.float64, fillet: 
 
 @wp.func
 def _cube(x: wp.vec3d, half_width: wp.float64, fillet: wp.float64) -> Probe:
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
+    zero, one = wp.float64(0.0), wp.float64(1.0)
     column = _rounded_intersection(
         _slab(x[0], half_width, wp.vec3d(one, zero, zero)),
         _slab(x[2], half_width, wp.vec3d(zero, zero, one)),
@@ -164,8 +161,7 @@ def _cube(x: wp.vec3d, half_width: wp.float64, fillet: wp.float64) -> Probe:
 
 @wp.func
 def _ring(x: wp.vec3d, outer: wp.float64, hole: wp.float64, fillet: wp.float64) -> Probe:
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
+    zero, one = wp.float64(0.0), wp.float64(1.0)
     half = wp.float64(0.5)
     middle = _round(wp.vec3d(x[0], zero, x[2]), wp.vec3d(one, zero, one), half * (outer + hole))
     return _rounded_intersection(_shell(middle, half * (outer - hole)), _below(x[1]), fillet)
@@ -226,25 +222,41 @@ def _bends(t: wp.float64) -> wp.vec4d:
     return wp.vec4d(u, a * t - b, a * u - b, t)
 
 
+@wp.struct
+class Cell:
+    """Where a point lies in a shape's grid, or the grid's nearest point to it."""
+
+    corner: wp.vec3i
+    fraction: wp.vec3d
+    excess: wp.vec3d  # mm, from the grid to the point
+
+
+@wp.func
+def _cell(shape: RigidShape, x: wp.vec3d) -> Cell:
+    position = (x - shape.grid_origin) / shape.grid_spacing
+    cell = Cell()
+    for axis in range(3):
+        # The outermost layer of coefficients carries the taps of the last cell.
+        last = shape.coefficients.shape[axis] - 2
+        inside = wp.clamp(position[axis], wp.float64(1.0), wp.float64(last))
+        corner = wp.min(wp.int32(wp.floor(inside)), last - 1)
+        cell.corner[axis] = corner
+        cell.fraction[axis] = inside - wp.float64(corner)
+        cell.excess[axis] = shape.grid_spacing * (position[axis] - inside)
+    return cell
+
+
 @wp.func
 def _sampled_distance(shape: RigidShape, x: wp.vec3d) -> wp.float64:
     """What ``_sampled`` has as distance, a quarter of its products."""
-    h = shape.grid_spacing
-    position = (x - shape.grid_origin) / h
-    clamped = position
-    corner = wp.vec3i(0, 0, 0)
-    for axis in range(3):
-        last = shape.coefficients.shape[axis] - 2
-        clamped[axis] = wp.clamp(position[axis], wp.float64(1.0), wp.float64(last))
-        corner[axis] = wp.min(wp.int32(wp.floor(clamped[axis])), last - 1)
-    wx = _weights(clamped[0] - wp.float64(corner[0]))
-    wy = _weights(clamped[1] - wp.float64(corner[1]))
-    wz = _weights(clamped[2] - wp.float64(corner[2]))
+    cell = _cell(shape, x)
+    t = cell.fraction
+    wx, wy, wz = _weights(t[0]), _weights(t[1]), _weights(t[2])
     value = wp.float64(0.0)
     for i in range(4):
         for j in range(4):
-            value += wx[i] * wy[j] * wp.dot(_taps(shape, corner, i, j), wz)
-    return value + h * wp.length(position - clamped)
+            value += wx[i] * wy[j] * wp.dot(_taps(shape, cell.corner, i, j), wz)
+    return value + wp.length(cell.excess)
 
 
 @wp.func
@@ -259,26 +271,16 @@ def _taps(shape: RigidShape, corner: wp.vec3i, i: wp.int32, j: wp.int32) -> wp.v
 @wp.func
 def _sampled(shape: RigidShape, x: wp.vec3d) -> Probe:
     """Cubic B-spline; outside its grid: the value at the grid's nearest point plus the distance to it."""
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
+    zero, one = wp.float64(0.0), wp.float64(1.0)
     h = shape.grid_spacing
-    position = (x - shape.grid_origin) / h
-    clamped = position
+    cell = _cell(shape, x)
+    t = cell.fraction
     active = wp.vec3d(one, one, one)
-    corner = wp.vec3i(0, 0, 0)
     for axis in range(3):
-        # The outermost layer of coefficients carries the taps of the last cell.
-        last = shape.coefficients.shape[axis] - 2
-        clamped[axis] = wp.clamp(position[axis], one, wp.float64(last))
-        active[axis] = wp.where(clamped[axis] == position[axis], one, zero)
-        corner[axis] = wp.min(wp.int32(wp.floor(clamped[axis])), last - 1)
-    tx = clamped[0] - wp.float64(corner[0])
-    ty = clamped[1] - wp.float64(corner[1])
-    tz = clamped[2] - wp.float64(corner[2])
-    wx, wy, wz = _weights(tx), _weights(ty), _weights(tz)
-    sx, sy, sz = _slopes(tx), _slopes(ty), _slopes(tz)
-    bx, by, bz = _bends(tx), _bends(ty), _bends(tz)
-
+        active[axis] = wp.where(cell.excess[axis] == zero, one, zero)
+    wx, wy, wz = _weights(t[0]), _weights(t[1]), _weights(t[2])
+    sx, sy, sz = _slopes(t[0]), _slopes(t[1]), _slopes(t[2])
+    bx, by, bz = _bends(t[0]), _bends(t[1]), _bends(t[2])
     # One axis after the other: sums along z, of these along y, of these along x, a ninth of what 64 products cost.
     value = wp.float64(0.0)
     gradient = wp.vec3d()
@@ -288,7 +290,7 @@ def _sampled(shape: RigidShape, x: wp.vec3d) -> Probe:
         f, fy, fz = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
         fyy, fyz, fzz = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
         for j in range(4):
-            taps = _taps(shape, corner, i, j)
+            taps = _taps(shape, cell.corner, i, j)
             plain, slope, bend = wp.dot(taps, wz), wp.dot(taps, sz), wp.dot(taps, bz)
             f += wy[j] * plain
             fy += sy[j] * plain
@@ -310,10 +312,9 @@ def _sampled(shape: RigidShape, x: wp.vec3d) -> Probe:
     result.distance = value
     result.normal = wp.cw_mul(active, gradient) / h
     result.curvature = wp.cw_mul(wp.outer(active, active), hessian) / (h * h)
-    excess = h * (position - clamped)
-    outside = wp.length(excess)
+    outside = wp.length(cell.excess)
     if outside > zero:
-        away = excess / outside
+        away = cell.excess / outside
         passive = wp.vec3d(one, one, one) - active
         result.distance += outside
         result.normal += away

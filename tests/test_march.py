@@ -95,7 +95,7 @@ def test_friction_begins_anew_after_the_indenter_has_left():
     np.testing.assert_allclose(again.force[-1], fresh.force[-1], atol=1e-3 * fresh.force[-1, 1])
 
 
-def test_a_cycle_is_kept_while_it_serves_a_batch(block, monkeypatch):
+def test_a_cycle_is_kept_while_it_serves_a_batch(monkeypatch):
     """As a GPU solves: all linear systems take as many iterations, and few Newton iterations make the cycle anew."""
     made = []
     follow_state = BlockTriangular.follow
