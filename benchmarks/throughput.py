@@ -45,6 +45,7 @@ def measure(job, device: str, workers: int, folder: Path) -> dict:
                      for code in np.unique(np.concatenate([v.ravel() for v in status.values()]))},
         "errors": sorted({report.error for report in reports if report.error}),
         "audit_passes": passes(findings),
+        "audit_fails": [f"{f.subject}: {f.what}: {f.found}" for f in findings if f.failed],
         "seconds_to_plan": round(planned, 2),
         "seconds_of_solving_by_sensor": {sensor: round(seconds / workers, 1) for sensor, seconds in solving.items()},
         "seconds_with_writing": round(solved, 2),

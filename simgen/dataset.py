@@ -164,7 +164,8 @@ def _create_written(root: zarr.Group, name: str, array: Array, presses: int, per
         dtype=array.dtype,
         chunks=(1, *array.chunk) if array.chunk else shard,
         shards=shard if array.chunk else None,
-        compressors=BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"),
+        # Level 5 makes samples 2 % smaller in five times the time: more than four threads of a GPU's machine had.
+        compressors=BloscCodec(cname="zstd", clevel=2, shuffle="shuffle"),
         fill_value=array.fill,
         attributes={"about": array.about, **({"unit": array.unit} if array.unit else {}), **array.attributes},
     )

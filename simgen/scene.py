@@ -67,7 +67,7 @@ class Scene:
         self.solver = NewtonSolver(body, contacts, held, batch, self.settings, self.cavity)
         self.unknowns = self.solver.n_unknowns
         if self.core_contact is not None:
-            core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0)
+            core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0, device=device)
             self.core_contact.set_shapes([core], count_overlap_as_touching=self.solver.x)
         # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))

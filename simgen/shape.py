@@ -46,35 +46,30 @@ def _mesh_distance_kernel(
     distance_out[i] = wp.float64(hit.sign) * wp.length(x - nearest)
 
 
-def mesh_distance(mesh: trimesh.Trimesh, points_mm: np.ndarray) -> np.ndarray:
+def mesh_distance(mesh: trimesh.Trimesh, points_mm: np.ndarray, device: str = "cpu") -> np.ndarray:
     """Signed distance (n,) in mm of a closed mesh (m) at points (n, 3) in mm; negative inside."""
     vertices = np.asarray(mesh.vertices) * 1e3
     points = np.ascontiguousarray(points_mm, dtype=np.float64).reshape(-1, 3)
+    triangles = np.asarray(mesh.faces, dtype=np.int32)
     surface = wp.Mesh(
-        points=wp.array(vertices, dtype=wp.vec3, device="cpu"),
-        indices=wp.array(np.asarray(mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
+        points=wp.array(vertices, dtype=wp.vec3, device=device),
+        indices=wp.array(triangles.ravel(), dtype=wp.int32, device=device),
         support_winding_number=True,
     )
-    reach = 2.0 * np.ptp(np.vstack([vertices, points]), axis=0).sum()
-    distance = wp.empty(len(points), dtype=wp.float64, device="cpu")
-    wp.launch(
-        _mesh_distance_kernel,
-        dim=len(points),
-        inputs=[
-            surface.id,
-            wp.array(vertices, dtype=wp.vec3d, device="cpu"),
-            wp.array(np.asarray(mesh.faces), dtype=wp.int32, device="cpu"),
-            reach,
-            wp.array(points, dtype=wp.vec3d, device="cpu"),
-        ],
-        outputs=[distance],
-        device="cpu",
-    )
+    inputs = [
+        surface.id,
+        wp.array(vertices, dtype=wp.vec3d, device=device),
+        wp.array(triangles, dtype=wp.int32, device=device),
+        2.0 * np.ptp(np.vstack([vertices, points]), axis=0).sum(),
+        wp.array(points, dtype=wp.vec3d, device=device),
+    ]
+    distance = wp.empty(len(points), dtype=wp.float64, device=device)
+    wp.launch(_mesh_distance_kernel, dim=len(points), inputs=inputs, outputs=[distance], device=device)
     return distance.numpy()
 
 
-def sampled_shape(mesh: trimesh.Trimesh, spacing_mm: float, margin_mm: float) -> RigidShape:
-    """Cubic B-spline of the signed distance of a closed mesh (m), on a grid around it.
+def sampled_shape(mesh: trimesh.Trimesh, spacing_mm: float, margin_mm: float, device: str = "cpu") -> RigidShape:
+    """Cubic B-spline of the signed distance of a closed mesh (m), on a grid around it; ``device`` measures it.
 
     Twice differentiable, so it has a curvature. The grid reaches ``margin_mm`` beyond the mesh; outside, the
     distance to the grid is added. Raises InputError if the mesh is not closed or the grid passes 64e6 points.
@@ -88,7 +83,7 @@ def sampled_shape(mesh: trimesh.Trimesh, spacing_mm: float, margin_mm: float) ->
         raise InputError(f"spacing_mm: {spacing_mm:g} makes {counts.prod():.2g} grid points; allowed: 6.4e7")
     axes = [low[axis] + spacing_mm * np.arange(counts[axis]) for axis in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    values = mesh_distance(mesh, points.reshape(-1, 3)).reshape(counts)
+    values = mesh_distance(mesh, points.reshape(-1, 3), device).reshape(counts)
     shape = RigidShape()
     shape.kind = int(Kind.SAMPLED)
     shape.grid_origin = wp.vec3d(*low)

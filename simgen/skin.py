@@ -43,7 +43,7 @@ class Skin:
         self._normals = corner_normals(surface)
         x = self._vertices[self._faces, 0]
         self._order = np.argsort(x.min(axis=1), kind="stable")
-        self._first_x = x.min(axis=1)[self._order]
+        self._first_x, self._last_x = x.min(axis=1)[self._order], x.max(axis=1)[self._order]
         self._longest = np.ptp(x, axis=1).max() * (1.0 + 1e-9)
 
     def point(self, x: float, arc: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -81,13 +81,10 @@ class Skin:
         surface being closed, the segments form closed loops.
         """
         near = slice(*np.searchsorted(self._first_x, [x - self._longest, x]))
-        cut = self._order[near]
+        cut = self._order[near][self._last_x[near] >= x]
         above = self._vertices[self._faces[cut], 0] >= x
-        count = above.sum(axis=1)
-        crossed = (count == 1) | (count == 2)
-        cut, above, count = cut[crossed], above[crossed], count[crossed]
         # The lone corner is the one on its own side; the cut runs over the two edges that leave it.
-        lone = np.where((count == 1)[:, None], above, ~above).argmax(axis=1)
+        lone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(axis=1)
         faces, rows = self._faces[cut], np.arange(len(cut))
         ends, points, normals = [], [], []
         for step in (1, 2):

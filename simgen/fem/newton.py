@@ -70,10 +70,10 @@ LEAST_DETERMINANT, LEAST_SHARE = 0.05, 0.2
 # Of the linear tolerance, from the fourth iteration on. Without, the slowest environment of a batch takes twice as many
 # iterations as a mean one; Newton's method takes none more for it on the DIGIT, 9 % more on the BioTac.
 LOOSER = 3.0
-# Iterations of all linear systems of a batch, before those that are solved go on: on a GPU most are after five, and
-# those that were earlier have saved Newton iterations by then. 1,024 presses on one H200: 17.7 s on the DIGIT and 22.2
-# on the BioTac; when those that were solved did nothing, four at once, 18.1 and 25.3 s.
-KRYLOV_AT_ONCE = 5
+# Iterations of all linear systems of a batch, before those that are solved go on: on a GPU most are after four, and
+# those that were earlier have saved Newton iterations by then. 1,024 presses on one H200, DIGIT and BioTac: 17.0 and
+# 21.2 s; with five 17.7 and 21.8, with six 18.2 and 21.8.
+KRYLOV_AT_ONCE = 4
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
 
