@@ -34,9 +34,8 @@ import hashlib
 import json
 import os
 import shutil
-import uuid
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -46,10 +45,12 @@ import numpy as np
 import zarr
 from zarr.codecs import BloscCodec
 
+from simgen import whole_files
 from simgen.chunk_files import chunk_files, open_sharded
 from simgen.errors import InputError
 from simgen.job import Job, job_from_dict
 from simgen.provenance import difference
+from simgen.whole_files import Aside, put_in_place
 
 SCHEMA = 1
 DISPLACEMENT_STEP_M = 1e-7
@@ -145,13 +146,12 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
             "ignore"
         )  # consolidated metadata are zarr-python's own, and worth having: one read
         zarr.consolidate_metadata(staging)
-    files = {
-        file.relative_to(staging).as_posix(): file.read_bytes()
-        for file in sorted(staging.rglob("*"))
+    sums = {
+        file.relative_to(staging).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in staging.rglob("*")
         if file.is_file()
     }
-    (staging / "manifest").mkdir()
-    _write_all(staging, {f"manifest/{PLAN}.json": _manifest(files)})
+    _write_manifest(staging, None, sums)
     shutil.rmtree(staging / STAGING)
     os.replace(staging, path)
 
@@ -211,7 +211,7 @@ class Dataset:
     def shards(self) -> int:
         return -(-self.presses // self.job.dataset.presses_per_shard)
 
-    @property
+    @cached_property
     def arrays(self) -> dict[str, Array]:
         """What tasks write, by path, as this dataset should have it."""
         vertices = {sensor: self.root[f"{sensor}/rest_positions"].shape[0] for sensor in self.sensors}
@@ -275,19 +275,26 @@ def open_or_create(
     return dataset
 
 
-def write_shard(dataset: Dataset, shard: int, values: Mapping[str, np.ndarray]) -> None:
-    """Write the presses of one shard; `values` has one float array in SI for each of `dataset.arrays`.
+def write_aside(dataset: Dataset, shard: int, values: Mapping[str, Sequence[np.ndarray]]) -> dict[str, Aside]:
+    """Files of some of a shard's arrays by path, on the disk but not in their places yet.
 
-    The bytes are made by zarr and zarrs (see ``chunk_files``), then each file is written aside, flushed and renamed.
-    Raises `OverflowError` if a displacement does not fit the stored type.
+    `values`, by path too, are float arrays in SI, one for each press. The bytes are made by zarr and zarrs (see
+    ``chunk_files``). Raises `OverflowError` if a displacement does not fit the stored type.
     """
-    presses, aside, files = dataset.shard_presses(shard), dataset.path / STAGING, {}
-    aside.mkdir(exist_ok=True)
-    for name, array in dataset.arrays.items():
-        stored = _encode(np.asarray(values[name]), array, name)
-        files |= chunk_files(dataset.path, name, presses, stored, bool(array.chunk), aside)
-    _write_all(dataset.path, files)
-    _write_all(dataset.path, {f"manifest/{shard:06d}.json": _manifest(files, shard=shard)})
+    presses, staging, files = dataset.shard_presses(shard), dataset.path / STAGING, {}
+    staging.mkdir(exist_ok=True)
+    for name, of_presses in values.items():
+        array = dataset.arrays[name]
+        stored = np.stack([_encode(np.asarray(value), array, name) for value in of_presses])
+        made = chunk_files(dataset.path, name, presses, stored, bool(array.chunk), staging)
+        files |= {path: whole_files.write_aside(staging, data) for path, data in made.items()}
+    return files
+
+
+def commit_shard(dataset: Dataset, shard: int, files: Mapping[str, Aside]) -> None:
+    """Put all files of a shard in their places, and its manifest last."""
+    put_in_place(dataset.path, files)
+    _write_manifest(dataset.path, shard, {name: file.sha256 for name, file in files.items()})
 
 
 def finish(dataset: Dataset) -> None:
@@ -319,28 +326,8 @@ def _encode(values: np.ndarray, array: Array, name: str) -> np.ndarray:
     return stored
 
 
-def _manifest(files: Mapping[str, bytes], **head: int) -> bytes:
-    sums = {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
-    return json.dumps({**head, "sha256": sums}, indent=1).encode()
-
-
-def _write_all(root: Path, files: Mapping[str, bytes]) -> None:
-    """Write files under a root so that each is there whole or not at all, also after a power cut."""
-    aside = root / STAGING
-    for name, data in files.items():
-        target, temporary = root / name, aside / uuid.uuid4().hex
-        target.parent.mkdir(parents=True, exist_ok=True)
-        aside.mkdir(exist_ok=True)
-        with open(temporary, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
-    _sync_folders({(root / name).parent for name in files})
-
-
-def _sync_folders(folders: Iterable[Path]) -> None:
-    for folder in folders:
-        handle = os.open(folder, os.O_RDONLY)
-        os.fsync(handle)
-        os.close(handle)
+def _write_manifest(root: Path, shard: int | None, sums: Mapping[str, str]) -> None:
+    """Checksums of a shard's files, or of the plan's."""
+    head, name = ({}, PLAN) if shard is None else ({"shard": shard}, f"{shard:06d}")
+    data = json.dumps({**head, "sha256": dict(sorted(sums.items()))}, indent=1).encode()
+    put_in_place(root, {f"manifest/{name}.json": whole_files.write_aside(root / STAGING, data)})

@@ -31,13 +31,14 @@ class March:
 
     poses (b, 4, 4) mm at first touch; path (d, 3) mm; status (b,): those that have not converged there do not begin;
     the others do in this ``order`` (b,).
-    ``rows`` are the samples of each press, ``final`` how it ended. ``way`` is the length of path that lies behind an
-    environment, mm.
+    ``rows`` are the samples of each press, ``displacement`` (d, v, 3) m of each that has any, ``final`` how it ended.
+    ``way`` is the length of path that lies behind an environment, mm.
     """
 
     def __init__(self, scene: Scene, poses: np.ndarray, path: np.ndarray, status: np.ndarray, order: np.ndarray):
         self.scene, self.solver, self.path, self._poses = scene, scene.solver, path, poses
         self.rows: list[list[dict]] = [[] for _ in poses]
+        self.displacement: list[np.ndarray | None] = [None for _ in poses]
         self.final = status.copy()
         self._waiting = deque(order[status[order] == Status.CONVERGED])
         self._corners = np.vstack([np.zeros(3), path])
@@ -168,13 +169,17 @@ class March:
             return
         out = self.solver.increment
         for env, sample in self.scene.samples.take(reached):
-            rows = self.rows[self.press[env]]
+            press = self.press[env]
+            rows, displacement = self.rows[press], sample.pop("displacement")
             overlap, of_edge = sample.pop("overlap_mm"), sample.pop("overlap_of_edge")
             entered = not rows and self.path[0, 1] > LEAST_OVERLAP_MM
             missed = not sample["force"].any() and (entered or overlap > LEAST_OVERLAP_MM)
             if missed or of_edge > MOST_OVERLAP:
                 self._end(env, Status.NOT_RESOLVED)
                 continue
+            if not rows:
+                self.displacement[press] = np.empty((len(self.path), *displacement.shape), displacement.dtype)
+            self.displacement[press][len(rows)] = displacement
             costs = dict(zip(("newton_iterations", "krylov_iterations", "substeps"), self.cost[:, env], strict=True))
             solved = {name: getattr(out, name)[env] for name in ("residual", "contact_error")}
             rows.append(sample | costs | solved | {"min_det_F": out.min_det[env]})

@@ -97,20 +97,23 @@ def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np
     touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)
     results = []
     for i, final in enumerate(march.final):
-        rows, march.rows[i] = march.rows[i], []  # many presses are large: nothing is kept twice
-        liquid, vertices = scene.cavity is not None, scene.n_vertices
-        results.append(_result(rows, final, len(path_m), vertices, liquid, float(touch[i]), seconds))
+        displacement = march.displacement[i]
+        if displacement is None:
+            displacement = np.empty((len(path_m), scene.n_vertices, 3))
+        liquid = scene.cavity is not None
+        results.append(_result(march.rows[i], displacement, final, liquid, float(touch[i]), seconds))
     return results
 
 
-def _result(rows: list[dict], final: int, d: int, vertices: int, liquid: bool, touch: float, seconds) -> PressResult:
-    """The samples of one press, which ended with ``final``, as arrays over its d depths."""
+def _result(rows: list[dict], displacement: np.ndarray, final: int, liquid: bool, touch: float, seconds) -> PressResult:
+    """The samples of one press, which ended with ``final``, as arrays over its depths."""
+    d = len(displacement)
+    displacement[len(rows) :] = np.nan
 
     def column(key, *inner):
-        out = np.empty((d, *inner), dtype=np.asarray(rows[0][key]).dtype if inner and rows else float)
+        out = np.full((d, *inner), np.nan)
         for i, row in enumerate(rows):
             out[i] = row[key]
-        out[len(rows) :] = np.nan
         return out
 
     status = np.full(d, final, dtype=np.int8)
@@ -118,6 +121,6 @@ def _result(rows: list[dict], final: int, d: int, vertices: int, liquid: bool, t
     certificate = {key: column(key) for key in CERTIFICATE}
     if liquid:
         certificate["liquid_volume_error"] = column("liquid_volume_error")
-    vectors = column("displacement", vertices, 3), column("force", 3), column("moment", 3)
     pressure = column("cavity_pressure") if liquid else None
-    return PressResult(*vectors, status, certificate, touch, seconds, pressure)
+    force, moment = column("force", 3), column("moment", 3)
+    return PressResult(displacement, force, moment, status, certificate, touch, seconds, pressure)

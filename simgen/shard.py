@@ -1,7 +1,7 @@
 """One task: press the indenters of some shards into every sensor and write the shards.
 
-A worker process makes the scene of a sensor once and keeps it between tasks. A worker with two threads writes the
-shards of one task while it solves the next.
+A worker process makes the scene of a sensor once and keeps it between tasks. What one sensor made is written while the
+next one is solved; a worker with two threads begins the next task meanwhile.
 """
 
 import gc
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from simgen.capacity import presses_at_once
-from simgen.dataset import Dataset, write_shard
+from simgen.dataset import Dataset, commit_shard, write_aside
 from simgen.errors import InputError
 from simgen.indenter import load_indenter
 from simgen.job import Job
@@ -114,58 +114,70 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     with one shard alone stands in its report.
     """
     dataset = Dataset(path)
-    presses = [dataset.shard_presses(shard) for shard in shards]
-    rows = np.concatenate([np.arange(some.start, some.stop) for some in presses])
-    contact_pose = dataset.root["press/contact_pose"][:][rows]
-    indenters = dataset.root["press/indenter"][:][rows].tolist()
-    inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")})
-    results: dict[str, list[PressResult]] = {}
-    with SOLVING:
-        begin = time.perf_counter()
-        for sensor in dataset.sensors:
-            poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
-            results[sensor] = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
-        share = (time.perf_counter() - begin) / len(rows)
-    starts = np.cumsum([0, *map(len, presses)])
-
-    def write(i: int) -> ShardReport:
-        of_shard = slice(starts[i], starts[i + 1])
-        found = {sensor: results[sensor][of_shard] for sensor in dataset.sensors}
-        try:
-            return _write(dataset, shards[i], contact_pose[of_shard], found, share)
-        except Exception as error:  # a shard that cannot be written does not take the others with it
-            return ShardReport(shards[i], len(presses[i]), error=f"{type(error).__name__}: {error}")
-
     with ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
-        return list(threads.map(write, range(len(shards))))
+        presses = [np.array(dataset.shard_presses(shard)) for shard in shards]
+        rows, ends = np.concatenate(presses), np.cumsum([len(some) for some in presses])
+        contact_pose = dataset.root["press/contact_pose"][:][rows]
+        poses_of = np.split(contact_pose, ends[:-1])
+        writers = [_ShardWriter(dataset, *each, threads) for each in zip(shards, poses_of, strict=True)]
+        indenters = dataset.root["press/indenter"][:][rows].tolist()
+        inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")})
+        with SOLVING:
+            begin = time.perf_counter()
+            for sensor in dataset.sensors:
+                poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
+                results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
+                for writer, end in zip(writers, ends, strict=True):
+                    writer.take(sensor, results[end - len(writer.contact_pose) : end])
+                del results  # gigabytes, of which each shard lets go when it has written them
+            share = (time.perf_counter() - begin) / len(rows)
+        return list(threads.map(lambda writer: writer.commit(share), writers))
 
 
-def _write(dataset: Dataset, shard: int, contact_pose: np.ndarray, results: dict[str, list], share: float):
-    """Write one shard; its report. ``share``: seconds that each of its presses took."""
-    begin, count = time.perf_counter(), len(contact_pose)
-    values: dict[str, np.ndarray] = {}
-    for sensor, of_sensor in results.items():
-        values |= _columns(dataset, sensor, of_sensor)
-    # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
-    first_touch = np.nan_to_num(values[f"{dataset.sensors[0]}/touch"])
-    for sensor in dataset.sensors:
-        values[f"{sensor}/touch"] -= first_touch
-    values["press/pose"] = _advance(contact_pose, first_touch)
-    write_shard(dataset, shard, values)
-    failed = sum(int(np.count_nonzero(values[f"{sensor}/status"])) for sensor in dataset.sensors)
-    seconds = {sensor: round(sum(result.seconds for result in found), 3) for sensor, found in results.items()}
-    total = round(share * count + time.perf_counter() - begin, 3)
-    return ShardReport(shard, count, failed, total, seconds, socket.gethostname())
+class _ShardWriter:
+    """Writes what a sensor made of a shard's presses (n,) while the next sensor is solved."""
+
+    def __init__(self, dataset: Dataset, shard: int, contact_pose: np.ndarray, threads: ThreadPoolExecutor):
+        self.dataset, self.shard, self.contact_pose = dataset, shard, contact_pose
+        self._threads, self._asides = threads, []
+        self._failed, self._seconds, self._first_touch = 0, {}, np.zeros(len(contact_pose))
+
+    def take(self, sensor: str, results: list[PressResult]) -> None:
+        """Begin to write the results (n,) of a sensor aside; those of the reference sensor come first."""
+        dataset, touch = self.dataset, np.array([result.touch for result in results])
+        values = _columns(dataset, sensor, results)
+        if sensor == dataset.sensors[0]:
+            # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
+            self._first_touch = np.nan_to_num(touch)
+            values["press/pose"] = _advance(self.contact_pose, self._first_touch)
+        values[f"{sensor}/touch"] = touch - self._first_touch
+        self._failed += sum(int(np.count_nonzero(result.status)) for result in results)
+        self._seconds[sensor] = round(sum(result.seconds for result in results), 3)
+        self._asides.append(self._threads.submit(write_aside, dataset, self.shard, values))
+
+    def commit(self, share: float) -> ShardReport:
+        """Put the shard in its place. ``share``: seconds that each of its presses took.
+
+        A shard that cannot be written does not take the others with it.
+        """
+        begin, count, files = time.perf_counter(), len(self.contact_pose), {}
+        try:
+            for aside in self._asides:
+                files |= aside.result()
+            commit_shard(self.dataset, self.shard, files)
+        except Exception as error:
+            return ShardReport(self.shard, count, error=f"{type(error).__name__}: {error}")
+        total = round(share * count + time.perf_counter() - begin, 3)
+        return ShardReport(self.shard, count, self._failed, total, self._seconds, socket.gethostname())
 
 
-def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, np.ndarray]:
-    """Results of a shard as those arrays that the dataset has for the sensor."""
+def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, list]:
+    """Results of a shard as those arrays that the dataset has for the sensor, a press at a time."""
     columns = {}
     for name in dataset.arrays:
         owner, *group, key = name.split("/")
         if owner == sensor:
-            found = [result.certificate[key] if group else getattr(result, key) for result in results]
-            columns[name] = np.stack(found)
+            columns[name] = [result.certificate[key] if group else getattr(result, key) for result in results]
     return columns
 
 

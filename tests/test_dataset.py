@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from simgen.dataset import (
     DISPLACEMENT_STEP_M,
     Dataset,
+    commit_shard,
     create,
     open_or_create,
     split_by_trajectory,
-    write_shard,
+    write_aside,
 )
 from simgen.errors import InputError
 from simgen.provenance import difference
@@ -45,6 +46,10 @@ def shard_values(dataset, shard, seed=0):
         if array.dtype in ("int8", "int32"):
             values[name] = np.abs(np.rint(values[name]))
     return values
+
+
+def write_shard(dataset, shard, values):
+    commit_shard(dataset, shard, write_aside(dataset, shard, values))
 
 
 def test_what_is_written_is_read_back(dataset):
