@@ -151,7 +151,8 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
         for file in staging.rglob("*")
         if file.is_file()
     }
-    _write_manifest(staging, None, sums)
+    aside = whole_files.write_aside(staging / STAGING, _manifest(sums))
+    put_in_place(staging, {f"manifest/{PLAN}.json": aside})
     shutil.rmtree(staging / STAGING)
     os.replace(staging, path)
 
@@ -291,10 +292,14 @@ def write_aside(dataset: Dataset, shard: int, values: Mapping[str, Sequence[np.n
     return files
 
 
-def commit_shard(dataset: Dataset, shard: int, files: Mapping[str, Aside]) -> None:
-    """Put all files of a shard in their places, and its manifest last."""
-    put_in_place(dataset.path, files)
-    _write_manifest(dataset.path, shard, {name: file.sha256 for name, file in files.items()})
+def commit_shards(dataset: Dataset, shards: Mapping[int, Mapping[str, Aside]]) -> None:
+    """Put the files of shards, each by number and path, in their places, and their manifests last."""
+    put_in_place(dataset.path, {path: file for files in shards.values() for path, file in files.items()})
+    manifests = {}
+    for shard, files in shards.items():
+        text = _manifest({path: file.sha256 for path, file in files.items()}, shard=shard)
+        manifests[f"manifest/{shard:06d}.json"] = whole_files.write_aside(dataset.path / STAGING, text)
+    put_in_place(dataset.path, manifests)
 
 
 def finish(dataset: Dataset) -> None:
@@ -326,8 +331,5 @@ def _encode(values: np.ndarray, array: Array, name: str) -> np.ndarray:
     return stored
 
 
-def _write_manifest(root: Path, shard: int | None, sums: Mapping[str, str]) -> None:
-    """Checksums of a shard's files, or of the plan's."""
-    head, name = ({}, PLAN) if shard is None else ({"shard": shard}, f"{shard:06d}")
-    data = json.dumps({**head, "sha256": dict(sorted(sums.items()))}, indent=1).encode()
-    put_in_place(root, {f"manifest/{name}.json": whole_files.write_aside(root / STAGING, data)})
+def _manifest(sums: Mapping[str, str], **head: int) -> bytes:
+    return json.dumps({**head, "sha256": dict(sorted(sums.items()))}, indent=1).encode()

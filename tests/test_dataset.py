@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from simgen.dataset import (
     DISPLACEMENT_STEP_M,
     Dataset,
-    commit_shard,
+    commit_shards,
     create,
     open_or_create,
     split_by_trajectory,
@@ -49,7 +49,7 @@ def shard_values(dataset, shard, seed=0):
 
 
 def write_shard(dataset, shard, values):
-    commit_shard(dataset, shard, write_aside(dataset, shard, values))
+    commit_shards(dataset, {shard: write_aside(dataset, shard, values)})
 
 
 def test_what_is_written_is_read_back(dataset):
