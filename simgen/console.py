@@ -95,13 +95,13 @@ class _Watch:
         )
         self.done = self.already = self.failed = self.errors = 0
         self.began = time.monotonic()
-        self.bar = self.progress.add_task(job.name, total=job.presses, rate="compiling kernels", failures="")
+        self.bar = self.progress.add_task(job.name, total=job.presses, rate="starting", failures="")
 
     def on_start(self, already: int) -> None:
         """The tasks start; `already` presses are there from an earlier run."""
         self.done = self.already = already
         self.began = time.monotonic()
-        self.progress.update(self.bar, completed=already, rate="")
+        self.progress.update(self.bar, completed=already, rate="loading kernels")
 
     def on_report(self, report: "ShardReport") -> None:
         if report.error:

@@ -14,7 +14,7 @@ from typing import Any
 from simgen.dataset import Dataset, finish, log_timing, open_or_create
 from simgen.job import Job
 from simgen.plan import Plan
-from simgen.shard import Presser, ShardReport, fem_presser, run_shards, warm_up
+from simgen.shard import Presser, ShardReport, fem_presser, run_shards
 
 TASKS_PER_WORKER = 2  # submitted and not finished: one runs, one waits
 # A task on a GPU: so many that the presses at its end, which leave the device idle, are few among them.
@@ -43,8 +43,6 @@ def run(
     """
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
     shards = dataset.unfinished()
-    if shards and scheduler != "sync" and plan.device == "cpu":
-        warm_up(plan, build)  # once, here; a GPU's worker has cores enough to compile by itself
     gpus = visible_gpus(plan.device) if plan.device != "cpu" and scheduler is None else []
     with _executor(workers, scheduler, gpus, len(shards)) as (execute, at_once):
         on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))

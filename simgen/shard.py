@@ -4,7 +4,6 @@ A worker process makes the scene of a sensor once and keeps it between tasks. Wh
 next one is solved; a worker with two threads begins the next task meanwhile.
 """
 
-import gc
 import json
 import os
 import socket
@@ -23,7 +22,7 @@ from simgen.dataset import Dataset, commit_shards, write_aside
 from simgen.errors import InputError
 from simgen.indenter import load_indenter
 from simgen.job import Job
-from simgen.plan import Plan, chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, press
 from simgen.provenance import difference
 from simgen.quiet import start_warp
@@ -99,14 +98,6 @@ def _check_inputs(job: Job, inputs: str) -> None:
             f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all "
             "workers the same files, and the same meshes by running `simgen mesh` once in a folder they share"
         )
-
-
-def warm_up(plan: Plan, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
-    """Press once into every sensor, to the first depth, so that all kernels lie compiled in the cache."""
-    for sensor in plan.job.sensors:
-        pose = np.linalg.inv(plan.arrays[f"{sensor}/pose"][:1]) @ plan.arrays["press/contact_pose"][:1]
-        build(plan.job, sensor, plan.device)([0], pose, plan.job.depths_m[:1])
-        gc.collect()  # a scene refers to itself; its memory is for the workers
 
 
 def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=fem_presser) -> list[ShardReport]:
