@@ -101,7 +101,7 @@ class _Watch:
         """The tasks start; `already` presses are there from an earlier run."""
         self.done = self.already = already
         self.began = time.monotonic()
-        self.progress.update(self.bar, completed=already, rate="loading kernels")
+        self.progress.update(self.bar, completed=already, rate="no rate yet")
 
     def on_report(self, report: "ShardReport") -> None:
         if report.error:

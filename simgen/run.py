@@ -44,14 +44,19 @@ def run(
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
     shards = dataset.unfinished()
     gpus = visible_gpus(plan.device) if plan.device != "cpu" and scheduler is None else []
-    with _executor(workers, scheduler, gpus, len(shards)) as (execute, at_once):
-        on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
-        tasks = divide(shards, 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, at_once))
-        device = "cuda" if gpus else plan.device  # a worker sees its own GPU and no other
-        for reports in execute([(output.resolve(), some, plan.job, device, build) for some in tasks]):
-            for report in reports:
-                log_timing(dataset, {"finished": time.time(), **asdict(report)})
-                on_report(report)
+    try:
+        with _executor(workers, scheduler, gpus, len(shards)) as (execute, at_once):
+            on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
+            tasks = divide(shards, 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, at_once))
+            device = "cuda" if gpus else plan.device  # a worker sees its own GPU and no other
+            for reports in execute([(output.resolve(), some, plan.job, device, build) for some in tasks]):
+                for report in reports:
+                    log_timing(dataset, {"finished": time.time(), **asdict(report)})
+                    on_report(report)
+    except BaseException:
+        if scheduler in (None, "sync"):  # tasks of a scheduler elsewhere may still be writing
+            finish(dataset)
+        raise
     finish(dataset)
     return dataset
 

@@ -100,14 +100,13 @@ class Samples:
         return self._sums.numpy()
 
     def displacement(self, environments: np.ndarray) -> np.ndarray:
-        """Displacement of the output mesh (k, v, 3), m, in k environments."""
+        """Displacement of the output mesh (k, v, 3), m, in k environments; on a CPU it is valid until the next call."""
         k, x = len(environments), self.scene.solver.x
         lanes = wp.array(environments, dtype=wp.int32, device=self.scene.device)
         dim = (self._displacement.shape[1], 3, k)
         inputs, outputs = [*self._weights, x, lanes], [self._displacement]
         wp.launch(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
-        found = self._displacement[:k].numpy()
-        return found.copy() if self._displacement.device.is_cpu else found  # a GPU's array has come as a copy
+        return self._displacement[:k].numpy()
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
         """Deepest overlap with indenter and core, mm, on points denser than the integration's; and over a face's edge.

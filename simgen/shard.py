@@ -12,13 +12,13 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from simgen.capacity import presses_at_once
-from simgen.dataset import Dataset, commit_shards, write_aside
+from simgen.dataset import Dataset, folder_aside
 from simgen.errors import InputError
 from simgen.indenter import load_indenter
 from simgen.job import Job
@@ -27,7 +27,7 @@ from simgen.press import PressResult, Scene, SolverSettings, press
 from simgen.provenance import difference
 from simgen.quiet import start_warp
 from simgen.sensor import Sensor
-from simgen.whole_files import Aside
+from simgen.shard_writer import ShardWriter, put_shards_in_place
 
 Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
 """(indenter indices, poses in the sensor's frame (b, 4, 4) m, depths (d,) m) -> one result each."""
@@ -38,7 +38,11 @@ SOLVING = threading.Lock()  # one task of a process solves, others read and writ
 
 @dataclass(frozen=True)
 class ShardReport:
-    """What came of one shard; `failed` counts samples not converged, an `error` means nothing was written."""
+    """What came of one shard; `failed` counts samples not converged, an `error` means nothing was written.
+
+    `seconds` is the shard's share in those of its task, from the first press to the last file. Two tasks of a worker
+    overlap: one writes while the other solves.
+    """
 
     shard: int
     presses: int
@@ -49,9 +53,9 @@ class ShardReport:
     error: str | None = None
 
 
-@lru_cache(maxsize=8)
+@cache
 def _sensor(job: Job, name: str) -> Sensor:
-    """One sensor per process: to cut its regions and place its core takes a second."""
+    """A sensor as the last check found it: to cut its regions and place its core takes a second."""
     return chosen_sensor(job, name)
 
 
@@ -80,7 +84,7 @@ def _presser(
     return build(job, sensor, device)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=1)  # what has been checked is what `_sensor` holds
 def _check_inputs(job: Job, inputs: str) -> None:
     """Raises `InputError` where a sensor or an indenter is another one here than in the dataset.
 
@@ -101,89 +105,45 @@ def _check_inputs(job: Job, inputs: str) -> None:
 
 
 def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=fem_presser) -> list[ShardReport]:
-    """Solve all presses of some shards on every sensor and write them, each by itself.
+    """Solve all presses of some shards on every sensor and write them.
 
-    Raises `InputError` where this process sees other sensors or indenters than those of the dataset. What goes wrong
-    with one shard alone stands in its report.
+    Raises `InputError` where this process sees other sensors or indenters than those of the dataset. What cannot be
+    written of one shard alone stands in its report.
     """
     dataset = Dataset(path)
-    with ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
-        presses = [np.array(dataset.shard_presses(shard)) for shard in shards]
-        rows, ends = np.concatenate(presses), np.cumsum([len(some) for some in presses])
-        contact_pose = dataset.root["press/contact_pose"][:][rows]
-        poses_of = np.split(contact_pose, ends[:-1])
-        writers = [_ShardWriter(dataset, *each, threads) for each in zip(shards, poses_of, strict=True)]
-        indenters = dataset.root["press/indenter"][:][rows].tolist()
-        inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")})
-        with SOLVING:
-            begin = time.perf_counter()
-            for sensor in dataset.sensors:
-                poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
-                results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
-                for writer, end in zip(writers, ends, strict=True):
-                    writer.take(sensor, results[end - len(writer.contact_pose) : end])
-                del results  # gigabytes, of which each shard lets go when it has written them
-        return _commit(dataset, writers, begin)
-
-
-class _ShardWriter:
-    """Writes what a sensor made of a shard's presses (n,) while the next sensor is solved."""
-
-    def __init__(self, dataset: Dataset, shard: int, contact_pose: np.ndarray, threads: ThreadPoolExecutor):
-        self.dataset, self.shard, self.contact_pose = dataset, shard, contact_pose
-        self._threads, self._asides = threads, []
-        self._failed, self._seconds, self._first_touch = 0, {}, np.zeros(len(contact_pose))
-
-    def take(self, sensor: str, results: list[PressResult]) -> None:
-        """Begin to write the results (n,) of a sensor aside; those of the reference sensor come first."""
-        dataset, touch = self.dataset, np.array([result.touch for result in results])
-        values = _columns(dataset, sensor, results)
-        if sensor == dataset.sensors[0]:
-            # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
-            self._first_touch = np.nan_to_num(touch)
-            values["press/pose"] = _advance(self.contact_pose, self._first_touch)
-        values[f"{sensor}/touch"] = touch - self._first_touch
-        self._failed += sum(int(np.count_nonzero(result.status)) for result in results)
-        self._seconds[sensor] = round(sum(result.seconds for result in results), 3)
-        self._asides.append(self._threads.submit(write_aside, dataset, self.shard, values))
-
-    def files(self) -> dict[str, Aside]:
-        """All that has been written aside, by path. Raises what went wrong with any of it."""
-        return {path: file for aside in self._asides for path, file in aside.result().items()}
-
-    def report(self, seconds_per_press: float, error: str | None) -> ShardReport:
-        count = len(self.contact_pose)
-        if error:
-            return ShardReport(self.shard, count, error=error)
-        seconds = round(seconds_per_press * count, 3)
-        return ShardReport(self.shard, count, self._failed, seconds, self._seconds, socket.gethostname())
-
-
-def _commit(dataset: Dataset, writers: Sequence[_ShardWriter], begin: float) -> list[ShardReport]:
-    """Put shards in their places. One that could not be written does not take the others with it."""
-    shards, errors = {}, {}
-    for writer in writers:
+    with folder_aside(dataset) as folder, ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
+        writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
         try:
-            shards[writer.shard] = writer.files()
-        except Exception as error:
-            errors[writer.shard] = f"{type(error).__name__}: {error}"
-    commit_shards(dataset, shards)
-    seconds = (time.perf_counter() - begin) / sum(len(writer.contact_pose) for writer in writers)
-    return [writer.report(seconds, errors.get(writer.shard)) for writer in writers]
+            with SOLVING:
+                begin = time.perf_counter()
+                _solve(dataset, writers, job, device, build)
+            put_shards_in_place(dataset, writers)
+        except BaseException:
+            threads.shutdown(cancel_futures=True)  # nobody will use what waits to be written
+            raise
+    share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
+    return [_report(writer, share) for writer in writers]
 
 
-def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, list]:
-    """Results of a shard as those arrays that the dataset has for the sensor, a press at a time."""
-    columns = {}
-    for name in dataset.arrays:
-        owner, *group, key = name.split("/")
-        if owner == sensor:
-            columns[name] = [result.certificate[key] if group else getattr(result, key) for result in results]
-    return columns
+def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: str, build) -> None:
+    """Press all shards' indenters into one sensor after the other, and give each shard's writer what came of it."""
+    rows = np.concatenate([writer.presses for writer in writers])
+    ends = np.cumsum([len(writer.presses) for writer in writers])
+    contact_pose = dataset.root["press/contact_pose"][:][rows]
+    indenters = dataset.root["press/indenter"][:][rows].tolist()
+    inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")})
+    for sensor in dataset.sensors:
+        poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
+        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
+        for writer, end in zip(writers, ends, strict=True):
+            own = slice(end - len(writer.presses), end)
+            writer.take(sensor, results[own], contact_pose[own])
+        del results  # gigabytes, of which each shard lets go when it has written them
 
 
-def _advance(poses: np.ndarray, travel: np.ndarray) -> np.ndarray:
-    """Poses (b, 4, 4) moved by travel (b,) m along their own +y."""
-    moved = poses.copy()
-    moved[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
-    return moved
+def _report(writer: ShardWriter, seconds_per_press: float) -> ShardReport:
+    count = len(writer.presses)
+    if writer.error:
+        return ShardReport(writer.shard, count, error=writer.error)
+    seconds = round(seconds_per_press * count, 3)
+    return ShardReport(writer.shard, count, writer.failed, seconds, writer.seconds, socket.gethostname())

@@ -18,7 +18,6 @@ class Aside:
 
 def write_aside(folder: Path, data: bytes) -> Aside:
     """A new file in the folder, on the disk when this returns."""
-    folder.mkdir(exist_ok=True)
     temporary = folder / uuid.uuid4().hex
     with open(temporary, "wb") as file:
         file.write(data)
@@ -28,11 +27,11 @@ def write_aside(folder: Path, data: bytes) -> Aside:
 
 
 def put_in_place(root: Path, files: Mapping[str, Aside]) -> None:
-    """Rename files to these paths below the root, which is on the same disk."""
+    """Rename files to these paths below the root, which is on the same disk; flush the folders that may be new."""
     for name, file in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(file.temporary, root / name)
-    for folder in {(root / name).parent for name in files}:
-        handle = os.open(folder, os.O_RDONLY)
+    for folder in {parent for name in files for parent in Path(name).parents}:
+        handle = os.open(root / folder, os.O_RDONLY)
         os.fsync(handle)
         os.close(handle)

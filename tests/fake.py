@@ -160,6 +160,18 @@ def overflowing_presser(job, sensor, device):
     return presser
 
 
+def raising_presser(job, sensor, device):
+    """The second sensor's solver breaks down, while what the first one made is written."""
+
+    def presser(indenters, poses, depths):
+        if sensor == "biotac":
+            time.sleep(0.3)  # the first sensor's files are being written
+            raise RuntimeError("no solver")
+        return fake_presser(job, sensor, device)(indenters, poses, depths)
+
+    return presser
+
+
 def killed_presser(job, sensor, device):
     """kill -9 of this very process in the third task, half-way between the two sensors."""
     tasks = {"count": 0}

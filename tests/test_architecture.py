@@ -23,7 +23,7 @@ HOUSE = {
     "fem": ["fem"],
     "press": ["press", "march", "samples", "scene", "first_touch", "capacity"],
     "dataset": ["dataset", "chunk_files", "whole_files", "audit", "exchange"],
-    "run": ["plan", "shard", "run"],
+    "run": ["plan", "shard_writer", "shard", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console"],
     "validate": ["validate"],
     "bench": ["bench"],

@@ -14,14 +14,16 @@ from hypothesis import strategies as st
 from simgen.dataset import (
     DISPLACEMENT_STEP_M,
     Dataset,
-    commit_shards,
     create,
+    folder_aside,
+    manifest_aside,
     open_or_create,
     split_by_trajectory,
     write_aside,
 )
 from simgen.errors import InputError
 from simgen.provenance import difference
+from simgen.whole_files import put_in_place
 
 
 @pytest.fixture
@@ -49,7 +51,10 @@ def shard_values(dataset, shard, seed=0):
 
 
 def write_shard(dataset, shard, values):
-    commit_shards(dataset, {shard: write_aside(dataset, shard, values)})
+    with folder_aside(dataset) as folder:
+        files = write_aside(dataset, shard, values, folder)
+        put_in_place(dataset.path, files)
+        put_in_place(dataset.path, manifest_aside(shard, files, folder))
 
 
 def test_what_is_written_is_read_back(dataset):

@@ -1,5 +1,6 @@
 """Runs with a press by formula: any number of workers, kills and interrupts give the same bytes."""
 
+import json
 import os
 import re
 import signal
@@ -15,9 +16,10 @@ import pytest
 import trimesh
 from dask.distributed import Client
 
-from simgen.dataset import Dataset, finish, open_or_create
+from simgen import shard
+from simgen.dataset import Dataset, finish, manifest_aside, open_or_create
 from simgen.errors import InputError
-from simgen.plan import sensor_identity
+from simgen.plan import indenter_identities, sensor_identity
 from simgen.run import divide, local_cluster, run, shards_per_task
 from simgen.sensor import load_sensor
 from simgen.shard import run_shards
@@ -125,6 +127,35 @@ def test_a_task_that_raises_is_reported_and_its_shard_is_left_for_the_next_run(t
     assert dataset.unfinished() == list(range(6))
 
 
+def test_a_solver_that_breaks_down_leaves_nothing_behind(tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
+    before = fake.contents(dataset.path)
+    with pytest.raises(RuntimeError, match="no solver"):
+        run_shards(dataset.path, [0, 1, 2], plan.job, "cpu", fake.raising_presser)
+    assert fake.contents(dataset.path) == before
+
+
+def test_a_shard_that_cannot_be_written_does_not_take_the_others_with_it(whole, tmp_path, monkeypatch):
+    """A displacement that does not fit in the first shard, a full disk for the manifest of the third."""
+
+    def full(shard, files, folder):
+        if shard == 2:
+            raise OSError(28, "No space left on device")
+        return manifest_aside(shard, files, folder)
+
+    plan = fake.make_plan(fake.make_job())
+    dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
+    with monkeypatch.context() as disk:
+        disk.setattr("simgen.shard_writer.manifest_aside", full)
+        reports = run_shards(dataset.path, [0, 1, 2, 3], plan.job, "cpu", fake.overflowing_presser)
+    assert [bool(report.error) for report in reports] == [True, False, True, False]
+    assert "OverflowError" in reports[0].error and "No space left" in reports[2].error
+    assert dataset.finished() == [1, 3]
+    run(plan, dataset.path, scheduler="sync", build=fake.fake_presser)
+    assert fake.contents(dataset.path) == fake.contents(whole)
+
+
 def test_poses_are_at_first_touch_of_the_reference_sensor(whole):
     """The fake press touches after 10, 20, 30 um of travel, by indenter, on both sensors."""
     dataset = Dataset(whole)
@@ -172,6 +203,19 @@ def test_a_worker_with_another_mesh_writes_nothing(tmp_path):
         dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.fake_presser)
         assert len(dataset.finished()) == written
     assert all(f"sensors.digit.simulation_mesh: {mesh} -> {own['simulation_mesh']}" in r.error for r in reports)
+
+
+def test_what_was_checked_last_is_what_is_pressed(monkeypatch):
+    """A worker that solves for two datasets in turn, between which the sensor's files change and change back."""
+    job, files = fake.make_job(), {}
+    monkeypatch.setattr("simgen.shard.chosen_sensor", lambda job, name: files[name])
+    monkeypatch.setattr("simgen.shard.sensor_identity", lambda job, name, sensor: {"mesh": sensor})
+    for mesh in ("one", "other", "one"):
+        files["digit"] = mesh
+        inputs = {"sensors": {"digit": {"mesh": mesh}}, "indenters": indenter_identities(job)}
+        shard._check_inputs(job, json.dumps(inputs))
+        assert shard._sensor(job, "digit") == mesh
+    shard._sensor.cache_clear()
 
 
 def test_a_changed_job_is_refused(whole):

@@ -7,7 +7,7 @@ from simgen.whole_files import put_in_place, write_aside
 
 def test_a_file_has_its_place_only_when_it_is_put_there(tmp_path):
     root, data = tmp_path / "root", b"\x00\xff touch" * 1000
-    root.mkdir()
+    (root / "aside").mkdir(parents=True)
     first, second = (write_aside(root / "aside", data) for _ in range(2))
     assert sorted(root.iterdir()) == [root / "aside"]
     assert first.sha256 == hashlib.sha256(data).hexdigest()

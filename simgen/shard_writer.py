@@ -1,0 +1,94 @@
+"""Writing what came of a shard's presses, a sensor at a time, while the next sensor is solved."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from simgen.dataset import Dataset, manifest_aside, write_aside
+from simgen.press import PressResult
+from simgen.whole_files import Aside, put_in_place
+
+
+class ShardWriter:
+    """Writes one shard's files into a folder aside.
+
+    presses : (n,) numbers of the shard's presses
+    failed : samples that have not converged, of all sensors
+    seconds : sensor -> seconds of solving
+    error : what could not be written, of the first sensor, or None; known when ``files`` has been asked for
+    """
+
+    def __init__(self, dataset: Dataset, shard: int, folder: Path, threads: ThreadPoolExecutor):
+        self.dataset, self.shard, self.presses = dataset, shard, np.array(dataset.shard_presses(shard))
+        self.failed, self.seconds, self.error = 0, {}, None
+        self._folder, self._threads, self._writing = folder, threads, []
+        self._first_touch = np.zeros(len(self.presses))
+
+    def take(self, sensor: str, results: Sequence[PressResult], contact_pose: np.ndarray) -> None:
+        """Begin to write the results (n,) of a sensor; those of the reference sensor come first.
+
+        contact_pose (n, 4, 4): indenter frame -> shared frame, m.
+        """
+        dataset, touch = self.dataset, np.array([result.touch for result in results])
+        values = _columns(dataset, sensor, results)
+        if sensor == dataset.sensors[0]:
+            # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
+            self._first_touch = np.nan_to_num(touch)
+            values["press/pose"] = _advance(contact_pose, self._first_touch)
+        values[f"{sensor}/touch"] = touch - self._first_touch
+        self.failed += sum(int(np.count_nonzero(result.status)) for result in results)
+        self.seconds[sensor] = round(sum(result.seconds for result in results), 3)
+        self._writing.append(self._threads.submit(self._write, values))
+
+    def _write(self, values: dict[str, Sequence]) -> dict[str, Aside] | str:
+        """Files by path, or what went wrong: in words, as the exception itself would hold the values."""
+        try:
+            return write_aside(self.dataset, self.shard, values, self._folder)
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+
+    def files(self) -> tuple[dict[str, Aside], dict[str, Aside]]:
+        """The shard's files and its manifest, by path, when all are written; none if something went wrong."""
+        files: dict[str, Aside] = {}
+        for writing in self._writing:
+            written = writing.result()
+            if isinstance(written, str):
+                self.error = self.error or written
+            else:
+                files |= written
+        if self.error is None:
+            try:
+                return files, manifest_aside(self.shard, files, self._folder)
+            except OSError as error:
+                self.error = f"{type(error).__name__}: {error}"
+        return {}, {}
+
+
+def put_shards_in_place(dataset: Dataset, writers: Sequence[ShardWriter]) -> None:
+    """Put all shards that could be written in their places, their manifests last."""
+    files, manifests = {}, {}
+    for writer in writers:
+        of_shard, manifest = writer.files()
+        files |= of_shard
+        manifests |= manifest
+    put_in_place(dataset.path, files)
+    put_in_place(dataset.path, manifests)
+
+
+def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, Sequence]:
+    """Results of a shard as those arrays that the dataset has for the sensor, a press at a time."""
+    columns = {}
+    for name in dataset.arrays:
+        owner, *group, key = name.split("/")
+        if owner == sensor:
+            columns[name] = [result.certificate[key] if group else getattr(result, key) for result in results]
+    return columns
+
+
+def _advance(poses: np.ndarray, travel: np.ndarray) -> np.ndarray:
+    """Poses (b, 4, 4) moved by travel (b,) m along their own +y."""
+    moved = poses.copy()
+    moved[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
+    return moved
