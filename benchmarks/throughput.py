@@ -21,13 +21,15 @@ from simgen.audit import check, passes
 from simgen.job import load_job
 from simgen.plan import make_plan
 from simgen.run import run
+from simgen.workers import start_workers
 
 
 def measure(job, device: str, workers: int, folder: Path) -> dict:
-    begin = time.perf_counter()
-    plan = make_plan(job, device)
-    planned, reports = time.perf_counter() - begin, []
-    dataset = run(plan, folder, workers, on_report=reports.append)
+    begin, reports = time.perf_counter(), []
+    with start_workers(job, device, workers) as started:
+        plan = make_plan(job, device)
+        planned = time.perf_counter() - begin
+        dataset = run(plan, folder, started, on_report=reports.append)
     solved = time.perf_counter() - begin
     findings = check(dataset)
     total = time.perf_counter() - begin

@@ -61,14 +61,16 @@ def run_with_progress(job: Job, output: Path, workers: int | None, scheduler: st
     """Run a job behind a progress bar; returns the number of shards that could not be written."""
     from simgen.plan import make_plan
     from simgen.run import run
+    from simgen.workers import start_workers
 
-    with console.status("sampling contacts, posing them on every sensor"):
-        plan = make_plan(job, device)
-    signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code takes it away
     watch = _Watch(job)
     try:
-        with watch.progress:
-            dataset = run(plan, output, workers, scheduler, watch.on_start, watch.on_report)
+        with start_workers(job, device, workers, scheduler) as started:
+            with console.status("sampling contacts, posing them on every sensor"):
+                plan = make_plan(job, device)
+            signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code takes it away
+            with watch.progress:
+                dataset = run(plan, output, started, watch.on_start, watch.on_report)
     except KeyboardInterrupt:
         console.print(f"stopped; {output} holds what was finished, the same command goes on from there")
         raise SystemExit(INTERRUPTED) from None

@@ -210,7 +210,7 @@ class Dataset:
 
     @property
     def shards(self) -> int:
-        return -(-self.presses // self.job.dataset.presses_per_shard)
+        return self.job.shards
 
     @cached_property
     def arrays(self) -> dict[str, Array]:

@@ -181,6 +181,10 @@ class Job(Section):
         return self.trajectories.count * len(self.indenters)
 
     @property
+    def shards(self) -> int:
+        return -(-self.presses // self.dataset.presses_per_shard)
+
+    @property
     def samples(self) -> int:
         """Presses times depths: each is one sample on every sensor."""
         return self.presses * self.depths_mm.count

@@ -55,7 +55,7 @@ class ShardReport:
 
 @cache
 def _sensor(job: Job, name: str) -> Sensor:
-    """A sensor as the last check found it: to cut its regions and place its core takes a second."""
+    """A sensor as it was when `_inputs` looked: to cut its regions and place its core takes a second."""
     return chosen_sensor(job, name)
 
 
@@ -79,29 +79,43 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
 def _presser(
     build: Callable[[Job, str, str], Presser], job: Job, sensor: str, device: str, inputs: str
 ) -> Presser:
-    """One presser per sensor, worker process and inputs of the dataset, kept between tasks."""
-    _check_inputs(job, inputs)
+    """One presser per sensor, worker process and inputs, kept between tasks."""
     return build(job, sensor, device)
 
 
-@lru_cache(maxsize=1)  # what has been checked is what `_sensor` holds
-def _check_inputs(job: Job, inputs: str) -> None:
-    """Raises `InputError` where a sensor or an indenter is another one here than in the dataset.
-
-    `inputs` is JSON of the dataset's attributes. Files may differ between machines, and so do meshes that each
-    made for itself: fTetWild does not make the same mesh twice.
-    """
-    recorded = json.loads(inputs)
-    _sensor.cache_clear()  # its files may be others than when this process solved for another dataset
+@lru_cache(maxsize=1)
+def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
+    """What sensors and indenters are here, as JSON of the dataset's attributes; `_sensor` holds just these."""
     own = {
-        "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in recorded["sensors"]},
+        "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
         "indenters": indenter_identities(job),
     }
-    if changes := difference(recorded, own):
+    return json.dumps(own, sort_keys=True)
+
+
+def _check_inputs(job: Job, recorded: str) -> None:
+    """Raises `InputError` where a sensor or an indenter is another one here than in the dataset.
+
+    `recorded` is what `_inputs` was where the dataset was planned. Files may differ between machines, and so do meshes
+    that each made for itself: fTetWild does not make the same mesh twice.
+    """
+    sensors = tuple(json.loads(recorded)["sensors"])
+    if _inputs(job, sensors) != recorded:
+        _sensor.cache_clear()  # files may have changed since this process read them
+        _inputs.cache_clear()
+    if changes := difference(json.loads(recorded), json.loads(_inputs(job, sensors))):
         raise InputError(
             f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all "
             "workers the same files, and the same meshes by running `simgen mesh` once in a folder they share"
         )
+
+
+def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
+    """Make all pressers of a job, which its tasks then find: their sensors and scenes, and most kernels."""
+    with SOLVING:
+        inputs = _inputs(job, tuple(sorted(job.sensors)))
+        for sensor in job.sensors:
+            _presser(build, job, sensor, device, inputs)
 
 
 def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=fem_presser) -> list[ShardReport]:
@@ -131,7 +145,8 @@ def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: s
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose = dataset.root["press/contact_pose"][:][rows]
     indenters = dataset.root["press/indenter"][:][rows].tolist()
-    inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")})
+    inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")}, sort_keys=True)
+    _check_inputs(job, inputs)
     for sensor in dataset.sensors:
         poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
         results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -158,6 +159,16 @@ def overflowing_presser(job, sensor, device):
         return results
 
     return presser
+
+
+RECORD = str(Path(tempfile.gettempdir()) / "simgen-pressers-{pid}")
+
+
+def recorded_presser(job, sensor, device):
+    """Writes down in which process it was made, and for which sensor."""
+    with open(RECORD.format(pid=os.getpid()), "a") as file:
+        file.write(f"{sensor} ")
+    return fake_presser(job, sensor, device)
 
 
 def raising_presser(job, sensor, device):

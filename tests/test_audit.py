@@ -13,7 +13,7 @@ from simgen.run import run
 @pytest.fixture
 def dataset(tmp_path):
     path = tmp_path / "d.zarr"
-    return run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    return run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser)
 
 
 def failures(dataset: Dataset) -> set[str]:
@@ -60,7 +60,7 @@ def test_each_spoiled_array_is_found(dataset, case):
 
 def test_a_liquid_must_keep_its_volume(tmp_path):
     plan = fake.make_plan(fake.make_job(sensors=fake.FILLED))
-    filled = run(plan, tmp_path / "filled.zarr", scheduler="sync", build=fake.fake_presser)
+    filled = run(plan, tmp_path / "filled.zarr", build=fake.fake_presser)
     assert failures(filled) == set()
     np.testing.assert_array_equal(filled["biotac/cavity_pressure"][3], 1e6 * plan.job.depths_m)
     change(filled, "biotac/certificate/liquid_volume_error", (2, 1), 1e-4)
@@ -75,7 +75,7 @@ def test_failed_samples_are_explained(dataset):
 
 def test_presses_that_never_touch_fail_as_samples_and_nowhere_else(tmp_path):
     plan = fake.make_plan(fake.make_job())
-    dataset = run(plan, tmp_path / "missed.zarr", scheduler="sync", build=fake.missing_presser)
+    dataset = run(plan, tmp_path / "missed.zarr", build=fake.missing_presser)
     assert failures(dataset) == {"digit: samples converged"}
     notes = [finding.note for finding in check(dataset) if finding.note]
     assert notes == ["16 samples, the first at press 1, depth 0: Never touched."]

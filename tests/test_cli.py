@@ -19,7 +19,7 @@ def simgen(*arguments, cwd) -> subprocess.CompletedProcess:
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     path = tmp_path_factory.mktemp("cli") / "d.zarr"
-    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser)
     return path
 
 

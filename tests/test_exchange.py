@@ -18,7 +18,7 @@ STORED = 0.5 * np.spacing(np.float32(8e-3))
 def dataset(tmp_path_factory):
     """Four trajectories, three indenters, four depths; the ring stalls from the third depth on."""
     path = tmp_path_factory.mktemp("exchange") / "fake.zarr"
-    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.failing_presser)
+    run(fake.make_plan(fake.make_job()), path, build=fake.failing_presser)
     return Dataset(path)
 
 

@@ -13,7 +13,7 @@ from simgen.run import run
 
 
 def page_of(path, build, **changes) -> str:
-    dataset = run(fake.make_plan(fake.make_job(**changes)), path / "d.zarr", scheduler="sync", build=build)
+    dataset = run(fake.make_plan(fake.make_job(**changes)), path / "d.zarr", build=build)
     write_report(dataset, path / "d.html")
     return (path / "d.html").read_text()
 
@@ -47,7 +47,7 @@ def test_an_unfinished_dataset_has_a_page_too(tmp_path):
 
 def test_a_press_is_drawn_to_the_depth_that_it_reached(tmp_path):
     plan = fake.make_plan(fake.make_job())
-    dataset = run(plan, tmp_path / "d.zarr", scheduler="sync", build=fake.failing_presser)
+    dataset = run(plan, tmp_path / "d.zarr", build=fake.failing_presser)
     titles = [axes.get_title() for axes in draw_press(dataset, press=1).axes]
     assert titles[:4] == ["digit, 0.1 mm", "digit, 0.2 mm", "biotac, 0.1 mm", "biotac, 0.2 mm"]
 

@@ -20,16 +20,20 @@ from simgen import shard
 from simgen.dataset import Dataset, finish, manifest_aside, open_or_create
 from simgen.errors import InputError
 from simgen.plan import indenter_identities, sensor_identity
-from simgen.run import divide, local_cluster, run, shards_per_task
+from simgen.run import divide, run, shards_per_task
 from simgen.sensor import load_sensor
 from simgen.shard import run_shards
+from simgen.workers import local_cluster, start_workers
 
 CHILD = """
 import sys, fake, pathlib
 from simgen.run import run
+from simgen.workers import start_workers
 if __name__ == "__main__":
     output, scheduler, build = pathlib.Path(sys.argv[1]), sys.argv[2] or None, getattr(fake, sys.argv[3])
-    run(fake.make_plan(fake.make_job()), output, workers=2, scheduler=scheduler, build=build)
+    job = fake.make_job()
+    with start_workers(job, "cpu", 2, scheduler, build) as workers:
+        run(fake.make_plan(job), output, workers, build=build)
 """
 
 
@@ -47,17 +51,16 @@ def start(tmp_path: Path, output: Path, scheduler: str, build: str) -> subproces
 def whole(tmp_path_factory) -> Path:
     """A dataset made in one go, in this process."""
     path = tmp_path_factory.mktemp("whole") / "d.zarr"
-    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser)
     return path
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_workers_do_not_change_the_bytes(whole, tmp_path, workers):
-    reports = []
-    run(
-        fake.make_plan(fake.make_job()), tmp_path / "d.zarr",
-        workers=workers, on_report=reports.append, build=fake.fake_presser,
-    )  # fmt: skip
+    job, reports = fake.make_job(), []
+    with start_workers(job, count=workers, build=fake.fake_presser) as started:
+        plan = fake.make_plan(job)
+        run(plan, tmp_path / "d.zarr", started, on_report=reports.append, build=fake.fake_presser)
     assert sorted(report.shard for report in reports) == list(range(6))
     assert fake.contents(tmp_path / "d.zarr") == fake.contents(whole)
 
@@ -66,20 +69,20 @@ def test_kill_9_in_the_middle_and_a_second_run_give_the_same_bytes(whole, tmp_pa
     path = tmp_path / "d.zarr"
     assert start(tmp_path, path, "sync", "killed_presser").wait() == -signal.SIGKILL
     assert Dataset(path).finished() == [0, 1]
-    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser)
     assert fake.contents(path) == fake.contents(whole)
 
 
 def test_kill_9_while_a_shard_is_being_written_leaves_no_trace_after_a_second_run(whole, tmp_path):
     path = tmp_path / "d.zarr"
     job = fake.make_job()
-    run(fake.make_plan(job), path, scheduler="sync", build=fake.fake_presser)
+    run(fake.make_plan(job), path, build=fake.fake_presser)
     # As if killed between the files of shard 1 and its manifest: some files there, one half-written aside.
     (path / "manifest" / "000001.json").unlink()
     (path / "digit/force/c/1/0/0").unlink()
     (path / ".staging").mkdir()
     (path / ".staging" / "half").write_bytes(b"half a chunk")
-    run(fake.make_plan(job), path, scheduler="sync", build=fake.fake_presser)
+    run(fake.make_plan(job), path, build=fake.fake_presser)
     assert fake.contents(path) == fake.contents(whole)
 
 
@@ -93,7 +96,7 @@ def test_interrupt_leaves_a_dataset_that_a_second_run_completes(whole, tmp_path)
     os.killpg(child.pid, signal.SIGINT)  # the whole group, as a terminal does
     assert child.wait(timeout=30) != 0
     assert 0 < len(Dataset(path).finished()) < 6
-    run(fake.make_plan(fake.make_job()), path, scheduler="sync", build=fake.fake_presser)
+    run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser)
     assert fake.contents(path) == fake.contents(whole)
 
 
@@ -101,7 +104,7 @@ def test_a_finished_dataset_is_left_alone(whole):
     before = {file: file.stat().st_mtime_ns for file in whole.rglob("*") if file.is_file()}
     reports = []
     plan = fake.make_plan(fake.make_job())
-    run(plan, whole, scheduler="sync", on_report=reports.append, build=fake.failing_presser)
+    run(plan, whole, on_report=reports.append, build=fake.failing_presser)
     assert reports == []
     assert {file: file.stat().st_mtime_ns for file in whole.rglob("*") if file.is_file()} == before
 
@@ -110,7 +113,7 @@ def test_a_press_that_fails_is_a_row_with_its_status(tmp_path):
     path = tmp_path / "d.zarr"
     reports = []
     plan = fake.make_plan(fake.make_job())
-    dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.failing_presser)
+    dataset = run(plan, path, on_report=reports.append, build=fake.failing_presser)
     ring = dataset["press/indenter"] == 1
     expected = np.where(ring[:, None] & (np.arange(4) >= 2), 1, 0)
     np.testing.assert_array_equal(dataset["digit/status"], expected)
@@ -122,7 +125,7 @@ def test_a_task_that_raises_is_reported_and_its_shard_is_left_for_the_next_run(t
     path = tmp_path / "d.zarr"
     reports = []
     plan = fake.make_plan(fake.make_job())
-    dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.overflowing_presser)
+    dataset = run(plan, path, on_report=reports.append, build=fake.overflowing_presser)
     assert all("OverflowError: digit/displacement" in report.error for report in reports)
     assert dataset.unfinished() == list(range(6))
 
@@ -152,7 +155,7 @@ def test_a_shard_that_cannot_be_written_does_not_take_the_others_with_it(whole, 
     assert [bool(report.error) for report in reports] == [True, False, True, False]
     assert "OverflowError" in reports[0].error and "No space left" in reports[2].error
     assert dataset.finished() == [1, 3]
-    run(plan, dataset.path, scheduler="sync", build=fake.fake_presser)
+    run(plan, dataset.path, build=fake.fake_presser)
     assert fake.contents(dataset.path) == fake.contents(whole)
 
 
@@ -171,7 +174,7 @@ def test_poses_are_at_first_touch_of_the_reference_sensor(whole):
 def test_a_press_that_never_touches_keeps_the_contact_pose(tmp_path):
     """The ring never touches the DIGIT; the fake press touches the BioTac after 20 um from the given pose."""
     plan = fake.make_plan(fake.make_job())
-    dataset = run(plan, tmp_path / "d.zarr", scheduler="sync", build=fake.missing_presser)
+    dataset = run(plan, tmp_path / "d.zarr", build=fake.missing_presser)
     ring = dataset["press/indenter"] == 1
     np.testing.assert_array_equal(np.isnan(dataset["digit/touch"]), ring)
     np.testing.assert_array_equal(dataset["press/pose"][ring], dataset["press/contact_pose"][ring])
@@ -186,7 +189,7 @@ def test_a_worker_with_another_indenter_file_writes_nothing(tmp_path):
     reports = []
     block.apply_scale(1.1).export(tmp_path / "block.stl")
     path = tmp_path / "d.zarr"
-    dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.fake_presser)
+    dataset = run(plan, path, on_report=reports.append, build=fake.fake_presser)
     assert dataset.finished() == []
     for report in reports:
         assert re.search(r"the inputs on .* are not the dataset's \(indenters\.block\.sha256: ", report.error)
@@ -200,7 +203,7 @@ def test_a_worker_with_another_mesh_writes_nothing(tmp_path):
         plan.attributes = attributes
         reports = []
         path = tmp_path / f"{name}.zarr"
-        dataset = run(plan, path, scheduler="sync", on_report=reports.append, build=fake.fake_presser)
+        dataset = run(plan, path, on_report=reports.append, build=fake.fake_presser)
         assert len(dataset.finished()) == written
     assert all(f"sensors.digit.simulation_mesh: {mesh} -> {own['simulation_mesh']}" in r.error for r in reports)
 
@@ -213,15 +216,16 @@ def test_what_was_checked_last_is_what_is_pressed(monkeypatch):
     for mesh in ("one", "other", "one"):
         files["digit"] = mesh
         inputs = {"sensors": {"digit": {"mesh": mesh}}, "indenters": indenter_identities(job)}
-        shard._check_inputs(job, json.dumps(inputs))
+        shard._check_inputs(job, json.dumps(inputs, sort_keys=True))
         assert shard._sensor(job, "digit") == mesh
     shard._sensor.cache_clear()
+    shard._inputs.cache_clear()
 
 
 def test_a_changed_job_is_refused(whole):
     with pytest.raises(InputError, match=r"depths_mm\.last: 0\.4 -> 0\.5"):
         changed = fake.make_job(depths_mm={"first": 0.1, "last": 0.5, "count": 4})
-        run(fake.make_plan(changed), whole, scheduler="sync", build=fake.fake_presser)
+        run(fake.make_plan(changed), whole, build=fake.fake_presser)
 
 
 def test_a_worker_that_is_killed_loses_no_shard(whole, tmp_path):
@@ -238,6 +242,26 @@ def test_a_worker_that_is_killed_loses_no_shard(whole, tmp_path):
     workers[0].kill()
     assert child.wait(timeout=60) == 0
     assert fake.contents(path) == fake.contents(whole)
+
+
+def test_workers_that_are_not_needed_do_not_start(whole):
+    """A finished dataset is not worth a process."""
+    job = fake.make_job()
+    with start_workers(job, count=2, build=fake.fake_presser) as workers:
+        run(fake.make_plan(job), whole, workers, build=fake.fake_presser)
+        assert "client" not in vars(workers)
+
+
+def test_workers_make_their_pressers_before_there_is_a_plan(tmp_path):
+    """Those of a local cluster, which may then take tasks."""
+    job = fake.make_job()
+    with start_workers(job, count=1, build=fake.recorded_presser) as workers:
+        made = Path(fake.RECORD.format(pid=next(iter(workers.client.run(os.getpid).values()))))
+        deadline = time.monotonic() + 60
+        while not made.exists() or made.read_text() != "digit biotac ":
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        made.unlink()
 
 
 def test_every_gpu_has_a_worker_that_sees_no_other():

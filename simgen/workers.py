@@ -1,0 +1,135 @@
+"""The processes that solve: a local cluster, a dask scheduler's workers, or this very process.
+
+Only this file imports dask.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cached_property
+from itertools import islice
+from typing import Any
+
+from simgen.job import Job
+from simgen.quiet import check_device
+from simgen.shard import Presser, fem_presser, prepare
+
+TASKS_PER_WORKER = 2  # submitted and not finished: one runs, one waits
+
+# A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
+IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+
+
+class Workers:
+    """``count`` processes, and the ``device`` as they see it: one with a GPU of its own sees no other.
+
+    ``elsewhere``: a scheduler of its own goes on with what it was given when this process ends.
+    """
+
+    def __init__(self, device: str, count: int = 1, start: Callable[[], Any] | None = None, elsewhere: bool = False):
+        self.device, self.count, self.elsewhere, self._start = device, count, elsewhere, start
+
+    @cached_property
+    def client(self) -> Any:
+        """dask's client of the processes, which start when it is first asked for; None for this very process."""
+        return self._start() if self._start else None
+
+    def map(self, function: Callable, arguments: list) -> Iterator:
+        """Results of a function, as they come."""
+        if not arguments or self.client is None:
+            yield from map(function, arguments)
+            return
+        from dask.distributed import as_completed
+
+        # A bounded number of tasks is submitted, so that a long job stays light on the scheduler.
+        bound, waiting = TASKS_PER_WORKER * max(1, sum(self.client.nthreads().values())), iter(arguments)
+        first = islice(waiting, bound)
+        futures = as_completed([self.client.submit(function, argument, pure=False) for argument in first])
+        for future in futures:
+            yield future.result()
+            for argument in islice(waiting, 1):
+                futures.add(self.client.submit(function, argument, pure=False))
+
+
+@contextmanager
+def start_workers(
+    job: Job,
+    device: str = "cpu",
+    count: int | None = None,
+    scheduler: str | None = None,
+    build: Callable[[Job, str, str], Presser] = fem_presser,
+) -> Iterator[Workers]:
+    """Workers for a job, each of which loads its sensors, scenes and kernels as soon as it starts.
+
+    `count` processes of a local cluster (default: one per core, or one per GPU; no more than shards), all those of a
+    `scheduler`, which see the same file system, or this process if that is "sync". Workers with a GPU start at once:
+    cores are free while the caller plans. Raises `InputError` for a device that this machine has not, unless the
+    workers are elsewhere.
+    """
+    if scheduler is None or scheduler == "sync":
+        check_device(device)
+    if scheduler == "sync":
+        yield Workers(device)
+        return
+    with ExitStack() as stack:
+
+        def connected(to) -> Any:
+            from dask.distributed import Client, fire_and_forget
+
+            client = stack.enter_context(Client(to))
+            for address in client.nthreads():  # what goes wrong there, its shards will say
+                fire_and_forget(client.submit(prepare, job, there, build, workers=[address], pure=False))
+            return client
+
+        gpus = visible_gpus(device) if device != "cpu" and scheduler is None else []
+        there = "cuda" if gpus else device
+        if scheduler is not None:
+            client = connected(scheduler)
+            yield Workers(there, max(1, len(client.nthreads())), lambda: client, elsewhere=True)
+            return
+        environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (count or _cores())
+        environments = environments[: min(count or job.shards, job.shards)]
+        workers = Workers(there, len(environments), lambda: connected(stack.enter_context(local_cluster(environments))))
+        if gpus:
+            _ = workers.client
+        yield workers
+
+
+def visible_gpus(device: str) -> list[str]:
+    """What CUDA_VISIBLE_DEVICES calls the GPUs of ``cuda`` (all that are visible here) or ``cuda:N``."""
+    import warp as wp
+
+    names = os.environ.get("CUDA_VISIBLE_DEVICES")
+    names = names.split(",") if names else [str(i) for i in range(wp.get_cuda_device_count())]
+    number = device.partition(":")[2]
+    return [names[int(number)]] if number else names
+
+
+def local_cluster(environments: list[dict[str, str]]):
+    """A dask cluster on this machine: a process for each environment, which it keeps when it is started again.
+
+    A process with a GPU of its own has a second thread, which writes while the first one solves.
+    """
+    from dask.distributed import Nanny, Scheduler, SpecCluster
+    from distributed.system import MEMORY_LIMIT
+
+    class QuickNanny(Nanny):
+        """Ends its worker after half a second, not five: whatever it is still doing is no use to anybody."""
+
+        async def close(self, timeout: float = 0.5, reason: str = "nanny-close"):
+            return await super().close(timeout, reason)
+
+    shared = {"preload": [IGNORE_INTERRUPTS], "silence_logs": "CRITICAL", "dashboard": False}
+    shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's own would be a share by cores
+    workers = {
+        i: {"cls": QuickNanny, "options": {**shared, "nthreads": 2 if environment else 1, "env": environment}}
+        for i, environment in enumerate(environments)
+    }
+    here = {"cls": Scheduler, "options": {"host": "127.0.0.1", "port": 0, "dashboard": False}}
+    return SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL")
+
+
+def _cores() -> int:
+    from dask.system import CPU_COUNT  # respects cgroup limits and affinity
+
+    return CPU_COUNT
