@@ -78,7 +78,10 @@ def start_workers(
 
             client = stack.enter_context(Client(to))
             for address in client.nthreads():  # what goes wrong there, its shards will say
-                fire_and_forget(client.submit(prepare, job, there, build, workers=[address], pure=False))
+                task = client.submit(
+                    prepare, job, there, build, workers=[address], allow_other_workers=True, pure=False
+                )
+                fire_and_forget(task)
             return client
 
         gpus = visible_gpus(device) if device != "cpu" and scheduler is None else []
