@@ -30,9 +30,9 @@ def run(
     """Fill a dataset: create it or go on with it, and solve every shard that is not finished.
 
     `workers` of `simgen.workers.start_workers`; None is this very process. `on_start` is told how many presses are
-    there already, `on_report` what came of each shard. An interrupt leaves a dataset that the same call completes. A
-    shard whose task raised is left unfinished and its report carries the error. Raises `InputError` if `output` holds
-    another dataset.
+    there already, `on_report` what came of each shard. An interrupt closes the workers and leaves a dataset that the
+    same call completes. A shard whose task raised is left unfinished and its report carries the error. Raises
+    `InputError` if `output` holds another dataset.
     """
     workers = workers or Workers(plan.device)
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
@@ -46,6 +46,7 @@ def run(
                 log_timing(dataset, {"finished": time.time(), **asdict(report)})
                 on_report(report)
     except BaseException:
+        workers.close()
         if not workers.elsewhere:  # tasks there may still be writing
             finish(dataset)
         raise

@@ -20,9 +20,9 @@ import numpy as np
 from simgen.capacity import presses_at_once
 from simgen.dataset import Dataset, folder_aside
 from simgen.errors import InputError
-from simgen.indenter import load_indenter
+from simgen.indenter import Indenter, load_indenter
 from simgen.job import Job
-from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, press
 from simgen.provenance import difference
 from simgen.quiet import start_warp
@@ -59,6 +59,12 @@ def _sensor(job: Job, name: str) -> Sensor:
     return chosen_sensor(job, name)
 
 
+@cache
+def _indenters(job: Job) -> list[Indenter]:
+    """The job's indenters as they were when `_inputs` looked."""
+    return [load_indenter(job.locate(text)) for text in job.indenters]
+
+
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     """Presses of one sensor by finite elements. Its scene is made once and serves all presses."""
     start_warp()
@@ -67,7 +73,7 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     batch = presses_at_once(sensor, device, job.solver.element, settings)
     material, fluid = chosen_material(job, sensor_name, sensor), chosen_fluid(job, sensor_name, sensor)
     scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid)
-    shapes = [load_indenter(job.locate(text)).shape() for text in job.indenters]
+    shapes = [indenter.shape() for indenter in _indenters(job)]
 
     def presser(indenters: Sequence[int], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
         return press(scene, [shapes[i] for i in indenters], poses, depths_m)
@@ -85,10 +91,10 @@ def _presser(
 
 @lru_cache(maxsize=1)
 def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
-    """What sensors and indenters are here, as JSON of the dataset's attributes; `_sensor` holds just these."""
+    """What `_sensor` and `_indenters` hold, as JSON of the dataset's attributes."""
     own = {
         "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
-        "indenters": indenter_identities(job),
+        "indenters": {name: own.identity() for name, own in zip(job.indenter_names, _indenters(job), strict=True)},
     }
     return json.dumps(own, sort_keys=True)
 
@@ -101,8 +107,8 @@ def _check_inputs(job: Job, recorded: str) -> None:
     """
     sensors = tuple(json.loads(recorded)["sensors"])
     if _inputs(job, sensors) != recorded:
-        _sensor.cache_clear()  # files may have changed since this process read them
-        _inputs.cache_clear()
+        for read in (_sensor, _indenters, _inputs):  # files may have changed since this process read them
+            read.cache_clear()
     if changes := difference(json.loads(recorded), json.loads(_inputs(job, sensors))):
         raise InputError(
             f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all "

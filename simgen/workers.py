@@ -5,7 +5,7 @@ Only this file imports dask.
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from itertools import islice
 from typing import Any
@@ -23,32 +23,36 @@ IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)
 class Workers:
     """``count`` processes, and the ``device`` as they see it: one with a GPU of its own sees no other.
 
-    ``elsewhere``: a scheduler of its own goes on with what it was given when this process ends.
+    ``elsewhere``: a scheduler of its own, which finishes the tasks under way when this process ends.
     """
 
-    def __init__(self, device: str, count: int = 1, start: Callable[[], Any] | None = None, elsewhere: bool = False):
-        self.device, self.count, self.elsewhere, self._start = device, count, elsewhere, start
+    def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, list]] | None = None,
+                 elsewhere: bool = False, close: Callable[[], None] = lambda: None):  # fmt: skip
+        self.device, self.count, self.elsewhere, self.close, self._start = device, count, elsewhere, close, start
 
     @cached_property
-    def client(self) -> Any:
-        """dask's client of the processes, which start when it is first asked for; None for this very process."""
-        return self._start() if self._start else None
+    def started(self) -> tuple[Any, list]:
+        """dask's client of the processes, which start when it is first asked for, and what prepares them."""
+        return self._start()
 
     def map(self, function: Callable, arguments: list) -> Iterator:
         """Results of a function, as they come."""
-        if not arguments or self.client is None:
+        if not arguments or self._start is None:
             yield from map(function, arguments)
             return
-        from dask.distributed import as_completed
+        from dask.distributed import as_completed, wait
 
+        client, preparing = self.started
+        # Before, dask would give a worker that is ready, and has a second thread, the task of one that is not.
+        wait(preparing)
         # A bounded number of tasks is submitted, so that a long job stays light on the scheduler.
-        bound, waiting = TASKS_PER_WORKER * max(1, sum(self.client.nthreads().values())), iter(arguments)
+        bound, waiting = TASKS_PER_WORKER * max(1, sum(client.nthreads().values())), iter(arguments)
         first = islice(waiting, bound)
-        futures = as_completed([self.client.submit(function, argument, pure=False) for argument in first])
+        futures = as_completed([client.submit(function, argument, pure=False) for argument in first])
         for future in futures:
             yield future.result()
             for argument in islice(waiting, 1):
-                futures.add(self.client.submit(function, argument, pure=False))
+                futures.add(client.submit(function, argument, pure=False))
 
 
 @contextmanager
@@ -59,42 +63,39 @@ def start_workers(
     scheduler: str | None = None,
     build: Callable[[Job, str, str], Presser] = fem_presser,
 ) -> Iterator[Workers]:
-    """Workers for a job, each of which loads its sensors, scenes and kernels as soon as it starts.
+    """Workers for a job.
 
     `count` processes of a local cluster (default: one per core, or one per GPU; no more than shards), all those of a
-    `scheduler`, which see the same file system, or this process if that is "sync". Workers with a GPU start at once:
-    cores are free while the caller plans. Raises `InputError` for a device that this machine has not, unless the
-    workers are elsewhere.
+    `scheduler`, which see the same file system, or this process if that is "sync". Those of a local cluster load their
+    sensors, scenes and kernels as soon as they start; with GPUs that is at once, as cores are free while the caller
+    plans. Raises `InputError` for a device that this machine has not, unless the workers are elsewhere.
     """
     if scheduler is None or scheduler == "sync":
         check_device(device)
     if scheduler == "sync":
         yield Workers(device)
         return
+    from dask.distributed import Client
+
+    if scheduler is not None:
+        with Client(scheduler) as client:
+            yield Workers(device, max(1, len(client.nthreads())), lambda: (client, []), elsewhere=True)
+        return
+    gpus = visible_gpus(device) if device != "cpu" else []
+    there = "cuda" if gpus else device
+    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (count or _cores())
+    environments = environments[: min(count or job.shards, job.shards)]
     with ExitStack() as stack:
 
-        def connected(to) -> Any:
-            from dask.distributed import Client, fire_and_forget
+        def start() -> tuple[Client, list]:
+            client = stack.enter_context(Client(stack.enter_context(local_cluster(environments))))
+            own = {"allow_other_workers": True, "pure": False}  # others, if it is lost
+            addresses = client.nthreads()
+            return client, [client.submit(prepare, job, there, build, workers=[each], **own) for each in addresses]
 
-            client = stack.enter_context(Client(to))
-            for address in client.nthreads():  # what goes wrong there, its shards will say
-                task = client.submit(
-                    prepare, job, there, build, workers=[address], allow_other_workers=True, pure=False
-                )
-                fire_and_forget(task)
-            return client
-
-        gpus = visible_gpus(device) if device != "cpu" and scheduler is None else []
-        there = "cuda" if gpus else device
-        if scheduler is not None:
-            client = connected(scheduler)
-            yield Workers(there, max(1, len(client.nthreads())), lambda: client, elsewhere=True)
-            return
-        environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (count or _cores())
-        environments = environments[: min(count or job.shards, job.shards)]
-        workers = Workers(there, len(environments), lambda: connected(stack.enter_context(local_cluster(environments))))
+        workers = Workers(there, len(environments), start, close=stack.close)
         if gpus:
-            _ = workers.client
+            _ = workers.started
         yield workers
 
 
@@ -120,7 +121,8 @@ def local_cluster(environments: list[dict[str, str]]):
         """Ends its worker after half a second, not five: whatever it is still doing is no use to anybody."""
 
         async def close(self, timeout: float = 0.5, reason: str = "nanny-close"):
-            return await super().close(timeout, reason)
+            with suppress(TimeoutError):  # it has been killed, and takes its time
+                return await super().close(timeout, reason)
 
     shared = {"preload": [IGNORE_INTERRUPTS], "silence_logs": "CRITICAL", "dashboard": False}
     shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's own would be a share by cores

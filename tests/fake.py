@@ -3,6 +3,7 @@
 import os
 import signal
 import tempfile
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -159,6 +160,16 @@ def overflowing_presser(job, sensor, device):
         return results
 
     return presser
+
+
+ONE_AT_A_TIME = threading.Lock()
+
+
+def process_after(seconds: float) -> int:
+    """The process that this ran in; one at a time in each, as presses are."""
+    with ONE_AT_A_TIME:
+        time.sleep(seconds)
+    return os.getpid()
 
 
 RECORD = str(Path(tempfile.gettempdir()) / "simgen-pressers-{pid}")

@@ -23,7 +23,7 @@ from simgen.plan import indenter_identities, sensor_identity
 from simgen.run import divide, run, shards_per_task
 from simgen.sensor import load_sensor
 from simgen.shard import run_shards
-from simgen.workers import local_cluster, start_workers
+from simgen.workers import Workers, local_cluster, start_workers
 
 CHILD = """
 import sys, fake, pathlib
@@ -249,19 +249,33 @@ def test_workers_that_are_not_needed_do_not_start(whole):
     job = fake.make_job()
     with start_workers(job, count=2, build=fake.fake_presser) as workers:
         run(fake.make_plan(job), whole, workers, build=fake.fake_presser)
-        assert "client" not in vars(workers)
+        assert "started" not in vars(workers)
 
 
-def test_workers_make_their_pressers_before_there_is_a_plan(tmp_path):
-    """Those of a local cluster, which may then take tasks."""
-    job = fake.make_job()
+def test_tasks_use_what_was_made_before_there_was_a_plan(tmp_path):
+    """One presser for each sensor, of which the dataset has recorded what it is."""
+    job = fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}})
+    plan = fake.make_plan(job)
+    own = sensor_identity(job, "digit", load_sensor("digit", "coarse"))
+    plan.attributes = {**plan.attributes, "sensors": {"digit": own}}
     with start_workers(job, count=1, build=fake.recorded_presser) as workers:
-        made = Path(fake.RECORD.format(pid=next(iter(workers.client.run(os.getpid).values()))))
-        deadline = time.monotonic() + 60
-        while not made.exists() or made.read_text() != "digit biotac ":
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        made.unlink()
+        client, _ = workers.started
+        (worker,) = client.run(os.getpid).values()
+        dataset = run(plan, tmp_path / "d.zarr", workers, build=fake.recorded_presser)
+    record = Path(fake.RECORD.format(pid=worker))
+    made = record.read_text()
+    record.unlink()
+    assert dataset.unfinished() == [] and made == "digit "
+
+
+def test_a_worker_that_is_ready_first_does_not_get_the_task_of_another():
+    """With a second thread it could: two tasks in one process, one after the other, and an idle process."""
+    with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in "01"]) as cluster, Client(cluster) as client:
+        client.wait_for_workers(2)
+        preparing = [client.submit(fake.process_after, seconds, workers=[address], pure=False)
+                     for seconds, address in zip((0.1, 2.0), client.nthreads(), strict=True)]  # fmt: skip
+        found = list(Workers("cpu", 2, lambda: (client, preparing)).map(fake.process_after, [1.0, 1.0]))
+    assert len(set(found)) == 2
 
 
 def test_every_gpu_has_a_worker_that_sees_no_other():

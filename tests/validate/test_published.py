@@ -88,7 +88,7 @@ def dataset(tmp_path_factory):
         "depths_mm": {"first": 0.5, "last": 1.0, "count": 2},
     })  # fmt: skip
     path = tmp_path_factory.mktemp("published") / "tiny.zarr"
-    run(make_plan(job), path, scheduler="sync")
+    run(make_plan(job), path)
     return Dataset(path)
 
 
