@@ -1,6 +1,7 @@
 """The dataset: round trip, fill values, overflow, splits, provenance, and shards that nobody shares."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -123,6 +124,28 @@ def test_a_shard_is_one_file_per_array_and_no_file_is_shared(dataset):
     assert len(first) == len(second) == len(dataset.arrays) + 1  # and its manifest
     assert dataset.finished() == [0, 1]
     assert dataset.unfinished() == [2, 3, 4, 5]
+
+
+def test_files_are_those_that_zarr_itself_makes(tmp_path):
+    """All but the displacements, whose chunks zarrs puts into one file in another order; the last shard is short."""
+    dataset = make(tmp_path / "d.zarr", fake.make_job(dataset={"presses_per_shard": 5}))
+    theirs = tmp_path / "theirs.zarr"
+    shutil.copytree(dataset.path, theirs)
+    for shard in range(dataset.shards):
+        values = shard_values(dataset, shard)
+        values["biotac/force"][0] = np.nan
+        write_shard(dataset, shard, values)
+        presses = dataset.shard_presses(shard)
+        for name in dataset.arrays:
+            stored = dataset.root[name][presses.start : presses.stop]
+            zarr.open_group(theirs, mode="r+")[name][presses.start : presses.stop] = stored
+    plain = [name for name, array in dataset.arrays.items() if array.chunk is None]
+    files = {name: sorted(p for p in (dataset.path / name).rglob("*") if p.is_file()) for name in plain}
+    assert len(presses) == 2
+    for name, ours in files.items():
+        assert len(ours) == dataset.shards + 1, name  # and its zarr.json
+        for file in ours:
+            assert file.read_bytes() == (theirs / file.relative_to(dataset.path)).read_bytes(), file
 
 
 def test_displacement_of_one_sample_is_one_chunk_and_scaled_by_its_attribute(dataset):
