@@ -12,7 +12,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy.spatial
-import scipy.stats
 
 from simgen.errors import InputError
 from simgen.sensor import Sensor
@@ -52,9 +51,11 @@ def sample_contacts(
     A scrambled Sobol sequence in (x, arc, tilt, azimuth, roll), with rejection: the first n contacts do not
     depend on how many more are asked for. Raises InputError if there is too little room.
     """
+    from scipy.stats import qmc  # a third of a second, which processes that only press do without
+
     settings = settings or ContactSettings()
     room = _Room(reference, max_depth_m, settings)
-    sequence = scipy.stats.qmc.Sobol(5, scramble=True, rng=seed)
+    sequence = qmc.Sobol(5, scramble=True, rng=seed)
     blocks: list[Contacts] = []
     found, proposed = 0, 0
     while found < count:

@@ -10,7 +10,6 @@ import tempfile
 from dataclasses import dataclass
 
 import numpy as np
-import pytetwild
 import trimesh
 
 from simgen.errors import InputError
@@ -105,6 +104,8 @@ def tetrahedralize(
 
     The result differs from run to run: fTetWild is not deterministic.
     """
+    import pytetwild  # brings VTK: a third of a second and 60 MB, which processes that only press do without
+
     diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     sizing = {}
     if callable(edge_length):
