@@ -295,10 +295,11 @@ def write_aside(
     presses, files = dataset.shard_presses(shard), {}
     for name, of_presses in values.items():
         array = dataset.arrays[name]
-        stored = np.stack([_encode(np.asarray(value), array, name) for value in of_presses])
-        if array.chunk:
+        if array.chunk:  # a press at a time: what is double for a moment stays small
+            stored = np.stack([_encode(np.asarray(value), array, name) for value in of_presses])
             made = sharded_files(dataset.path, name, presses, stored, folder)
         else:
+            stored = _encode(np.stack(of_presses), array, name)
             made = chunk_file(name, shard, stored, dataset.job.dataset.presses_per_shard, array.fill)
         files |= {path: whole_files.write_aside(folder, data) for path, data in made.items()}
     return files
