@@ -14,7 +14,7 @@ from simgen.sensor import Material
 # Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU:
 # `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
 # dataset.presses_per_shard=1`, 48 s of presses for 80 depths of 51,400 unknowns; on a GPU:
-# the whole paired job with its audit, 309,600 depths of 51,400 unknowns, in 314 s (docs/benchmarks).
+# the whole paired job with its audit, 309,600 depths of 51,400 unknowns, in 310 s (docs/benchmarks).
 SECONDS_PER_DEPTH = {"cpu": 0.012, "cuda": 2.0e-5}
 SECONDS_SOURCE = {
     "cpu": "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two",
