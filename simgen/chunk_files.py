@@ -7,9 +7,12 @@ chunk in a shard, which is made here.
 """
 
 import os
+import re
 import shutil
 import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -63,7 +66,8 @@ def sharded_files(root: Path, name: str, presses: range, stored: np.ndarray, asi
         chunks = there / name / "c"
         chunks.parent.mkdir(parents=True)
         shutil.copy(root / name / "zarr.json", chunks.parent)
-        open_sharded(there, name, mode="r+")[rows] = stored
+        with _system_errors():
+            open_sharded(there, name, mode="r+")[rows] = stored
         found = {file.relative_to(there).as_posix(): file.read_bytes()
                  for file in sorted(chunks.rglob("*")) if file.is_file()}  # fmt: skip
     if found:
@@ -88,3 +92,14 @@ def chunk_file(
     chunk[: len(stored)] = stored
     key = "/".join([name, "c", str(number), *("0" for _ in stored.shape[1:])])
     return {key: Blosc(shuffle=Blosc.SHUFFLE, typesize=chunk.itemsize, **COMPRESSION).encode(chunk)}
+
+
+@contextmanager
+def _system_errors() -> Iterator[None]:
+    """zarrs tells of the operating system's errors in words, with their number."""
+    try:
+        yield
+    except RuntimeError as error:
+        if number := re.search(r"\(os error (\d+)\)", str(error)):
+            raise OSError(int(number[1]), os.strerror(int(number[1]))) from None
+        raise

@@ -186,6 +186,9 @@ def main() -> None:
     except InputError as error:
         typer.secho(f"simgen: {error}", fg="red", err=True)
         sys.exit(2)
+    except OSError as error:
+        typer.secho(f"simgen: {error.filename or 'a file'}: {error.strerror or error}", fg="red", err=True)
+        sys.exit(2)
 
 
 if __name__ == "__main__":

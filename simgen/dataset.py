@@ -30,36 +30,23 @@ exist, so a run that is killed at any moment goes on from there. A sample that w
 value (NaN, -1, or -32768 in int16) and its status.
 """
 
-import hashlib
 import json
-import os
-import shutil
-import tempfile
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import zarr
-from zarr.codecs import BloscCodec
 
-from simgen import whole_files
-from simgen.chunk_files import COMPRESSION, chunk_file, open_sharded, sharded_files
+from simgen.chunk_files import open_sharded
 from simgen.errors import InputError
 from simgen.job import Job, job_from_dict
-from simgen.provenance import difference
-from simgen.whole_files import Aside, put_in_place
 
 SCHEMA = 1
 DISPLACEMENT_STEP_M = 1e-7
 NOT_REACHED = np.iinfo(np.int16).min  # of int16 displacement; -1 of the integers, NaN of the floats
 SPLITS = {"train": 0.79, "validation": 0.10, "test": 0.11}
-PLAN = "plan"
-STAGING = ".staging"
 TIMINGS = "timings.jsonl"
 
 CERTIFICATE = {
@@ -127,48 +114,6 @@ def split_by_trajectory(count: int, seed: int) -> np.ndarray:
     for code, members in enumerate(np.split(order, bounds)):
         split[members] = code
     return split
-
-
-def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
-    """Make the folder with all that is known before the first press. It appears whole or not at all.
-
-    `planned` maps a path such as ``press/trajectory`` or ``digit/rest_positions`` to its array.
-    """
-    staging = path.with_name(f"{path.name}.partial")
-    shutil.rmtree(staging, ignore_errors=True)
-    root = zarr.create_group(staging, attributes={"schema": SCHEMA, **attributes})
-    for name, values in planned.items():
-        root.create_array(name, data=np.asarray(values))
-    vertices = {sensor: len(planned[f"{sensor}/rest_positions"]) for sensor in job.sensors}
-    arrays = written_arrays(job, vertices)
-    for name, array in arrays.items():
-        _create_written(root, name, array, job.presses, job.dataset.presses_per_shard)
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # consolidated metadata are zarr-python's own, and worth having: one read
-        zarr.consolidate_metadata(staging)
-    sums = {
-        file.relative_to(staging).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in staging.rglob("*")
-        if file.is_file()
-    }
-    put_in_place(staging, {f"manifest/{PLAN}.json": whole_files.write_aside(staging, _manifest(sums))})
-    os.replace(staging, path)
-
-
-def _create_written(root: zarr.Group, name: str, array: Array, presses: int, per_shard: int) -> None:
-    shard = (per_shard, *array.shape)
-    root.create_array(
-        name,
-        shape=(presses, *array.shape),
-        dtype=array.dtype,
-        chunks=(1, *array.chunk) if array.chunk else shard,
-        shards=shard if array.chunk else None,
-        compressors=BloscCodec(shuffle="shuffle", **COMPRESSION),
-        fill_value=array.fill,
-        attributes={"about": array.about, **({"unit": array.unit} if array.unit else {}), **array.attributes},
-    )
 
 
 class Dataset:
@@ -252,93 +197,3 @@ class Dataset:
         return sums
 
 
-def open_or_create(
-    path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
-) -> Dataset:
-    """The dataset of exactly this plan: made anew, or found on disk from an earlier, unfinished run.
-
-    Raises `InputError` with the difference if what lies there came from another job, code or mesh.
-    """
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        create(path, attributes, planned, job)
-        return Dataset(path)
-    dataset = Dataset(path)
-    asked = json.loads(json.dumps({"schema": SCHEMA, **attributes}))
-    if dataset.attributes != asked or dataset.attributes["job_hash"] != asked["job_hash"]:
-        changes = difference(dataset.attributes, asked)
-        shown = (
-            "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
-        )
-        raise InputError(f"{path}: holds another dataset ({shown}); remove it or choose another --output")
-    shutil.rmtree(path / STAGING, ignore_errors=True)
-    return dataset
-
-
-@contextmanager
-def folder_aside(dataset: Dataset) -> Iterator[Path]:
-    """A folder for what a task has not put in its place yet; whatever is left there is removed with it."""
-    staging = dataset.path / STAGING
-    staging.mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=staging) as folder:
-        yield Path(folder)
-
-
-def write_aside(
-    dataset: Dataset, shard: int, values: Mapping[str, Sequence[np.ndarray]], folder: Path
-) -> dict[str, Aside]:
-    """Files of some of a shard's arrays by path, on the disk but not in their places yet.
-
-    `values`, by path too, are float arrays in SI, one for each press. Raises `OverflowError` if a displacement does not
-    fit the stored type.
-    """
-    presses, files = dataset.shard_presses(shard), {}
-    for name, of_presses in values.items():
-        array = dataset.arrays[name]
-        if array.chunk:  # a press at a time: what is double for a moment stays small
-            stored = np.stack([_encode(np.asarray(value), array, name) for value in of_presses])
-            made = sharded_files(dataset.path, name, presses, stored, folder)
-        else:
-            stored = _encode(np.stack(of_presses), array, name)
-            made = chunk_file(name, shard, stored, dataset.job.dataset.presses_per_shard, array.fill)
-        files |= {path: whole_files.write_aside(folder, data) for path, data in made.items()}
-    return files
-
-
-def manifest_aside(shard: int, files: Mapping[str, Aside], folder: Path) -> dict[str, Aside]:
-    """The manifest of a shard, by path, which says that these are its files."""
-    text = _manifest({path: file.sha256 for path, file in files.items()}, shard=shard)
-    return {f"manifest/{shard:06d}.json": whole_files.write_aside(folder, text)}
-
-
-def finish(dataset: Dataset) -> None:
-    """Remove what a killed run may have left aside."""
-    shutil.rmtree(dataset.path / STAGING, ignore_errors=True)
-
-
-def log_timing(dataset: Dataset, entry: Mapping[str, Any]) -> None:
-    with open(dataset.path / "manifest" / TIMINGS, "a", encoding="utf-8") as file:
-        file.write(json.dumps(entry) + "\n")
-
-
-def _encode(values: np.ndarray, array: Array, name: str) -> np.ndarray:
-    """Floats to the stored type; NaN becomes the fill value."""
-    if array.dtype.startswith("float"):
-        return values.astype(array.dtype)
-    missing, scale = np.isnan(values), array.attributes.get("scale_factor", 1.0)
-    steps = values / scale
-    np.rint(steps, out=steps)
-    steps[missing] = 0.0
-    largest = max(steps.max(initial=0.0), -steps.min(initial=0.0))
-    if largest > np.iinfo(array.dtype).max:
-        raise OverflowError(
-            f"{name}: {largest * scale:.3g} does not fit {array.dtype} in steps of {scale:g} "
-            "(set dataset.displacement: float32)"
-        )
-    stored = steps.astype(array.dtype)
-    stored[missing] = array.fill
-    return stored
-
-
-def _manifest(sums: Mapping[str, str], **head: int) -> bytes:
-    return json.dumps({**head, "sha256": dict(sorted(sums.items()))}, indent=1).encode()

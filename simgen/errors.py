@@ -1,4 +1,13 @@
-"""The one exception that a user is meant to read."""
+"""Errors that a user can mend."""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+# A disk that is full, or not ours to write: no other file could be written either, and solving on is in vain.
+NOT_WRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM}
 
 
 class InputError(ValueError):
@@ -6,3 +15,16 @@ class InputError(ValueError):
 
     The command line prints it and exits with code 2; from Python it is an ordinary ``ValueError``.
     """
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raises `InputError` where ``path`` cannot be written, in place of the operating system's error."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(cannot_write(path, error.errno)) from None
+
+
+def cannot_write(path: Path, number: int) -> str:
+    return f"{path}: cannot be written: {os.strerror(number)}"

@@ -9,10 +9,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from simgen.dataset import Dataset, finish, log_timing, open_or_create
+from simgen.dataset import Dataset
+from simgen.dataset_writer import complete, filling, log_timing, open_or_create
+from simgen.errors import NOT_WRITABLE, InputError, cannot_write
 from simgen.job import Job
 from simgen.plan import Plan
 from simgen.shard import Presser, ShardReport, fem_presser, run_shards
+from simgen.shard_writer import Failure
 from simgen.workers import Workers
 
 # A task on a GPU: so many that the presses at its end, which leave the device idle, are few among them.
@@ -32,25 +35,28 @@ def run(
     `workers` of `simgen.workers.start_workers`; None is this very process. `on_start` is told how many presses are
     there already, `on_report` what came of each shard. An interrupt closes the workers and leaves a dataset that the
     same call completes. A shard whose task raised is left unfinished and its report carries the error. Raises
-    `InputError` if `output` holds another dataset.
+    `InputError` if `output` holds another dataset, is being filled by another run, or cannot be written any more.
     """
     workers = workers or Workers(plan.device)
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
-    shards = dataset.unfinished()
-    on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
-    size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers.count)
-    tasks = [(output.resolve(), some, plan.job, workers.device, build) for some in divide(shards, size)]
-    try:
-        for reports in workers.map(_guarded, tasks):
-            for report in reports:
-                log_timing(dataset, {"finished": time.time(), **asdict(report)})
-                on_report(report)
-    except BaseException:
-        workers.close()
-        if not workers.elsewhere:  # tasks there may still be writing
-            finish(dataset)
-        raise
-    finish(dataset)
+    if complete(dataset):
+        on_start(dataset.presses)
+        return dataset
+    with filling(dataset):
+        shards = dataset.unfinished()
+        on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
+        size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers.count)
+        tasks = [(output.resolve(), some, plan.job, workers.device, build) for some in divide(shards, size)]
+        try:
+            for reports in workers.map(_guarded, tasks):
+                for report in reports:
+                    log_timing(dataset, {"finished": time.time(), **asdict(report)})
+                    on_report(report)
+                    if report.errno in NOT_WRITABLE:
+                        raise InputError(cannot_write(output, report.errno))
+        except BaseException:
+            workers.close()
+            raise
     return dataset
 
 
@@ -73,5 +79,6 @@ def _guarded(arguments: tuple) -> list[ShardReport]:
     except Exception as error:
         path, shards = arguments[:2]
         counts = [len(Dataset(path).shard_presses(shard)) for shard in shards]
-        message = f"{type(error).__name__}: {error}"
-        return [ShardReport(shard, count, error=message) for shard, count in zip(shards, counts, strict=True)]
+        failure = Failure.of(error)
+        return [ShardReport(shard, count, error=failure.sentence, errno=failure.errno)
+                for shard, count in zip(shards, counts, strict=True)]  # fmt: skip

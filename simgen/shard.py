@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from simgen.capacity import presses_at_once
-from simgen.dataset import Dataset, folder_aside
+from simgen.dataset import Dataset
+from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
 from simgen.indenter import Indenter, load_indenter
 from simgen.job import Job
@@ -51,6 +52,7 @@ class ShardReport:
     seconds_by_sensor: dict[str, float] | None = None
     host: str = ""
     error: str | None = None
+    errno: int | None = None  # of the operating system, if the error has one
 
 
 @cache
@@ -164,7 +166,7 @@ def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: s
 
 def _report(writer: ShardWriter, seconds_per_press: float) -> ShardReport:
     count = len(writer.presses)
-    if writer.error:
-        return ShardReport(writer.shard, count, error=writer.error)
+    if failure := writer.failure:
+        return ShardReport(writer.shard, count, error=failure.sentence, errno=failure.errno)
     seconds = round(seconds_per_press * count, 3)
     return ShardReport(writer.shard, count, writer.failed, seconds, writer.seconds, socket.gethostname())

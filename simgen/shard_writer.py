@@ -2,13 +2,27 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from simgen.dataset import Dataset, manifest_aside, write_aside
+from simgen.dataset import Dataset
+from simgen.dataset_writer import manifest_aside, write_aside
 from simgen.press import PressResult
 from simgen.whole_files import Aside, put_in_place
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What an exception says, without the values that it would hold, and the operating system's number, if any."""
+
+    sentence: str
+    errno: int | None
+
+    @classmethod
+    def of(cls, error: Exception) -> "Failure":
+        return cls(f"{type(error).__name__}: {error}", getattr(error, "errno", None))
 
 
 class ShardWriter:
@@ -17,12 +31,12 @@ class ShardWriter:
     presses : (n,) numbers of the shard's presses
     failed : samples that have not converged, of all sensors
     seconds : sensor -> seconds of solving
-    error : what could not be written, of the first sensor, or None; known when ``files`` has been asked for
+    failure : why it could not be written, of the first sensor, or None; known when ``files`` has been asked for
     """
 
     def __init__(self, dataset: Dataset, shard: int, folder: Path, threads: ThreadPoolExecutor):
         self.dataset, self.shard, self.presses = dataset, shard, np.array(dataset.shard_presses(shard))
-        self.failed, self.seconds, self.error = 0, {}, None
+        self.failed, self.seconds, self.failure = 0, {}, None
         self._folder, self._threads, self._writing = folder, threads, []
         self._first_touch = np.zeros(len(self.presses))
 
@@ -42,27 +56,27 @@ class ShardWriter:
         self.seconds[sensor] = round(sum(result.seconds for result in results), 3)
         self._writing.append(self._threads.submit(self._write, values))
 
-    def _write(self, values: dict[str, Sequence]) -> dict[str, Aside] | str:
-        """Files by path, or what went wrong: in words, as the exception itself would hold the values."""
+    def _write(self, values: dict[str, Sequence]) -> "dict[str, Aside] | Failure":
+        """Files by path, or what went wrong."""
         try:
             return write_aside(self.dataset, self.shard, values, self._folder)
         except Exception as error:
-            return f"{type(error).__name__}: {error}"
+            return Failure.of(error)
 
     def files(self) -> tuple[dict[str, Aside], dict[str, Aside]]:
         """The shard's files and its manifest, by path, when all are written; none if something went wrong."""
         files: dict[str, Aside] = {}
         for writing in self._writing:
             written = writing.result()
-            if isinstance(written, str):
-                self.error = self.error or written
+            if isinstance(written, Failure):
+                self.failure = self.failure or written
             else:
                 files |= written
-        if self.error is None:
+        if self.failure is None:
             try:
                 return files, manifest_aside(self.shard, files, self._folder)
             except OSError as error:
-                self.error = f"{type(error).__name__}: {error}"
+                self.failure = Failure.of(error)
         return {}, {}
 
 

@@ -32,6 +32,20 @@ def put_in_place(root: Path, files: Mapping[str, Aside]) -> None:
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(file.temporary, root / name)
     for folder in {parent for name in files for parent in Path(name).parents}:
-        handle = os.open(root / folder, os.O_RDONLY)
+        flush(root / folder)
+
+
+def flush(path: Path) -> None:
+    """What a file holds, or which files a folder has, is on the disk when this returns."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
         os.fsync(handle)
+    finally:
         os.close(handle)
+
+
+def flush_tree(folder: Path) -> None:
+    """Flush a folder and all that is below it."""
+    for path in folder.rglob("*"):
+        flush(path)
+    flush(folder)

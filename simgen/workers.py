@@ -21,14 +21,11 @@ IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class Workers:
-    """``count`` processes, and the ``device`` as they see it: one with a GPU of its own sees no other.
-
-    ``elsewhere``: a scheduler of its own, which finishes the tasks under way when this process ends.
-    """
+    """``count`` processes, and the ``device`` as they see it: one with a GPU of its own sees no other."""
 
     def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, list]] | None = None,
-                 elsewhere: bool = False, close: Callable[[], None] = lambda: None):  # fmt: skip
-        self.device, self.count, self.elsewhere, self.close, self._start = device, count, elsewhere, close, start
+                 close: Callable[[], None] = lambda: None):  # fmt: skip
+        self.device, self.count, self.close, self._start = device, count, close, start
 
     @cached_property
     def started(self) -> tuple[Any, list]:
@@ -79,7 +76,7 @@ def start_workers(
 
     if scheduler is not None:
         with Client(scheduler) as client:
-            yield Workers(device, max(1, len(client.nthreads())), lambda: (client, []), elsewhere=True)
+            yield Workers(device, max(1, len(client.nthreads())), lambda: (client, []))
         return
     gpus = visible_gpus(device) if device != "cpu" else []
     there = "cuda" if gpus else device

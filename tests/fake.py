@@ -208,8 +208,9 @@ def killed_presser(job, sensor, device):
 
 
 def contents(path: Path) -> dict[str, bytes]:
-    """Every byte of a dataset except the timings."""
-    files = (file for file in sorted(path.rglob("*")) if file.is_file() and file.name != "timings.jsonl")
+    """Every byte of a dataset except the timings and the lock."""
+    aside = ("timings.jsonl", ".lock")
+    files = (file for file in sorted(path.rglob("*")) if file.is_file() and file.name not in aside)
     return {file.relative_to(path).as_posix(): file.read_bytes() for file in files}
 
 

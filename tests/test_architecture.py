@@ -22,7 +22,7 @@ HOUSE = {
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],
     "press": ["press", "march", "samples", "scene", "first_touch", "capacity"],
-    "dataset": ["dataset", "chunk_files", "whole_files", "audit", "exchange"],
+    "dataset": ["dataset", "dataset_writer", "chunk_files", "whole_files", "folder_lock", "audit", "exchange"],
     "run": ["plan", "shard_writer", "shard", "workers", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console"],
     "validate": ["validate"],

@@ -12,16 +12,8 @@ import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simgen.dataset import (
-    DISPLACEMENT_STEP_M,
-    Dataset,
-    create,
-    folder_aside,
-    manifest_aside,
-    open_or_create,
-    split_by_trajectory,
-    write_aside,
-)
+from simgen.dataset import DISPLACEMENT_STEP_M, Dataset, split_by_trajectory
+from simgen.dataset_writer import create, folder_aside, manifest_aside, open_or_create, write_aside
 from simgen.errors import InputError
 from simgen.provenance import difference
 from simgen.whole_files import put_in_place

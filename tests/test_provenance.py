@@ -4,7 +4,7 @@ import fake
 import pytest
 
 from simgen import provenance
-from simgen.dataset import create, open_or_create
+from simgen.dataset_writer import create, open_or_create
 from simgen.errors import InputError
 from simgen.resources import PACKAGE
 

@@ -17,7 +17,8 @@ import trimesh
 from dask.distributed import Client
 
 from simgen import shard
-from simgen.dataset import Dataset, finish, manifest_aside, open_or_create
+from simgen.dataset import Dataset
+from simgen.dataset_writer import manifest_aside, open_or_create
 from simgen.errors import InputError
 from simgen.plan import indenter_identities, sensor_identity
 from simgen.run import divide, run, shards_per_task
@@ -301,6 +302,5 @@ def test_a_task_of_many_shards_writes_the_same_bytes(whole, tmp_path):
     plan = fake.make_plan(fake.make_job())
     dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
     reports = run_shards(dataset.path, [0, 1, 2, 3, 4, 5], plan.job, "cpu", fake.fake_presser)
-    finish(dataset)
     assert [report.shard for report in reports] == list(range(6))
     assert fake.contents(dataset.path) == fake.contents(whole)

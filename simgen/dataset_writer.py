@@ -1,0 +1,210 @@
+"""Writing a dataset: making it, going on with it, and the files of its shards.
+
+Whatever is unfinished lies in a folder whose name begins with a dot, which its process holds: folders that nobody holds
+are what a killed process left, and are removed.
+"""
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import time
+import uuid
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.codecs import BloscCodec
+
+from simgen import whole_files
+from simgen.chunk_files import COMPRESSION, chunk_file, sharded_files
+from simgen.dataset import SCHEMA, TIMINGS, Array, Dataset, written_arrays
+from simgen.errors import InputError, writing
+from simgen.folder_lock import LOCK, HeldError, held, remove_abandoned
+from simgen.job import Job
+from simgen.provenance import difference
+from simgen.whole_files import Aside, flush, flush_tree, put_in_place
+
+PLAN = "plan"
+STAGING = ".staging"
+WAIT_FOR_WORKERS = 20.0  # s, for tasks of a killed run to end: dask's workers do within seconds
+
+
+def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
+    """Make the folder with all that is known before the first press. It appears whole or not at all.
+
+    `planned` maps a path such as ``press/trajectory`` or ``digit/rest_positions`` to its array. If somebody else makes
+    the same folder meanwhile, theirs stays.
+    """
+    remove_abandoned(path.parent.glob(f".{path.name}.*.partial"))
+    staging = path.with_name(f".{path.name}.{uuid.uuid4().hex}.partial")
+    staging.mkdir(parents=True)
+    try:
+        with held(staging):
+            _write_plan(staging, attributes, planned, job)
+            flush_tree(staging)
+            os.rename(staging, path)
+            flush(path.parent)
+    except BaseException as error:
+        shutil.rmtree(staging, ignore_errors=True)
+        if not (isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST)):
+            raise
+
+
+def _write_plan(
+    folder: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
+) -> None:
+    root = zarr.create_group(folder, attributes={"schema": SCHEMA, **attributes})
+    for name, values in planned.items():
+        root.create_array(name, data=np.asarray(values))
+    vertices = {sensor: len(planned[f"{sensor}/rest_positions"]) for sensor in job.sensors}
+    for name, array in written_arrays(job, vertices).items():
+        _create_written(root, name, array, job.presses, job.dataset.presses_per_shard)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # consolidated metadata are zarr-python's own, and worth having: one read
+        zarr.consolidate_metadata(folder)
+    sums = {
+        file.relative_to(folder).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in folder.rglob("*")
+        if file.is_file() and file.name != LOCK
+    }
+    put_in_place(folder, {f"manifest/{PLAN}.json": whole_files.write_aside(folder, _manifest(sums))})
+
+
+def _create_written(root: zarr.Group, name: str, array: Array, presses: int, per_shard: int) -> None:
+    shard = (per_shard, *array.shape)
+    root.create_array(
+        name,
+        shape=(presses, *array.shape),
+        dtype=array.dtype,
+        chunks=(1, *array.chunk) if array.chunk else shard,
+        shards=shard if array.chunk else None,
+        compressors=BloscCodec(shuffle="shuffle", **COMPRESSION),
+        fill_value=array.fill,
+        attributes={"about": array.about, **({"unit": array.unit} if array.unit else {}), **array.attributes},
+    )
+
+
+def open_or_create(
+    path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
+) -> Dataset:
+    """The dataset of exactly this plan: made anew, or found on disk from an earlier, unfinished run.
+
+    Raises `InputError` with the difference if what lies there came from another job, code or mesh.
+    """
+    if not path.exists():
+        with writing(path):
+            create(path, attributes, planned, job)
+    dataset = Dataset(path)
+    asked = json.loads(json.dumps({"schema": SCHEMA, **attributes}))
+    if dataset.attributes != asked or dataset.attributes["job_hash"] != asked["job_hash"]:
+        changes = difference(dataset.attributes, asked)
+        shown = (
+            "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
+        )
+        raise InputError(f"{path}: holds another dataset ({shown}); remove it or choose another --output")
+    return dataset
+
+
+def complete(dataset: Dataset) -> bool:
+    """Whether there is nothing to write or to remove any more."""
+    return not dataset.unfinished() and not (dataset.path / STAGING).exists()
+
+
+@contextmanager
+def filling(dataset: Dataset) -> Iterator[None]:
+    """The right to fill a dataset, which one process has at a time; what others left aside is removed.
+
+    Raises `InputError` if another run has it, or if tasks of an earlier one are still writing.
+    """
+    staging = dataset.path / STAGING
+    with ExitStack() as stack:
+        try:
+            with writing(dataset.path):
+                stack.enter_context(held(dataset.path))
+        except HeldError as error:
+            advice = "wait for its end, or choose another --output"
+            raise InputError(f"{dataset.path}: {error} is writing into it; {advice}") from None
+        deadline = time.monotonic() + WAIT_FOR_WORKERS
+        while left := remove_abandoned(staging.glob("*")):
+            if time.monotonic() > deadline:
+                raise InputError(f"{dataset.path}: a task of an earlier run still writes ({left}); wait for its end")
+            time.sleep(0.1)
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # what cannot be removed is not in the way
+                remove_abandoned(staging.glob("*"))
+                staging.rmdir()
+
+
+@contextmanager
+def folder_aside(dataset: Dataset) -> Iterator[Path]:
+    """A folder for what a task has not put in its place yet; whatever is left there is removed with it."""
+    folder = dataset.path / STAGING / uuid.uuid4().hex
+    folder.mkdir(parents=True)
+    try:
+        with held(folder):
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def write_aside(
+    dataset: Dataset, shard: int, values: Mapping[str, Sequence[np.ndarray]], folder: Path
+) -> dict[str, Aside]:
+    """Files of some of a shard's arrays by path, on the disk but not in their places yet.
+
+    `values`, by path too, are float arrays in SI, one for each press. Raises `OverflowError` if a displacement does not
+    fit the stored type.
+    """
+    presses, files = dataset.shard_presses(shard), {}
+    for name, of_presses in values.items():
+        array = dataset.arrays[name]
+        if array.chunk:  # a press at a time: what is double for a moment stays small
+            stored = np.stack([_encode(np.asarray(value), array, name) for value in of_presses])
+            made = sharded_files(dataset.path, name, presses, stored, folder)
+        else:
+            stored = _encode(np.stack(of_presses), array, name)
+            made = chunk_file(name, shard, stored, dataset.job.dataset.presses_per_shard, array.fill)
+        files |= {path: whole_files.write_aside(folder, data) for path, data in made.items()}
+    return files
+
+
+def manifest_aside(shard: int, files: Mapping[str, Aside], folder: Path) -> dict[str, Aside]:
+    """The manifest of a shard, by path, which says that these are its files."""
+    text = _manifest({path: file.sha256 for path, file in files.items()}, shard=shard)
+    return {f"manifest/{shard:06d}.json": whole_files.write_aside(folder, text)}
+
+
+def log_timing(dataset: Dataset, entry: Mapping[str, Any]) -> None:
+    with writing(dataset.path), open(dataset.path / "manifest" / TIMINGS, "a", encoding="utf-8") as file:
+        file.write(json.dumps(entry) + "\n")
+
+
+def _encode(values: np.ndarray, array: Array, name: str) -> np.ndarray:
+    """Floats to the stored type; NaN becomes the fill value."""
+    if array.dtype.startswith("float"):
+        return values.astype(array.dtype)
+    missing, scale = np.isnan(values), array.attributes.get("scale_factor", 1.0)
+    steps = values / scale
+    np.rint(steps, out=steps)
+    steps[missing] = 0.0
+    largest = max(steps.max(initial=0.0), -steps.min(initial=0.0))
+    if largest > np.iinfo(array.dtype).max:
+        raise OverflowError(
+            f"{name}: {largest * scale:.3g} does not fit {array.dtype} in steps of {scale:g} "
+            "(set dataset.displacement: float32)"
+        )
+    stored = steps.astype(array.dtype)
+    stored[missing] = array.fill
+    return stored
+
+
+def _manifest(sums: Mapping[str, str], **head: int) -> bytes:
+    return json.dumps({**head, "sha256": dict(sorted(sums.items()))}, indent=1).encode()

@@ -1,0 +1,88 @@
+"""Folders that one process at a time writes into.
+
+The operating system lets go of a lock when its process ends, however it ends, so that nothing has to be cleaned up
+after a kill. Locks of flock(2): they hold between the machines of an NFS, too.
+"""
+
+import errno
+import fcntl
+import os
+import shutil
+import socket
+import time
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+LOCK = ".lock"
+NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # what a file system without them answers
+
+
+class HeldError(Exception):
+    """Somebody else holds the folder: who, as a sentence's end."""
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Hold a folder. Raises `HeldError` at once if another process, or another call in this one, does."""
+    handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        if not _lock(handle, folder):
+            raise HeldError(os.pread(handle, 1000, 0).decode(errors="replace") or "an unknown process")
+        about = f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%Y-%m-%d %H:%M:%S %Z')}"
+        with suppress(OSError):  # a full disk: the lock holds all the same
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, about.encode(), 0)
+        try:
+            yield
+        finally:
+            os.ftruncate(handle, 0)  # the same bytes in every dataset
+    finally:
+        os.close(handle)
+
+
+def holder(folder: Path) -> str | None:
+    """Who holds a folder, or None."""
+    if not (folder / LOCK).exists():
+        return None
+    handle = os.open(folder / LOCK, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return os.pread(handle, 1000, 0).decode(errors="replace") or "an unknown process"
+    finally:
+        os.close(handle)
+    return None
+
+
+def remove_abandoned(paths: Iterable[Path]) -> str | None:
+    """Remove files, and folders that nobody holds. Returns who holds one that is left, or None."""
+    left = None
+    for path in paths:
+        try:
+            if path.is_dir():
+                with held(path):
+                    shutil.rmtree(path)
+            else:
+                path.unlink()
+        except HeldError as error:
+            left = str(error)
+        except FileNotFoundError:  # its owner has removed it meanwhile
+            pass
+    return left
+
+
+def _lock(handle: int, folder: Path) -> bool:
+    for _ in range(3):  # `holder` has it for an instant
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            time.sleep(0.02)
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise
+            warnings.warn(f"{folder}: this file system has no locks; let one run at a time write here", stacklevel=3)
+            return True
+    return False
