@@ -175,7 +175,8 @@ class _Room:
         if surface.edges_unique_length.max() > 0.5 * self.ball_radius:
             surface = surface.subdivide_to_size(0.5 * self.ball_radius)
         self.surface_points = scipy.spatial.cKDTree(surface.vertices)
-        self.faces = surface.triangles_center, surface.face_normals
+        self.facets = scipy.spatial.cKDTree(surface.triangles_center)
+        self.facet_normals = surface.face_normals
 
     def propose(self, uniform: np.ndarray) -> Contacts:
         """Contacts on the skin from points (n, 5) of the unit cube; places off the skin are left out."""
@@ -200,7 +201,7 @@ class _Room:
         for i in np.flatnonzero(kept):
             point, normal = contacts.points[i], contacts.normals[i]
             kept[i] = (
-                self._is_thick(point, normal) and self._wall_distance(point, normal) >= self.edge_distance
+                self._is_thick(point, normal) and not self._is_beside_a_wall(point, normal)
             )
         return Contacts(**{field.name: getattr(contacts, field.name)[kept] for field in fields(Contacts)})
 
@@ -213,9 +214,8 @@ class _Room:
         other = np.linalg.norm(self.surface_points.data[within] - point, axis=1) > 0.5 * self.ball_radius
         return not other.any()
 
-    def _wall_distance(self, point: np.ndarray, normal: np.ndarray) -> float:
-        centres, normals = self.faces
-        cosine = normals @ normal
+    def _is_beside_a_wall(self, point: np.ndarray, normal: np.ndarray) -> bool:
+        """Whether a facet that is neither turned like the contact nor away from it is nearer than the edge distance."""
+        cosine = self.facet_normals[self.facets.query_ball_point(point, self.edge_distance)] @ normal
         high, low = np.cos(np.radians(WALL_TURN_DEG))
-        wall = (cosine < high) & (cosine > low)
-        return np.linalg.norm(centres[wall] - point, axis=1).min(initial=np.inf)
+        return bool(((cosine < high) & (cosine > low)).any())
