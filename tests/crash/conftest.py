@@ -1,0 +1,39 @@
+"""A job of eighteen presses that takes seconds, by the command line, in processes of their own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# Linear elements and two depths: what is tested is what becomes of files, and a press takes half a second.
+JOB = [
+    "smoke", "sensors={digit: {model: digit, mesh: coarse}}", "trajectories.count=6",
+    "depths_mm={first: 0.1, last: 0.2, count: 2}", "solver.element=P1",
+]  # fmt: skip
+SHARDS = 18
+
+
+def start(*arguments: str | Path, **options) -> subprocess.Popen:
+    """The command line, at the head of a process group of its own."""
+    command = [sys.executable, "-m", "simgen.cli", *map(str, arguments)]
+    environment = {**os.environ, "COLUMNS": "500"}  # no message is broken into lines
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, env=environment, start_new_session=True, **{**streams, **options})
+
+
+def simgen(*arguments: str | Path, **options) -> subprocess.CompletedProcess:
+    """The command line to its end."""
+    process = start(*arguments, **options)
+    output, errors = process.communicate(timeout=300)
+    return subprocess.CompletedProcess(arguments, process.returncode, output, errors)
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory) -> Path:
+    """The dataset of an undisturbed run."""
+    path = tmp_path_factory.mktemp("whole") / "d.zarr"
+    ended = simgen("run", *JOB, "--output", path, "--workers", "2")
+    assert ended.returncode == 0, ended.stderr
+    return path
