@@ -1,56 +1,40 @@
-"""Audit of a dataset: is it whole, unchanged, converged, paired, and held where it should be held?
+"""Audit of a dataset: is it whole, unchanged, converged, paired, held and touched where it should be?
 
 All is computed again from what is stored; what the run said about itself is not believed, except for the
-certificates, which the solver alone can know.
+certificates, which the solver alone can know. Shards whose files have changed are told by their checksums, and are
+looked at no further: what they hold might not even be read.
 """
 
 import hashlib
-import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
-from trimesh.triangles import closest_point
 
+from simgen import touch_audit
 from simgen.dataset import SPLITS, Dataset
+from simgen.errors import InputError
+from simgen.finding import SHOWN, Finding, name, named
 
 FORCE_BALANCE = 1e-3  # of the contact force
 LIQUID_VOLUME = 1e-6  # of the cavity's volume
-RIGID = 1e-9  # of a rotation matrix against orthogonality: float64 products of a few rotations
-# The output mesh is a polyhedron: a contact on the true surface lies off its facets by up to
-# edge^2 / (8 radius), 0.05 mm for edges of 1.6 mm on a radius of 6.5 mm; its normals are some degrees off.
-PAIRING_DISTANCE_M = 5e-5
-PAIRING_ANGLE_DEG = 6.0
-SHARDS_AT_ONCE = min(8, os.cpu_count() or 1)  # each takes some 0.3 GB while it is looked at
-NEAREST_TRIANGLES = 64  # by their centroids, among which the closest point is sought
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One line of the audit; `passed` is None for a figure that is stated but has no limit."""
-
-    subject: str
-    what: str
-    found: str
-    allowed: str
-    passed: bool | None
-    note: str = ""
-
-    @property
-    def failed(self) -> bool:
-        return self.passed is not None and not self.passed
+PLAN = "plan"
 
 
 def check(dataset: Dataset) -> list[Finding]:
     """All findings, the whole dataset first, then each sensor."""
-    findings = [*_whole(dataset), *_layout(dataset), *_splits(dataset)]
+    checksums = _checksums(dataset)
+    spoiled = spoiled_shards(dataset, checksums.files)
+    findings = [_presses(dataset), checksums, _job(dataset)]
+    if None in spoiled:  # what all shards share: nothing else means anything
+        return findings
+    sound = Sound(dataset, spoiled)
+    findings += [*_layout(sound), *_splits(sound)]
     for sensor in dataset.sensors:
         findings += [
-            *_certificates(dataset, sensor),
-            *_displacements(dataset, sensor),
-            *_pairing(dataset, sensor),
+            *_certificates(sound, sensor),
+            *touch_audit.displacements(sound, sensor),
+            *touch_audit.pairing(sound, sensor),
         ]
     return findings
 
@@ -59,34 +43,101 @@ def passes(findings: list[Finding]) -> bool:
     return not any(finding.failed for finding in findings)
 
 
-def _whole(dataset: Dataset) -> Iterator[Finding]:
+class Sound(Dataset):
+    """A dataset of which some shards are as if they were not there."""
+
+    def __init__(self, dataset: Dataset, spoiled: set[int]):
+        super().__init__(dataset.path)
+        self._spoiled = spoiled
+
+    def finished(self) -> list[int]:
+        return [shard for shard in super().finished() if shard not in self._spoiled]
+
+    def __getitem__(self, path: str) -> np.ndarray:
+        array = self.arrays.get(path)
+        if not self._spoiled or array is None:
+            return super().__getitem__(path)
+        values = np.full((self.presses, *array.shape), array.fill, array.dtype)
+        for shard in self.finished():
+            rows = self.shard_presses(shard)
+            values[rows.start : rows.stop] = self.root[path][rows.start : rows.stop]
+        return values
+
+
+def to_repair(dataset: Dataset, findings: Sequence[Finding]) -> list[int]:
+    """Shards that would be sound if they were solved again: those with bad samples, changed files, or not there yet.
+
+    Samples that did not converge are none: they would not converge again. Raises `InputError` if what all shards share
+    has changed.
+    """
+    files = [file for finding in findings for file in finding.files]
+    shards = spoiled_shards(dataset, files) | set(dataset.unfinished())
+    if None in shards:
+        file = next(file for file in files if spoiled_shards(dataset, [file]) == {None})
+        raise InputError(f"{dataset.path}/{file}: belongs to the plan, which all presses share; run the job anew")
+    per_shard = dataset.job.dataset.presses_per_shard
+    return sorted(shards | {press // per_shard for finding in findings for press, _ in finding.bad})
+
+
+def spoiled_shards(dataset: Dataset, files: Sequence[str]) -> set[int | None]:
+    """Which shards some files belong to; None stands for the plan, which all share."""
+    shards = set()
+    for file in files:
+        array, _, key = file.rpartition("/c/")
+        if file.startswith("manifest/"):
+            shards.add(None if PLAN in file else int(file.removeprefix("manifest/").removesuffix(".json")))
+        else:
+            shards.add(int(key.split("/")[0]) if array in dataset.arrays else None)
+    return shards
+
+
+def _presses(dataset: Dataset) -> Finding:
     missing = [press for shard in dataset.unfinished() for press in dataset.shard_presses(shard)]
     found = f"{dataset.presses - len(missing)} of {dataset.presses}"
     if missing:
         found += f", not {missing[0]}"
-    yield Finding("dataset", "presses", found, "all", not missing)
-    sums = dataset.checksums()
+    return Finding("dataset", "presses", found, "all", not missing)
+
+
+def _checksums(dataset: Dataset) -> Finding:
+    """Files that are not what their manifest says, by path, manifests that cannot be read among them."""
+    sums, wrong = {}, []
+    for manifest in dataset.manifests():
+        try:
+            sums |= dataset.sums_of(manifest)
+        except InputError:
+            wrong.append(f"manifest/{manifest}")
     with ThreadPoolExecutor() as threads:
-        found_sums = threads.map(lambda name: _sha256(dataset, name), sums)
-        wrong = [name for name, found in zip(sums, found_sums, strict=True) if found != sums[name]]
-    found = f"{len(sums) - len(wrong)} of {len(sums)}" + (f", not {wrong[0]}" if wrong else "")
-    yield Finding("dataset", "checksums", found, "all", not wrong)
+        found_sums = threads.map(lambda file: _sha256(dataset, file), sums)
+        wrong += [file for file, found in zip(sums, found_sums, strict=True) if found != sums[file]]
+    count = len(sums) + sum(file.startswith("manifest/") for file in wrong)
+    note = ""
+    if wrong:
+        note = "changed or gone: " + "; ".join(wrong[:SHOWN])
+        note += f"; and {len(wrong) - SHOWN} more" if len(wrong) > SHOWN else ""
+    found = f"{count - len(wrong)} of {count}"
+    return Finding("dataset", "checksums", found, "all", not wrong, note, files=tuple(wrong))
+
+
+def _sha256(dataset: Dataset, file: str) -> str | None:
+    try:
+        return hashlib.sha256((dataset.path / file).read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def _job(dataset: Dataset) -> Finding:
     same = dataset.job.hash == dataset.attributes["job_hash"]
-    yield Finding("dataset", "job hash", dataset.job.hash[:12], dataset.attributes["job_hash"][:12], same)
-
-
-def _sha256(dataset: Dataset, name: str) -> str | None:
-    file = dataset.path / name
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else None
+    return Finding("dataset", "job hash", dataset.job.hash[:12], dataset.attributes["job_hash"][:12], same)
 
 
 def _layout(dataset: Dataset) -> Iterator[Finding]:
     wrong = []
-    for name, array in dataset.arrays.items():
-        stored = dataset.root.get(name)
+    for path, array in dataset.arrays.items():
+        stored = dataset.root.get(path)
         shape = (dataset.presses, *array.shape)
         if stored is None or stored.shape != shape or stored.dtype != array.dtype:
-            wrong.append(name)
+            wrong.append(path)
     found = f"{len(dataset.arrays) - len(wrong)} of {len(dataset.arrays)}" + (
         f", not {wrong[0]}" if wrong else ""
     )
@@ -98,10 +149,12 @@ def _layout(dataset: Dataset) -> Iterator[Finding]:
 def _splits(dataset: Dataset) -> Iterator[Finding]:
     trajectory, split = dataset["press/trajectory"], dataset["press/split"]
     pairs = np.unique(np.stack([trajectory, split]), axis=1)
-    shared = pairs.shape[1] - len(np.unique(trajectory))
+    of_trajectory = np.bincount(pairs[0])
     counts = np.bincount(pairs[1], minlength=len(SPLITS))
     shown = " / ".join(str(count) for count in counts)
-    yield Finding("dataset", "splits", shown, "disjoint", shared == 0)
+    shared = np.flatnonzero(of_trajectory > 1)
+    note = f"in two splits: trajectories {', '.join(map(str, shared[:SHOWN]))}" if len(shared) else ""
+    yield Finding("dataset", "splits", shown, "disjoint", not len(shared), note)
 
 
 def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
@@ -111,11 +164,6 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     yield Finding(
         sensor, "samples converged", found, "all", bool(converged.all()), _failures(dataset, status)
     )
-
-    def worst(key: str, of=np.max) -> float:
-        values = dataset[f"{sensor}/certificate/{key}"][converged]
-        return float(of(values)) if values.size else np.nan
-
     limits = [
         ("residual", "residual", dataset.job.solver.residual_tolerance),
         ("contact_error", "contact error", dataset.job.solver.contact_tolerance),
@@ -124,113 +172,29 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     if dataset.job.sensors[sensor].fluid != "none":
         limits.append(("liquid_volume_error", "liquid volume, change", LIQUID_VOLUME))
     for key, what, limit in limits:
-        value = worst(key)
-        yield Finding(sensor, what, f"{value:.2e}", f"<= {limit:g}", value <= limit)
-    value = worst("min_det_F", np.min)
-    yield Finding(sensor, "det F, least", f"{value:.3f}", "> 0", value > 0)
-    yield Finding(sensor, "elements inverted in part", f"{worst('inverted_elements'):.0f} at most", "stated", None)
-    rms, deepest = worst("rms_penetration_m"), worst("max_penetration_m")
-    shown = f"rms {rms * 1e6:.1f}, max {deepest * 1e6:.1f} um"
-    yield Finding(sensor, "penetration", shown, "stated", None)
+        yield named(sensor, what, dataset[f"{sensor}/certificate/{key}"], limit, "{:.2e}", of=converged)
+
+    def stored(key: str) -> np.ndarray:
+        return dataset[f"{sensor}/certificate/{key}"]
+
+    least = stored("min_det_F")
+    bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(converged & ~(least > 0)))
+    found = f"{np.min(least, initial=np.inf, where=converged):.3f}"
+    yield Finding(sensor, "det F, least", found, "> 0", not bad, name("det F", bad), bad)
+    inverted = np.max(stored("inverted_elements"), initial=0, where=converged)
+    yield Finding(sensor, "elements inverted in part", f"{inverted} at most", "stated", None)
+    rms, deepest = (
+        np.max(stored(f"{each}_penetration_m"), initial=0.0, where=converged) * 1e6 for each in ("rms", "max")
+    )
+    yield Finding(sensor, "penetration", f"rms {rms:.1f}, max {deepest:.1f} um", "stated", None)
 
 
 def _failures(dataset: Dataset, status: np.ndarray) -> str:
     """What befell the samples that did not converge, one line for each status."""
-    sentences = {**dataset.attributes["status"], "-1": "Not there yet."}
+    sentences = {**dataset.attributes["status"], "-1": "Not there yet, or in a file that has changed."}
     lines = []
     for code in np.unique(status[status != 0]):
         press, depth = np.argwhere(status == code)[0]
         count = np.count_nonzero(status == code)
         lines.append(f"{count} samples, the first at press {press}, depth {depth}: {sentences[str(code)]}")
     return "\n".join(lines)
-
-
-def _displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
-    held, status = dataset[f"{sensor}/held"], dataset[f"{sensor}/status"]
-
-    def look_at(shard: int) -> tuple[float, int]:
-        presses = dataset.shard_presses(shard)
-        rows = slice(presses.start, presses.stop)
-        displacement = dataset.displacement(sensor, rows)
-        moved = float(np.nanmax(np.abs(displacement[:, :, held]), initial=0.0))
-        reached = np.isfinite(displacement).all(axis=(2, 3))
-        return moved, int(np.count_nonzero((status[rows] == 0) & ~reached))
-
-    with ThreadPoolExecutor(SHARDS_AT_ONCE) as threads:
-        seen = list(threads.map(look_at, dataset.finished()))
-    moved, gaps = max((each for each, _ in seen), default=0.0), sum(each for _, each in seen)
-    yield Finding(sensor, "held vertices move", f"{moved:g} m", "0 m", moved == 0)
-    yield Finding(sensor, "displacement gaps", f"{gaps}", "0", gaps == 0)
-
-
-def _pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
-    """The contact, brought into the sensor's frame by its pose, lies on its surface with its normal."""
-    _, first = np.unique(dataset["press/trajectory"], return_index=True)
-    contact, normal = dataset["press/contact_pose"][first], dataset["press/contact_normal"][first]
-    pose = dataset[f"{sensor}/pose"][first]
-    rotation = pose[:, :3, :3]
-    skew = np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)).max()
-    yield Finding(sensor, "poses, rigidity", f"{skew:.1e}", f"<= {RIGID:g}", bool(skew <= RIGID))
-
-    point = np.einsum("nji,nj->ni", rotation, contact[:, :3, 3] - pose[:, :3, 3])
-    direction = np.einsum("nji,nj->ni", rotation, normal)
-    vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
-    distance, normals = nearest_on_surface(vertices, triangles, point)
-    cosine = np.clip(np.einsum("ni,nki->nk", direction, normals).max(axis=1), -1.0, 1.0)
-    angle = float(np.degrees(np.arccos(cosine)).max())
-    off = float(distance.max())
-    yield Finding(
-        sensor, "contact distance", f"{off * 1e6:.1f} um",
-        f"<= {PAIRING_DISTANCE_M * 1e6:.0f} um", off <= PAIRING_DISTANCE_M,
-    )  # fmt: skip
-    yield Finding(
-        sensor, "contact angle", f"{angle:.2f} deg",
-        f"<= {PAIRING_ANGLE_DEG:g} deg", angle <= PAIRING_ANGLE_DEG,
-    )  # fmt: skip
-
-
-def nearest_on_surface(
-    vertices: np.ndarray, triangles: np.ndarray, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (n,) of points (n, 3) from a triangulated surface, and normals (n, 2, 3) where it is nearest.
-
-    The first normal is smoothed, which suits a curved surface; the second, the facet's own, suits a crease.
-    """
-    corners = vertices[triangles]
-    count = min(NEAREST_TRIANGLES, len(triangles))
-    _, near = cKDTree(corners.mean(axis=1)).query(points, k=count)
-    near = np.reshape(near, (len(points), count))
-    repeated = np.repeat(points, count, axis=0)
-    # trimesh's tolerance is absolute and meant for triangles of about unit size.
-    size = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean()
-    closest = size * closest_point(corners[near.ravel()] / size, repeated / size).reshape(
-        len(points), count, 3
-    )
-    distance = np.linalg.norm(closest - points[:, None], axis=2)
-    best = distance.argmin(axis=1)
-    row = np.arange(len(points))
-    nearest = corners[near[row, best]]
-    normals = _vertex_normals(vertices, triangles)[triangles[near[row, best]]]
-    smoothed = np.einsum("nk,nki->ni", _barycentric(nearest, closest[row, best]), normals)
-    facet = np.cross(nearest[:, 1] - nearest[:, 0], nearest[:, 2] - nearest[:, 0])
-    both = np.stack([smoothed, facet], axis=1)
-    return distance[row, best], both / np.linalg.norm(both, axis=2, keepdims=True)
-
-
-def _vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Area-weighted, not normalised to one where no triangle meets the vertex."""
-    a, b, c = np.swapaxes(vertices[triangles], 0, 1)
-    facet = np.cross(b - a, c - a)
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, triangles[:, corner], facet)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
-
-
-def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    a, b, c = np.swapaxes(corners, 0, 1)
-    whole = np.cross(b - a, c - a)
-    area = np.einsum("ni,ni->n", whole, whole)
-    of_b = np.einsum("ni,ni->n", np.cross(points - a, c - a), whole) / area
-    of_c = np.einsum("ni,ni->n", np.cross(b - a, points - a), whole) / area
-    return np.stack([1.0 - of_b - of_c, of_b, of_c], axis=1)

@@ -27,6 +27,14 @@ JobFile = Annotated[str, typer.Argument(metavar="JOB", help="A job file, or a bu
 Overrides = Annotated[
     list[str] | None, typer.Argument(metavar="KEY=VALUE", help="Keys to replace: trajectories.count=10")
 ]
+Workers = Annotated[
+    int | None,
+    typer.Option(min=1, help="Processes of the local cluster.", show_default="one per core, or one GPU"),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="A dask scheduler's address, or `sync`: no cluster.", show_default="local cluster"),
+]
 DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET", help="A folder that `simgen run` wrote.")]
 
 
@@ -38,14 +46,8 @@ def run(
         Path | None,
         typer.Option("--output", "-o", help="Folder of the dataset.", show_default="<job name>.zarr"),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Processes of the local cluster.", show_default="one per core, or one GPU"),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(help="A dask scheduler's address, or `sync`: no cluster.", show_default="local cluster"),
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what would be done, how large, how long; do nothing.")
@@ -86,14 +88,31 @@ def mesh(
 
 
 @app.command()
-def check(dataset: DatasetFolder):
-    """Audit a dataset: presses, checksums, certificates, pairing, held vertices. Exit code 1 if it fails."""
-    from simgen.audit import check, passes
-    from simgen.console import print_findings
+def check(
+    dataset: DatasetFolder,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Solve again what is damaged or missing, and only that.")
+    ] = False,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+):
+    """Audit a dataset: files, certificates, pairing, splits, what is held and touched.
+
+    Exit code 1 if it fails. Bad samples are named. Those that did not converge are no damage: they would not converge
+    again.
+    """
+    from simgen.audit import check, passes, to_repair
+    from simgen.console import print_findings, run_with_progress
     from simgen.dataset import Dataset
 
-    findings = check(Dataset(dataset))
+    opened = Dataset(dataset)
+    findings = check(opened)
     print_findings(dataset, findings)
+    if repair and (shards := to_repair(opened, findings)):
+        if run_with_progress(opened.job, dataset, workers, scheduler, opened.attributes["device"], shards):
+            raise typer.Exit(1)
+        findings = check(Dataset(dataset))
+        print_findings(dataset, findings)
     if not passes(findings):
         raise typer.Exit(1)
 

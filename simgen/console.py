@@ -2,6 +2,7 @@
 
 import signal
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from simgen.audit import Finding, passes
+from simgen.audit import passes
+from simgen.finding import Finding
 from simgen.job import Job
 
 if TYPE_CHECKING:  # these need the solver; an audit does not
@@ -57,7 +59,9 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         console.print(table)
 
 
-def run_with_progress(job: Job, output: Path, workers: int | None, scheduler: str | None, device: str) -> int:
+def run_with_progress(
+    job: Job, output: Path, workers: int | None, scheduler: str | None, device: str, again: Collection[int] = ()
+) -> int:
     """Run a job behind a progress bar; returns the number of shards that could not be written."""
     from simgen.plan import make_plan
     from simgen.run import run
@@ -70,7 +74,7 @@ def run_with_progress(job: Job, output: Path, workers: int | None, scheduler: st
                 plan = make_plan(job, device)
             signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code takes it away
             with watch.progress:
-                dataset = run(plan, output, started, watch.on_start, watch.on_report)
+                dataset = run(plan, output, started, watch.on_start, watch.on_report, again=again)
     except KeyboardInterrupt:
         console.print(f"stopped; {output} holds what was finished, the same command goes on from there")
         raise SystemExit(INTERRUPTED) from None

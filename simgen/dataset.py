@@ -127,7 +127,10 @@ class Dataset:
         self.path = Path(path)
         if not (self.path / "zarr.json").is_file():
             raise InputError(f"{path}: not a dataset (a folder that `simgen run` wrote, with a zarr.json)")
-        self.root = zarr.open_group(self.path, mode="r")
+        try:
+            self.root = zarr.open_group(self.path, mode="r")
+        except ValueError as error:  # JSON's errors are
+            raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({error})") from None
         self._open: dict[str, zarr.Array] = {}  # the sharded ones
         self.attributes = dict(self.root.attrs)
         if self.attributes.get("schema") != SCHEMA:
@@ -189,11 +192,20 @@ class Dataset:
             self._open[name] = open_sharded(self.path, name)
         return self._open[name]
 
+    def manifests(self) -> list[str]:
+        """Names of the manifests, the plan's among them."""
+        return sorted(file.name for file in (self.path / "manifest").glob("*.json"))
+
+    def sums_of(self, manifest: str) -> dict[str, str]:
+        """sha256 of the files that a manifest vouches for, by path in the dataset.
+
+        Raises `InputError` if the manifest is not what `simgen run` wrote.
+        """
+        try:
+            return dict(json.loads((self.path / "manifest" / manifest).read_text())["sha256"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{self.path}/manifest/{manifest}: not a manifest ({error})") from None
+
     def checksums(self) -> dict[str, str]:
         """sha256 of every file that a manifest vouches for, by its path in the dataset."""
-        sums = {}
-        for file in sorted((self.path / "manifest").glob("*.json")):
-            sums |= json.loads(file.read_text())["sha256"]
-        return sums
-
-
+        return {file: total for manifest in self.manifests() for file, total in self.sums_of(manifest).items()}

@@ -12,7 +12,7 @@ import shutil
 import time
 import uuid
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -114,6 +114,13 @@ def open_or_create(
 def complete(dataset: Dataset) -> bool:
     """Whether there is nothing to write or to remove any more."""
     return not dataset.unfinished() and not (dataset.path / STAGING).exists()
+
+
+def forget(dataset: Dataset, shards: Collection[int]) -> None:
+    """Shards are as if they had not been written."""
+    with writing(dataset.path):
+        for shard in shards:
+            (dataset.path / "manifest" / f"{shard:06d}.json").unlink(missing_ok=True)
 
 
 @contextmanager

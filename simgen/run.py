@@ -4,13 +4,13 @@ No task depends on another, on the number of workers or on their order, so the d
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from simgen.dataset import Dataset
-from simgen.dataset_writer import complete, filling, log_timing, open_or_create
+from simgen.dataset_writer import complete, filling, forget, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
 from simgen.job import Job
 from simgen.plan import Plan
@@ -29,20 +29,23 @@ def run(
     on_start: Callable[[int], Any] = lambda already: None,
     on_report: Callable[[ShardReport], Any] = lambda report: None,
     build: Callable[[Job, str, str], Presser] = fem_presser,
+    again: Collection[int] = (),
 ) -> Dataset:
     """Fill a dataset: create it or go on with it, and solve every shard that is not finished.
 
     `workers` of `simgen.workers.start_workers`; None is this very process. `on_start` is told how many presses are
-    there already, `on_report` what came of each shard. An interrupt closes the workers and leaves a dataset that the
-    same call completes. A shard whose task raised is left unfinished and its report carries the error. Raises
-    `InputError` if `output` holds another dataset, is being filled by another run, or cannot be written any more.
+    there already, `on_report` what came of each shard. Finished shards that `again` names are solved once more. An
+    interrupt closes the workers and leaves a dataset that the same call completes. A shard whose task raised is left
+    unfinished and its report carries the error. Raises `InputError` if `output` holds another dataset, is being filled
+    by another run, or cannot be written any more.
     """
     workers = workers or Workers(plan.device)
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
-    if complete(dataset):
+    if complete(dataset) and not again:
         on_start(dataset.presses)
         return dataset
     with filling(dataset):
+        forget(dataset, again)
         shards = dataset.unfinished()
         on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
         size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers.count)

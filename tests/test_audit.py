@@ -1,13 +1,18 @@
 """The audit: a sound dataset passes; each way of spoiling one is found by the line that is there for it."""
 
+import hashlib
+import json
+
 import fake
 import numpy as np
 import pytest
 import zarr
 
-from simgen.audit import check, nearest_on_surface, passes
+from simgen.audit import check, passes, to_repair
 from simgen.dataset import Dataset
+from simgen.errors import InputError
 from simgen.run import run
+from simgen.touch_audit import nearest_on_surface
 
 
 @pytest.fixture
@@ -21,7 +26,13 @@ def failures(dataset: Dataset) -> set[str]:
 
 
 def change(dataset: Dataset, name: str, index, value) -> None:
+    """As if the run had written this: with checksums that fit."""
     zarr.open_group(dataset.path, mode="r+")[name][index] = value
+    for manifest in (dataset.path / "manifest").glob("*.json"):
+        text = json.loads(manifest.read_text())
+        for file in text["sha256"]:
+            text["sha256"][file] = hashlib.sha256((dataset.path / file).read_bytes()).hexdigest()
+        manifest.write_text(json.dumps(text, indent=1))
 
 
 def test_a_sound_dataset_passes(dataset):
@@ -31,31 +42,43 @@ def test_a_sound_dataset_passes(dataset):
 
 HELD, FREE = int(np.argmax(fake.HELD)), int(np.argmin(fake.HELD))
 
-# What is spoiled (array, index, value) -> the beginning of the line that must fail besides the checksums.
+FREE_ALL = np.flatnonzero(~fake.HELD)
+
+# What is spoiled (array, index, value) -> the line that must fail, alone, and what it names.
 SPOILED = {
-    "status": ("digit/status", (3, 1), 1, "digit: samples converged"),
-    "residual": ("digit/certificate/residual", (0, 0), 1.0, "digit: residual"),
-    "not a number": ("digit/certificate/residual", (0, 0), np.nan, "digit: residual"),
-    "contact": ("biotac/certificate/contact_error", (11, 3), 0.03, "biotac: contact error"),
-    "force balance": ("biotac/certificate/force_balance", (0, 0), 0.002, "biotac: force balance"),
-    "inverted": ("biotac/certificate/min_det_F", (5, 2), -0.1, "biotac: det F"),
-    "held": ("biotac/displacement", (0, 0, HELD, 0), 1, "biotac: held vertices move"),
-    "no displacement": ("digit/displacement", (0, 0, FREE, 0), -32768, "digit: displacement gaps"),
-    "shifted": ("biotac/pose", (0, 0, 3), 1e-3, "biotac: contact distance"),
-    "skewed": ("biotac/pose", (0, 0, 0), 1.01, "biotac: poses, rigidity"),
-    "normal": ("press/contact_normal", 0, [0.0, 0.0, 1.0], "digit: contact angle"),
-    "depth": ("depth", 0, 0.5, "dataset: depths"),
-    "split": ("press/split", 0, 2, "dataset: splits"),
+    "status": ("digit/status", (3, 1), 1, "digit: samples converged", "press 3, depth 1"),
+    "residual": ("digit/certificate/residual", (0, 0), 1.0, "digit: residual", "press 0, depth 0"),
+    "not a number": ("digit/certificate/residual", (4, 3), np.nan, "digit: residual", "press 4, depth 3"),
+    "contact": ("biotac/certificate/contact_error", (11, 3), 0.03, "biotac: contact error", "press 11, depth 3"),
+    "force balance": ("biotac/certificate/force_balance", (2, 0), 0.002, "biotac: force balance", "press 2, depth 0"),
+    "inverted": ("biotac/certificate/min_det_F", (5, 2), -0.1, "biotac: det F, least", "press 5, depth 2"),
+    "held": ("biotac/displacement", (7, 1, HELD, 0), 1, "biotac: held vertices move", "press 7, depth 1"),
+    "no displacement": ("digit/displacement", (6, 0, FREE, 0), -32768, "digit: displacement gaps", "press 6, depth 0"),
+    "undeformed": ("digit/displacement", (3, 2), 0, "digit: in the indenter", "press 3, depth 2"),
+    "too deep": ("biotac/displacement", (1, 0, FREE_ALL, 1), 9999, "biotac: off the indenter", "press 1, depth 0"),
+    "shifted": ("biotac/pose", (8, 0, 3), 1e-3, "biotac: contact distance", "press 8"),
+    "skewed": ("biotac/pose", (9, 0, 0), 1.01, "biotac: poses, rigidity", "press 9"),
+    "normal": ("press/contact_normal", 10, [0.0, 0.0, 1.0], "digit: contact angle", "press 10"),
+    "depth": ("depth", 0, 0.5, "dataset: depths", ""),
+    "split": ("press/split", 0, 2, "dataset: splits", "trajectories 0"),
+}  # fmt: skip
+# A pose that is wrong puts the indenter elsewhere, too; a normal is shared; a depth is where the indenter should be.
+ALSO = {
+    "shifted": ("contact", "indenter"),
+    "skewed": ("contact", "indenter"),
+    "normal": ("contact",),
+    "depth": ("indenter",),
 }
 
 
 @pytest.mark.parametrize("case", SPOILED)
-def test_each_spoiled_array_is_found(dataset, case):
-    name, index, value, line = SPOILED[case]
-    change(dataset, name, index, value)
-    found = failures(dataset)
-    assert "dataset: checksums" in found
-    assert any(failure.startswith(line) for failure in found), found
+def test_each_spoiled_array_is_found_by_its_line_which_names_the_sample(dataset, case):
+    array, index, value, line, sample = SPOILED[case]
+    change(dataset, array, index, value)
+    found = {f"{f.subject}: {f.what}": f for f in check(Dataset(dataset.path)) if f.failed}
+    assert line in found and sample in found[line].note
+    others = set(found) - {line}
+    assert all(any(word in other for word in ALSO.get(case, ())) for other in others), others
 
 
 def test_a_liquid_must_keep_its_volume(tmp_path):
@@ -64,7 +87,7 @@ def test_a_liquid_must_keep_its_volume(tmp_path):
     assert failures(filled) == set()
     np.testing.assert_array_equal(filled["biotac/cavity_pressure"][3], 1e6 * plan.job.depths_m)
     change(filled, "biotac/certificate/liquid_volume_error", (2, 1), 1e-4)
-    assert failures(filled) == {"dataset: checksums", "biotac: liquid volume, change"}
+    assert failures(filled) == {"biotac: liquid volume, change"}
 
 
 def test_failed_samples_are_explained(dataset):
@@ -86,9 +109,59 @@ def test_a_missing_shard_is_found(dataset):
     assert "dataset: presses" in failures(dataset)
 
 
-def test_a_missing_file_is_found(dataset):
-    (dataset.path / "digit/force/c/1/0/0").unlink()
-    assert "dataset: checksums" in failures(dataset)
+DAMAGE = {
+    "gone": lambda path: path.unlink(),
+    "empty": lambda path: path.write_bytes(b""),
+    "changed": lambda path: path.write_bytes(bytes(255 - byte for byte in path.read_bytes())),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("file", ["digit/force/c/1/0/0", "biotac/displacement/c/1/0/0/0", "digit/touch/c/1"])
+def test_a_damaged_file_is_named_and_all_other_shards_are_still_looked_at(dataset, file, damage):
+    change(dataset, "digit/certificate/residual", (7, 0), 1.0)
+    DAMAGE[damage](dataset.path / file)
+    found = {f"{f.subject}: {f.what}": f for f in check(Dataset(dataset.path)) if f.failed}
+    assert set(found) == {
+        "dataset: checksums", "digit: samples converged", "biotac: samples converged", "digit: residual"
+    }  # fmt: skip
+    assert found["dataset: checksums"].note == f"changed or gone: {file}"
+    assert to_repair(dataset, list(found.values())) == [1, 3]  # two presses in a shard
+
+
+@pytest.mark.parametrize("damage", ["empty", "changed"])
+def test_a_damaged_manifest_costs_its_shard_alone(dataset, damage):
+    DAMAGE[damage](dataset.path / "manifest/000004.json")
+    findings = check(Dataset(dataset.path))
+    assert "manifest/000004.json" in findings[1].note and to_repair(dataset, findings) == [4]
+
+
+@pytest.mark.parametrize(
+    "file", ["depth/c/0", "digit/rest_positions/c/0/0", "manifest/plan.json", "digit/force/zarr.json"]
+)
+def test_a_plan_that_is_damaged_is_named_and_not_repaired(dataset, file):
+    DAMAGE["empty"](dataset.path / file)
+    findings = check(dataset)
+    assert len(findings) == 3 and file in findings[1].note
+    with pytest.raises(InputError, match=f"{dataset.path}/{file}: belongs to the plan"):
+        to_repair(dataset, findings)
+
+
+def test_a_dataset_whose_attributes_are_damaged_is_refused(dataset):
+    DAMAGE["empty"](dataset.path / "zarr.json")
+    with pytest.raises(InputError, match=r"d\.zarr/zarr\.json: not what `simgen run` wrote"):
+        Dataset(dataset.path)
+
+
+def test_what_is_repaired_has_the_bytes_of_an_undisturbed_run(dataset):
+    before = fake.contents(dataset.path)
+    change(dataset, "digit/certificate/residual", (7, 0), 1.0)
+    DAMAGE["changed"](dataset.path / "biotac/force/c/1/0/0")
+    shards, reports = to_repair(dataset, check(dataset)), []
+    how = {"on_report": reports.append, "build": fake.fake_presser, "again": shards}
+    again = run(fake.make_plan(dataset.job), dataset.path, **how)
+    assert [report.shard for report in reports] == [1, 3] and passes(check(again))
+    assert fake.contents(dataset.path) == before
 
 
 def test_nearest_on_surface_of_a_sphere():

@@ -1,0 +1,54 @@
+"""What an audit says: one line for each thing that it looked at, and which samples are to blame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SHOWN = 5  # samples that a note names; all are in `Finding.bad`
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of an audit; ``passed`` is None for a figure that is stated but has no limit.
+
+    bad : what failed and would be mended by solving it again: (press, depth) of samples, depth None for whole presses
+    files : paths below the dataset that are not what their manifest says
+    """
+
+    subject: str
+    what: str
+    found: str
+    allowed: str
+    passed: bool | None
+    note: str = ""
+    bad: tuple[tuple[int, int | None], ...] = ()
+    files: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> bool:
+        return self.passed is not None and not self.passed
+
+
+def named(
+    subject: str, what: str, values: np.ndarray, limit: float, form: str, total: bool = False, of=None
+) -> Finding:
+    """Whether values of presses (n,), or of samples (n, depths), are at most ``limit``; names those that are not.
+
+    A value that is no number fails. Only samples where ``of`` (n, depths) are looked at. What is shown is the greatest
+    value, or all together.
+    """
+    looked_at = np.ones(values.shape, bool) if of is None else of
+    wrong = looked_at & ~(values <= limit)
+    shown = values[looked_at]
+    worst = 0.0 if not shown.size else shown.sum() if total else shown.max()  # NaN if there is one
+    unit = form.partition("}")[2]
+    bad = tuple((int(press), int(rest[0]) if rest else None) for press, *rest in np.argwhere(wrong))
+    return Finding(subject, what, form.format(worst), f"<= {limit:g}{unit}", not wrong.any(), name(what, bad), bad)
+
+
+def name(what: str, bad: tuple[tuple[int, int | None], ...]) -> str:
+    """The first of those to blame, in words; empty if there are none."""
+    if not bad:
+        return ""
+    first = "; ".join(f"press {press}" + ("" if depth is None else f", depth {depth}") for press, depth in bad[:SHOWN])
+    return f"{what}: {first}" + (f"; and {len(bad) - SHOWN} more" if len(bad) > SHOWN else "")

@@ -1,0 +1,184 @@
+"""Audit of a sensor's geometry: contacts on its surface, what is held at rest, what is touched on the indenter."""
+
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import warp as wp
+from scipy.spatial import cKDTree
+from trimesh.triangles import closest_point
+
+from simgen.dataset import Dataset
+from simgen.distance import RigidShape, distance
+from simgen.finding import Finding, named
+from simgen.indenter import load_indenter
+from simgen.quiet import start_warp
+from simgen.shape import shape_array
+
+wp.set_module_options({"enable_backward": False})
+
+RIGID = 1e-9  # of a rotation matrix against orthogonality: float64 products of a few rotations
+# The output mesh is a polyhedron: a contact on the true surface lies off its facets by up to
+# edge^2 / (8 radius), 0.05 mm for edges of 1.6 mm on a radius of 6.5 mm; its normals are some degrees off. For the
+# same reason its vertices lie off the surface that was pressed, and overlap the indenter by more than its certificate
+# says: by up to 7 um in the smoke dataset, 41 um with linear elements.
+FACET_M = 5e-5
+FACET_DEG = 6.0
+SHARDS_AT_ONCE = min(8, os.cpu_count() or 1)  # each takes some 0.3 GB while it is looked at
+NEAREST_TRIANGLES = 64  # by their centroids, among which the closest point is sought
+LAUNCHING = threading.Lock()  # Warp's kernels, one at a time
+
+
+@wp.kernel
+def _nearest_vertex_kernel(
+    shape: wp.array(dtype=RigidShape),
+    rest: wp.array(dtype=wp.vec3d),
+    displacement: wp.array3d(dtype=wp.float64),
+    rotation: wp.mat33d,
+    origin: wp.array(dtype=wp.vec3d),
+    # outputs
+    distance_out: wp.array(dtype=wp.float64),
+):
+    """Least signed distance, mm, of displaced vertices from a shape that stands elsewhere at each depth."""
+    depth, vertex = wp.tid()
+    moved = wp.vec3d(displacement[depth, vertex, 0], displacement[depth, vertex, 1], displacement[depth, vertex, 2])
+    local = wp.transpose(rotation) * (rest[vertex] + moved - origin[depth])
+    wp.atomic_min(distance_out, depth, distance(shape[0], wp.float64(1000.0) * local))
+
+
+def pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
+    """The contact, brought into the sensor's frame by its pose, lies on its surface with its normal."""
+    contact, normal = dataset["press/contact_pose"], dataset["press/contact_normal"]
+    pose = dataset[f"{sensor}/pose"]
+    rotation = pose[:, :3, :3]
+    skew = np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)).max(axis=(1, 2))
+    yield named(sensor, "poses, rigidity", skew, RIGID, "{:.1e}")
+
+    point = np.einsum("nji,nj->ni", rotation, contact[:, :3, 3] - pose[:, :3, 3])
+    direction = np.einsum("nji,nj->ni", rotation, normal)
+    vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
+    off, normals = nearest_on_surface(vertices, triangles, point)
+    cosine = np.clip(np.einsum("ni,nki->nk", direction, normals).max(axis=1), -1.0, 1.0)
+    yield named(sensor, "contact distance", off * 1e6, FACET_M * 1e6, "{:.1f} um")
+    yield named(sensor, "contact angle", np.degrees(np.arccos(cosine)), FACET_DEG, "{:.2f} deg")
+
+
+def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
+    """Held vertices rest; what is touched lies on the indenter; nothing is missing where a press converged."""
+    start_warp()
+    look = _Look(dataset, sensor)
+    with ThreadPoolExecutor(SHARDS_AT_ONCE) as threads:
+        seen = list(threads.map(look.at, dataset.finished()))
+    shape = (dataset.presses, len(dataset["depth"]))
+    moved, gap, overlap, apart = (np.zeros(shape) for _ in range(4))
+    for rows, *values in seen:
+        for whole, part in zip((moved, gap, overlap, apart), values, strict=True):
+            whole[rows] = part
+    yield named(sensor, "held vertices move", moved, 0.0, "{:g} m")
+    yield named(sensor, "displacement gaps", gap, 0.0, "{:.0f}", total=True)
+    allowed = FACET_M * 1e6
+    yield named(sensor, "in the indenter", overlap * 1e6, allowed, "{:.1f} um")
+    yield named(sensor, "off the indenter", apart * 1e6, allowed, "{:.1f} um")
+
+
+class _Look:
+    """At the displacements of one sensor, a shard at a time."""
+
+    def __init__(self, dataset: Dataset, sensor: str):
+        self.dataset, self.sensor = dataset, sensor
+        self.held, self.status = dataset[f"{sensor}/held"], dataset[f"{sensor}/status"]
+        on_surface = np.unique(dataset[f"{sensor}/surface_triangles"])
+        self.touchable = on_surface[dataset[f"{sensor}/touchable"][on_surface]]
+        self.rest = dataset[f"{sensor}/rest_positions"][self.touchable]
+        self.stated = dataset[f"{sensor}/certificate/max_penetration_m"]
+        self.touch, self.depth = dataset[f"{sensor}/touch"], dataset["depth"]
+        self.pose = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
+        self.indenter = dataset["press/indenter"]
+        shapes = [load_indenter(dataset.job.locate(text)).shape() for text in dataset.job.indenters]
+        self.shapes = [shape_array([shape]) for shape in shapes]
+
+    def at(self, shard: int) -> tuple:
+        """Rows of presses, and for each (press, depth): greatest move of what is held, m; whether displacements are
+        missing; how far vertices are in the indenter, and how far the nearest is from it, beyond what they may, m."""
+        presses = self.dataset.shard_presses(shard)
+        rows = slice(presses.start, presses.stop)
+        displacement = self.dataset.displacement(self.sensor, rows)
+        converged = self.status[rows] == 0
+        moved = np.nan_to_num(np.abs(displacement[:, :, self.held])).max(axis=(2, 3), initial=0.0)
+        gap = converged & ~np.isfinite(displacement).all(axis=(2, 3))
+        overlap, apart = np.zeros(converged.shape), np.zeros(converged.shape)
+        for row, press in enumerate(presses):
+            there = np.flatnonzero(converged[row] & ~gap[row])
+            if len(there):
+                at_rest, nearest = self._nearest(press, displacement[row, there][:, self.touchable], there)
+                overlap[row, there] = -nearest - self.stated[press, there]
+                apart[row, there] = nearest - max(at_rest, 0.0)
+        return rows, moved, gap, overlap, apart
+
+    def _nearest(self, press: int, displacement: np.ndarray, depths: np.ndarray) -> tuple[float, np.ndarray]:
+        """Least distance of vertices from the indenter, m: at first touch, undisplaced, and at each depth (d,)."""
+        rotation, axis = self.pose[press, :3, :3], self.pose[press, :3, 1]
+        travel = self.touch[press] + np.append(0.0, self.depth[depths])
+        least = wp.full(len(travel), np.inf, dtype=wp.float64, device="cpu")
+        with_rest = np.concatenate([np.zeros((1, *displacement.shape[1:])), displacement])
+        inputs = [
+            self.shapes[self.indenter[press]],
+            wp.array(self.rest, dtype=wp.vec3d, device="cpu"),
+            wp.array(with_rest, dtype=wp.float64, device="cpu"),
+            wp.mat33d(rotation),
+            wp.array(self.pose[press, :3, 3] + travel[:, None] * axis, dtype=wp.vec3d, device="cpu"),
+        ]
+        with LAUNCHING:
+            dim = with_rest.shape[:2]
+            wp.launch(_nearest_vertex_kernel, dim=dim, inputs=inputs, outputs=[least], device="cpu")
+        distances = least.numpy() * 1e-3
+        return distances[0], distances[1:]
+
+
+def nearest_on_surface(
+    vertices: np.ndarray, triangles: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (n,) of points (n, 3) from a triangulated surface, and normals (n, 2, 3) where it is nearest.
+
+    The first normal is smoothed, which suits a curved surface; the second, the facet's own, suits a crease.
+    """
+    corners = vertices[triangles]
+    count = min(NEAREST_TRIANGLES, len(triangles))
+    _, near = cKDTree(corners.mean(axis=1)).query(points, k=count)
+    near = np.reshape(near, (len(points), count))
+    repeated = np.repeat(points, count, axis=0)
+    # trimesh's tolerance is absolute and meant for triangles of about unit size.
+    size = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean()
+    closest = size * closest_point(corners[near.ravel()] / size, repeated / size).reshape(
+        len(points), count, 3
+    )
+    distance = np.linalg.norm(closest - points[:, None], axis=2)
+    best = distance.argmin(axis=1)
+    row = np.arange(len(points))
+    nearest = corners[near[row, best]]
+    normals = _vertex_normals(vertices, triangles)[triangles[near[row, best]]]
+    smoothed = np.einsum("nk,nki->ni", _barycentric(nearest, closest[row, best]), normals)
+    facet = np.cross(nearest[:, 1] - nearest[:, 0], nearest[:, 2] - nearest[:, 0])
+    both = np.stack([smoothed, facet], axis=1)
+    return distance[row, best], both / np.linalg.norm(both, axis=2, keepdims=True)
+
+
+def _vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Area-weighted, not normalised to one where no triangle meets the vertex."""
+    a, b, c = np.swapaxes(vertices[triangles], 0, 1)
+    facet = np.cross(b - a, c - a)
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], facet)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+
+
+def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    a, b, c = np.swapaxes(corners, 0, 1)
+    whole = np.cross(b - a, c - a)
+    area = np.einsum("ni,ni->n", whole, whole)
+    of_b = np.einsum("ni,ni->n", np.cross(points - a, c - a), whole) / area
+    of_c = np.einsum("ni,ni->n", np.cross(b - a, points - a), whole) / area
+    return np.stack([1.0 - of_b - of_c, of_b, of_c], axis=1)
