@@ -118,6 +118,17 @@ def check(
 
 
 @app.command()
+def status(dataset: DatasetFolder):
+    """Say how far a run is: presses, failures, who is at work, how fast, how long it will take."""
+    from simgen.console import print_status
+    from simgen.dataset import Dataset
+    from simgen.run_status import failures, run_status
+
+    opened = Dataset(dataset)
+    print_status(dataset, run_status(opened), failures(opened))
+
+
+@app.command()
 def report(
     dataset: DatasetFolder,
     output: Annotated[

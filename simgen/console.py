@@ -1,8 +1,8 @@
-"""What the commands print: the dry run, the progress of a run, the audit."""
+"""What the commands print: the dry run, the progress of a run and its status, the audit."""
 
 import signal
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ from rich.table import Table
 from simgen.audit import passes
 from simgen.finding import Finding
 from simgen.job import Job
+from simgen.run_status import RunStatus
 
 if TYPE_CHECKING:  # these need the solver; an audit does not
     from simgen.preview import Preview
@@ -148,6 +149,24 @@ def print_findings(path: Path, findings: list[Finding]) -> None:
         else f"[bold red]fails[/] in {failures} of {len(findings)} points"
     )
     console.print(f"{path} {verdict}")
+
+
+def print_status(path: Path, found: RunStatus, failures: Mapping[str, int]) -> None:
+    share = 100.0 * found.finished / found.presses
+    console.print(f"{path}: {found.finished} of {found.presses} presses, {share:.1f} %")
+    if found.at_work:
+        console.print(f"at work: {found.at_work}", soft_wrap=True)
+    elif found.finished < found.presses:
+        console.print("nobody is at work; the command that began it goes on from here")
+    if found.last_s is not None:
+        rate = f"; {found.rate:.3g} presses a second of late" if found.rate else ""
+        console.print(f"last shard: {_time(found.last_s)} ago{rate}")
+    if found.left_s is not None:
+        console.print(f"left: about {_time(found.left_s)}")
+    for sentence, count in failures.items():
+        console.print(f"{count} samples failed: {sentence}", soft_wrap=True)
+    for shard, error in found.errors.items():
+        console.print(f"[red]shard {shard} was not written: {escape(error)}[/]", soft_wrap=True)
 
 
 def _size(count: float) -> str:

@@ -31,7 +31,8 @@ value (NaN, -1, or -32768 in int16) and its status.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -137,7 +138,15 @@ class Dataset:
             raise InputError(f"{path}: schema {self.attributes.get('schema')}; this version reads {SCHEMA}")
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.root[name][...]
+        with self._reading(name):
+            return self.root[name][...]
+
+    @contextmanager
+    def _reading(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except (RuntimeError, ValueError) as error:  # what codecs raise for bytes that nobody wrote
+            raise InputError(f"{self.path}/{name}: cannot be read ({error}); `simgen check` names the file") from None
 
     @cached_property
     def job(self) -> Job:
@@ -179,7 +188,8 @@ class Dataset:
     def displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """(..., vertex, 3) float64 in m; NaN where not reached or not there yet."""
         array = self._sharded(f"{sensor}/displacement")
-        stored = array[press, depth]
+        with self._reading(f"{sensor}/displacement"):
+            stored = array[press, depth]
         scale = array.attrs.get("scale_factor")
         return (
             stored.astype(np.float64)

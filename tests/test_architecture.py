@@ -23,7 +23,7 @@ HOUSE = {
     "fem": ["fem"],
     "press": ["press", "march", "samples", "scene", "first_touch", "capacity"],
     "dataset": ["dataset", "dataset_writer", "chunk_files", "whole_files", "folder_lock", "finding", "audit",
-                "touch_audit", "exchange"],
+                "touch_audit", "run_status", "exchange"],
     "run": ["plan", "shard_writer", "shard", "workers", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console"],
     "validate": ["validate"],

@@ -1,0 +1,81 @@
+"""How far a run is: what is finished, who is at work, how fast, and what went wrong."""
+
+import json
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgen.dataset import TIMINGS, Dataset
+from simgen.folder_lock import holder
+
+RECENT = 64  # shards that a rate is taken over
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """State of a dataset that is, or was, being filled.
+
+    presses, finished : how many there are to be, and how many are there
+    failed : samples of finished shards that did not converge, of all sensors
+    at_work : the process that fills it, and since when; None if there is none
+    last_s : seconds since the last shard was finished; None if there is none
+    rate : presses a second of those that were finished last; None where fewer than two shards tell
+    errors : shards that could not be written and are not there yet, with the reason
+    """
+
+    presses: int
+    finished: int
+    failed: int
+    at_work: str | None
+    last_s: float | None
+    rate: float | None
+    errors: dict[int, str]
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds that the rest will take at this rate, if somebody is at work."""
+        if not self.rate or self.at_work is None:
+            return None
+        return (self.presses - self.finished) / self.rate
+
+
+def run_status(dataset: Dataset, now: float | None = None) -> RunStatus:
+    """What the manifests, the lock and the timings say; `now` is a time of `time.time`."""
+    now = time.time() if now is None else now
+    there = dataset.finished()
+    finished = sum(len(dataset.shard_presses(shard)) for shard in there)
+    latest = {entry["shard"]: entry for entry in timings(dataset)}  # a shard may have been solved again
+    whole = sorted((latest[shard] for shard in there if shard in latest), key=lambda entry: entry["finished"])
+    recent = whole[-RECENT:]
+    rate = None
+    if len(recent) > 1 and (seconds := recent[-1]["finished"] - recent[0]["finished"]) > 0:
+        rate = sum(entry["presses"] for entry in recent[1:]) / seconds
+    return RunStatus(
+        presses=dataset.presses,
+        finished=finished,
+        failed=sum(entry["failed"] for entry in whole),
+        at_work=holder(dataset.path),
+        last_s=now - whole[-1]["finished"] if whole else None,
+        rate=rate,
+        errors={s: entry["error"] for s, entry in sorted(latest.items()) if entry["error"] and s not in there},
+    )
+
+
+def timings(dataset: Dataset) -> list[dict]:
+    """When, where and how each shard ended, in order; what a kill left half written is left out."""
+    file = dataset.path / "manifest" / TIMINGS
+    entries = []
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
+        try:
+            entries.append(json.loads(line))
+        except ValueError:
+            continue
+    return entries
+
+
+def failures(dataset: Dataset) -> dict[str, int]:
+    """Samples of all sensors by what befell them, in sentences, those that converged and are to come left out."""
+    status = np.concatenate([dataset[f"{sensor}/status"].ravel() for sensor in dataset.sensors])
+    codes, counts = np.unique(status[status > 0], return_counts=True)
+    return {dataset.attributes["status"][str(code)]: int(count) for code, count in zip(codes, counts, strict=True)}

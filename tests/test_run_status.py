@@ -1,0 +1,73 @@
+"""How far a run is, from the files that it leaves."""
+
+import json
+
+import fake
+import pytest
+
+from simgen.dataset import Dataset
+from simgen.dataset_writer import filling, open_or_create
+from simgen.errors import InputError
+from simgen.run import run
+from simgen.run_status import failures, run_status, timings
+from simgen.shard import run_shards
+
+
+def write_timings(dataset, entries):
+    lines = [json.dumps({"presses": 2, "failed": 0, "error": None, **entry}) for entry in entries]
+    (dataset.path / "manifest/timings.jsonl").write_text("\n".join(lines) + "\n")
+
+
+@pytest.fixture
+def half(tmp_path):
+    """A dataset of which three shards of six are there."""
+    plan = fake.make_plan(fake.make_job())
+    dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
+    run_shards(dataset.path, [0, 1, 2], plan.job, "cpu", fake.failing_presser)
+    return dataset
+
+
+def test_a_run_that_is_under_way(half):
+    """Two presses every five seconds: the rate is over what was finished after the first of these shards."""
+    write_timings(half, [{"shard": i, "finished": 100.0 + 5.0 * i, "failed": i} for i in range(3)])
+    with filling(half):
+        found = run_status(half, now=113.0)
+        assert (found.presses, found.finished, found.failed) == (12, 6, 3)
+        assert (found.rate, found.left_s, found.last_s) == (0.4, 15.0, 3.0)
+        assert "process" in found.at_work
+    assert run_status(half, now=113.0).left_s is None  # nobody is at work
+
+
+def test_a_shard_that_was_not_written_is_named_until_it_is(half):
+    write_timings(half, [
+        {"shard": 1, "finished": 1.0, "error": "OSError: gone"},
+        {"shard": 1, "finished": 2.0},
+        {"shard": 4, "finished": 3.0, "error": "OverflowError: too far"},
+    ])  # fmt: skip
+    assert run_status(half).errors == {4: "OverflowError: too far"}
+
+
+def test_a_dataset_without_a_shard(tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    empty = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
+    found = run_status(empty)
+    assert (found.finished, found.last_s, found.rate, found.left_s, found.errors) == (0, None, None, None, {})
+    assert failures(empty) == {}
+
+
+def test_a_line_that_a_kill_left_half_written_is_left_out(tmp_path):
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.fake_presser)
+    file = dataset.path / "manifest/timings.jsonl"
+    file.write_text(file.read_text()[:-20])
+    assert [entry["shard"] for entry in timings(dataset)] == [0, 1, 2, 3, 4]
+
+
+def test_failures_are_counted_by_what_befell_them(half):
+    """The ring, one press in three, stalls at the last two of four depths on both sensors."""
+    assert failures(half) == {"Stalled.": 2 * 2 * 2}
+
+
+def test_a_file_that_cannot_be_read_is_one_line(half):
+    (half.path / "digit/status/c/0/0").write_bytes(b"rotten")
+    with pytest.raises(InputError, match=r"d\.zarr/digit/status: cannot be read .*`simgen check` names the file"):
+        failures(Dataset(half.path))
