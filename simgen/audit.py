@@ -12,23 +12,21 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from simgen import touch_audit
-from simgen.dataset import SPLITS, Dataset
+from simgen.dataset import PLAN, SPLITS, Dataset
 from simgen.errors import InputError
 from simgen.finding import SHOWN, Finding, name, named
 
 FORCE_BALANCE = 1e-3  # of the contact force
 LIQUID_VOLUME = 1e-6  # of the cavity's volume
-PLAN = "plan"
 
 
 def check(dataset: Dataset) -> list[Finding]:
     """All findings, the whole dataset first, then each sensor."""
-    checksums = _checksums(dataset)
-    spoiled = spoiled_shards(dataset, checksums.files)
+    checksums, spoiled = _checksums(dataset)
     findings = [_presses(dataset), checksums, _job(dataset)]
-    if None in spoiled:  # what all shards share: nothing else means anything
+    if PLAN in spoiled:  # what all shards share: nothing else means anything
         return findings
-    sound = Sound(dataset, spoiled)
+    sound = Sound(dataset, {int(name.removesuffix(".json")) for name in spoiled})
     findings += [*_layout(sound), *_splits(sound)]
     for sensor in dataset.sensors:
         findings += [
@@ -53,42 +51,19 @@ class Sound(Dataset):
     def finished(self) -> list[int]:
         return [shard for shard in super().finished() if shard not in self._spoiled]
 
-    def __getitem__(self, path: str) -> np.ndarray:
-        array = self.arrays.get(path)
-        if not self._spoiled or array is None:
-            return super().__getitem__(path)
-        values = np.full((self.presses, *array.shape), array.fill, array.dtype)
-        for shard in self.finished():
-            rows = self.shard_presses(shard)
-            values[rows.start : rows.stop] = self.root[path][rows.start : rows.stop]
-        return values
-
 
 def to_repair(dataset: Dataset, findings: Sequence[Finding]) -> list[int]:
-    """Shards that would be sound if they were solved again: those with bad samples, changed files, or not there yet.
+    """Shards to be solved again: those whose files have changed, with bad samples, or that are not there yet.
 
-    Samples that did not converge are none: they would not converge again. Raises `InputError` if what all shards share
-    has changed.
+    Samples that did not converge are not bad: they would not converge again. Raises `InputError` if what all shards
+    share has changed.
     """
-    files = [file for finding in findings for file in finding.files]
-    shards = spoiled_shards(dataset, files) | set(dataset.unfinished())
-    if None in shards:
-        file = next(file for file in files if spoiled_shards(dataset, [file]) == {None})
-        raise InputError(f"{dataset.path}/{file}: belongs to the plan, which all presses share; run the job anew")
+    spoiled = {name for finding in findings for name in finding.spoiled}
+    if PLAN in spoiled:
+        raise InputError(f"{dataset.path}: its plan, which all presses share, has changed; run the job anew")
     per_shard = dataset.job.dataset.presses_per_shard
-    return sorted(shards | {press // per_shard for finding in findings for press, _ in finding.bad})
-
-
-def spoiled_shards(dataset: Dataset, files: Sequence[str]) -> set[int | None]:
-    """Which shards some files belong to; None stands for the plan, which all share."""
-    shards = set()
-    for file in files:
-        array, _, key = file.rpartition("/c/")
-        if file.startswith("manifest/"):
-            shards.add(None if PLAN in file else int(file.removeprefix("manifest/").removesuffix(".json")))
-        else:
-            shards.add(int(key.split("/")[0]) if array in dataset.arrays else None)
-    return shards
+    bad = {press // per_shard for finding in findings for press, _ in finding.bad}
+    return sorted({*bad, *dataset.unfinished(), *(int(name.removesuffix(".json")) for name in spoiled)})
 
 
 def _presses(dataset: Dataset) -> Finding:
@@ -99,24 +74,35 @@ def _presses(dataset: Dataset) -> Finding:
     return Finding("dataset", "presses", found, "all", not missing)
 
 
-def _checksums(dataset: Dataset) -> Finding:
-    """Files that are not what their manifest says, by path, manifests that cannot be read among them."""
-    sums, wrong = {}, []
-    for manifest in dataset.manifests():
+def _checksums(dataset: Dataset) -> tuple[Finding, set[str]]:
+    """Manifests that cannot be read or leave files out, and files that are not what theirs says; whose they are."""
+    sums, wrong = {}, []  # manifest and path of a file
+    for manifest in {*dataset.manifests(), PLAN}:
         try:
-            sums |= dataset.sums_of(manifest)
+            own = dataset.sums_of(manifest)
         except InputError:
-            wrong.append(f"manifest/{manifest}")
+            own = {}
+        expected = _files_of(dataset, manifest)
+        if own.keys() == expected if manifest != PLAN else own.keys() >= expected:
+            sums |= {(manifest, file): total for file, total in own.items()}
+        else:
+            wrong.append((manifest, f"manifest/{manifest}"))
+    count = len(sums) + len(wrong)
     with ThreadPoolExecutor() as threads:
-        found_sums = threads.map(lambda file: _sha256(dataset, file), sums)
-        wrong += [file for file, found in zip(sums, found_sums, strict=True) if found != sums[file]]
-    count = len(sums) + sum(file.startswith("manifest/") for file in wrong)
-    note = ""
-    if wrong:
-        note = "changed or gone: " + "; ".join(wrong[:SHOWN])
-        note += f"; and {len(wrong) - SHOWN} more" if len(wrong) > SHOWN else ""
-    found = f"{count - len(wrong)} of {count}"
-    return Finding("dataset", "checksums", found, "all", not wrong, note, files=tuple(wrong))
+        found_sums = threads.map(lambda each: _sha256(dataset, each[1]), sums)
+        wrong += [each for each, found in zip(sums, found_sums, strict=True) if found != sums[each]]
+    names = sorted(file for _, file in wrong)
+    note = "changed or gone: " + "; ".join(names[:SHOWN]) if wrong else ""
+    note += f"; and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    found, spoiled = f"{count - len(wrong)} of {count}", {manifest for manifest, _ in wrong}
+    return Finding("dataset", "checksums", found, "all", not wrong, note, spoiled=tuple(sorted(spoiled))), spoiled
+
+
+def _files_of(dataset: Dataset, manifest: str) -> set[str]:
+    """Files that a manifest must vouch for; those of the plan are these at least."""
+    if manifest == PLAN:
+        return {"zarr.json", "depth/c/0", *(f"{name}/zarr.json" for name in dataset.arrays)}
+    return dataset.shard_files(int(manifest.removesuffix(".json")))
 
 
 def _sha256(dataset: Dataset, file: str) -> str | None:

@@ -217,7 +217,8 @@ def main() -> None:
         typer.secho(f"simgen: {error}", fg="red", err=True)
         sys.exit(2)
     except OSError as error:
-        typer.secho(f"simgen: {error.filename or 'a file'}: {error.strerror or error}", fg="red", err=True)
+        sentence = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        typer.secho(f"simgen: {sentence}", fg="red", err=True)
         sys.exit(2)
 
 

@@ -159,7 +159,7 @@ def print_status(path: Path, found: RunStatus, failures: Mapping[str, int]) -> N
     elif found.finished < found.presses:
         console.print("nobody is at work; the command that began it goes on from here")
     if found.last_s is not None:
-        rate = f"; {found.rate:.3g} presses a second of late" if found.rate else ""
+        rate = f"; {found.rate:.3g} presses a second since the run began" if found.rate else ""
         console.print(f"last shard: {_time(found.last_s)} ago{rate}")
     if found.left_s is not None:
         console.print(f"left: about {_time(found.left_s)}")

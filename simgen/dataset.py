@@ -31,10 +31,12 @@ value (NaN, -1, or -32768 in int16) and its status.
 """
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +50,7 @@ SCHEMA = 1
 DISPLACEMENT_STEP_M = 1e-7
 NOT_REACHED = np.iinfo(np.int16).min  # of int16 displacement; -1 of the integers, NaN of the floats
 SPLITS = {"train": 0.79, "validation": 0.10, "test": 0.11}
+PLAN = "plan.json"  # in the folder of manifests, as the next
 TIMINGS = "timings.jsonl"
 
 CERTIFICATE = {
@@ -130,16 +133,29 @@ class Dataset:
             raise InputError(f"{path}: not a dataset (a folder that `simgen run` wrote, with a zarr.json)")
         try:
             self.root = zarr.open_group(self.path, mode="r")
-        except ValueError as error:  # JSON's errors are
+            self.attributes = dict(self.root.attrs)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:  # zarr's, for what is no group
             raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({error})") from None
         self._open: dict[str, zarr.Array] = {}  # the sharded ones
-        self.attributes = dict(self.root.attrs)
         if self.attributes.get("schema") != SCHEMA:
             raise InputError(f"{path}: schema {self.attributes.get('schema')}; this version reads {SCHEMA}")
+        for key in ("job", "job_hash", "status"):
+            if key not in self.attributes:
+                raise InputError(f"{path}/zarr.json: not what `simgen run` wrote (no {key})")
 
     def __getitem__(self, name: str) -> np.ndarray:
+        """An array, whole. Of shards that are not finished it holds fill values, whatever their files hold."""
+        array = self.arrays.get(name)
         with self._reading(name):
-            return self.root[name][...]
+            if array is None or not (missing := self.unfinished()):
+                return self.root[name][...]
+            values = np.full((self.presses, *array.shape), array.fill, array.dtype)
+            bounds = [-1, *missing, self.shards]  # shards between those that are missing are read at once
+            for first, end in pairwise(bounds):
+                if end > first + 1:
+                    rows = slice(self.shard_presses(first + 1).start, self.shard_presses(end - 1).stop)
+                    values[rows] = self.root[name][rows]
+            return values
 
     @contextmanager
     def _reading(self, name: str) -> Iterator[None]:
@@ -180,7 +196,8 @@ class Dataset:
 
     def finished(self) -> list[int]:
         """Shards that are whole, by their manifests."""
-        return sorted(int(file.stem) for file in (self.path / "manifest").glob("[0-9]*.json"))
+        numbers = (int(name.removesuffix(".json")) for name in self.manifests() if name != PLAN)
+        return [number for number in numbers if number < self.shards]
 
     def unfinished(self) -> list[int]:
         return sorted(set(range(self.shards)) - set(self.finished()))
@@ -203,8 +220,13 @@ class Dataset:
         return self._open[name]
 
     def manifests(self) -> list[str]:
-        """Names of the manifests, the plan's among them."""
-        return sorted(file.name for file in (self.path / "manifest").glob("*.json"))
+        """Names of the manifests there are, the plan's among them."""
+        names = (file.name for file in (self.path / "manifest").glob("*.json"))
+        return sorted(name for name in names if name == PLAN or re.fullmatch(r"\d{6,}\.json", name))
+
+    def shard_files(self, shard: int) -> set[str]:
+        """Paths of all files of a shard, its manifest left out."""
+        return {"/".join([name, "c", str(shard), *("0" for _ in array.shape)]) for name, array in self.arrays.items()}
 
     def sums_of(self, manifest: str) -> dict[str, str]:
         """sha256 of the files that a manifest vouches for, by path in the dataset.
@@ -213,7 +235,7 @@ class Dataset:
         """
         try:
             return dict(json.loads((self.path / "manifest" / manifest).read_text())["sha256"])
-        except (ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.path}/manifest/{manifest}: not a manifest ({error})") from None
 
     def checksums(self) -> dict[str, str]:

@@ -5,14 +5,14 @@ are what a killed process left, and are removed.
 """
 
 import errno
+import glob
 import hashlib
 import json
 import os
 import shutil
 import time
-import uuid
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -23,14 +23,13 @@ from zarr.codecs import BloscCodec
 
 from simgen import whole_files
 from simgen.chunk_files import COMPRESSION, chunk_file, sharded_files
-from simgen.dataset import SCHEMA, TIMINGS, Array, Dataset, written_arrays
+from simgen.dataset import PLAN, SCHEMA, TIMINGS, Array, Dataset, written_arrays
 from simgen.errors import InputError, writing
-from simgen.folder_lock import LOCK, HeldError, held, remove_abandoned
+from simgen.folder_lock import LOCK, HeldError, held, held_new, remove_abandoned
 from simgen.job import Job
 from simgen.provenance import difference
 from simgen.whole_files import Aside, flush, flush_tree, put_in_place
 
-PLAN = "plan"
 STAGING = ".staging"
 WAIT_FOR_WORKERS = 20.0  # s, for tasks of a killed run to end: dask's workers do within seconds
 
@@ -41,19 +40,19 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
     `planned` maps a path such as ``press/trajectory`` or ``digit/rest_positions`` to its array. If somebody else makes
     the same folder meanwhile, theirs stays.
     """
-    remove_abandoned(path.parent.glob(f".{path.name}.*.partial"))
-    staging = path.with_name(f".{path.name}.{uuid.uuid4().hex}.partial")
-    staging.mkdir(parents=True)
-    try:
-        with held(staging):
-            _write_plan(staging, attributes, planned, job)
-            flush_tree(staging)
-            os.rename(staging, path)
-            flush(path.parent)
-    except BaseException as error:
-        shutil.rmtree(staging, ignore_errors=True)
-        if not (isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST)):
-            raise
+    with suppress(OSError):  # what cannot be removed is not in the way
+        partial = path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 32}.partial")
+        remove_abandoned(folder for folder in partial if folder.is_dir())
+    with held_new(lambda text: path.with_name(f".{path.name}.{text}.partial")) as folder:
+        try:
+            _write_plan(folder, attributes, planned, job)
+            flush_tree(folder)
+            os.rename(folder, path)
+        except BaseException as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            if not (isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST)):
+                raise
+    flush(path.parent)
 
 
 def _write_plan(
@@ -73,7 +72,7 @@ def _write_plan(
         for file in folder.rglob("*")
         if file.is_file() and file.name != LOCK
     }
-    put_in_place(folder, {f"manifest/{PLAN}.json": whole_files.write_aside(folder, _manifest(sums))})
+    put_in_place(folder, {f"manifest/{PLAN}": whole_files.write_aside(folder, _manifest(sums))})
 
 
 def _create_written(root: zarr.Group, name: str, array: Array, presses: int, per_shard: int) -> None:
@@ -116,13 +115,6 @@ def complete(dataset: Dataset) -> bool:
     return not dataset.unfinished() and not (dataset.path / STAGING).exists()
 
 
-def forget(dataset: Dataset, shards: Collection[int]) -> None:
-    """Shards are as if they had not been written."""
-    with writing(dataset.path):
-        for shard in shards:
-            (dataset.path / "manifest" / f"{shard:06d}.json").unlink(missing_ok=True)
-
-
 @contextmanager
 def filling(dataset: Dataset) -> Iterator[None]:
     """The right to fill a dataset, which one process has at a time; what others left aside is removed.
@@ -138,7 +130,7 @@ def filling(dataset: Dataset) -> Iterator[None]:
             advice = "wait for its end, or choose another --output"
             raise InputError(f"{dataset.path}: {error} is writing into it; {advice}") from None
         deadline = time.monotonic() + WAIT_FOR_WORKERS
-        while left := remove_abandoned(staging.glob("*")):
+        while left := _remove_staged(staging):
             if time.monotonic() > deadline:
                 raise InputError(f"{dataset.path}: a task of an earlier run still writes ({left}); wait for its end")
             time.sleep(0.1)
@@ -150,16 +142,21 @@ def filling(dataset: Dataset) -> Iterator[None]:
                 staging.rmdir()
 
 
+def _remove_staged(staging: Path) -> str | None:
+    with writing(staging):
+        return remove_abandoned(staging.glob("*"))
+
+
 @contextmanager
 def folder_aside(dataset: Dataset) -> Iterator[Path]:
     """A folder for what a task has not put in its place yet; whatever is left there is removed with it."""
-    folder = dataset.path / STAGING / uuid.uuid4().hex
-    folder.mkdir(parents=True)
+    folder = None
     try:
-        with held(folder):
+        with held_new(lambda text: dataset.path / STAGING / text) as folder:
             yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def write_aside(
@@ -186,12 +183,26 @@ def write_aside(
 def manifest_aside(shard: int, files: Mapping[str, Aside], folder: Path) -> dict[str, Aside]:
     """The manifest of a shard, by path, which says that these are its files."""
     text = _manifest({path: file.sha256 for path, file in files.items()}, shard=shard)
-    return {f"manifest/{shard:06d}.json": whole_files.write_aside(folder, text)}
+    return {manifest_path(shard): whole_files.write_aside(folder, text)}
+
+
+def manifest_path(shard: int) -> str:
+    return f"manifest/{shard:06d}.json"
+
+
+def forget(dataset: Dataset, shards: Iterable[int]) -> None:
+    """Shards are as if they had not been written, also after a power cut."""
+    manifests = [dataset.path / manifest_path(shard) for shard in shards]
+    if there := [file for file in manifests if file.exists()]:
+        for file in there:
+            file.unlink()
+        flush(dataset.path / "manifest")
 
 
 def log_timing(dataset: Dataset, entry: Mapping[str, Any]) -> None:
+    """Add a line to the timings. A line that a kill has cut short costs itself alone: each begins on a new one."""
     with writing(dataset.path), open(dataset.path / "manifest" / TIMINGS, "a", encoding="utf-8") as file:
-        file.write(json.dumps(entry) + "\n")
+        file.write("\n" + json.dumps(entry))
 
 
 def _encode(values: np.ndarray, array: Array, name: str) -> np.ndarray:

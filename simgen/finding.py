@@ -11,8 +11,8 @@ SHOWN = 5  # samples that a note names; all are in `Finding.bad`
 class Finding:
     """One line of an audit; ``passed`` is None for a figure that is stated but has no limit.
 
-    bad : what failed and would be mended by solving it again: (press, depth) of samples, depth None for whole presses
-    files : paths below the dataset that are not what their manifest says
+    bad : samples to be solved again, (press, depth)
+    spoiled : names of manifests that, or files of which, have changed
     """
 
     subject: str
@@ -21,8 +21,8 @@ class Finding:
     allowed: str
     passed: bool | None
     note: str = ""
-    bad: tuple[tuple[int, int | None], ...] = ()
-    files: tuple[str, ...] = ()
+    bad: tuple[tuple[int, int], ...] = ()
+    spoiled: tuple[str, ...] = ()
 
     @property
     def failed(self) -> bool:
@@ -34,21 +34,24 @@ def named(
 ) -> Finding:
     """Whether values of presses (n,), or of samples (n, depths), are at most ``limit``; names those that are not.
 
-    A value that is no number fails. Only samples where ``of`` (n, depths) are looked at. What is shown is the greatest
-    value, or all together.
+    Samples are to be solved again; what holds for a whole press was planned, and solving does not mend it. A value that
+    is no number fails. Only samples where ``of`` (n, depths) are looked at. What is shown is the greatest value, or all
+    together.
     """
     looked_at = np.ones(values.shape, bool) if of is None else of
     wrong = looked_at & ~(values <= limit)
     shown = values[looked_at]
     worst = 0.0 if not shown.size else shown.sum() if total else shown.max()  # NaN if there is one
     unit = form.partition("}")[2]
-    bad = tuple((int(press), int(rest[0]) if rest else None) for press, *rest in np.argwhere(wrong))
-    return Finding(subject, what, form.format(worst), f"<= {limit:g}{unit}", not wrong.any(), name(what, bad), bad)
+    bad = tuple(tuple(map(int, place)) for place in np.argwhere(wrong))
+    samples = bad if values.ndim == 2 else ()
+    return Finding(subject, what, form.format(worst), f"<= {limit:g}{unit}", not bad, name(what, bad), samples)
 
 
-def name(what: str, bad: tuple[tuple[int, int | None], ...]) -> str:
-    """The first of those to blame, in words; empty if there are none."""
+def name(what: str, bad: tuple[tuple[int, ...], ...]) -> str:
+    """The first of those to blame, (press,) or (press, depth), in words; empty if there are none."""
     if not bad:
         return ""
-    first = "; ".join(f"press {press}" + ("" if depth is None else f", depth {depth}") for press, depth in bad[:SHOWN])
+    first = "; ".join(", ".join(f"{of} {i}" for of, i in zip(("press", "depth"), place, strict=False))
+                      for place in bad[:SHOWN])  # fmt: skip
     return f"{what}: {first}" + (f"; and {len(bad) - SHOWN} more" if len(bad) > SHOWN else "")

@@ -10,9 +10,10 @@ import os
 import shutil
 import socket
 import time
+import uuid
 import warnings
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 LOCK = ".lock"
@@ -25,11 +26,16 @@ class HeldError(Exception):
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Hold a folder. Raises `HeldError` at once if another process, or another call in this one, does."""
+    """Hold a folder. Raises `HeldError` at once if another process, or another call in this one, does.
+
+    Raises `FileNotFoundError` if the folder is gone.
+    """
     handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         if not _lock(handle, folder):
             raise HeldError(os.pread(handle, 1000, 0).decode(errors="replace") or "an unknown process")
+        if os.fstat(handle).st_ino != os.stat(folder / LOCK).st_ino:  # removed, and made again, meanwhile
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / LOCK))
         about = f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%Y-%m-%d %H:%M:%S %Z')}"
         with suppress(OSError):  # a full disk: the lock holds all the same
             os.ftruncate(handle, 0)
@@ -37,13 +43,33 @@ def held(folder: Path) -> Iterator[None]:
         try:
             yield
         finally:
-            os.ftruncate(handle, 0)  # the same bytes in every dataset
+            with suppress(OSError):
+                os.ftruncate(handle, 0)
     finally:
         os.close(handle)
 
 
+@contextmanager
+def held_new(named: Callable[[str], Path]) -> Iterator[Path]:
+    """Make and hold a folder; ``named`` makes its path of a text that is used once.
+
+    Somebody who removes what nobody holds may come between; then another folder is made.
+    """
+    with ExitStack() as stack:
+        for last in (False, False, False, True):
+            folder = named(uuid.uuid4().hex)
+            folder.mkdir(parents=True)
+            try:
+                stack.enter_context(held(folder))
+                break
+            except (HeldError, FileNotFoundError):
+                if last:
+                    raise
+        yield folder
+
+
 def holder(folder: Path) -> str | None:
-    """Who holds a folder, or None."""
+    """Who holds a folder; None if nobody does, or nobody can tell."""
     if not (folder / LOCK).exists():
         return None
     handle = os.open(folder / LOCK, os.O_RDONLY)
@@ -51,6 +77,9 @@ def holder(folder: Path) -> str | None:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return os.pread(handle, 1000, 0).decode(errors="replace") or "an unknown process"
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
     finally:
         os.close(handle)
     return None
@@ -63,14 +92,19 @@ def remove_abandoned(paths: Iterable[Path]) -> str | None:
         try:
             if path.is_dir():
                 with held(path):
-                    shutil.rmtree(path)
-            else:
-                path.unlink()
+                    for entry in path.iterdir():
+                        if entry.name != LOCK:
+                            _remove(entry)
+            _remove(path)  # the lock's file last, when it is closed: NFS keeps files that are open
         except HeldError as error:
             left = str(error)
-        except FileNotFoundError:  # its owner has removed it meanwhile
+        except FileNotFoundError:  # somebody else has removed it meanwhile
             pass
     return left
+
+
+def _remove(path: Path) -> None:
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def _lock(handle: int, folder: Path) -> bool:

@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from simgen.audit import check, passes
-from simgen.dataset import CERTIFICATE, SPLITS, TIMINGS, Dataset
+from simgen.dataset import CERTIFICATE, SPLITS, Dataset
 from simgen.drawing import draw_points, draw_surface
 from simgen.page import picture, table, write_page
+from simgen.run_status import timings
 
 CURVES = 40  # most force curves drawn per indenter and sensor
 OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal: a press is seen from there
@@ -38,9 +39,7 @@ def _head(dataset: Dataset) -> Iterator[str]:
 
 def _seconds(dataset: Dataset) -> str:
     """Mean seconds per press on each sensor, from the timings of the tasks."""
-    file = dataset.path / "manifest" / TIMINGS
-    entries = [json.loads(line) for line in file.read_text().splitlines()] if file.is_file() else []
-    entries = [entry for entry in entries if entry["seconds_by_sensor"]]
+    entries = [line for line in timings(dataset) if line.get("seconds_by_sensor")]
     presses = sum(entry["presses"] for entry in entries)
     if not presses:
         return ""

@@ -5,12 +5,12 @@ No task depends on another, on the number of workers or on their order, so the d
 
 import time
 from collections.abc import Callable, Collection
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from simgen.dataset import Dataset
-from simgen.dataset_writer import complete, filling, forget, log_timing, open_or_create
+from simgen.dataset_writer import complete, filling, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
 from simgen.job import Job
 from simgen.plan import Plan
@@ -45,9 +45,9 @@ def run(
         on_start(dataset.presses)
         return dataset
     with filling(dataset):
-        forget(dataset, again)
-        shards = dataset.unfinished()
-        on_start(sum(len(dataset.shard_presses(shard)) for shard in dataset.finished()))
+        shards = sorted({*dataset.unfinished(), *again})
+        on_start(dataset.presses - sum(len(dataset.shard_presses(shard)) for shard in shards))
+        log_timing(dataset, {"began": time.time(), "shards": len(shards)})
         size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers.count)
         tasks = [(output.resolve(), some, plan.job, workers.device, build) for some in divide(shards, size)]
         try:
@@ -83,5 +83,7 @@ def _guarded(arguments: tuple) -> list[ShardReport]:
         path, shards = arguments[:2]
         counts = [len(Dataset(path).shard_presses(shard)) for shard in shards]
         failure = Failure.of(error)
+        if not str(getattr(error, "filename", "")).startswith(str(path)):  # a file of somebody else's
+            failure = replace(failure, errno=None)
         return [ShardReport(shard, count, error=failure.sentence, errno=failure.errno)
                 for shard, count in zip(shards, counts, strict=True)]  # fmt: skip

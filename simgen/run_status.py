@@ -2,6 +2,7 @@
 
 import json
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from simgen.dataset import TIMINGS, Dataset
 from simgen.folder_lock import holder
 
-RECENT = 64  # shards that a rate is taken over
+SHARD = {"shard", "presses", "failed", "finished", "error"}  # what a shard's line says at least
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class RunStatus:
     failed : samples of finished shards that did not converge, of all sensors
     at_work : the process that fills it, and since when; None if there is none
     last_s : seconds since the last shard was finished; None if there is none
-    rate : presses a second of those that were finished last; None where fewer than two shards tell
+    rate : presses a second since the last run began, the start of its workers with it; None before its first shard
     errors : shards that could not be written and are not there yet, with the reason
     """
 
@@ -45,33 +46,31 @@ def run_status(dataset: Dataset, now: float | None = None) -> RunStatus:
     now = time.time() if now is None else now
     there = dataset.finished()
     finished = sum(len(dataset.shard_presses(shard)) for shard in there)
-    latest = {entry["shard"]: entry for entry in timings(dataset)}  # a shard may have been solved again
-    whole = sorted((latest[shard] for shard in there if shard in latest), key=lambda entry: entry["finished"])
-    recent = whole[-RECENT:]
-    rate = None
-    if len(recent) > 1 and (seconds := recent[-1]["finished"] - recent[0]["finished"]) > 0:
-        rate = sum(entry["presses"] for entry in recent[1:]) / seconds
+    lines = timings(dataset)
+    began = max((line["began"] for line in lines if "began" in line), default=now)
+    latest = {line["shard"]: line for line in lines if line.keys() >= SHARD}  # one may have been solved again
+    whole = sorted((latest[shard] for shard in there if shard in latest), key=lambda line: line["finished"])
+    done = [line for line in whole if line["finished"] > began]
+    rate = sum(line["presses"] for line in done) / (done[-1]["finished"] - began) if done else None
     return RunStatus(
         presses=dataset.presses,
         finished=finished,
-        failed=sum(entry["failed"] for entry in whole),
+        failed=sum(line["failed"] for line in whole),
         at_work=holder(dataset.path),
         last_s=now - whole[-1]["finished"] if whole else None,
         rate=rate,
-        errors={s: entry["error"] for s, entry in sorted(latest.items()) if entry["error"] and s not in there},
+        errors={s: line["error"] for s, line in sorted(latest.items()) if line["error"] and s not in there},
     )
 
 
 def timings(dataset: Dataset) -> list[dict]:
-    """When, where and how each shard ended, in order; what a kill left half written is left out."""
+    """When runs began, and when, where and how each shard ended, in order; lines that a kill cut short are left out."""
     file = dataset.path / "manifest" / TIMINGS
-    entries = []
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
-        try:
-            entries.append(json.loads(line))
-        except ValueError:
-            continue
-    return entries
+    found = []
+    for text in file.read_text(encoding="utf-8", errors="replace").splitlines() if file.exists() else ():
+        with suppress(ValueError):
+            found.append(json.loads(text))
+    return [line for line in found if isinstance(line, dict)]
 
 
 def failures(dataset: Dataset) -> dict[str, int]:

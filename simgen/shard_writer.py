@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from simgen.dataset import Dataset
-from simgen.dataset_writer import manifest_aside, write_aside
+from simgen.dataset_writer import forget, manifest_aside, write_aside
 from simgen.press import PressResult
 from simgen.whole_files import Aside, put_in_place
 
@@ -87,6 +87,8 @@ def put_shards_in_place(dataset: Dataset, writers: Sequence[ShardWriter]) -> Non
         of_shard, manifest = writer.files()
         files |= of_shard
         manifests |= manifest
+    # One that is solved again has a manifest, which does not fit while its files are exchanged.
+    forget(dataset, [writer.shard for writer in writers if writer.failure is None])
     put_in_place(dataset.path, files)
     put_in_place(dataset.path, manifests)
 

@@ -12,8 +12,10 @@ from trimesh.triangles import closest_point
 
 from simgen.dataset import Dataset
 from simgen.distance import RigidShape, distance
+from simgen.errors import InputError
 from simgen.finding import Finding, named
 from simgen.indenter import load_indenter
+from simgen.provenance import difference
 from simgen.quiet import start_warp
 from simgen.shape import shape_array
 
@@ -69,6 +71,8 @@ def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     """Held vertices rest; what is touched lies on the indenter; nothing is missing where a press converged."""
     start_warp()
     look = _Look(dataset, sensor)
+    if look.why_not:
+        yield Finding(sensor, "on the indenter", "not looked at", "stated", None, look.why_not)
     with ThreadPoolExecutor(SHARDS_AT_ONCE) as threads:
         seen = list(threads.map(look.at, dataset.finished()))
     shape = (dataset.presses, len(dataset["depth"]))
@@ -78,6 +82,8 @@ def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
             whole[rows] = part
     yield named(sensor, "held vertices move", moved, 0.0, "{:g} m")
     yield named(sensor, "displacement gaps", gap, 0.0, "{:.0f}", total=True)
+    if look.why_not or not len(look.touchable):
+        return
     allowed = FACET_M * 1e6
     yield named(sensor, "in the indenter", overlap * 1e6, allowed, "{:.1f} um")
     yield named(sensor, "off the indenter", apart * 1e6, allowed, "{:.1f} um")
@@ -96,8 +102,15 @@ class _Look:
         self.touch, self.depth = dataset[f"{sensor}/touch"], dataset["depth"]
         self.pose = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
         self.indenter = dataset["press/indenter"]
-        shapes = [load_indenter(dataset.job.locate(text)).shape() for text in dataset.job.indenters]
-        self.shapes = [shape_array([shape]) for shape in shapes]
+        self.shapes, self.why_not = [], ""
+        try:
+            for name, text in zip(dataset.indenters, dataset.job.indenters, strict=True):
+                own = load_indenter(dataset.job.locate(text))
+                if changes := difference(dataset.attributes["indenters"][name], own.identity()):
+                    raise InputError(f"{name}: not the indenter that was pressed ({'; '.join(changes)})")
+                self.shapes.append(shape_array([own.shape()]))
+        except (InputError, KeyError) as error:  # a user's own file, which may be gone
+            self.why_not = str(error)
 
     def at(self, shard: int) -> tuple:
         """Rows of presses, and for each (press, depth): greatest move of what is held, m; whether displacements are
@@ -111,7 +124,7 @@ class _Look:
         overlap, apart = np.zeros(converged.shape), np.zeros(converged.shape)
         for row, press in enumerate(presses):
             there = np.flatnonzero(converged[row] & ~gap[row])
-            if len(there):
+            if len(there) and len(self.touchable) and not self.why_not:
                 at_rest, nearest = self._nearest(press, displacement[row, there][:, self.touchable], there)
                 overlap[row, there] = -nearest - self.stated[press, there]
                 apart[row, there] = nearest - max(at_rest, 0.0)

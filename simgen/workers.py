@@ -10,6 +10,7 @@ from functools import cached_property
 from itertools import islice
 from typing import Any
 
+from simgen.errors import InputError
 from simgen.job import Job
 from simgen.quiet import check_device
 from simgen.shard import Presser, fem_presser, prepare
@@ -37,7 +38,8 @@ class Workers:
         if not arguments or self._start is None:
             yield from map(function, arguments)
             return
-        from dask.distributed import as_completed, wait
+        from dask.distributed import CancelledError, KilledWorker, as_completed, wait
+        from distributed.comm import CommClosedError
 
         client, preparing = self.started
         # Before, dask would give a worker that is ready, and has a second thread, the task of one that is not.
@@ -47,7 +49,11 @@ class Workers:
         first = islice(waiting, bound)
         futures = as_completed([client.submit(function, argument, pure=False) for argument in first])
         for future in futures:
-            yield future.result()
+            try:
+                result = future.result()
+            except (KilledWorker, CancelledError, CommClosedError) as error:
+                raise InputError(f"the workers or their scheduler are lost: {error}") from None
+            yield result
             for argument in islice(waiting, 1):
                 futures.add(client.submit(function, argument, pure=False))
 
@@ -75,7 +81,12 @@ def start_workers(
     from dask.distributed import Client
 
     if scheduler is not None:
-        with Client(scheduler) as client:
+        try:
+            client = Client(scheduler)
+        except (OSError, ValueError) as error:
+            allowed = "allowed: the address of one that answers, as tcp://host:8786, or sync"
+            raise InputError(f"scheduler {scheduler!r}: {error}; {allowed}") from None
+        with client:
             yield Workers(device, max(1, len(client.nthreads())), lambda: (client, []))
         return
     gpus = visible_gpus(device) if device != "cpu" else []

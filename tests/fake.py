@@ -182,6 +182,10 @@ def recorded_presser(job, sensor, device):
     return fake_presser(job, sensor, device)
 
 
+def forbidden_presser(job, sensor, device):
+    raise PermissionError(13, "Permission denied", "/somewhere/else")
+
+
 def raising_presser(job, sensor, device):
     """The second sensor's solver breaks down, while what the first one made is written."""
 

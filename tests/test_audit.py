@@ -6,6 +6,7 @@ import json
 import fake
 import numpy as np
 import pytest
+import trimesh
 import zarr
 
 from simgen.audit import check, passes, to_repair
@@ -139,16 +140,62 @@ def test_a_damaged_manifest_costs_its_shard_alone(dataset, damage):
 @pytest.mark.parametrize(
     "file", ["depth/c/0", "digit/rest_positions/c/0/0", "manifest/plan.json", "digit/force/zarr.json"]
 )
-def test_a_plan_that_is_damaged_is_named_and_not_repaired(dataset, file):
-    DAMAGE["empty"](dataset.path / file)
+@pytest.mark.parametrize("damage", ["empty", "gone"])
+def test_a_plan_that_is_damaged_is_named_and_not_repaired(dataset, file, damage):
+    DAMAGE[damage](dataset.path / file)
     findings = check(dataset)
     assert len(findings) == 3 and file in findings[1].note
-    with pytest.raises(InputError, match=f"{dataset.path}/{file}: belongs to the plan"):
+    with pytest.raises(InputError, match="its plan, which all presses share, has changed"):
         to_repair(dataset, findings)
 
 
-def test_a_dataset_whose_attributes_are_damaged_is_refused(dataset):
-    DAMAGE["empty"](dataset.path / "zarr.json")
+@pytest.mark.parametrize("name", ["digit/force/c/5/0/0", "digit/force/c/x/0/0", "digit/farce/c/1/0/0"])
+def test_a_manifest_that_vouches_for_other_files_costs_its_shard_alone(dataset, name):
+    manifest = dataset.path / "manifest/000001.json"
+    manifest.write_text(manifest.read_text().replace("digit/force/c/1/0/0", name))
+    findings = check(dataset)
+    assert "manifest/000001.json" in findings[1].note and to_repair(dataset, findings) == [1]
+
+
+def test_files_beside_the_manifests_are_left_alone(dataset):
+    for name in ("notes.json", "._000001.json", "000001 (copy).json", "000099.json"):
+        (dataset.path / "manifest" / name).write_text("{}")
+    (dataset.path / "manifest/000099.json").unlink()
+    assert failures(dataset) == set()
+
+
+def test_a_repair_that_was_killed_can_be_repaired(dataset):
+    """Its manifest is gone already; the file has not been exchanged yet."""
+    DAMAGE["changed"](dataset.path / "digit/status/c/2/0")
+    (dataset.path / "manifest/000002.json").unlink()
+    findings = check(dataset)
+    assert {f.what for f in findings if f.failed} == {"presses", "samples converged"}
+    assert to_repair(dataset, findings) == [2]
+
+
+def test_an_indenter_that_is_gone_or_another_one_is_stated(tmp_path, monkeypatch):
+    """A user's own mesh, of which the dataset has the checksum alone."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=3e-3)
+    ball.apply_translation([0, -3e-3, 0])
+    ball.export(tmp_path / "ball.stl")
+    job = fake.make_job(indenters=[str(tmp_path / "ball.stl")], trajectories={"count": 2})
+    dataset = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
+    file = tmp_path / "ball.stl"
+    for spoil, words in (
+        (lambda: ball.apply_scale(0.9).export(file), "not the indenter that was pressed"),
+        (file.unlink, "no such file"),
+    ):
+        spoil()
+        notes = [f.note for f in check(Dataset(dataset.path)) if f.what == "on the indenter"]
+        assert len(notes) == 2 and all(words in note for note in notes)
+
+
+BARE = '{"zarr_format": 3, "node_type": "group", "attributes": {"schema": 1}}'
+
+
+@pytest.mark.parametrize("text", ["", "[]", "null", BARE])
+def test_a_dataset_whose_attributes_are_damaged_is_refused(dataset, text):
+    (dataset.path / "zarr.json").write_text(text)
     with pytest.raises(InputError, match=r"d\.zarr/zarr\.json: not what `simgen run` wrote"):
         Dataset(dataset.path)
 

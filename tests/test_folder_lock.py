@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from simgen.folder_lock import LOCK, HeldError, held, holder, remove_abandoned
+from simgen.folder_lock import LOCK, HeldError, held, held_new, holder, remove_abandoned
 
 CHILD = """
 import sys, time, pathlib
@@ -78,4 +78,63 @@ def test_a_file_system_without_locks_is_told_of(tmp_path, monkeypatch):
 
     monkeypatch.setattr(fcntl, "flock", flock)
     with pytest.warns(UserWarning, match="this file system has no locks"), held(tmp_path):
+        assert holder(tmp_path) is None
+
+
+def test_a_folder_that_is_removed_before_it_is_held_is_made_again(tmp_path):
+    """Whoever removes what nobody holds may come between a folder and its lock."""
+    names = iter(["first", "second"])
+
+    def named(text):
+        return tmp_path / next(names)
+
+    real = os.open
+
+    def open_after_removal(path, *arguments):
+        if path == tmp_path / "first" / LOCK:
+            os.rmdir(path.parent)
+        return real(path, *arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "open", open_after_removal)
+        with held_new(named) as folder:
+            assert folder == tmp_path / "second" and holder(folder)
+
+
+def test_a_lock_on_a_file_that_has_been_removed_is_none(tmp_path, monkeypatch):
+    lock, flock = tmp_path / LOCK, fcntl.flock
+
+    def removed_meanwhile(handle, operation):
+        flock(handle, operation)
+        lock.unlink()
+        lock.touch()
+
+    monkeypatch.setattr(fcntl, "flock", removed_meanwhile)
+    with pytest.raises(FileNotFoundError), held(tmp_path):
         pass
+
+
+def test_the_lock_is_removed_when_it_is_closed(tmp_path, monkeypatch):
+    """NFS keeps files that are open, under another name, and with them their folder."""
+    (tmp_path / "folder/inside").mkdir(parents=True)
+    opened, close, remove = set(), os.close, os.unlink
+    real = os.open
+
+    def count(path, *arguments, **options):
+        handle = real(path, *arguments, **options)
+        if str(path).endswith(LOCK):
+            opened.add(handle)
+        return handle
+
+    def uncount(handle):
+        opened.discard(handle)
+        close(handle)
+
+    def check(path, *arguments, **options):
+        assert not (str(path).endswith(LOCK) and opened)
+        remove(path, *arguments, **options)
+
+    monkeypatch.setattr(os, "open", count)
+    monkeypatch.setattr(os, "close", uncount)
+    monkeypatch.setattr(os, "unlink", check)
+    assert remove_abandoned([tmp_path / "folder"]) is None and not (tmp_path / "folder").exists()

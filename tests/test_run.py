@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -158,6 +159,27 @@ def test_a_shard_that_cannot_be_written_does_not_take_the_others_with_it(whole, 
     assert dataset.finished() == [1, 3]
     run(plan, dataset.path, build=fake.fake_presser)
     assert fake.contents(dataset.path) == fake.contents(whole)
+
+
+def test_a_file_of_somebody_else_that_may_not_be_read_does_not_end_the_run(tmp_path):
+    """Only a dataset that cannot be written does: solving on would be in vain."""
+    reports = []
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", None, on_report=reports.append,
+                  build=fake.forbidden_presser)  # fmt: skip
+    assert len(reports) == 6 and all("PermissionError" in report.error for report in reports)
+    assert dataset.finished() == []
+
+
+def test_what_is_solved_again_stays_until_it_is_replaced(whole, tmp_path):
+    """A solver that breaks down costs nothing that was there; files are exchanged without their manifest."""
+    path = tmp_path / "d.zarr"
+    shutil.copytree(whole, path)
+    run(fake.make_plan(fake.make_job()), path, build=fake.raising_presser, again=[1, 2])
+    assert fake.contents(path) == fake.contents(whole)
+    run(fake.make_plan(fake.make_job()), path, build=fake.failing_presser, again=[0])
+    assert Dataset(path).unfinished() == [] and fake.contents(path) != fake.contents(whole)
+    run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser, again=[0])
+    assert fake.contents(path) == fake.contents(whole)
 
 
 def test_poses_are_at_first_touch_of_the_reference_sensor(whole):

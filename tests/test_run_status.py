@@ -6,7 +6,7 @@ import fake
 import pytest
 
 from simgen.dataset import Dataset
-from simgen.dataset_writer import filling, open_or_create
+from simgen.dataset_writer import filling, log_timing, open_or_create
 from simgen.errors import InputError
 from simgen.run import run
 from simgen.run_status import failures, run_status, timings
@@ -28,8 +28,9 @@ def half(tmp_path):
 
 
 def test_a_run_that_is_under_way(half):
-    """Two presses every five seconds: the rate is over what was finished after the first of these shards."""
-    write_timings(half, [{"shard": i, "finished": 100.0 + 5.0 * i, "failed": i} for i in range(3)])
+    """Shard 0 by an earlier run; then two of two presses each in ten seconds, of one task, written at the same time."""
+    shards = [{"shard": i, "finished": 110.0, "failed": i} for i in (1, 2)]
+    write_timings(half, [{"shard": 0, "finished": 5.0}, {"began": 100.0}, *shards])
     with filling(half):
         found = run_status(half, now=113.0)
         assert (found.presses, found.finished, found.failed) == (12, 6, 3)
@@ -59,7 +60,8 @@ def test_a_line_that_a_kill_left_half_written_is_left_out(tmp_path):
     dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.fake_presser)
     file = dataset.path / "manifest/timings.jsonl"
     file.write_text(file.read_text()[:-20])
-    assert [entry["shard"] for entry in timings(dataset)] == [0, 1, 2, 3, 4]
+    log_timing(dataset, {"shard": 7})
+    assert [line.get("shard") for line in timings(dataset)] == [None, 0, 1, 2, 3, 4, 7]
 
 
 def test_failures_are_counted_by_what_befell_them(half):
