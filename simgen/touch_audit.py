@@ -35,19 +35,25 @@ LAUNCHING = threading.Lock()  # Warp's kernels, one at a time
 
 @wp.kernel
 def _nearest_vertex_kernel(
-    shape: wp.array(dtype=RigidShape),
+    shapes: wp.array(dtype=RigidShape),
+    indenter: wp.array(dtype=wp.int32),
     rest: wp.array(dtype=wp.vec3d),
-    displacement: wp.array3d(dtype=wp.float64),
-    rotation: wp.mat33d,
+    displacement: wp.array4d(dtype=wp.float64),
+    rotation: wp.array(dtype=wp.mat33d),
+    press: wp.array(dtype=wp.int32),
+    depth: wp.array(dtype=wp.int32),
     origin: wp.array(dtype=wp.vec3d),
     # outputs
     distance_out: wp.array(dtype=wp.float64),
 ):
-    """Least signed distance, mm, of displaced vertices from a shape that stands elsewhere at each depth."""
-    depth, vertex = wp.tid()
-    moved = wp.vec3d(displacement[depth, vertex, 0], displacement[depth, vertex, 1], displacement[depth, vertex, 2])
-    local = wp.transpose(rotation) * (rest[vertex] + moved - origin[depth])
-    wp.atomic_min(distance_out, depth, distance(shape[0], wp.float64(1000.0) * local))
+    """Least signed distance, mm, of displaced vertices from a press's shape, for some samples; depth -1 is at rest."""
+    sample, vertex = wp.tid()
+    i, j = press[sample], depth[sample]
+    x = rest[vertex] - origin[sample]
+    if j >= 0:
+        x += wp.vec3d(displacement[i, j, vertex, 0], displacement[i, j, vertex, 1], displacement[i, j, vertex, 2])
+    local = wp.transpose(rotation[i]) * x
+    wp.atomic_min(distance_out, sample, distance(shapes[indenter[i]], wp.float64(1000.0) * local))
 
 
 def pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
@@ -102,13 +108,14 @@ class _Look:
         self.touch, self.depth = dataset[f"{sensor}/touch"], dataset["depth"]
         self.pose = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
         self.indenter = dataset["press/indenter"]
-        self.shapes, self.why_not = [], ""
+        shapes, self.why_not = [], ""
         try:
             for name, text in zip(dataset.indenters, dataset.job.indenters, strict=True):
                 own = load_indenter(dataset.job.locate(text))
                 if changes := difference(dataset.attributes["indenters"][name], own.identity()):
                     raise InputError(f"{name}: not the indenter that was pressed ({'; '.join(changes)})")
-                self.shapes.append(shape_array([own.shape()]))
+                shapes.append(own.shape())
+            self.shapes = shape_array(shapes)
         except (InputError, KeyError) as error:  # a user's own file, which may be gone
             self.why_not = str(error)
 
@@ -122,32 +129,38 @@ class _Look:
         moved = np.nan_to_num(np.abs(displacement[:, :, self.held])).max(axis=(2, 3), initial=0.0)
         gap = converged & ~np.isfinite(displacement).all(axis=(2, 3))
         overlap, apart = np.zeros(converged.shape), np.zeros(converged.shape)
-        for row, press in enumerate(presses):
-            there = np.flatnonzero(converged[row] & ~gap[row])
-            if len(there) and len(self.touchable) and not self.why_not:
-                at_rest, nearest = self._nearest(press, displacement[row, there][:, self.touchable], there)
-                overlap[row, there] = -nearest - self.stated[press, there]
-                apart[row, there] = nearest - max(at_rest, 0.0)
+        at = np.nonzero(converged & ~gap)
+        if len(at[0]) and len(self.touchable) and not self.why_not:
+            at_rest, nearest = self._nearest(rows, displacement, *at)
+            overlap[at] = -nearest - self.stated[rows][at]
+            apart[at] = nearest - np.maximum(at_rest, 0.0)[at[0]]
         return rows, moved, gap, overlap, apart
 
-    def _nearest(self, press: int, displacement: np.ndarray, depths: np.ndarray) -> tuple[float, np.ndarray]:
-        """Least distance of vertices from the indenter, m: at first touch, undisplaced, and at each depth (d,)."""
-        rotation, axis = self.pose[press, :3, :3], self.pose[press, :3, 1]
-        travel = self.touch[press] + np.append(0.0, self.depth[depths])
-        least = wp.full(len(travel), np.inf, dtype=wp.float64, device="cpu")
-        with_rest = np.concatenate([np.zeros((1, *displacement.shape[1:])), displacement])
-        inputs = [
-            self.shapes[self.indenter[press]],
-            wp.array(self.rest, dtype=wp.vec3d, device="cpu"),
-            wp.array(with_rest, dtype=wp.float64, device="cpu"),
-            wp.mat33d(rotation),
-            wp.array(self.pose[press, :3, 3] + travel[:, None] * axis, dtype=wp.vec3d, device="cpu"),
+    def _nearest(
+        self, rows: slice, displacement: np.ndarray, press: np.ndarray, depth: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Least distance of vertices from the indenter, m: of each press (n,) at first touch, undisplaced, and of
+        samples (s,), given by their rows in the shard and their depths."""
+        count = rows.stop - rows.start
+        press, depth = np.append(np.arange(count), press), np.append(np.full(count, -1), depth)
+        pose = self.pose[rows]
+        travel = self.touch[rows][press] + np.where(depth < 0, 0.0, self.depth[depth])
+        arrays = [
+            (self.indenter[rows], wp.int32),
+            (self.rest, wp.vec3d),
+            (displacement[:, :, self.touchable], wp.float64),
+            (pose[:, :3, :3], wp.mat33d),
+            (press, wp.int32),
+            (depth, wp.int32),
+            (pose[press, :3, 3] + travel[:, None] * pose[press, :3, 1], wp.vec3d),
         ]
+        inputs = [wp.array(np.ascontiguousarray(values), dtype=kind, device="cpu") for values, kind in arrays]
+        least = wp.full(len(press), np.inf, dtype=wp.float64, device="cpu")
         with LAUNCHING:
-            dim = with_rest.shape[:2]
-            wp.launch(_nearest_vertex_kernel, dim=dim, inputs=inputs, outputs=[least], device="cpu")
+            dim = (len(press), len(self.rest))
+            wp.launch(_nearest_vertex_kernel, dim=dim, inputs=[self.shapes, *inputs], outputs=[least], device="cpu")
         distances = least.numpy() * 1e-3
-        return distances[0], distances[1:]
+        return distances[:count], distances[count:]
 
 
 def nearest_on_surface(
