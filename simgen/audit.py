@@ -22,11 +22,11 @@ LIQUID_VOLUME = 1e-6  # of the cavity's volume
 
 def check(dataset: Dataset) -> list[Finding]:
     """All findings, the whole dataset first, then each sensor."""
-    checksums, spoiled = _checksums(dataset)
+    checksums = _checksums(dataset)
     findings = [_presses(dataset), checksums, _job(dataset)]
-    if PLAN in spoiled:  # what all shards share: nothing else means anything
+    if PLAN in checksums.spoiled:  # what all shards share: nothing else means anything
         return findings
-    sound = Sound(dataset, {int(name.removesuffix(".json")) for name in spoiled})
+    sound = Sound(dataset, {int(name.removesuffix(".json")) for name in checksums.spoiled})
     findings += [*_layout(sound), *_splits(sound)]
     for sensor in dataset.sensors:
         findings += [
@@ -74,7 +74,7 @@ def _presses(dataset: Dataset) -> Finding:
     return Finding("dataset", "presses", found, "all", not missing)
 
 
-def _checksums(dataset: Dataset) -> tuple[Finding, set[str]]:
+def _checksums(dataset: Dataset) -> Finding:
     """Manifests that cannot be read or leave files out, and files that are not what theirs says; whose they are."""
     sums, wrong = {}, []  # manifest and path of a file
     for manifest in {*dataset.manifests(), PLAN}:
@@ -94,8 +94,8 @@ def _checksums(dataset: Dataset) -> tuple[Finding, set[str]]:
     names = sorted(file for _, file in wrong)
     note = "changed or gone: " + "; ".join(names[:SHOWN]) if wrong else ""
     note += f"; and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    found, spoiled = f"{count - len(wrong)} of {count}", {manifest for manifest, _ in wrong}
-    return Finding("dataset", "checksums", found, "all", not wrong, note, spoiled=tuple(sorted(spoiled))), spoiled
+    found, spoiled = f"{count - len(wrong)} of {count}", tuple(sorted({manifest for manifest, _ in wrong}))
+    return Finding("dataset", "checksums", found, "all", not wrong, note, spoiled=spoiled)
 
 
 def _files_of(dataset: Dataset, manifest: str) -> set[str]:

@@ -81,6 +81,11 @@ def sharded_files(root: Path, name: str, presses: range, stored: np.ndarray, asi
     return {key: buffer.to_bytes() for key, buffer in contents.items() if not key.endswith("zarr.json")}
 
 
+def chunk_path(name: str, number: int, dimensions: int) -> str:
+    """Path of the file that holds the presses of a shard, by its number; no other axis is divided."""
+    return "/".join([name, "c", str(number), *["0"] * (dimensions - 1)])
+
+
 def chunk_file(
     name: str, number: int, stored: np.ndarray, presses_per_chunk: int, fill: float
 ) -> dict[str, bytes]:
@@ -90,8 +95,8 @@ def chunk_file(
     """
     chunk = np.full((presses_per_chunk, *stored.shape[1:]), fill, stored.dtype.newbyteorder("<"))
     chunk[: len(stored)] = stored
-    key = "/".join([name, "c", str(number), *("0" for _ in stored.shape[1:])])
-    return {key: Blosc(shuffle=Blosc.SHUFFLE, typesize=chunk.itemsize, **COMPRESSION).encode(chunk)}
+    codec = Blosc(shuffle=Blosc.SHUFFLE, typesize=chunk.itemsize, **COMPRESSION)
+    return {chunk_path(name, number, stored.ndim): codec.encode(chunk)}
 
 
 @contextmanager

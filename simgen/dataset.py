@@ -1,4 +1,4 @@
-"""The dataset: its layout, the writer of shards, and the reader.
+"""The dataset: its layout and the reader.
 
 One zarr v3 directory, in SI units::
 
@@ -23,6 +23,7 @@ One zarr v3 directory, in SI units::
       <sensor>/certificate/* (press, depth)            residual, force_balance, min_det_F, ...
       manifest/*.json                                  sha256 of every file: the plan's, each finished shard's
       manifest/timings.jsonl                           when, where, how long: all that the job does not decide
+      .lock                                            held, and signed, by the process that is filling the dataset
 
 A shard is what one task writes: the same presses of every array, one file per array. Two writers never share
 one. Each file is written aside, flushed to disk and renamed, the manifests last: a shard without one does not
@@ -42,7 +43,7 @@ from pathlib import Path
 import numpy as np
 import zarr
 
-from simgen.chunk_files import open_sharded
+from simgen.chunk_files import chunk_path, open_sharded
 from simgen.errors import InputError
 from simgen.job import Job, job_from_dict
 
@@ -226,7 +227,7 @@ class Dataset:
 
     def shard_files(self, shard: int) -> set[str]:
         """Paths of all files of a shard, its manifest left out."""
-        return {"/".join([name, "c", str(shard), *("0" for _ in array.shape)]) for name, array in self.arrays.items()}
+        return {chunk_path(name, shard, 1 + len(array.shape)) for name, array in self.arrays.items()}
 
     def sums_of(self, manifest: str) -> dict[str, str]:
         """sha256 of the files that a manifest vouches for, by path in the dataset.
@@ -237,7 +238,3 @@ class Dataset:
             return dict(json.loads((self.path / "manifest" / manifest).read_text())["sha256"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.path}/manifest/{manifest}: not a manifest ({error})") from None
-
-    def checksums(self) -> dict[str, str]:
-        """sha256 of every file that a manifest vouches for, by its path in the dataset."""
-        return {file: total for manifest in self.manifests() for file, total in self.sums_of(manifest).items()}
