@@ -21,7 +21,7 @@ from rich.table import Table
 
 from simgen.audit import passes
 from simgen.finding import Finding
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.run_status import RunStatus
 
 if TYPE_CHECKING:  # these need the solver; an audit does not

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from simgen import dataset, pairing, provenance
+from simgen import pairing, provenance
 from simgen.errors import InputError
 from simgen.fem.status import Status
 from simgen.indenter import load_indenter
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.quiet import check_device
 from simgen.sensor import Material, Sensor, load_sensor
+from simgen.splits import SPLITS, leave_out, split_by_trajectory
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,12 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
         reference, job.trajectories.count, job.seed, float(job.depths_m[-1]), settings
     )
     trajectory = np.repeat(np.arange(job.trajectories.count, dtype=np.int32), len(job.indenters))
+    indenter = np.tile(np.arange(len(job.indenters), dtype=np.int32), job.trajectories.count)
     arrays = {
         "depth": job.depths_m,
         "press/trajectory": trajectory,
-        "press/indenter": np.tile(np.arange(len(job.indenters), dtype=np.int32), job.trajectories.count),
-        "press/split": dataset.split_by_trajectory(job.trajectories.count, job.seed)[trajectory],
+        "press/indenter": indenter,
+        "press/split": split_presses(job, trajectory, indenter),
         "press/contact_pose": pairing.indenter_poses(contacts)[trajectory],
         "press/contact_normal": contacts.normals[trajectory],
     }
@@ -58,6 +60,14 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
         }
     return Plan(job, device, _attributes(job, device, sensors), arrays)
+
+
+def split_presses(job: Job, trajectory: np.ndarray, indenter: np.ndarray) -> np.ndarray:
+    """(press,) int8, by trajectory; with an indenter that the job leaves out, some presses are in no split."""
+    split = split_by_trajectory(job.trajectories.count, job.seed)[trajectory]
+    if (name := job.dataset.leave_out) is not None:
+        split = leave_out(split, indenter, job.indenter_names.index(name))
+    return split
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:
@@ -114,6 +124,6 @@ def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[st
         "device": device,
         "sensors": {name: sensor_identity(job, name, sensor) for name, sensor in sensors.items()},
         "indenters": indenter_identities(job),
-        "splits": list(dataset.SPLITS),
+        "splits": list(SPLITS),
         "status": {str(int(status)): status.sentence for status in Status},
     }

@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from simgen.audit import check, passes
-from simgen.dataset import CERTIFICATE, SPLITS, Dataset
+from simgen.dataset import CERTIFICATE, Dataset
 from simgen.drawing import draw_points, draw_surface
 from simgen.page import picture, table, write_page
 from simgen.run_status import timings
+from simgen.splits import SPLITS
 
 CURVES = 40  # most force curves drawn per indenter and sensor
 OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal: a press is seen from there

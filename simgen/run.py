@@ -12,7 +12,7 @@ from typing import Any
 from simgen.dataset import Dataset
 from simgen.dataset_writer import complete, filling, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.plan import Plan
 from simgen.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.shard_writer import Failure

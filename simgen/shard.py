@@ -22,7 +22,7 @@ from simgen.dataset import Dataset
 from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
 from simgen.indenter import Indenter, load_indenter
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, press
 from simgen.provenance import difference

@@ -11,7 +11,7 @@ from itertools import islice
 from typing import Any
 
 from simgen.errors import InputError
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.quiet import check_device
 from simgen.shard import Presser, fem_presser, prepare
 

@@ -10,7 +10,8 @@ import yaml
 
 from simgen.errors import InputError
 from simgen.fem.newton import SolverSettings
-from simgen.job import Solver, Trajectories, load_job
+from simgen.job import load_job
+from simgen.job_schema import Solver, Trajectories
 from simgen.pairing import ContactSettings
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, make_plan, sensor_identity
 from simgen.provenance import difference
