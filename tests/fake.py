@@ -18,6 +18,7 @@ from simgen.dataset import Dataset
 from simgen.job import job_from_dict
 from simgen.job_schema import Job
 from simgen.plan import indenter_identities, split_presses
+from simgen.provenance import code_version, package_versions
 
 RADIUS_M = 7e-3
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
@@ -71,6 +72,8 @@ def make_plan(job: Job) -> SimpleNamespace:
     attributes = {
         "job": job.resolved(),
         "job_hash": job.hash,
+        "code": code_version(),
+        "packages": package_versions(),
         "sensors": {},  # the ball is no sensor that could be loaded again
         "indenters": indenter_identities(job),
         "status": {"0": "Converged.", "1": "Stalled.", "2": "Never touched."},
@@ -198,6 +201,37 @@ def raising_presser(job, sensor, device):
         if sensor == "biotac":
             time.sleep(0.3)  # the first sensor's files are being written
             raise RuntimeError("no solver")
+        return fake_presser(job, sensor, device)(indenters, poses, depths)
+
+    return presser
+
+
+STUMBLED: list[int] = []
+
+
+def stumbling_presser(job, sensor, device):
+    """The third call raises, and no other."""
+
+    def presser(indenters, poses, depths):
+        STUMBLED.append(len(STUMBLED))
+        if len(STUMBLED) == 3:
+            raise OSError(5, "Input/output error", "/somewhere/else")
+        return fake_presser(job, sensor, device)(indenters, poses, depths)
+
+    return presser
+
+
+POISON = 5  # a press
+
+
+def poisoned_presser(job, sensor, device):
+    """kill -9 of whichever process takes one of the presses."""
+    pose = make_plan(job).arrays["press/contact_pose"][POISON]
+    indenter = POISON % len(job.indenters)
+
+    def presser(indenters, poses, depths):
+        if any(i == indenter and np.allclose(each, pose) for i, each in zip(indenters, poses, strict=True)):
+            os.kill(os.getpid(), signal.SIGKILL)
         return fake_presser(job, sensor, device)(indenters, poses, depths)
 
     return presser
