@@ -29,7 +29,8 @@ Overrides = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    typer.Option(min=1, help="Processes of the local cluster.", show_default="one per core, or one GPU"),
+    typer.Option(min=1, help="Processes of the local cluster; of a scheduler, how many to wait for.",
+                 show_default="one per core, or one GPU"),
 ]
 Scheduler = Annotated[
     str | None,

@@ -11,7 +11,7 @@ from simgen.errors import InputError
 from simgen.fem.status import Status
 from simgen.indenter import load_indenter
 from simgen.job_schema import Job
-from simgen.quiet import check_device
+from simgen.quiet import check_device_name, start_warp
 from simgen.sensor import Material, Sensor, load_sensor
 from simgen.splits import SPLITS, leave_out, split_by_trajectory
 
@@ -30,9 +30,10 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
 
     Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine.
-    Raises `InputError` if this machine has no such device.
+    The device may be another machine's. Raises `InputError` if there can be no such device.
     """
-    check_device(device)
+    check_device_name(device)
+    start_warp()
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
     settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count"}))

@@ -14,6 +14,7 @@ from simgen.dataset_writer import complete, filling, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
 from simgen.job_schema import Job
 from simgen.plan import Plan
+from simgen.quiet import check_device
 from simgen.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.shard_writer import Failure
 from simgen.workers import Workers
@@ -40,7 +41,9 @@ def run(
     its process, twice is left unfinished, and its report carries the error. Raises `InputError` if `output` holds
     another dataset, is being filled by another run, or cannot be written any more, and if the scheduler is lost.
     """
-    workers = workers or Workers(plan.device)
+    if workers is None:
+        check_device(plan.device)
+        workers = Workers(plan.device)
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
     if complete(dataset) and not again:
         on_start(dataset.presses)

@@ -106,9 +106,10 @@ def start_workers(
     """Workers for a job.
 
     `count` processes of a local cluster (default: one per core, or one per GPU; no more than shards), all those of a
-    `scheduler`, which see the same file system, or this process if that is "sync". Those of a local cluster load their
-    sensors, scenes and kernels as soon as they start; with GPUs that is at once, as cores are free while the caller
-    plans. Raises `InputError` for a device that this machine has not, unless the workers are elsewhere.
+    `scheduler`, which see the same file system, as soon as there are `count`, or this process if that is "sync". Those
+    of a local cluster load their sensors, scenes and kernels as soon as they start; with GPUs that is at once, as cores
+    are free while the caller plans. Raises `InputError` for a device that this machine has not, unless the workers are
+    elsewhere.
     """
     if scheduler is None or scheduler == "sync":
         check_device(device)
@@ -124,7 +125,13 @@ def start_workers(
             allowed = "allowed: the address of one that answers, as tcp://host:8786, or sync"
             raise InputError(f"scheduler {scheduler!r}: {error}; {allowed}") from None
         with client:
-            yield Workers(device, max(1, len(client.nthreads())), lambda: (client, []))
+
+            def joined() -> tuple[Client, list]:
+                if count:
+                    client.wait_for_workers(count)
+                return client, []
+
+            yield Workers(device, count or max(1, len(client.nthreads())), joined)
         return
     gpus = visible_gpus(device) if device != "cpu" else []
     there = "cuda" if gpus else device

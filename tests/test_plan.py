@@ -89,7 +89,7 @@ def test_a_fluid_needs_a_cavity_and_is_recorded():
 def test_a_device_that_is_not_there_is_refused(monkeypatch, gpus, device, says):
     monkeypatch.setattr("warp.get_cuda_device_count", lambda: gpus)
     with pytest.raises(InputError, match=says):
-        make_plan(load_job("smoke.yaml"), device)
+        check_device(device)
 
 
 def test_devices_that_are_there_are_accepted(monkeypatch):
