@@ -24,9 +24,9 @@ a { color: #24548f; }
 nav { display: flex; flex-wrap: wrap; gap: 0.2em 1.2em; margin: 1.2em 0; padding: 0.6em 0.9em; background: #f5f6f7;
   border-radius: 6px; }
 .scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 13px; }
-td, th { padding: 3px 14px 3px 0; text-align: left; vertical-align: top; }
-th { border-bottom: 1px solid #8c959f; } td { border-bottom: 1px solid #eaeef2; }
+table { border-collapse: collapse; font-size: 13px; width: max-content; }
+td, th { padding: 3px 14px 3px 0; text-align: left; vertical-align: top; max-width: 26em; }
+th { vertical-align: bottom; border-bottom: 1px solid #8c959f; } td { border-bottom: 1px solid #eaeef2; }
 .fail { color: #b00020; font-weight: bold; } .ok { color: #1b7f3b; }
 img { display: block; max-width: 100%; height: auto; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 330px), 1fr)); gap: 1em; }

@@ -72,7 +72,7 @@ def _converged(dataset: Dataset, sensor: str) -> dict[str, np.ndarray]:
 
 def _draw_histogram(dataset: Dataset, quantity: Quantity, values: list[np.ndarray]) -> Figure:
     edges, counts = histogram(values, logarithmic=bool(quantity.tolerance))
-    figure = Figure(figsize=(4.8, 2.6), layout="constrained")
+    figure = Figure(figsize=(4.0, 2.3), layout="constrained")
     axes = figure.subplots()
     for sensor, own in zip(dataset.sensors, counts, strict=True):
         axes.stairs(own, edges, fill=True, alpha=0.45, label=sensor)

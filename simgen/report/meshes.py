@@ -39,7 +39,7 @@ def draw_press(dataset: Dataset, press: int, reached: int) -> Figure:
     }
     largest = max(np.linalg.norm(each, axis=-1).max() for own in moved.values() for each in own) * 1e3
     view = camera(dataset.root["press/contact_normal"][press] + OBLIQUE)
-    figure = Figure(figsize=(2.4 * len(depths) + 0.8, 2.1 * len(dataset.sensors) + 0.3), layout="constrained")
+    figure = Figure(figsize=(1.7 * len(depths) + 0.7, 1.6 * len(dataset.sensors) + 0.3), layout="constrained")
     figure.suptitle(f"{dataset.indenters[dataset['press/indenter'][press]]}, press {press}", fontsize=10)
     grid = figure.subplots(len(dataset.sensors), len(depths), squeeze=False)
     for row, (sensor, own) in zip(grid, moved.items(), strict=True):

@@ -1,5 +1,6 @@
 """An animated press: all sensors side by side in the shared frame, and the outline of the indenter."""
 
+import html
 import io
 from collections.abc import Iterator
 
@@ -17,12 +18,12 @@ from simgen.dataset import Dataset
 from simgen.drawing import camera, draw_surface
 from simgen.errors import InputError
 from simgen.page import image
+from simgen.quiet import start_warp
 from simgen.touch_audit import pressed_indenters
 
 from .choice import NOTHING_YET, furthest_press
 
 FRAME_MS, HOLD_MS = 180, 1200  # of each depth, of the last
-COLOURS_IN_GIF = 128
 SHAFT_M = 5e-3  # how much of the indenter is drawn
 TILT = 0.55  # the camera looks from the side, and that much from where the indenter comes from
 STEEL = "#5b7c99"
@@ -35,7 +36,7 @@ def motion_section(dataset: Dataset) -> Iterator[str]:
         return
     name = dataset.indenters[dataset["press/indenter"][press]]
     yield (
-        f"<p>Press {press}, {name}, the first of those that go furthest on all sensors: from rest to "
+        f"<p>Press {press}, {html.escape(name)}, the first of those that go furthest on all sensors: from rest to "
         f"{dataset['depth'][reached - 1] * 1e3:g} mm, seen from the side, coloured by the length of the "
         "displacement. Blue: outline of the indenter, hollows filled; it is left out if its file has changed.</p>"
     )
@@ -46,7 +47,7 @@ def animated_press(dataset: Dataset, press: int, reached: int) -> bytes:
     """A GIF of a press, at rest and at the depths reached."""
     sides = [_Side(dataset, sensor, press, reached) for sensor in dataset.sensors]
     largest = max(np.linalg.norm(side.displacement, axis=-1).max() for side in sides) * 1e3
-    figure = Figure(figsize=(3.6 * len(sides) + 0.9, 2.9), dpi=100, layout="constrained")
+    figure = Figure(figsize=(2.5 * len(sides) + 0.8, 2.1), dpi=140, layout="constrained")
     canvas = FigureCanvasAgg(figure)
     grid = np.atleast_1d(figure.subplots(1, len(sides)))
     frames = []
@@ -60,9 +61,8 @@ def animated_press(dataset: Dataset, press: int, reached: int) -> bytes:
             figure.set_layout_engine("none")  # nothing moves from frame to frame
         canvas.draw()
         frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
-    # Of the last frame, which is the most colourful; by the range of its colours, as most of it is pale gel.
-    palette = frames[-1].quantize(COLOURS_IN_GIF, method=Image.Quantize.MAXCOVERAGE)
-    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    # Palettes by the range of colours, not by their frequency: most of a frame is pale gel.
+    first, *others = (frame.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2) for frame in frames)
     data, durations = io.BytesIO(), [FRAME_MS] * reached + [HOLD_MS]
     first.save(data, "GIF", save_all=True, append_images=others, duration=durations, loop=0, optimize=True)
     return data.getvalue()
@@ -98,7 +98,7 @@ class _Side:
             seen = np.concatenate([seen, self._outline(-1)])
         (left, bottom), (right, top) = seen.min(axis=0) - 0.5, seen.max(axis=0) + 0.5
         axes.set(xlim=(left, right), ylim=(bottom, top))
-        axes.set_title(f"{self.sensor}, {self.depth[step + 1] * 1e3:.2f} mm", fontsize=11)
+        axes.set_title(f"{self.sensor}, {self.depth[step + 1] * 1e3:.2f} mm", fontsize=10)
         return faces
 
     def _outline(self, step: int) -> np.ndarray:
@@ -111,6 +111,7 @@ class _Side:
 
 def _tip(dataset: Dataset, press: int) -> np.ndarray | None:
     """(n, 3) m: points of the indenter of a press, in its frame; None if it is no more what it was."""
+    start_warp()
     try:
         indenter = pressed_indenters(dataset)[dataset["press/indenter"][press]]
     except InputError:

@@ -58,7 +58,7 @@ def outcomes_section(dataset: Dataset) -> Iterator[str]:
 
 
 def _draw_survival(dataset: Dataset, sensor: str, shares: np.ndarray) -> Figure:
-    figure = Figure(figsize=(4.8, 3.2), layout="constrained")
+    figure = Figure(figsize=(4.0, 3.0), layout="constrained")
     axes = figure.subplots()
     for name, share in zip(dataset.indenters, shares, strict=True):
         axes.plot(dataset["depth"] * 1e3, 100.0 * share, ".-", linewidth=1.2, label=name, alpha=0.8)

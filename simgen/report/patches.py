@@ -82,7 +82,10 @@ def patches_section(dataset: Dataset) -> Iterator[str]:
         all_of_them = np.count_nonzero(depths_reached(dataset, sensor))
         words = "all" if len(own) == all_of_them else "drawn by lot, as many of each indenter,"
         yield f"<p>{html.escape(sensor)}: {len(own):,} presses, {words} of {all_of_them:,} that touch.</p>"
-    yield "<h3>The patch of the press of each indenter that goes furthest, dark; along the contact's normal</h3>"
+    yield (
+        "<h3>Single patches</h3><p>Dark: what touches where the press ends that goes furthest on all sensors, of each "
+        f"indenter; seen along the contact's normal, {2e3 * CLOSE_UP_M:g} mm wide.</p>"
+    )
     pictures = (_picture_of_patch(dataset, found, index) for index in range(len(dataset.indenters)))
     yield tiles(filter(None, pictures), wide=True)
 
@@ -97,7 +100,7 @@ def _picture_of_patch(dataset: Dataset, found: dict[str, Patches], indenter: int
     if not reached:
         return ""
     name = dataset.indenters[indenter]
-    figure = Figure(figsize=(2.4 * len(found), 2.7), layout="constrained")
+    figure = Figure(figsize=(2.0 * len(found), 2.4), layout="constrained")
     figure.suptitle(f"{name}, press {press}, {dataset['depth'][reached - 1] * 1e3:g} mm", fontsize=10)
     for axes, patches in zip(np.atleast_1d(figure.subplots(1, len(found))), found.values(), strict=True):
         _draw_patch(axes, patches, press, reached - 1)

@@ -14,12 +14,13 @@ from plotly.offline import get_plotlyjs
 
 from simgen.dataset import Dataset
 from simgen.drawing import COLOURS, camera
+from simgen.page import tiles
 
 from .choice import NOTHING_YET, furthest_press
 from .meshes import OBLIQUE
 
-HEIGHT_PX = 430
-DISTANCE = 1.25  # of the camera, over the longest side
+HEIGHT_PX = 480
+DISTANCE = 1.35  # of the camera, over the longest side
 SCALE = [[step, to_hex(COLOURS(step))] for step in np.linspace(0.0, 1.0, 9).tolist()]
 AT_ONCE = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}, "transition": {"duration": 0}}
 
@@ -35,16 +36,19 @@ def solid_view_section(dataset: Dataset) -> Iterator[str]:
         "displacement. Drag to turn, pinch or scroll to come nearer; the slider is the depth.</p>"
         f"<script>{get_plotlyjs()}</script>"
     )
-    for sensor in dataset.sensors:
-        figure = solid_view(dataset, sensor, press, reached)
-        yield f"<h3>{html.escape(sensor)}</h3>" + to_html(
-            figure,
-            config={"responsive": True, "displaylogo": False, "modeBarButtons": [["resetCameraDefault3d"]]},
-            include_plotlyjs=False,
-            full_html=False,
-            default_height=f"{HEIGHT_PX}px",
-            div_id=f"solid-view-{sensor}",
-        )
+    yield tiles((_drawn_by_plotly(dataset, sensor, press, reached) for sensor in dataset.sensors), wide=True)
+
+
+def _drawn_by_plotly(dataset: Dataset, sensor: str, press: int, reached: int) -> str:
+    drawing = to_html(
+        solid_view(dataset, sensor, press, reached),
+        config={"responsive": True, "displaylogo": False, "modeBarButtons": [["resetCameraDefault3d"]]},
+        include_plotlyjs=False,
+        full_html=False,
+        default_height=f"{HEIGHT_PX}px",
+        div_id=f"solid-view-{sensor}",
+    )
+    return f"<div><h3>{html.escape(sensor)}</h3>{drawing}</div>"
 
 
 def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figure:
@@ -67,7 +71,8 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
     look = {"ambient": 0.55, "diffuse": 0.6, "specular": 0.1, "roughness": 0.7}
     shown = mesh(
         reached, i=i, j=j, k=k, cmin=0.0, cmax=float(length.max()), colorscale=SCALE, lighting=look, hoverinfo="skip",
-        colorbar={"title": {"text": "mm", "side": "top"}, "thickness": 12, "len": 0.7, "x": 1.0},
+        colorbar={"orientation": "h", "y": 1.0, "yanchor": "bottom", "thickness": 10, "len": 0.6, "nticks": 5,
+                  "title": {"text": "displacement, mm", "side": "top", "font": {"size": 12}}},
     )  # fmt: skip
     figure = Figure(shown, frames=[Frame(data=[mesh(step)], name=label) for step, label in enumerate(labels)])
     steps = [{"label": label, "method": "animate", "args": [[label], AT_ONCE]} for label in labels]
@@ -78,7 +83,7 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
     _, up, out = camera(normal + OBLIQUE)
     figure.update_layout(
         template="none",
-        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        margin={"l": 0, "r": 0, "t": 60, "b": 0},
         scene={
             "aspectmode": "manual",  # "data" would fill the picture to the same volume, and cut off what is flat
             "aspectratio": _xyz(aspect),

@@ -50,8 +50,8 @@ def draw_map(
     contacts: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> Figure:
     """Values (n,) of the touchable points, and contacts (points, normals, colours), seen from both sides of the pad."""
-    figure = Figure(figsize=(4.8, 4.9), layout="constrained")
-    figure.suptitle(title, fontsize=11)
+    figure = Figure(figsize=(3.9, 4.0), layout="constrained")
+    figure.suptitle(title, fontsize=10)
     grid = figure.subplots(2, 1)
     for axes, view in zip(grid, (FROM_PAD, FROM_OTHER_SIDE), strict=True):
         shown = None if values is None else surface.on_vertices(values)
