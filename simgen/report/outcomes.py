@@ -47,11 +47,15 @@ def outcomes_section(dataset: Dataset) -> Iterator[str]:
     if all(np.nanmin(share) == 1.0 for share in known):
         yield "<p>All presses that are there reached the last depth.</p>"
         return
-    yield "<h3>Share of presses that reach each depth</h3>"
+    yield (
+        "<h3>Share of presses that reach each depth</h3>"
+        "<p>Of the presses that are there; indenters that are not drawn reach the last depth with all.</p>"
+    )
     yield tiles(
         (
             picture(_draw_survival(dataset, sensor, share), f"share of presses that reach each depth on {sensor}")
             for sensor, share in shares.items()
+            if (share[:, -1] < 1.0).any()
         ),
         wide=True,
     )
@@ -61,7 +65,8 @@ def _draw_survival(dataset: Dataset, sensor: str, shares: np.ndarray) -> Figure:
     figure = Figure(figsize=(4.0, 3.0), layout="constrained")
     axes = figure.subplots()
     for name, share in zip(dataset.indenters, shares, strict=True):
-        axes.plot(dataset["depth"] * 1e3, 100.0 * share, ".-", linewidth=1.2, label=name, alpha=0.8)
+        if share[-1] < 1.0:
+            axes.plot(dataset["depth"] * 1e3, 100.0 * share, ".-", linewidth=1.2, label=name, alpha=0.8)
     axes.set_ylim(-3.0, 103.0)
     axes.set_title(sensor, fontsize=10)
     axes.set_xlabel("depth, mm")

@@ -14,7 +14,7 @@ from simgen.run_status import timings
 
 def head(dataset: Dataset) -> Iterator[str]:
     job, code = dataset.job, dataset.attributes.get("code", {})
-    commit = (code.get("commit") or "installed package")[:12]
+    commit = (code.get("commit") or "")[:12] or "installed package"
     yield f"<h1>{html.escape(job.name)}</h1>"
     yield (
         f"<p>{job.trajectories.count:,} trajectories x {len(job.indenters)} indenters x "

@@ -13,7 +13,7 @@ from plotly.io import to_html
 from plotly.offline import get_plotlyjs
 
 from simgen.dataset import Dataset
-from simgen.drawing import COLOURS, camera
+from simgen.drawing import COLOURS, LIGHT, camera
 from simgen.page import tiles
 
 from .choice import NOTHING_YET, furthest_press
@@ -69,8 +69,10 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
 
     i, j, k = np.ascontiguousarray(triangles.T)
     look = {"ambient": 0.55, "diffuse": 0.6, "specular": 0.1, "roughness": 0.7}
+    light = _xyz(1e5 * LIGHT)  # far away; plotly.js has it turn with the viewer
     shown = mesh(
-        reached, i=i, j=j, k=k, cmin=0.0, cmax=float(length.max()), colorscale=SCALE, lighting=look, hoverinfo="skip",
+        reached, i=i, j=j, k=k, cmin=0.0, cmax=float(length.max()), colorscale=SCALE,
+        lighting=look, lightposition=light, hoverinfo="skip",
         colorbar={"orientation": "h", "y": 1.0, "yanchor": "bottom", "thickness": 10, "len": 0.6, "nticks": 5,
                   "title": {"text": "displacement, mm", "side": "top", "font": {"size": 12}}},
     )  # fmt: skip
