@@ -22,15 +22,15 @@ def furthest_press(dataset: Dataset, indenter: int | None = None) -> tuple[int, 
 
 
 def drawn_presses(dataset: Dataset, sensor: str, count: int) -> np.ndarray:
-    """(n,) at most ``count`` presses that touched a sensor, as many of each indenter, drawn by lot with the job's seed.
+    """(n,) at most ``count`` presses with a converged sample on a sensor, as many of each indenter, by lot with a seed.
 
     Evenly spaced ones would not do: contacts are a low-discrepancy sequence, of which every 2^k-th lies in one corner.
     """
     random = np.random.default_rng(dataset.job.seed)
-    indenter, touched = dataset["press/indenter"], depths_reached(dataset, sensor) > 0
+    indenter, there = dataset["press/indenter"], depths_reached(dataset, sensor) > 0
     each = max(count // len(dataset.indenters), 1)
     chosen = []
     for index in range(len(dataset.indenters)):
-        own = np.flatnonzero(touched & (indenter == index))
+        own = np.flatnonzero(there & (indenter == index))
         chosen.append(random.choice(own, min(each, len(own)), replace=False))
     return np.sort(np.concatenate(chosen))

@@ -81,7 +81,7 @@ def patches_section(dataset: Dataset) -> Iterator[str]:
     for sensor, own in presses.items():
         all_of_them = np.count_nonzero(depths_reached(dataset, sensor))
         words = "all" if len(own) == all_of_them else "drawn by lot, as many of each indenter,"
-        yield f"<p>{html.escape(sensor)}: {len(own):,} presses, {words} of {all_of_them:,} that touch.</p>"
+        yield f"<p>{html.escape(sensor)}: {len(own):,} presses, {words} of {all_of_them:,} with a converged sample.</p>"
     yield (
         "<h3>Single patches</h3><p>Dark: what touches where the press ends that goes furthest on all sensors, of each "
         f"indenter; seen along the contact's normal, {2e3 * CLOSE_UP_M:g} mm wide.</p>"
