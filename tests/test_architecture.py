@@ -124,6 +124,7 @@ def test_help_needs_none_of_the_heavy_packages():
         "dask",
         "trimesh",
         "matplotlib",
+        "plotly",
         "pydantic",
         "torch",
     }
@@ -131,4 +132,4 @@ def test_help_needs_none_of_the_heavy_packages():
 
 
 def test_a_run_draws_nothing_and_learns_nothing():
-    assert not {"torch", "matplotlib"} & loaded_after("import simgen.run")
+    assert not {"torch", "matplotlib", "plotly"} & loaded_after("import simgen.run")
