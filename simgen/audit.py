@@ -15,6 +15,7 @@ from simgen import touch_audit
 from simgen.dataset import PLAN, Dataset
 from simgen.errors import InputError
 from simgen.finding import SHOWN, Finding, name, named
+from simgen.job_schema import hash_of
 from simgen.splits import IN_NONE, SPLITS
 
 FORCE_BALANCE = 1e-3  # of the contact force
@@ -114,8 +115,8 @@ def _sha256(dataset: Dataset, file: str) -> str | None:
 
 
 def _job(dataset: Dataset) -> Finding:
-    same = dataset.job.hash == dataset.attributes["job_hash"]
-    return Finding("dataset", "job hash", dataset.job.hash[:12], dataset.attributes["job_hash"][:12], same)
+    found, expected = hash_of(dataset.attributes["job"]), dataset.attributes["job_hash"]
+    return Finding("dataset", "job hash", found[:12], expected[:12], found == expected)
 
 
 def _layout(dataset: Dataset) -> Iterator[Finding]:

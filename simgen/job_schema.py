@@ -194,7 +194,7 @@ class Job(Section):
     @property
     def hash(self) -> str:
         """sha256 of the resolved job. Keys are in the order of the schema, sensors in that of the job."""
-        return hashlib.sha256(json.dumps(self.resolved()).encode()).hexdigest()
+        return hash_of(self.resolved())
 
     def __hash__(self) -> int:
         return int(self.hash[:15], 16)
@@ -202,6 +202,11 @@ class Job(Section):
     def output(self) -> Path:
         """Where the dataset goes unless the command line says otherwise."""
         return Path(self.dataset.output or f"{self.name}.zarr").expanduser()
+
+
+def hash_of(resolved: dict[str, Any]) -> str:
+    """sha256 of what a job resolves to, its keys in their order."""
+    return hashlib.sha256(json.dumps(resolved).encode()).hexdigest()
 
 
 def is_path(text: str) -> bool:
