@@ -22,6 +22,7 @@ One zarr v3 directory, in SI units::
       <sensor>/cavity_pressure (press, depth)          Pa above ambient; only with a fluid in its cavity
       <sensor>/status (press, depth)                   0 converged; the sentences are in the attributes
       <sensor>/certificate/* (press, depth)            residual, force_balance, min_det_F, ...
+      README.md, presses.csv, croissant.json           what it is, for people and machines (`simgen.card`)
       manifest/*.json                                  sha256 of every file: the plan's, each finished shard's
       manifest/timings.jsonl                           when, where, how long: all that the job does not decide
       .lock                                            held, and signed, by the process that is filling the dataset

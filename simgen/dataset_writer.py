@@ -22,6 +22,7 @@ import zarr
 from zarr.codecs import BloscCodec
 
 from simgen import whole_files
+from simgen.card import has_card
 from simgen.chunk_files import COMPRESSION, chunk_file, sharded_files
 from simgen.dataset import PLAN, SCHEMA, TIMINGS, Array, Dataset, written_arrays
 from simgen.errors import InputError, writing
@@ -112,7 +113,7 @@ def open_or_create(
 
 def complete(dataset: Dataset) -> bool:
     """Whether there is nothing to write or to remove any more."""
-    return not dataset.unfinished() and not (dataset.path / STAGING).exists()
+    return not dataset.unfinished() and has_card(dataset) and not (dataset.path / STAGING).exists()
 
 
 @contextmanager

@@ -102,6 +102,9 @@ class DatasetSettings(Section):
     leave_out: str | None = Field(
         None, description="the name of one of the indenters: it alone is tested, all others train"
     )
+    license: str | None = Field(
+        None, pattern=r"^[A-Za-z0-9][ -~]{0,99}$", description="a licence of the data for its card, e.g. CC-BY-4.0"
+    )
     output: str | None = Field(None, description="a folder; by default <name>.zarr in the current one")
 
 

@@ -9,8 +9,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from simgen.card import write_card
 from simgen.dataset import Dataset
-from simgen.dataset_writer import complete, filling, log_timing, open_or_create
+from simgen.dataset_writer import complete, filling, folder_aside, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
 from simgen.job_schema import Job
 from simgen.plan import Plan
@@ -62,6 +63,9 @@ def run(
         except BaseException:
             workers.close()
             raise
+        if not dataset.unfinished():
+            with folder_aside(dataset) as folder:
+                write_card(dataset, folder)
     return dataset
 
 

@@ -20,6 +20,11 @@ def split_by_trajectory(count: int, seed: int) -> np.ndarray:
     return split
 
 
+def split_names(split: np.ndarray) -> np.ndarray:
+    """The names of splits, an array of text of the same shape; ``none`` for `IN_NONE`."""
+    return np.array([*SPLITS, "none"])[split]
+
+
 def leave_out(split: np.ndarray, indenter: np.ndarray, left_out: int) -> np.ndarray:
     """(press,) int8 split that tests an indenter nobody has trained with, at places where nobody has trained.
 

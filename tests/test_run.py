@@ -358,4 +358,5 @@ def test_a_task_of_many_shards_writes_the_same_bytes(whole, tmp_path):
     dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
     reports = run_shards(dataset.path, [0, 1, 2, 3, 4, 5], plan.job, "cpu", fake.fake_presser)
     assert [report.shard for report in reports] == list(range(6))
+    run(plan, dataset.path, build=fake.raising_presser)  # the card is left to write
     assert fake.contents(dataset.path) == fake.contents(whole)

@@ -1,0 +1,44 @@
+"""``presses.csv``: a line for each press."""
+
+import csv
+import io
+
+import numpy as np
+
+from simgen.dataset import Dataset
+from simgen.splits import split_names
+
+SHARED = {
+    "press": ("sc:Integer", "number of the press, the first index of its arrays"),
+    "trajectory": ("sc:Integer", "number of the contact, which all indenters share"),
+    "indenter": ("sc:Text", "name of the indenter"),
+    "split": ("sc:Text", "train, validation or test; none with an indenter that is left out"),
+    "contact_x_m": ("sc:Float", "contact point on the first sensor, shared frame, m"),
+    "contact_y_m": ("sc:Float", "contact point on the first sensor, shared frame, m"),
+    "contact_z_m": ("sc:Float", "contact point on the first sensor, shared frame, m"),
+}
+
+
+def columns(dataset: Dataset) -> dict[str, tuple[str, str]]:
+    """Type, in the vocabulary of schema.org, and meaning of each column."""
+    of_sensors = {
+        f"{sensor}_converged": ("sc:Integer", f"number of the depths at which the press converged on {sensor}")
+        for sensor in dataset.sensors
+    }
+    return SHARED | of_sensors
+
+
+def presses_csv(dataset: Dataset) -> str:
+    """The table as text, with a line of names."""
+    trajectory, indenter, split = (dataset[f"press/{key}"] for key in ("trajectory", "indenter", "split"))
+    contact = dataset["press/contact_pose"][:, :3, 3]
+    converged = [np.count_nonzero(dataset[f"{sensor}/status"] == 0, axis=1) for sensor in dataset.sensors]
+    names = split_names(split)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns(dataset))
+    for press in range(dataset.presses):
+        point = [f"{value:.9f}" for value in contact[press]]
+        counts = [int(count[press]) for count in converged]
+        writer.writerow([press, trajectory[press], dataset.indenters[indenter[press]], names[press], *point, *counts])
+    return text.getvalue()

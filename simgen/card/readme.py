@@ -1,0 +1,152 @@
+"""``README.md`` of a dataset: what it is, how it was made, what it is worth, how to read it."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import yaml
+
+from simgen.dataset import Dataset
+from simgen.splits import SPLITS, split_names
+
+READING = """```python
+from simgen import load_dataset
+
+samples = load_dataset("{path}", split="train")  # of samples that converged on all sensors
+sample = samples[0]                              # arrays by name, float32, SI units
+u = sample["{sensor}/displacement"]              # (vertex, 3) m; rest positions are in samples.rest_positions
+loader = torch.utils.data.DataLoader(samples.torch(), batch_size=32, shuffle=True)
+```"""
+
+LIMITS = (
+    "Presses are quasi-static: no inertia, no viscosity, no wear, no temperature.",
+    "Indenters are rigid and move along a straight line, one indenter at a time, from first touch on.",
+    "Numbers come from a model of the sensors, not from a measurement of one.",
+)
+
+SOURCES = (
+    "The bundled sensors' shapes were measured on public meshes (BioTac skin: NVlabs/biotac_sim; DIGIT gel: "
+    "wzaielamri/across_framework; both MIT); none of their files is part of simgen or of this dataset.",
+    "The pairs follow ACROSS: A Deformation-Based Cross-Modal Representation for Robotic Tactile Perception "
+    "(ICRA 2025, arXiv:2411.08533).",
+)
+
+
+def readme(dataset: Dataset) -> str:
+    """The text of the card, Markdown with the front matter that dataset hubs read."""
+    sections = (_front_matter, _head, _contents, _worth, _making, _reading, _terms)
+    return "\n\n".join("\n".join(section(dataset)) for section in sections) + "\n"
+
+
+def summary(dataset: Dataset) -> str:
+    """The dataset in one sentence."""
+    job = dataset.job
+    return (
+        f"Simulated touch: {job.trajectories.count:,} contacts x {len(job.indenters)} indenters x "
+        f"{job.depths_mm.count} depths ({job.depths_mm.first:g} to {job.depths_mm.last:g} mm) on "
+        f"{' and '.join(dataset.sensors)}: displacement of every vertex, force, moment, and a certificate of accuracy."
+    )
+
+
+def _front_matter(dataset: Dataset) -> Iterator[str]:
+    known = {"pretty_name": dataset.job.name, "tags": ["tactile", "simulation", "finite-elements", "robotics"]}
+    if dataset.job.dataset.license:
+        known["license"] = dataset.job.dataset.license
+    yield from ("---", yaml.safe_dump(known, sort_keys=False).rstrip(), "---")
+
+
+def _head(dataset: Dataset) -> Iterator[str]:
+    yield f"# {dataset.job.name}"
+    yield ""
+    yield summary(dataset)
+    if len(dataset.sensors) > 1:
+        yield "The same contact is pressed into each sensor, so that samples are pairs."
+
+
+def _contents(dataset: Dataset) -> Iterator[str]:
+    yield "## What is in it"
+    yield ""
+    indenter, split = dataset["press/indenter"], split_names(dataset["press/split"])
+    kinds = [*SPLITS, *(["none"] if "none" in split else [])]
+    header = ["presses of", *kinds, *(f"depths converged on {sensor}" for sensor in dataset.sensors)]
+    yield from _row(header)
+    yield from _row(["---"] * len(header))
+    status = {sensor: dataset[f"{sensor}/status"] for sensor in dataset.sensors}
+    for index, name in enumerate(dataset.indenters):
+        own = indenter == index
+        counts = [np.count_nonzero(own & (split == kind)) for kind in kinds]
+        converged = [f"{np.count_nonzero(each[own] == 0)} of {each[own].size}" for each in status.values()]
+        yield from _row([name, *counts, *converged])
+    yield ""
+    yield "A contact (trajectory) is in one split with all its presses and depths. `presses.csv` lists the presses,"
+    yield "`croissant.json` describes table and arrays, and the folder itself is a zarr v3 group."
+
+
+def _worth(dataset: Dataset) -> Iterator[str]:
+    yield "## What its samples are worth"
+    yield ""
+    yield "Worst over the samples that converged; every sample carries its own."
+    yield ""
+    keys = {"residual": "{:.1e}", "contact_error": "{:.1e}", "force_balance": "{:.1e}", "min_det_F": "{:.3f}",
+            "inverted_elements": "{:.0f}", "max_penetration_m": "{:.1e}"}  # fmt: skip
+    yield from _row(["sensor", *keys])
+    yield from _row(["---"] * (1 + len(keys)))
+    for sensor in dataset.sensors:
+        good = dataset[f"{sensor}/status"] == 0
+        worst = []
+        for key, form in keys.items():
+            values = dataset[f"{sensor}/certificate/{key}"][good]
+            pick = np.min if key == "min_det_F" else np.max
+            worst.append(form.format(pick(values)) if len(values) else "")
+        yield from _row([sensor, *worst])
+    yield from _failures(dataset)
+
+
+def _failures(dataset: Dataset) -> Iterator[str]:
+    status = np.concatenate([dataset[f"{sensor}/status"].ravel() for sensor in dataset.sensors])
+    codes, counts = np.unique(status[status != 0], return_counts=True)
+    yield ""
+    yield "Samples that did not converge, with their reason:" if len(codes) else "All samples converged."
+    for code, count in zip(codes, counts, strict=True):
+        yield f"- {count}: {dataset.attributes['status'].get(str(code), 'not there')}"
+
+
+def _making(dataset: Dataset) -> Iterator[str]:
+    code, packages = dataset.attributes.get("code", {}), dataset.attributes.get("packages", {})
+    yield "## How it was made"
+    yield ""
+    commit = f", commit {code['commit'][:12]}" if code.get("commit") else ""
+    changed = " with changes" if code.get("dirty") else ""
+    yield f"simgen {code.get('version', '')}{commit}{changed}, on {dataset.attributes.get('device', 'cpu')};"
+    yield ", ".join(f"{name} {version}" for name, version in packages.items()) + "."
+    yield ""
+    for sensor, known in dataset.attributes.get("sensors", {}).items():
+        material = known["material"]
+        yield (f"- {sensor}: E = {material['youngs_modulus_pa']:g} Pa, nu = {material['poisson_ratio']:g}, friction "
+               f"{material['friction']:g} ({material['source'] or 'no source given'}); fluid: {known['fluid']}; mesh "
+               f"{known['simulation_mesh'][:12]}")  # fmt: skip
+    yield ""
+    yield "This job, in a file, makes it again: `simgen run job.yaml`."
+    yield ""
+    yield "```yaml"
+    yield yaml.safe_dump(dataset.attributes["job"], sort_keys=False).rstrip()
+    yield "```"
+
+
+def _reading(dataset: Dataset) -> Iterator[str]:
+    yield "## How to read it"
+    yield ""
+    yield READING.format(path=f"{dataset.job.name}.zarr", sensor=dataset.sensors[0])
+    yield ""
+    yield "`simgen check` verifies it, `simgen report` shows it, `simgen export` writes it for other readers."
+
+
+def _terms(dataset: Dataset) -> Iterator[str]:
+    yield "## Limits, licence, sources"
+    yield ""
+    yield from (f"- {limit}" for limit in LIMITS)
+    yield f"- Licence of this dataset: {dataset.job.dataset.license or 'its maker has stated none'}."
+    yield from (f"- {source}" for source in SOURCES)
+
+
+def _row(cells: list) -> Iterator[str]:
+    yield f"| {' | '.join(map(str, cells))} |"

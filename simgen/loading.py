@@ -1,0 +1,113 @@
+"""Samples of a dataset for training: a sequence of named arrays, in numpy or in torch."""
+
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simgen.dataset import Dataset
+from simgen.errors import InputError
+from simgen.splits import IN_NONE, SPLITS, leave_out
+
+if TYPE_CHECKING:
+    import torch
+
+
+def load_dataset(
+    path: str | Path,
+    split: str | None = None,
+    sensors: Sequence[str] | None = None,
+    left_out: str | None = None,
+) -> "Samples":
+    """The samples of a dataset that converged on all `sensors` (default: all of the dataset).
+
+    `split`: train, validation or test; None is all of them. `left_out`, the name of an indenter, tests that one alone
+    at the trajectories of the test, and leaves it out of training and validation; by default as the dataset says.
+    Raises `InputError` for a name that is not there.
+    """
+    dataset = Dataset(path)
+    names = dataset.sensors if sensors is None else tuple(sensors)
+    for key, value, allowed in (
+        *(("sensor", name, dataset.sensors) for name in names),
+        *([("split", split, tuple(SPLITS))] if split is not None else []),
+        *([("left_out", left_out, dataset.indenters)] if left_out is not None else []),
+    ):
+        if value not in allowed:
+            raise InputError(f"{path}: {key} {value!r}: allowed: {', '.join(allowed)}")
+    if not names:
+        raise InputError(f"{path}: no sensor is asked for; allowed: {', '.join(dataset.sensors)}")
+    stored = dataset.job.dataset.leave_out
+    if left_out is not None and stored not in (None, left_out):
+        raise InputError(f"{path}: left_out {left_out!r}: allowed: {stored}, which the dataset leaves out itself")
+    converged = np.all([dataset[f"{name}/status"] == 0 for name in names], axis=0)
+    own = dataset["press/split"]
+    if left_out is not None and stored is None:
+        own = leave_out(own, dataset["press/indenter"], dataset.indenters.index(left_out))
+    chosen = own != IN_NONE if split is None else own == list(SPLITS).index(split)
+    return Samples(dataset.path, names, np.argwhere(converged & chosen[:, None]))
+
+
+class Samples(Sequence):
+    """Samples by number: ``samples[0]["digit/displacement"]``; made by `load_dataset`.
+
+    sensors : names
+    rows : (sample, 2) press and index of the depth of each
+    """
+
+    def __init__(self, path: Path, sensors: tuple[str, ...], rows: np.ndarray):
+        self.path, self.sensors, self.rows = path.resolve(), sensors, rows
+        self._opened: tuple[int, Dataset] | None = None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, number: int) -> dict[str, np.ndarray]:
+        """A sample: float32 in SI units, numbers in int64.
+
+        ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` and ``<sensor>/moment`` (3,) in the sensor's frame;
+        ``depth`` m; ``press``, ``trajectory`` and ``indenter``, an index into `indenters`.
+        """
+        press, step = map(int, self.rows[number])
+        shared = self._columns
+        sample = {key: np.int64(shared[f"press/{key}"][press]) for key in ("trajectory", "indenter")}
+        sample |= {"press": np.int64(press), "depth": np.float32(shared["depth"][step])}
+        for sensor in self.sensors:
+            displacement = self.dataset.displacement(sensor, press, step)
+            sample[f"{sensor}/displacement"] = displacement.astype(np.float32)
+            for key in ("force", "moment"):
+                sample[f"{sensor}/{key}"] = shared[f"{sensor}/{key}"][press, step].astype(np.float32)
+        return sample
+
+    @property
+    def dataset(self) -> Dataset:
+        """The dataset, opened once in each process."""
+        if self._opened is None or self._opened[0] != os.getpid():
+            self._opened = (os.getpid(), Dataset(self.path))
+        return self._opened[1]
+
+    @cached_property
+    def _columns(self) -> dict[str, np.ndarray]:
+        names = ["depth", "press/trajectory", "press/indenter"]
+        names += [f"{sensor}/{key}" for sensor in self.sensors for key in ("force", "moment")]
+        return {name: self.dataset[name] for name in names}
+
+    @property
+    def indenters(self) -> tuple[str, ...]:
+        return self.dataset.indenters
+
+    @cached_property
+    def rest_positions(self) -> dict[str, np.ndarray]:
+        """Sensor -> (vertex, 3) m, in its frame."""
+        return {sensor: self.dataset[f"{sensor}/rest_positions"] for sensor in self.sensors}
+
+    def torch(self) -> "torch.utils.data.Dataset":
+        """The same samples as a map-style dataset of tensors; torch is imported here and nowhere before."""
+        from simgen.torch_samples import TorchSamples
+
+        return TorchSamples(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"path": self.path, "sensors": self.sensors, "rows": self.rows, "_opened": None}

@@ -1,0 +1,107 @@
+"""The card of a dataset: what stands in it is what is in the dataset, and Croissant's own reader takes it."""
+
+import csv
+import io
+import logging
+
+import fake
+import numpy as np
+import pytest
+import yaml
+
+from simgen.card import CARD
+from simgen.dataset import Dataset
+from simgen.job import load_job
+from simgen.plan import sensor_identity
+from simgen.run import run
+from simgen.sensor import load_sensor
+
+JOB = {"trajectories": {"count": 20}, "dataset": {"leave_out": "ring_7mm", "license": "CC-BY-4.0"}}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    path = tmp_path_factory.mktemp("card") / "fake.zarr"
+    return run(fake.make_plan(fake.make_job(**JOB)), path, build=fake.failing_presser)
+
+
+@pytest.fixture(scope="module")
+def text(dataset):
+    return (dataset.path / "README.md").read_text()
+
+
+def test_the_job_in_the_card_makes_the_dataset_again(dataset, text, tmp_path):
+    (tmp_path / "job.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
+    assert load_job(tmp_path / "job.yaml").hash == dataset.attributes["job_hash"]
+
+
+def test_its_counts_are_those_of_the_arrays(text):
+    """Twenty trajectories, 16, 2 and 2; the ring, left out, stalls after two of four depths."""
+    assert "| sphere_7mm | 16 | 2 | 0 | 2 | 80 of 80 | 80 of 80 |" in text
+    assert "| ring_7mm | 0 | 0 | 2 | 18 | 40 of 80 | 40 of 80 |" in text
+    assert "- 80: Stalled." in text
+    assert "Licence of this dataset: CC-BY-4.0." in text
+
+
+def test_its_front_matter_is_yaml(text):
+    known = yaml.safe_load(text.split("---\n")[1])
+    assert known["pretty_name"] == "fake" and known["license"] == "CC-BY-4.0"
+
+
+def test_the_table_of_presses(dataset):
+    rows = list(csv.DictReader(io.StringIO((dataset.path / "presses.csv").read_text())))
+    assert [int(row["press"]) for row in rows] == list(range(60))
+    assert [dataset.indenters.index(row["indenter"]) for row in rows] == dataset["press/indenter"].tolist()
+    contact = [[float(row[f"contact_{axis}_m"]) for axis in "xyz"] for row in rows]
+    np.testing.assert_allclose(contact, dataset["press/contact_pose"][:, :3, 3], atol=0.5e-9)
+    names = dict(zip(("train", "validation", "test", "none"), (0, 1, 2, -1), strict=True))
+    assert [names[row["split"]] for row in rows] == dataset["press/split"].tolist()
+    assert [int(row["digit_converged"]) for row in rows] == np.sum(dataset["digit/status"] == 0, axis=1).tolist()
+
+
+def test_croissant_s_own_reader_takes_it(dataset, caplog):
+    """Without an error; it recommends a date of publication, which a run cannot know."""
+    croissant = pytest.importorskip("mlcroissant", reason="mlcroissant is not installed (the dev extra)")
+    with caplog.at_level(logging.WARNING):
+        read = croissant.Dataset(dataset.path / "croissant.json")
+    assert not read.metadata.ctx.issues.errors
+    warnings = [str(issue) for issue in read.metadata.ctx.issues.warnings]
+    assert all("datePublished" in warning for warning in warnings), warnings
+    presses = list(read.records("presses"))  # it compares the file's sha256, too
+    assert [press["presses/press"] for press in presses] == list(range(60))
+    assert presses[1]["presses/indenter"] == b"ring_7mm"
+    listed = {record["arrays/path"]: record for record in read.records("arrays")}
+    assert listed["digit/displacement"]["arrays/shape"] == f"60 x 4 x {len(fake.VERTICES)} x 3"
+    members = {path for path, member in dataset.root.members(max_depth=None) if hasattr(member, "shape")}
+    assert set(listed) == members
+
+
+def test_a_card_that_was_not_written_is_written_by_the_same_command(dataset):
+    """As after a kill between the last shard and the card."""
+    before = fake.contents(dataset.path)
+    (dataset.path / CARD[1]).unlink()
+    run(fake.make_plan(fake.make_job(**JOB)), dataset.path, build=fake.failing_presser)
+    assert fake.contents(dataset.path) == before
+
+
+def test_an_owner_may_edit_it(dataset):
+    card = dataset.path / "README.md"
+    before = card.read_text()
+    card.write_text(before + "\nOurs.\n")
+    run(fake.make_plan(fake.make_job(**JOB)), dataset.path, build=fake.failing_presser)
+    assert card.read_text().endswith("Ours.\n")
+    card.write_text(before)
+
+
+def test_an_unfinished_dataset_has_none(tmp_path):
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.overflowing_presser)
+    assert Dataset(dataset.path).unfinished() and not [name for name in CARD if (dataset.path / name).exists()]
+
+
+def test_a_sensor_s_material_stands_in_it_with_its_source(tmp_path):
+    plan = fake.make_plan(fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}}))
+    own = sensor_identity(plan.job, "digit", load_sensor("digit", "coarse"))
+    plan.attributes = {**plan.attributes, "sensors": {"digit": own}}
+    dataset = run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
+    (line,) = [each for each in (dataset.path / "README.md").read_text().splitlines() if each.startswith("- digit: E")]
+    assert "E = 539000 Pa, nu = 0.499, friction 0.78 (" in line and own["material"]["source"] in line
