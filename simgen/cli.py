@@ -99,6 +99,9 @@ def check(
     repair: Annotated[
         bool, typer.Option("--repair", help="Solve again what is damaged or missing, and only that.")
     ] = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all findings, with every bad sample.")
+    ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     scheduler_file: SchedulerFile = None,
@@ -111,6 +114,8 @@ def check(
     from simgen.audit import check, passes, to_repair
     from simgen.console import print_findings, run_with_progress
     from simgen.dataset import Dataset
+    from simgen.errors import writing
+    from simgen.finding import as_json
 
     opened = Dataset(dataset)
     findings = check(opened)
@@ -121,6 +126,9 @@ def check(
             raise typer.Exit(1)
         findings = check(Dataset(dataset))
         print_findings(dataset, findings)
+    if json_file:
+        with writing(json_file):
+            json_file.write_text(as_json(findings), encoding="utf-8")
     if not passes(findings):
         raise typer.Exit(1)
 

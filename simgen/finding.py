@@ -1,6 +1,8 @@
 """What an audit says: one line for each thing that it looked at, and which samples are to blame."""
 
-from dataclasses import dataclass
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -27,6 +29,11 @@ class Finding:
     @property
     def failed(self) -> bool:
         return self.passed is not None and not self.passed
+
+
+def as_json(findings: Sequence[Finding]) -> str:
+    """All of the findings, of which each names all that is bad."""
+    return json.dumps([asdict(finding) for finding in findings], indent=1) + "\n"
 
 
 def named(

@@ -1,5 +1,6 @@
 """The command line: help, exit codes, one line for bad input. The commands run as a user runs them."""
 
+import json
 import os
 import subprocess
 import sys
@@ -72,6 +73,17 @@ def test_check_passes_a_sound_dataset_and_fails_a_broken_one(dataset, tmp_path):
     assert done.returncode == 1
     assert "FAIL" in done.stdout
     assert "10 of 12" in done.stdout
+
+
+def test_check_writes_its_findings(dataset, tmp_path):
+    done = simgen("check", dataset, "--json", "found.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert all(each["passed"] in (True, None) for each in found)
+    assert {"subject": "dataset", "what": "presses", "found": "12 of 12", "allowed": "all"}.items() <= found[0].items()
+    done = simgen("check", dataset, "--json", "nowhere/found.json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "simgen: nowhere/found.json: cannot be written: No such file or directory\n"
 
 
 def test_report_writes_one_page_named_after_the_job(dataset, tmp_path):
