@@ -1,0 +1,240 @@
+"""Import of result files of ACROSS and biotac_sim as a dataset, which `simgen.dataset.Dataset` reads.
+
+Displacements are coordinates less the rest positions of a mesh that the user gives. What the files do not say is not
+made up: numbers are NaN or -1, arrays of the plan are not there (``held``, ``touchable``, ``press/contact_pose``), the
+job has no keys for it, and the attribute ``source`` says where all came from. ``<sensor>/stated_depth`` (press, depth)
+holds the depths of the files, m, which need not be the even ones of the dataset.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import meshio
+import numpy as np
+
+from simgen import provenance
+from simgen.dataset import SPLITS, Dataset, split_by_trajectory
+from simgen.dataset_writer import manifest_aside, write_aside, write_plan
+from simgen.errors import InputError, writing
+from simgen.exchange.catalogue import Catalogue, Place, read_catalogue
+from simgen.exchange.depths import depth_axis, on_axis
+from simgen.exchange.result_files import ResultFile
+from simgen.exchange.selection import Track, untracked
+from simgen.job import Job, job_from_dict
+from simgen.mesh_files import read_mesh
+from simgen.tetrahedra import boundary_triangles
+from simgen.whole_files import check_new, put_in_place, whole_folder
+
+ABSENT = 100  # status of a sample that no file holds
+STATUS = {"0": "In a file that was imported.", str(ABSENT): "In none of the files that were imported."}
+FARTHEST_M = 1e-2  # of a vertex from rest: no press is deeper
+
+
+def import_results(
+    files: Sequence[Path],
+    meshes: Sequence[str],
+    output: Path,
+    name: str | None = None,
+    depths_mm: str | None = None,
+    track: Track = untracked,
+) -> Dataset:
+    """Make a dataset of result files, whole or not at all.
+
+    meshes : ``SENSOR=FILE`` for each sensor: its rest mesh of tetrahedra, m, in the frame of its result files
+    name : of the job; by default that of the files, if simgen wrote them, or that of the output
+    depths_mm : ``first:last:count``, where the files say no depths, or uneven ones: each sample goes to the nearest
+
+    Raises `InputError` for what cannot be read, does not fit together or cannot be written.
+    """
+    check_new(output)
+    given = _given_meshes(meshes)
+    rest = {sensor: _rest_mesh(sensor, path) for sensor, path in given.items()}
+    found = read_catalogue(files, given, track)
+    own = next((job_from_dict(json.loads(text), f"{path}: job") for text, path in found.own_jobs.items()), None)
+    axis = depth_axis(found, depths_mm, own)
+    job = _job(found, given, axis, own, name or (own.name if own else output.name.removesuffix(".zarr")))
+    samples, left_out = on_axis(found, job.depths_m)
+    attributes = _attributes(found, given, job, left_out)
+    with writing(output), whole_folder(output.resolve()) as folder:
+        write_plan(folder, attributes, _planned(found, job, rest, samples, own), job)
+        _fill(Dataset(folder), found, samples, track)
+    return Dataset(output)
+
+
+def _given_meshes(texts: Sequence[str]) -> dict[str, Path]:
+    given = {}
+    for text in texts:
+        sensor, equals, path = text.partition("=")
+        if not (sensor and equals and path):
+            raise InputError(f"--mesh {text!r}: write it as SENSOR=FILE")
+        if sensor in given:
+            raise InputError(f"--mesh {text!r}: sensor {sensor!r} has a mesh already")
+        given[sensor] = Path(path)
+    if not given:
+        raise InputError("--mesh: missing; give SENSOR=FILE for each sensor")
+    return given
+
+
+def _rest_mesh(sensor: str, path: Path) -> dict[str, np.ndarray]:
+    """Arrays of the plan; held and touchable if the file says which vertices are."""
+    _, vertices, tetrahedra = read_mesh(path, "m")
+    if tetrahedra is None:
+        raise InputError(f"--mesh {sensor}={path}: holds no tetrahedra")
+    surface = boundary_triangles(tetrahedra)[0]
+    arrays = {"rest_positions": vertices, "tetrahedra": tetrahedra, "surface_triangles": surface.astype(np.int32)}
+    flags = meshio.read(path).point_data if path.suffix == ".vtu" else {}
+    return arrays | {key: flags[key].astype(bool) for key in ("held", "touchable") if key in flags}
+
+
+def _job(found: Catalogue, meshes: Mapping[str, Path], axis: dict, own: Job | None, name: str) -> Job:
+    """What the files say of a job; Dataset fills in defaults, which then mean nothing."""
+    return job_from_dict(
+        {
+            "name": name,
+            "seed": own.seed if own else 0,
+            "sensors": {sensor: {"model": path.name} for sensor, path in meshes.items()},
+            "indenters": found.names,
+            "trajectories": {"count": len(found.trials)},
+            "depths_mm": axis,
+            "dataset": {"displacement": "float32"},
+        },
+        "what is imported",
+        {"name": "--name", "depths_mm": "depths"},
+    )
+
+
+def _attributes(found: Catalogue, meshes: Mapping[str, Path], job: Job, left_out: int) -> dict:
+    job_of_files = [json.loads(text) for text in found.own_jobs]
+    return {
+        "job": job.model_dump(mode="json", exclude_unset=True),
+        "job_hash": job.hash,
+        "code": provenance.code_version(),
+        "packages": provenance.package_versions(),
+        "splits": list(SPLITS),
+        "status": STATUS,
+        "source": {
+            "files": [{"name": path.name, **about, "sha256": _sha256(path)} for path, about in found.files.items()],
+            "meshes": {sensor: {"name": path.name, "sha256": _sha256(path)} for sensor, path in meshes.items()},
+            "job": job_of_files[0] if job_of_files else None,
+            "indenters": "named in the files" if found.indenters_stated else "the published order of environments",
+            "samples_left_out": left_out,
+            "not_stated": "contacts, materials, solver, moments and certificates; poses and depths that are NaN",
+        },
+    }
+
+
+def _sha256(path: Path) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _planned(found: Catalogue, job: Job, rest: Mapping, samples: Mapping, own: Job | None) -> dict[str, np.ndarray]:
+    trials, keys = np.array(found.trials, np.int32), _keys(found)
+    # Trajectories of a job of simgen stay in their splits: what was trained on is not tested on.
+    known = own is not None and trials[-1] < own.trajectories.count
+    split = split_by_trajectory(own.trajectories.count, own.seed)[trials] if known else (
+        split_by_trajectory(len(trials), 0))  # fmt: skip
+    of_press = np.repeat(np.arange(len(trials)), len(found.names))
+    arrays = {
+        "depth": job.depths_m,
+        "press/trajectory": trials[of_press],
+        "press/indenter": np.tile(np.arange(len(found.names), dtype=np.int32), len(trials)),
+        "press/split": split[of_press],
+    }
+    for sensor, mesh in rest.items():
+        depth = np.full((len(keys), len(job.depths_m)), np.nan)
+        for press, key in enumerate(keys):
+            for index, place in samples[sensor].get(key, {}).items():
+                depth[press, index] = np.nan if place.depth_m is None else place.depth_m
+        nowhere = np.full((4, 4), np.nan)
+        arrays |= {f"{sensor}/{key}": values for key, values in mesh.items()}
+        arrays[f"{sensor}/stated_depth"] = depth
+        arrays[f"{sensor}/pose"] = np.stack([found.sensor_pose[sensor].get(key, nowhere) for key in keys])
+    return arrays
+
+
+def _keys(found: Catalogue) -> list[tuple[int, str]]:
+    """Trial and indenter of each press."""
+    return [(trial, name) for trial in found.trials for name in found.names]
+
+
+def _fill(dataset: Dataset, found: Catalogue, samples: Mapping, track: Track) -> None:
+    """Write the shards, one press of one sensor in memory twice: as it is read, and as it is stored."""
+    keys = _keys(found)
+    with TemporaryDirectory(dir=dataset.path) as staging, ExitStack() as stack:
+        reader = stack.enter_context(_Reader(dataset))
+        for shard in track(range(dataset.shards), "presses"):
+            of_shard = [keys[press] for press in dataset.shard_presses(shard)]
+            files, poses = {}, [_reference(found, key) for key in of_shard]
+            columns = {"press/pose": poses}
+            for sensor in dataset.sensors:
+                columns |= reader.read(sensor, [samples[sensor].get(key, {}) for key in of_shard])
+                columns[f"{sensor}/touch"] = [
+                    _travel(pose, found.first_touch[sensor].get(key)) for key, pose in zip(of_shard, poses, strict=True)
+                ]
+                files |= write_aside(dataset, shard, columns, Path(staging))
+                columns = {}
+            manifest = manifest_aside(shard, files, Path(staging))
+            put_in_place(dataset.path, files)
+            put_in_place(dataset.path, manifest)
+
+
+def _reference(found: Catalogue, key: tuple[int, str]) -> np.ndarray:
+    """press/pose: where the first sensor of which the files say so is first touched."""
+    known = (found.first_touch[sensor][key] for sensor in found.samples if key in found.first_touch[sensor])
+    return next(known, np.full((4, 4), np.nan))
+
+
+def _travel(pose: np.ndarray, touched: np.ndarray | None) -> float:
+    return np.nan if touched is None else float((touched - pose)[:3, 3] @ pose[:3, 1])
+
+
+class _Reader:
+    """Reads presses of files; the last file stays open."""
+
+    def __init__(self, dataset: Dataset):
+        self.dataset, self._file = dataset, None
+        self.rest = {sensor: dataset[f"{sensor}/rest_positions"] for sensor in dataset.sensors}
+
+    def __enter__(self) -> "_Reader":
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def read(self, sensor: str, presses: Sequence[Mapping[int, Place]]) -> dict[str, list[np.ndarray]]:
+        """Arrays of a sensor by path, for presses given by the places of their depths; NaN where there is none."""
+        columns = {name: [np.full(array.shape, np.nan, "float32" if array.chunk else float) for _ in presses]
+                   for name, array in self.dataset.arrays.items() if name.startswith(f"{sensor}/")}  # fmt: skip
+        for row, places in enumerate(presses):
+            columns[f"{sensor}/status"][row][:] = ABSENT
+            for depth, place in places.items():
+                sample = self._open(place.path).sample(place.trial, place.env, place.step)
+                columns[f"{sensor}/status"][row][depth] = 0
+                columns[f"{sensor}/force"][row][depth] = sample.force
+                columns[f"{sensor}/displacement"][row][depth] = self._displacement(sensor, place, sample)
+        return columns
+
+    def _displacement(self, sensor: str, place: Place, sample) -> np.ndarray:
+        rest, where = self.rest[sensor], f"{place.path}: trial {place.trial}, env {place.env}, step {place.step}"
+        if len(sample.nodal_coordinates) != len(rest):
+            vertices = len(sample.nodal_coordinates)
+            raise InputError(f"{where}: {vertices} vertices, but the mesh of {sensor} has {len(rest)}")
+        moved = sample.nodal_coordinates - rest
+        if (farthest := np.linalg.norm(moved, axis=1).max()) > FARTHEST_M:
+            raise InputError(
+                f"{where}: a vertex is {1e3 * farthest:.3g} mm from the mesh of {sensor}, at most {1e3 * FARTHEST_M:g} "
+                "is allowed; the mesh must be at rest in the frame of the file, in m, its vertices in the same order"
+            )
+        return moved
+
+    def _open(self, path: Path) -> ResultFile:
+        if self._file is None or self._file.path != path:
+            self.__exit__()
+            self._file = ResultFile(path)
+        return self._file
