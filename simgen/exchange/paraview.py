@@ -23,7 +23,8 @@ def export_vtk(selection: Selection, folder: Path, track: Track) -> None:
     """Two files for each press, sensor and depth: select few."""
     dataset = selection.dataset
     start_warp()  # which the shapes of indenters need
-    indenters = [pyvista.wrap(load_indenter(dataset.job.locate(text)).mesh()) for text in dataset.job.indenters]
+    meshes = [load_indenter(dataset.job.locate(text)).mesh() for text in dataset.job.indenters]
+    indenters = [pyvista.PolyData.from_regular_faces(np.float32(mesh.vertices), mesh.faces) for mesh in meshes]
     trajectory, indenter = dataset["press/trajectory"], dataset["press/indenter"]
     for sensor in selection.sensors:
         series = _Series(dataset, sensor)
