@@ -166,9 +166,12 @@ def export(
 ):
     """Write a dataset, or a part of it, for other programs.
 
-    across: the HDF5 files of the ACROSS framework with its table of pairs. biotac_sim: one file per trajectory. npy:
-    arrays to be mapped in training. vtk: time series for ParaView. Samples that did not converge are left out; npy and
-    the table hold those that converged on all sensors.
+    across: HDF5 as the ACROSS framework reads it, with its table of pairs.
+    biotac_sim: HDF5 as biotac_sim writes it, one file per trajectory.
+    npy: arrays to be mapped into memory for training.
+    vtk: time series for ParaView.
+
+    Samples that did not converge are left out; npy and the table hold those that converged on all sensors.
     """
     from simgen.console import print_export, tracked
     from simgen.dataset import Dataset
@@ -195,9 +198,9 @@ def import_(
 ):
     """Make a dataset of the result files of one job of ACROSS or biotac_sim.
 
-    Displacements are coordinates less those of the rest mesh, which lies in the frame of the file. Depths are those in
-    the files; without them step j is the j-th of --depths-mm, and uneven ones go to the nearest. What files do not say
-    is NaN or missing, and simgen check names it.
+    Displacements are coordinates less those of the rest mesh, which lies in the frame of the file.
+    Depths are those of the files; without them, step j is the j-th of --depths-mm; uneven ones go to the nearest.
+    What files do not say is NaN or missing, and simgen check names it.
     """
     from simgen.console import print_import, tracked
     from simgen.exchange.importing import import_results

@@ -8,7 +8,7 @@ import numpy as np
 
 from simgen.dataset import Dataset
 from simgen.exchange.result_files import write
-from simgen.exchange.selection import Selection, Track, samples, vertex_flags
+from simgen.exchange.selection import Samples, Selection, Track, vertex_flags
 
 PAIRS = "filtered_dataset_pairs.npy"
 PAIR_COLUMNS = ("job_ind", "job_name", "trial_ind", "env_ind", "distance", "digit_step_ind", "biotac_step_ind")
@@ -19,7 +19,7 @@ def export_across(selection: Selection, folder: Path, track: Track) -> None:
     """One file for each sensor and, for two, the table of the samples that both of them have."""
     job = selection.dataset.job.name
     for sensor in selection.sensors:
-        found = samples(selection, sensor, track)
+        found = Samples(selection.dataset, sensor).of(track(selection.presses, sensor))
         write(folder / f"results_{sensor}_{job}.hdf5", "across", sensor, found, about(selection.dataset))
         write_rest_mesh(selection.dataset, sensor, folder)
     if len(selection.sensors) == 2:
@@ -30,11 +30,11 @@ def export_biotac_sim(selection: Selection, folder: Path, track: Track) -> None:
     """One file for each sensor and trajectory: the layout has no trials."""
     dataset = selection.dataset
     for sensor in selection.sensors:
-        there = dataset[f"{sensor}/status"] == 0
+        samples = Samples(dataset, sensor)
         for trial, part in track(list(selection.by_trajectory().items()), sensor):
-            if there[part.presses].any():
+            if (samples.status[part.presses] == 0).any():
                 path = folder / f"results_{sensor}_{dataset.job.name}_trial_{trial}.hdf5"
-                write(path, "biotac_sim", sensor, samples(part, sensor), about(dataset) | {"trial": trial})
+                write(path, "biotac_sim", sensor, samples.of(part.presses), about(dataset) | {"trial": trial})
         write_rest_mesh(dataset, sensor, folder)
 
 

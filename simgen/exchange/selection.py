@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -33,7 +34,7 @@ class Selection:
     sensors: tuple[str, ...]
     presses: np.ndarray
 
-    @property
+    @cached_property
     def paired(self) -> np.ndarray:
         """(n, depth) bool: samples that are there on all of the sensors."""
         return np.all([self.dataset[f"{sensor}/status"][self.presses] == 0 for sensor in self.sensors], axis=0)
@@ -92,31 +93,37 @@ def _shown(numbers: np.ndarray) -> str:
     return ", ".join(map(str, known[:SHOWN])) + (", ..." if len(known) > SHOWN else "")
 
 
-def samples(selection: Selection, sensor: str, track: Track = untracked) -> Iterator[Sample]:
-    """The converged samples of a sensor, in its frame, a press in memory at a time."""
-    dataset = selection.dataset
-    rest, depths = dataset[f"{sensor}/rest_positions"], dataset["depth"]
-    trajectory, indenter = dataset["press/trajectory"], dataset["press/indenter"]
-    status, force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
-    touched, sensor_pose = first_touch(dataset, sensor), dataset[f"{sensor}/pose"]
-    for press in track(selection.presses, sensor):
-        steps = np.flatnonzero(status[press] == 0)
-        if not len(steps):
-            continue
-        displacement = dataset.displacement(sensor, int(press))
-        for step in steps:
-            pose = advanced(touched[press], depths[step])
-            yield Sample(
-                trial=int(trajectory[press]),
-                env=int(indenter[press]),
-                step=int(step),
-                nodal_coordinates=rest + displacement[step],
-                force=force[press, step],
-                indenter=dataset.indenters[indenter[press]],
-                pose=pose if np.isfinite(pose).all() else None,
-                depth_m=float(depths[step]),
-                sensor_pose=sensor_pose[press] if np.isfinite(sensor_pose[press]).all() else None,
-            )
+class Samples:
+    """The converged samples of one sensor, in its frame."""
+
+    def __init__(self, dataset: Dataset, sensor: str):
+        self.dataset, self.sensor, self.depths = dataset, sensor, dataset["depth"]
+        self.trajectory, self.indenter = dataset["press/trajectory"], dataset["press/indenter"]
+        self.rest, self.sensor_pose = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/pose"]
+        self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
+        self.first_touch = first_touch(dataset, sensor)
+
+    def of(self, presses: Iterable[int]) -> Iterator[Sample]:
+        """One press after the other, which alone is in memory."""
+        for press in presses:
+            steps = np.flatnonzero(self.status[press] == 0)
+            displacement = self.dataset.displacement(self.sensor, int(press)) if len(steps) else ()
+            for step in steps:
+                yield Sample(
+                    trial=int(self.trajectory[press]),
+                    env=int(self.indenter[press]),
+                    step=int(step),
+                    nodal_coordinates=self.rest + displacement[step],
+                    force=self.force[press, step],
+                    indenter=self.dataset.indenters[self.indenter[press]],
+                    pose=_known(advanced(self.first_touch[press], self.depths[step])),
+                    depth_m=float(self.depths[step]),
+                    sensor_pose=_known(self.sensor_pose[press]),
+                )
+
+
+def _known(pose: np.ndarray) -> np.ndarray | None:
+    return pose if np.isfinite(pose).all() else None
 
 
 def first_touch(dataset: Dataset, sensor: str) -> np.ndarray:

@@ -6,12 +6,12 @@ import pytest
 
 from simgen.errors import InputError
 from simgen.exchange import ResultFile, Sample, is_result_file, write
-from simgen.exchange.selection import samples, select
+from simgen.exchange.selection import Samples, select
 
 
 @pytest.mark.parametrize("layout", ["across", "biotac_sim"])
 def test_what_is_written_is_read_back(dataset, layout, tmp_path):
-    expected = list(samples(select(dataset, ["biotac"], "2"), "biotac"))
+    expected = list(Samples(dataset, "biotac").of(select(dataset, trajectories="2").presses))
     write(tmp_path / "results.hdf5", layout, "biotac", expected, {"job": "x"})
     # Half a unit in the last place of the largest coordinate, in float32.
     stored = 0.5 * np.spacing(np.float32(max(np.abs(sample.nodal_coordinates).max() for sample in expected)))

@@ -6,7 +6,7 @@ import pytest
 
 from simgen.dataset import SPLITS
 from simgen.errors import InputError
-from simgen.exchange.selection import samples, select
+from simgen.exchange.selection import Samples, select
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_a_split_without_the_trajectories_asked_for(dataset):
 
 def test_samples_are_those_of_the_dataset(dataset):
     """Against the stand-in press itself: displacement along the press axis, pose where the indenter then is."""
-    found = samples(select(dataset, trajectories="1"), "digit")
+    found = Samples(dataset, "digit").of(select(dataset, trajectories="1").presses)
     sample = next(s for s in found if s.indenter == "sphere_7mm" and s.step == 3)
     press = int(np.flatnonzero((dataset["press/trajectory"] == 1) & (dataset["press/indenter"] == 0))[0])
     contact = dataset["press/contact_pose"][press]
