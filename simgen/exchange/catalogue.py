@@ -88,7 +88,7 @@ def _sensor_of(file: ResultFile, meshes: Mapping[str, Path]) -> str:
 
 def _add(found: Catalogue, file: ResultFile, sensor: str) -> None:
     if (job := file.attributes.get("job")) is not None:
-        found.own_jobs.setdefault(job, file.path)
+        found.own_jobs.setdefault(str(job), file.path)
         if len(found.own_jobs) > 1:
             raise InputError(f"{file.path}: of another job than {next(iter(found.own_jobs.values()))}; "
                              "import one job at a time")  # fmt: skip
@@ -97,7 +97,8 @@ def _add(found: Catalogue, file: ResultFile, sensor: str) -> None:
         stated = [file.stated(trial, env, step) for step in steps]
         number = trial
         if file.layout == "biotac_sim":
-            number = int(file.attributes.get("trial", sum(each["sensor"] == sensor for each in found.files.values())))
+            before = sum(each["sensor"] == sensor for each in found.files.values())
+            number = int(file.attributes.get("trial", before))
         if number in taken:
             raise InputError(f"{file.path}: trajectory {number} of {sensor} is in another file, too; "
                              "import one job at a time")  # fmt: skip

@@ -9,7 +9,7 @@ holds the depths of the files, m, which need not be the even ones of the dataset
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,7 +22,7 @@ from simgen.dataset_writer import manifest_aside, write_aside, write_plan
 from simgen.errors import InputError, writing
 from simgen.exchange.catalogue import Catalogue, Place, read_catalogue
 from simgen.exchange.depths import depth_axis, on_axis
-from simgen.exchange.result_files import ResultFile
+from simgen.exchange.result_files import ResultFile, Sample
 from simgen.exchange.selection import Track, untracked
 from simgen.job import Job, job_from_dict
 from simgen.mesh_files import read_mesh
@@ -54,7 +54,7 @@ def import_results(
     given = _given_meshes(meshes)
     rest = {sensor: _rest_mesh(sensor, path) for sensor, path in given.items()}
     found = read_catalogue(files, given, track)
-    own = next((job_from_dict(json.loads(text), f"{path}: job") for text, path in found.own_jobs.items()), None)
+    own = _own_job(found)
     axis = depth_axis(found, depths_mm, own)
     job = _job(found, given, axis, own, name or (own.name if own else output.name.removesuffix(".zarr")))
     samples, left_out = on_axis(found, job.depths_m)
@@ -87,7 +87,21 @@ def _rest_mesh(sensor: str, path: Path) -> dict[str, np.ndarray]:
     surface = boundary_triangles(tetrahedra)[0]
     arrays = {"rest_positions": vertices, "tetrahedra": tetrahedra, "surface_triangles": surface.astype(np.int32)}
     flags = meshio.read(path).point_data if path.suffix == ".vtu" else {}
-    return arrays | {key: flags[key].astype(bool) for key in ("held", "touchable") if key in flags}
+    for key in flags.keys() & {"held", "touchable"}:
+        if flags[key].shape != (len(vertices),):
+            raise InputError(f"--mesh {sensor}={path}: {key}: shape {flags[key].shape}, expected ({len(vertices)},)")
+        arrays[key] = flags[key].astype(bool)
+    return arrays
+
+
+def _own_job(found: Catalogue) -> Job | None:
+    """The job that files of simgen came from."""
+    for text, path in found.own_jobs.items():
+        try:
+            return job_from_dict(json.loads(text), f"{path}: job")
+        except (TypeError, json.JSONDecodeError):
+            raise InputError(f"{path}: attribute job: not what simgen wrote") from None
+    return None
 
 
 def _job(found: Catalogue, meshes: Mapping[str, Path], axis: dict, own: Job | None, name: str) -> Job:
@@ -163,21 +177,18 @@ def _keys(found: Catalogue) -> list[tuple[int, str]]:
 
 
 def _fill(dataset: Dataset, found: Catalogue, samples: Mapping, track: Track) -> None:
-    """Write the shards, one press of one sensor in memory twice: as it is read, and as it is stored."""
+    """Write the shards, of which the arrays of one sensor are in memory at a time."""
     keys = _keys(found)
-    with TemporaryDirectory(dir=dataset.path) as staging, ExitStack() as stack:
-        reader = stack.enter_context(_Reader(dataset))
-        for shard in track(range(dataset.shards), "presses"):
+    with TemporaryDirectory(dir=dataset.path) as staging, closing(_Reader(dataset)) as reader:
+        for shard in track(range(dataset.shards), "shards"):
             of_shard = [keys[press] for press in dataset.shard_presses(shard)]
-            files, poses = {}, [_reference(found, key) for key in of_shard]
-            columns = {"press/pose": poses}
+            poses = [_reference(found, key) for key in of_shard]
+            files = write_aside(dataset, shard, {"press/pose": poses}, Path(staging))
             for sensor in dataset.sensors:
-                columns |= reader.read(sensor, [samples[sensor].get(key, {}) for key in of_shard])
-                columns[f"{sensor}/touch"] = [
-                    _travel(pose, found.first_touch[sensor].get(key)) for key, pose in zip(of_shard, poses, strict=True)
-                ]
+                columns = reader.read(sensor, [samples[sensor].get(key, {}) for key in of_shard])
+                touched = [found.first_touch[sensor].get(key) for key in of_shard]
+                columns[f"{sensor}/touch"] = list(map(_travel, poses, touched))
                 files |= write_aside(dataset, shard, columns, Path(staging))
-                columns = {}
             manifest = manifest_aside(shard, files, Path(staging))
             put_in_place(dataset.path, files)
             put_in_place(dataset.path, manifest)
@@ -194,18 +205,15 @@ def _travel(pose: np.ndarray, touched: np.ndarray | None) -> float:
 
 
 class _Reader:
-    """Reads presses of files; the last file stays open."""
+    """Reads presses of files; the last file of each sensor stays open."""
 
     def __init__(self, dataset: Dataset):
-        self.dataset, self._file = dataset, None
+        self.dataset, self._files = dataset, {}
         self.rest = {sensor: dataset[f"{sensor}/rest_positions"] for sensor in dataset.sensors}
 
-    def __enter__(self) -> "_Reader":
-        return self
-
-    def __exit__(self, *_) -> None:
-        if self._file is not None:
-            self._file.close()
+    def close(self) -> None:
+        for file in self._files.values():
+            file.close()
 
     def read(self, sensor: str, presses: Sequence[Mapping[int, Place]]) -> dict[str, list[np.ndarray]]:
         """Arrays of a sensor by path, for presses given by the places of their depths; NaN where there is none."""
@@ -214,13 +222,13 @@ class _Reader:
         for row, places in enumerate(presses):
             columns[f"{sensor}/status"][row][:] = ABSENT
             for depth, place in places.items():
-                sample = self._open(place.path).sample(place.trial, place.env, place.step)
+                sample = self._open(sensor, place.path).sample(place.trial, place.env, place.step)
                 columns[f"{sensor}/status"][row][depth] = 0
                 columns[f"{sensor}/force"][row][depth] = sample.force
                 columns[f"{sensor}/displacement"][row][depth] = self._displacement(sensor, place, sample)
         return columns
 
-    def _displacement(self, sensor: str, place: Place, sample) -> np.ndarray:
+    def _displacement(self, sensor: str, place: Place, sample: Sample) -> np.ndarray:
         rest, where = self.rest[sensor], f"{place.path}: trial {place.trial}, env {place.env}, step {place.step}"
         if len(sample.nodal_coordinates) != len(rest):
             vertices = len(sample.nodal_coordinates)
@@ -233,8 +241,10 @@ class _Reader:
             )
         return moved
 
-    def _open(self, path: Path) -> ResultFile:
-        if self._file is None or self._file.path != path:
-            self.__exit__()
-            self._file = ResultFile(path)
-        return self._file
+    def _open(self, sensor: str, path: Path) -> ResultFile:
+        last = self._files.get(sensor)
+        if last is None or last.path != path:
+            if last is not None:
+                last.close()
+            self._files[sensor] = ResultFile(path)
+        return self._files[sensor]

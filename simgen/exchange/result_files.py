@@ -148,16 +148,15 @@ class ResultFile:
             raise InputError(f"{self.path}: {coordinates.name}: shape {coordinates.shape}, expected (vertex, 3) in m")
         if force.shape != (3,):
             raise InputError(f"{self.path}: {force.name}: shape {force.shape}, expected (3,) in N")
-        values = {"nodal_coordinates": coordinates[...].astype(float), "force": force[...].astype(float)}
-        for key, array in zip((coordinates.name, force.name), values.values(), strict=True):
-            if not np.isfinite(array).all():
-                raise InputError(f"{self.path}: {key}: values that are not finite numbers")
+        values = {"nodal_coordinates": self._numbers(coordinates), "force": self._numbers(force)}
         return Sample(trial, env, step, **values, **self.stated(trial, env, step))
 
     def stated(self, trial: int, env: int, step: int) -> dict[str, Any]:
         """What the file says of a sample beside its arrays: some of indenter, pose, depth_m, sensor_pose."""
         coordinates = self._dataset(f"{self._key(trial, step, COORDINATES)}/env_{env}")
         found = {key: coordinates.attrs[key] for key in STATED if key in coordinates.attrs}
+        if not isinstance(name := found.get("indenter", ""), str):
+            raise InputError(f"{self.path}: {coordinates.name}: attribute indenter: {name!r} is not a name")
         for key in found.keys() & {"pose", "sensor_pose"}:
             if (shape := np.shape(found[key])) != (4, 4):
                 raise InputError(f"{self.path}: {coordinates.name}: attribute {key}: shape {shape}, expected (4, 4)")
@@ -165,9 +164,10 @@ class ResultFile:
         if "depth_m" not in found and self.layout == "across" and distance in self._file:
             found["depth_m"] = self._dataset(distance)[...]
         if "depth_m" in found:
-            if np.size(depth := found["depth_m"]) != 1 or not np.isfinite(depth).all():
-                raise InputError(f"{self.path}: {coordinates.name}: {depth} is not a depth in m")
-            found["depth_m"] = float(np.ravel(depth)[0])
+            depth = np.ravel(found["depth_m"])
+            if depth.size != 1 or depth.dtype.kind not in "fiu" or not np.isfinite(depth).all():
+                raise InputError(f"{self.path}: {coordinates.name}: {depth.tolist()} is not a depth in m")
+            found["depth_m"] = float(depth[0])
         return found
 
     def __iter__(self) -> Iterator[Sample]:
@@ -185,6 +185,15 @@ class ResultFile:
                 if name.startswith(f"{COORDINATES}_"):
                     return name.removeprefix(f"{COORDINATES}_")
         raise InputError(f"{self.path}: {trial}: no step_<j>/{COORDINATES}_<sensor> in it")
+
+    def _numbers(self, stored: h5py.Dataset) -> np.ndarray:
+        try:
+            numbers = stored[...].astype(float)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{self.path}: {stored.name}: {' '.join(str(error).split())}") from None
+        if not np.isfinite(numbers).all():
+            raise InputError(f"{self.path}: {stored.name}: values that are not finite numbers")
+        return numbers
 
     def _group(self, key: str) -> h5py.Group:
         if not isinstance(found := self._file.get(key), h5py.Group):

@@ -230,6 +230,10 @@ def test_files_that_do_not_belong_together(tetrahedron, tmp_path):
             opened.attrs["job"] = job
     with pytest.raises(InputError, match="of another job than"):
         import_results([one, other], [f"digit={mesh}"], output)
+    with h5py.File(one, "a") as opened:
+        opened.attrs["job"] = "{"
+    with pytest.raises(InputError, match="attribute job: not what simgen wrote"):
+        import_results([one], [f"digit={mesh}"], output)
     nameless = of_others(tmp_path / "results.hdf5", "biotac_sim", [spoiled(rest)])
     with pytest.raises(InputError, match="does not name its sensor; import it with one --mesh alone"):
         import_results([nameless], [f"digit={mesh}", f"biotac={mesh}"], output)

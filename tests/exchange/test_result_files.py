@@ -63,6 +63,7 @@ def spoiled(folder, key, values):
         ("trial_0/step_0/net_force_vecs_digit", None, "trial_0/step_0/net_force_vecs_digit/env_0: not there"),
         ("trial_0/step_0/nodal_coords_digit/env_0", np.zeros((3, 5)), "shape (3, 5), expected (vertex, 3) in m"),
         ("trial_0/step_0/nodal_coords_digit/env_0", np.full((5, 3), np.nan), "not finite"),
+        ("trial_0/step_0/nodal_coords_digit/env_0", [[b"a"] * 3] * 5, "nodal_coords_digit/env_0: could not convert"),
         ("trial_0/step_0/net_force_vecs_digit/env_0", np.zeros(2), "shape (2,), expected (3,) in N"),
     ],
 )
@@ -99,3 +100,25 @@ def test_a_depth_that_is_none(tmp_path, depth):
     path = spoiled(tmp_path, "trial_0/step_0/max_contact_distances/env_0", depth)
     with ResultFile(path) as opened, pytest.raises(InputError, match="is not a depth in m"):
         opened.stated(0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    "key, value", [("pose", np.eye(3)), ("sensor_pose", 1.0), ("indenter", 7), ("depth_m", "deep")]
+)
+def test_attributes_that_are_not_what_simgen_writes(tmp_path, key, value):
+    path = spoiled(tmp_path, "trial_0/step_0/net_force_vecs_digit/env_0", np.zeros(3))
+    with h5py.File(path, "a") as file:
+        file["trial_0/step_0/nodal_coords_digit/env_0"].attrs[key] = value
+    with ResultFile(path) as opened, pytest.raises(InputError) as raised:
+        opened.stated(0, 0, 0)
+    assert str(path) in str(raised.value) and "\n" not in str(raised.value)
+
+
+def test_a_file_that_was_cut_short(tmp_path):
+    samples = [Sample(0, 0, step, np.ones((5000, 3)), np.zeros(3)) for step in range(20)]
+    write(tmp_path / "results.hdf5", "across", "digit", samples, {})
+    whole = (tmp_path / "results.hdf5").read_bytes()
+    for share in (0.1, 0.5, 0.99):
+        (tmp_path / "results.hdf5").write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError, match=r"results\.hdf5"), ResultFile(tmp_path / "results.hdf5") as opened:
+            list(opened)
