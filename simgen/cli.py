@@ -195,17 +195,23 @@ def import_(
         str | None,
         typer.Option(metavar="FIRST:LAST:COUNT", help="Depths to sort samples into.", show_default="the files' own"),
     ] = None,
+    origin_mm: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SENSOR=X,Y,Z", help="Origin of the mesh in the files; biotac_sim: 0,50,0.", show_default="0,0,0"
+        ),
+    ] = None,
 ):
     """Make a dataset of the result files of one job of ACROSS or biotac_sim.
 
-    Displacements are coordinates less those of the rest mesh, which lies in the frame of the file.
+    Displacements are coordinates less those of the rest mesh.
     Depths are those of the files; without them, step j is the j-th of --depths-mm; uneven ones go to the nearest.
     What files do not say is NaN or missing, and simgen check names it.
     """
     from simgen.console import print_import, tracked
     from simgen.exchange.importing import import_results
 
-    print_import(import_results(files, mesh or (), output, name, depths_mm, tracked))
+    print_import(import_results(files, mesh or (), output, name, depths_mm, origin_mm or (), tracked))
 
 
 @app.command()

@@ -109,9 +109,8 @@ class _Look:
         self.status = dataset[f"{sensor}/status"]
         self.held = dataset.get(f"{sensor}/held")
         self.rounding, self.why_not = 0.0, ""
-        if dataset.imported:  # coordinates that were in single precision
-            largest = np.float32(np.abs(dataset[f"{sensor}/rest_positions"]).max())
-            self.rounding = float(np.spacing(largest))
+        if dataset.imported:
+            self.rounding = dataset.attributes["source"]["rounding_m"][sensor]
             self.why_not = "the files that were imported do not say how far a mesh may overlap it"
             return
         on_surface = np.unique(dataset[f"{sensor}/surface_triangles"])

@@ -40,43 +40,69 @@ def import_results(
     output: Path,
     name: str | None = None,
     depths_mm: str | None = None,
+    origins_mm: Sequence[str] = (),
     track: Track = untracked,
 ) -> Dataset:
     """Make a dataset of result files, whole or not at all.
 
-    meshes : ``SENSOR=FILE`` for each sensor: its rest mesh of tetrahedra, m, in the frame of its result files
+    meshes : ``SENSOR=FILE`` for each sensor: its rest mesh of tetrahedra, m
     name : of the job; by default that of the files, if simgen wrote them, or that of the output
     depths_mm : ``first:last:count``, where the files say no depths, or uneven ones: each sample goes to the nearest
+    origins_mm : ``SENSOR=X,Y,Z`` where the origin of the mesh lies in the coordinates of the files, if it is not their
+        own; biotac_sim puts the sensor at 0,50,0
 
     Raises `InputError` for what cannot be read, does not fit together or cannot be written.
     """
     check_new(output)
-    given = _given_meshes(meshes)
+    given = {sensor: Path(path) for sensor, path in _by_sensor("--mesh", "FILE", meshes).items()}
+    if not given:
+        raise InputError("--mesh: missing; give SENSOR=FILE for each sensor")
+    origins = _origins(origins_mm, given)
     rest = {sensor: _rest_mesh(sensor, path) for sensor, path in given.items()}
     found = read_catalogue(files, given, track)
     own = _own_job(found)
     axis = depth_axis(found, depths_mm, own)
     job = _job(found, given, axis, own, name or (own.name if own else output.name.removesuffix(".zarr")))
     samples, left_out = on_axis(found, job.depths_m)
-    attributes = _attributes(found, given, job, left_out)
+    attributes = _attributes(found, given, job)
+    attributes["source"] |= {
+        "samples_left_out": left_out,
+        "origins_mm": {sensor: (1e3 * origin).tolist() for sensor, origin in origins.items()},
+        # of coordinates in float32: vertices that were held may seem to have moved by it
+        "rounding_m": {sensor: float(np.spacing(np.float32(np.abs(rest[sensor]["rest_positions"] + origin).max())))
+                       for sensor, origin in origins.items()},
+    }  # fmt: skip
     with writing(output), whole_folder(output.resolve()) as folder:
-        write_plan(folder, attributes, _planned(found, job, rest, samples, own), job)
-        _fill(Dataset(folder), found, samples, track)
+        write_plan(folder, attributes, _planned(found, job, rest, samples, own, origins), job)
+        _fill(Dataset(folder), found, samples, origins, track)
     return Dataset(output)
 
 
-def _given_meshes(texts: Sequence[str]) -> dict[str, Path]:
-    given = {}
+def _by_sensor(option: str, value: str, texts: Sequence[str]) -> dict[str, str]:
+    given: dict[str, str] = {}
     for text in texts:
-        sensor, equals, path = text.partition("=")
-        if not (sensor and equals and path):
-            raise InputError(f"--mesh {text!r}: write it as SENSOR=FILE")
+        sensor, _, rest = text.partition("=")
+        if not (sensor and rest):
+            raise InputError(f"{option} {text!r}: write it as SENSOR={value}")
         if sensor in given:
-            raise InputError(f"--mesh {text!r}: sensor {sensor!r} has a mesh already")
-        given[sensor] = Path(path)
-    if not given:
-        raise InputError("--mesh: missing; give SENSOR=FILE for each sensor")
+            raise InputError(f"{option} {text!r}: sensor {sensor!r} has one already")
+        given[sensor] = rest
     return given
+
+
+def _origins(texts: Sequence[str], meshes: Mapping[str, Path]) -> dict[str, np.ndarray]:
+    """(3,) m for each sensor."""
+    origins = {sensor: np.zeros(3) for sensor in meshes}
+    for sensor, text in _by_sensor("--origin-mm", "X,Y,Z", texts).items():
+        if sensor not in meshes:
+            raise InputError(f"--origin-mm {sensor}={text}: sensor {sensor!r} has no --mesh")
+        try:
+            origins[sensor] = 1e-3 * np.array([float(word) for word in text.split(",")])
+        except ValueError:
+            origins[sensor] = np.full(3, np.nan)
+        if origins[sensor].shape != (3,) or not np.isfinite(origins[sensor]).all():
+            raise InputError(f"--origin-mm {sensor}={text}: write it as SENSOR=X,Y,Z, such as biotac=0,50,0")
+    return origins
 
 
 def _rest_mesh(sensor: str, path: Path) -> dict[str, np.ndarray]:
@@ -121,7 +147,7 @@ def _job(found: Catalogue, meshes: Mapping[str, Path], axis: dict, own: Job | No
     )
 
 
-def _attributes(found: Catalogue, meshes: Mapping[str, Path], job: Job, left_out: int) -> dict:
+def _attributes(found: Catalogue, meshes: Mapping[str, Path], job: Job) -> dict:
     job_of_files = [json.loads(text) for text in found.own_jobs]
     return {
         "job": job.model_dump(mode="json", exclude_unset=True),
@@ -135,7 +161,6 @@ def _attributes(found: Catalogue, meshes: Mapping[str, Path], job: Job, left_out
             "meshes": {sensor: {"name": path.name, "sha256": _sha256(path)} for sensor, path in meshes.items()},
             "job": job_of_files[0] if job_of_files else None,
             "indenters": "named in the files" if found.indenters_stated else "the published order of environments",
-            "samples_left_out": left_out,
             "not_stated": "contacts, materials, solver, moments and certificates; poses and depths that are NaN",
         },
     }
@@ -146,7 +171,9 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _planned(found: Catalogue, job: Job, rest: Mapping, samples: Mapping, own: Job | None) -> dict[str, np.ndarray]:
+def _planned(
+    found: Catalogue, job: Job, rest: Mapping, samples: Mapping, own: Job | None, origins: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     trials, keys = np.array(found.trials, np.int32), _keys(found)
     # Trajectories of a job of simgen stay in their splits: what was trained on is not tested on.
     known = own is not None and trials[-1] < own.trajectories.count
@@ -167,7 +194,9 @@ def _planned(found: Catalogue, job: Job, rest: Mapping, samples: Mapping, own: J
         nowhere = np.full((4, 4), np.nan)
         arrays |= {f"{sensor}/{key}": values for key, values in mesh.items()}
         arrays[f"{sensor}/stated_depth"] = depth
-        arrays[f"{sensor}/pose"] = np.stack([found.sensor_pose[sensor].get(key, nowhere) for key in keys])
+        pose = np.stack([found.sensor_pose[sensor].get(key, nowhere) for key in keys])
+        pose[:, :3, 3] += pose[:, :3, :3] @ origins[sensor]
+        arrays[f"{sensor}/pose"] = pose
     return arrays
 
 
@@ -176,10 +205,10 @@ def _keys(found: Catalogue) -> list[tuple[int, str]]:
     return [(trial, name) for trial in found.trials for name in found.names]
 
 
-def _fill(dataset: Dataset, found: Catalogue, samples: Mapping, track: Track) -> None:
+def _fill(dataset: Dataset, found: Catalogue, samples: Mapping, origins: Mapping, track: Track) -> None:
     """Write the shards, of which the arrays of one sensor are in memory at a time."""
     keys = _keys(found)
-    with TemporaryDirectory(dir=dataset.path) as staging, closing(_Reader(dataset)) as reader:
+    with TemporaryDirectory(dir=dataset.path) as staging, closing(_Reader(dataset, origins)) as reader:
         for shard in track(range(dataset.shards), "shards"):
             of_shard = [keys[press] for press in dataset.shard_presses(shard)]
             poses = [_reference(found, key) for key in of_shard]
@@ -207,9 +236,9 @@ def _travel(pose: np.ndarray, touched: np.ndarray | None) -> float:
 class _Reader:
     """Reads presses of files; the last file of each sensor stays open."""
 
-    def __init__(self, dataset: Dataset):
+    def __init__(self, dataset: Dataset, origins: Mapping[str, np.ndarray]):
         self.dataset, self._files = dataset, {}
-        self.rest = {sensor: dataset[f"{sensor}/rest_positions"] for sensor in dataset.sensors}
+        self.rest = {sensor: dataset[f"{sensor}/rest_positions"] + origins[sensor] for sensor in dataset.sensors}
 
     def close(self) -> None:
         for file in self._files.values():
@@ -237,7 +266,7 @@ class _Reader:
         if (farthest := np.linalg.norm(moved, axis=1).max()) > FARTHEST_M:
             raise InputError(
                 f"{where}: a vertex is {1e3 * farthest:.3g} mm from the mesh of {sensor}, at most {1e3 * FARTHEST_M:g} "
-                "is allowed; the mesh must be at rest in the frame of the file, in m, its vertices in the same order"
+                "is allowed; the mesh must be at rest, in m, its vertices in the same order, its origin at --origin-mm"
             )
         return moved
 

@@ -79,7 +79,7 @@ DIGIT, BIOTAC = "--mesh=digit={results}/rest_digit.vtu", "--mesh=biotac={results
         ([*EXPORT[:-1], "taken/file/out"], "taken/file/out: cannot be written: Not a directory"),
         ([*IMPORT], "--mesh: missing; give SENSOR=FILE for each sensor"),
         ([*IMPORT, "--mesh", "{results}/rest_digit.vtu"], "write it as SENSOR=FILE"),
-        ([*IMPORT, DIGIT, DIGIT], "sensor 'digit' has a mesh already"),
+        ([*IMPORT, DIGIT, DIGIT], "sensor 'digit' has one already"),
         ([*IMPORT, "--mesh=digit=nothing.vtu"], "nothing.vtu: no such mesh file"),
         ([*IMPORT, "--mesh=digit={results}/results_digit_fake.hdf5"], "unknown kind of mesh '.hdf5'"),
         ([*IMPORT, "--mesh=digit=surface.stl"], "surface.stl: holds no tetrahedra"),

@@ -1,6 +1,7 @@
 """Result files as datasets: round trips, files of others, and what the audit says of them."""
 
 import hashlib
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from simgen.audit import check, passes, to_repair
 from simgen.dataset import Dataset
 from simgen.errors import InputError
+from simgen.exchange import ResultFile, write
 from simgen.exchange.exporting import export
 from simgen.exchange.importing import ABSENT, import_results
 from simgen.indenter import indenter_names
@@ -166,6 +168,37 @@ def test_files_of_others_go_by_step_and_published_order(tetrahedron, tmp_path):
     assert passes(check(imported))
 
 
+def test_a_sensor_elsewhere_in_its_world(dataset, tetrahedron, tmp_path):
+    """Files of others, and one of simgen's that somebody has moved: the poses still fit together."""
+    mesh, rest = tetrahedron
+    file = of_others(tmp_path / "a.hdf5", "biotac_sim", [(0, 0, 0, rest + np.array([1e-4, 0.05, 0.0]), None)])
+    options = {"depths_mm": "0.1:0.1:1", "origins_mm": ["biotac=0,50,0"]}
+    imported = import_results([file], [f"biotac={mesh}"], tmp_path / "a.zarr", **options)
+    # in float64 at 6 cm, then in float32
+    rounding = 2 * np.spacing(0.06) + 0.5 * np.spacing(np.float32(1e-4))
+    moved = imported.displacement("biotac", 0, 0)
+    np.testing.assert_allclose(moved, np.broadcast_to([1e-4, 0.0, 0.0], moved.shape), rtol=0, atol=rounding)
+
+    export(dataset, "across", tmp_path / "out", ["digit"], "2")
+    away = np.eye(4)
+    away[:3, 3] = [0.01, 0.0, -0.02]
+    path = tmp_path / "out/results_digit_fake.hdf5"
+    with ResultFile(path) as opened:
+        samples, attributes = list(opened), opened.attributes
+    moved = [
+        replace(each, nodal_coordinates=each.nodal_coordinates + away[:3, 3], pose=away @ each.pose,
+                sensor_pose=each.sensor_pose @ np.linalg.inv(away))
+        for each in samples
+    ]  # fmt: skip
+    write(path, "across", "digit", moved, attributes)
+    mesh = f"digit={tmp_path}/out/rest_digit.vtu"
+    imported = import_results([path], [mesh], tmp_path / "b.zarr", origins_mm=["digit=10,0,-20"])
+    of_trajectory = dataset["press/trajectory"] == 2
+    for name in ("press/pose", "digit/pose"):
+        np.testing.assert_allclose(imported[name], dataset[name][of_trajectory], atol=1e-15)
+    assert passes(check(imported))  # what is held has not moved
+
+
 def test_uneven_depths_go_to_the_nearest(tetrahedron, tmp_path):
     mesh, rest = tetrahedron
     depths = [0.0, 0.9e-4, 1.02e-4, 2.2e-4, 2.9e-4, 5e-4]
@@ -207,6 +240,9 @@ def spoiled(rest, **changes):
         ({}, {"depths_mm": "0.1:0.3"}, "--depths-mm '0.1:0.3': write it as first:last:count"),
         ({}, {"depths_mm": "0.3:0.1:3"}, "first must be less than last"),
         ({}, {"depths_mm": "0.1:0.3:3"}, "no sample is at depths of 0.1 to 0.3 mm"),
+        ({}, {"origins_mm": ["digit=0,50"]}, "--origin-mm digit=0,50: write it as SENSOR=X,Y,Z"),
+        ({}, {"origins_mm": ["digit=0,50,up"]}, "--origin-mm digit=0,50,up: write it as SENSOR=X,Y,Z"),
+        ({}, {"origins_mm": ["biotac=0,50,0"]}, "--origin-mm biotac=0,50,0: sensor 'biotac' has no --mesh"),
         ({}, {"name": "7"}, "--name: name: \"7\" is not allowed"),
     ],
 )  # fmt: skip
