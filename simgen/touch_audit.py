@@ -110,7 +110,7 @@ class _Look:
         self.held = dataset.get(f"{sensor}/held")
         self.rounding, self.why_not = 0.0, ""
         if dataset.imported:
-            self.rounding = dataset.attributes["source"]["rounding_m"][sensor]
+            self.rounding = dataset.attributes["source"]["meshes"][sensor]["rounding_m"]
             self.why_not = "the files that were imported do not say how far a mesh may overlap it"
             return
         on_surface = np.unique(dataset[f"{sensor}/surface_triangles"])

@@ -13,7 +13,6 @@ from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import meshio
 import numpy as np
 
 from simgen import provenance
@@ -22,11 +21,10 @@ from simgen.dataset_writer import manifest_aside, write_aside, write_plan
 from simgen.errors import InputError, writing
 from simgen.exchange.catalogue import Catalogue, Place, read_catalogue
 from simgen.exchange.depths import depth_axis, on_axis
+from simgen.exchange.rest_meshes import RestMesh, read_rest_meshes
 from simgen.exchange.result_files import ResultFile, Sample
 from simgen.exchange.selection import Track, untracked
 from simgen.job import Job, job_from_dict
-from simgen.mesh_files import read_mesh
-from simgen.tetrahedra import boundary_triangles
 from simgen.whole_files import check_new, put_in_place, whole_folder
 
 ABSENT = 100  # status of a sample that no file holds
@@ -54,70 +52,17 @@ def import_results(
     Raises `InputError` for what cannot be read, does not fit together or cannot be written.
     """
     check_new(output)
-    given = {sensor: Path(path) for sensor, path in _by_sensor("--mesh", "FILE", meshes).items()}
-    if not given:
-        raise InputError("--mesh: missing; give SENSOR=FILE for each sensor")
-    origins = _origins(origins_mm, given)
-    rest = {sensor: _rest_mesh(sensor, path) for sensor, path in given.items()}
-    found = read_catalogue(files, given, track)
+    rest = read_rest_meshes(meshes, origins_mm)
+    found = read_catalogue(files, {sensor: mesh.path for sensor, mesh in rest.items()}, track)
     own = _own_job(found)
     axis = depth_axis(found, depths_mm, own)
-    job = _job(found, given, axis, own, name or (own.name if own else output.name.removesuffix(".zarr")))
+    job = _job(found, rest, axis, own, name or (own.name if own else output.name.removesuffix(".zarr")))
     samples, left_out = on_axis(found, job.depths_m)
-    attributes = _attributes(found, given, job)
-    attributes["source"] |= {
-        "samples_left_out": left_out,
-        "origins_mm": {sensor: (1e3 * origin).tolist() for sensor, origin in origins.items()},
-        # of coordinates in float32: vertices that were held may seem to have moved by it
-        "rounding_m": {sensor: float(np.spacing(np.float32(np.abs(rest[sensor]["rest_positions"] + origin).max())))
-                       for sensor, origin in origins.items()},
-    }  # fmt: skip
+    attributes = _attributes(found, rest, job, left_out)
     with writing(output), whole_folder(output.resolve()) as folder:
-        write_plan(folder, attributes, _planned(found, job, rest, samples, own, origins), job)
-        _fill(Dataset(folder), found, samples, origins, track)
+        write_plan(folder, attributes, _planned(found, rest, job, own, samples), job)
+        _fill(Dataset(folder), found, rest, samples, track)
     return Dataset(output)
-
-
-def _by_sensor(option: str, value: str, texts: Sequence[str]) -> dict[str, str]:
-    given: dict[str, str] = {}
-    for text in texts:
-        sensor, _, rest = text.partition("=")
-        if not (sensor and rest):
-            raise InputError(f"{option} {text!r}: write it as SENSOR={value}")
-        if sensor in given:
-            raise InputError(f"{option} {text!r}: sensor {sensor!r} has one already")
-        given[sensor] = rest
-    return given
-
-
-def _origins(texts: Sequence[str], meshes: Mapping[str, Path]) -> dict[str, np.ndarray]:
-    """(3,) m for each sensor."""
-    origins = {sensor: np.zeros(3) for sensor in meshes}
-    for sensor, text in _by_sensor("--origin-mm", "X,Y,Z", texts).items():
-        if sensor not in meshes:
-            raise InputError(f"--origin-mm {sensor}={text}: sensor {sensor!r} has no --mesh")
-        try:
-            origins[sensor] = 1e-3 * np.array([float(word) for word in text.split(",")])
-        except ValueError:
-            origins[sensor] = np.full(3, np.nan)
-        if origins[sensor].shape != (3,) or not np.isfinite(origins[sensor]).all():
-            raise InputError(f"--origin-mm {sensor}={text}: write it as SENSOR=X,Y,Z, such as biotac=0,50,0")
-    return origins
-
-
-def _rest_mesh(sensor: str, path: Path) -> dict[str, np.ndarray]:
-    """Arrays of the plan; held and touchable if the file says which vertices are."""
-    _, vertices, tetrahedra = read_mesh(path, "m")
-    if tetrahedra is None:
-        raise InputError(f"--mesh {sensor}={path}: holds no tetrahedra")
-    surface = boundary_triangles(tetrahedra)[0]
-    arrays = {"rest_positions": vertices, "tetrahedra": tetrahedra, "surface_triangles": surface.astype(np.int32)}
-    flags = meshio.read(path).point_data if path.suffix == ".vtu" else {}
-    for key in flags.keys() & {"held", "touchable"}:
-        if flags[key].shape != (len(vertices),):
-            raise InputError(f"--mesh {sensor}={path}: {key}: shape {flags[key].shape}, expected ({len(vertices)},)")
-        arrays[key] = flags[key].astype(bool)
-    return arrays
 
 
 def _own_job(found: Catalogue) -> Job | None:
@@ -130,13 +75,13 @@ def _own_job(found: Catalogue) -> Job | None:
     return None
 
 
-def _job(found: Catalogue, meshes: Mapping[str, Path], axis: dict, own: Job | None, name: str) -> Job:
+def _job(found: Catalogue, rest: Mapping[str, RestMesh], axis: dict, own: Job | None, name: str) -> Job:
     """What the files say of a job; Dataset fills in defaults, which then mean nothing."""
     return job_from_dict(
         {
             "name": name,
             "seed": own.seed if own else 0,
-            "sensors": {sensor: {"model": path.name} for sensor, path in meshes.items()},
+            "sensors": {sensor: {"model": mesh.path.name} for sensor, mesh in rest.items()},
             "indenters": found.names,
             "trajectories": {"count": len(found.trials)},
             "depths_mm": axis,
@@ -147,7 +92,7 @@ def _job(found: Catalogue, meshes: Mapping[str, Path], axis: dict, own: Job | No
     )
 
 
-def _attributes(found: Catalogue, meshes: Mapping[str, Path], job: Job) -> dict:
+def _attributes(found: Catalogue, rest: Mapping[str, RestMesh], job: Job, left_out: int) -> dict:
     job_of_files = [json.loads(text) for text in found.own_jobs]
     return {
         "job": job.model_dump(mode="json", exclude_unset=True),
@@ -158,9 +103,18 @@ def _attributes(found: Catalogue, meshes: Mapping[str, Path], job: Job) -> dict:
         "status": STATUS,
         "source": {
             "files": [{"name": path.name, **about, "sha256": _sha256(path)} for path, about in found.files.items()],
-            "meshes": {sensor: {"name": path.name, "sha256": _sha256(path)} for sensor, path in meshes.items()},
+            "meshes": {
+                sensor: {
+                    "name": mesh.path.name,
+                    "sha256": _sha256(mesh.path),
+                    "origin_mm": (1e3 * mesh.origin).tolist(),
+                    "rounding_m": mesh.rounding,
+                }
+                for sensor, mesh in rest.items()
+            },
             "job": job_of_files[0] if job_of_files else None,
             "indenters": "named in the files" if found.indenters_stated else "the published order of environments",
+            "samples_left_out": left_out,
             "not_stated": "contacts, materials, solver, moments and certificates; poses and depths that are NaN",
         },
     }
@@ -172,7 +126,7 @@ def _sha256(path: Path) -> str:
 
 
 def _planned(
-    found: Catalogue, job: Job, rest: Mapping, samples: Mapping, own: Job | None, origins: Mapping[str, np.ndarray]
+    found: Catalogue, rest: Mapping[str, RestMesh], job: Job, own: Job | None, samples: Mapping
 ) -> dict[str, np.ndarray]:
     trials, keys = np.array(found.trials, np.int32), _keys(found)
     # Trajectories of a job of simgen stay in their splits: what was trained on is not tested on.
@@ -192,10 +146,10 @@ def _planned(
             for index, place in samples[sensor].get(key, {}).items():
                 depth[press, index] = np.nan if place.depth_m is None else place.depth_m
         nowhere = np.full((4, 4), np.nan)
-        arrays |= {f"{sensor}/{key}": values for key, values in mesh.items()}
+        arrays |= {f"{sensor}/{key}": values for key, values in mesh.arrays.items()}
         arrays[f"{sensor}/stated_depth"] = depth
         pose = np.stack([found.sensor_pose[sensor].get(key, nowhere) for key in keys])
-        pose[:, :3, 3] += pose[:, :3, :3] @ origins[sensor]
+        pose[:, :3, 3] += pose[:, :3, :3] @ mesh.origin
         arrays[f"{sensor}/pose"] = pose
     return arrays
 
@@ -205,10 +159,12 @@ def _keys(found: Catalogue) -> list[tuple[int, str]]:
     return [(trial, name) for trial in found.trials for name in found.names]
 
 
-def _fill(dataset: Dataset, found: Catalogue, samples: Mapping, origins: Mapping, track: Track) -> None:
+def _fill(
+    dataset: Dataset, found: Catalogue, rest: Mapping[str, RestMesh], samples: Mapping, track: Track
+) -> None:
     """Write the shards, of which the arrays of one sensor are in memory at a time."""
     keys = _keys(found)
-    with TemporaryDirectory(dir=dataset.path) as staging, closing(_Reader(dataset, origins)) as reader:
+    with TemporaryDirectory(dir=dataset.path) as staging, closing(_Reader(dataset, rest)) as reader:
         for shard in track(range(dataset.shards), "shards"):
             of_shard = [keys[press] for press in dataset.shard_presses(shard)]
             poses = [_reference(found, key) for key in of_shard]
@@ -236,9 +192,9 @@ def _travel(pose: np.ndarray, touched: np.ndarray | None) -> float:
 class _Reader:
     """Reads presses of files; the last file of each sensor stays open."""
 
-    def __init__(self, dataset: Dataset, origins: Mapping[str, np.ndarray]):
+    def __init__(self, dataset: Dataset, rest: Mapping[str, RestMesh]):
         self.dataset, self._files = dataset, {}
-        self.rest = {sensor: dataset[f"{sensor}/rest_positions"] + origins[sensor] for sensor in dataset.sensors}
+        self.rest = {sensor: mesh.in_files for sensor, mesh in rest.items()}
 
     def close(self) -> None:
         for file in self._files.values():
