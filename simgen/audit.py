@@ -12,9 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from simgen import touch_audit
-from simgen.dataset import PLAN, SPLITS, Dataset
+from simgen.dataset import PLAN, Dataset
 from simgen.errors import InputError
 from simgen.finding import SHOWN, Finding, name, named, not_looked_at
+from simgen.job_schema import hash_of
+from simgen.splits import IN_NONE, SPLITS
 
 FORCE_BALANCE = 1e-3  # of the contact force
 LIQUID_VOLUME = 1e-6  # of the cavity's volume
@@ -115,8 +117,8 @@ def _sha256(dataset: Dataset, file: str) -> str | None:
 
 
 def _job(dataset: Dataset) -> Finding:
-    same = dataset.job.hash == dataset.attributes["job_hash"]
-    return Finding("dataset", "job hash", dataset.job.hash[:12], dataset.attributes["job_hash"][:12], same)
+    found, expected = hash_of(dataset.attributes["job"]), dataset.attributes["job_hash"]
+    return Finding("dataset", "job hash", found[:12], expected[:12], found == expected)
 
 
 def _layout(dataset: Dataset) -> Iterator[Finding]:
@@ -135,14 +137,18 @@ def _layout(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _splits(dataset: Dataset) -> Iterator[Finding]:
-    trajectory, split = dataset["press/trajectory"], dataset["press/split"]
-    pairs = np.unique(np.stack([trajectory, split]), axis=1)
-    of_trajectory = np.bincount(pairs[0])
-    counts = np.bincount(pairs[1], minlength=len(SPLITS))
-    shown = " / ".join(str(count) for count in counts)
-    shared = np.flatnonzero(of_trajectory > 1)
+    trajectory, indenter, split = (dataset[f"press/{key}"] for key in ("trajectory", "indenter", "split"))
+    counts = ", ".join(f"{name} {np.count_nonzero(split == code)}" for code, name in enumerate(SPLITS))
+    used = split != IN_NONE
+    pairs = np.unique(np.stack([trajectory, split])[:, used], axis=1)
+    shared = np.flatnonzero(np.bincount(pairs[0]) > 1)
     note = f"in two splits: trajectories {', '.join(map(str, shared[:SHOWN]))}" if len(shared) else ""
-    yield Finding("dataset", "splits", shown, "disjoint", not len(shared), note)
+    yield Finding("dataset", "splits", counts, "disjoint", not len(shared), note)
+    if (left_out := dataset.job.dataset.leave_out) is not None:
+        own = dataset.indenters.index(left_out)
+        wrong = np.flatnonzero(used & ((split == list(SPLITS).index("test")) != (indenter == own)))
+        note = f"in a split of others: presses {', '.join(map(str, wrong[:SHOWN]))}" if len(wrong) else ""
+        yield Finding("dataset", "left out", left_out, "in test alone", not len(wrong), note)
 
 
 def _imported(dataset: Dataset, sensor: str) -> Iterator[Finding]:

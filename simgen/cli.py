@@ -29,11 +29,16 @@ Overrides = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    typer.Option(min=1, help="Processes of the local cluster.", show_default="one per core, or one GPU"),
+    typer.Option(min=1, help="Processes of the local cluster; of a scheduler, how many to wait for.",
+                 show_default="one per core, or one GPU"),
 ]
 Scheduler = Annotated[
     str | None,
     typer.Option(help="A dask scheduler's address, or `sync`: no cluster.", show_default="local cluster"),
+]
+SchedulerFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="What `dask scheduler --scheduler-file` wrote, instead of an address."),
 ]
 DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET", help="A folder that `simgen run` wrote.")]
 
@@ -48,6 +53,7 @@ def run(
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
+    scheduler_file: SchedulerFile = None,
     device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what would be done, how large, how long; do nothing.")
@@ -70,7 +76,7 @@ def run(
         return
     from simgen.console import run_with_progress
 
-    if run_with_progress(checked, output or checked.output(), workers, scheduler, device):
+    if run_with_progress(checked, output or checked.output(), workers, _address(scheduler, scheduler_file), device):
         raise typer.Exit(1)
 
 
@@ -95,6 +101,7 @@ def check(
     ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
+    scheduler_file: SchedulerFile = None,
 ):
     """Audit a dataset: files, certificates, pairing, splits, what is held and touched.
 
@@ -109,7 +116,8 @@ def check(
     findings = check(opened)
     print_findings(dataset, findings)
     if repair and (shards := to_repair(opened, findings)):
-        if run_with_progress(opened.job, dataset, workers, scheduler, opened.attributes["device"], shards):
+        address = _address(scheduler, scheduler_file)
+        if run_with_progress(opened.job, dataset, workers, address, opened.attributes["device"], shards):
             raise typer.Exit(1)
         findings = check(Dataset(dataset))
         print_findings(dataset, findings)
@@ -275,6 +283,17 @@ def bench(
     from simgen.bench import run
 
     run(quick, device, output, typer.echo)
+
+
+def _address(scheduler: str | None, file: Path | None) -> str | None:
+    """Of the scheduler, from one of the two options."""
+    from simgen.workers import scheduler_address
+
+    if file is None:
+        return scheduler
+    if scheduler is not None:
+        raise InputError(f"--scheduler {scheduler} and --scheduler-file {file}: allowed: one of them")
+    return scheduler_address(file)
 
 
 def main() -> None:

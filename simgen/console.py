@@ -22,7 +22,7 @@ from rich.table import Table
 
 from simgen.audit import passes
 from simgen.finding import Finding
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.run_status import RunStatus
 
 if TYPE_CHECKING:  # these need the solver; an audit does not
@@ -30,6 +30,7 @@ if TYPE_CHECKING:  # these need the solver; an audit does not
     from simgen.exchange.selection import Selection
     from simgen.preview import Preview
     from simgen.shard import ShardReport
+    from simgen.workers import Workers
 
 console = Console(highlight=False)
 INTERRUPTED = 130
@@ -74,6 +75,7 @@ def run_with_progress(
     watch = _Watch(job)
     try:
         with start_workers(job, device, workers, scheduler) as started:
+            watch.workers = started
             with console.status("sampling contacts, posing them on every sensor"):
                 plan = make_plan(job, device)
             signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code takes it away
@@ -104,7 +106,8 @@ class _Watch:
             console=console,
         )
         self.done = self.already = self.failed = self.errors = 0
-        self.began = time.monotonic()
+        self.workers: Workers | None = None
+        self.presses, self.began = job.presses, time.monotonic()
         self.bar = self.progress.add_task(job.name, total=job.presses, rate="starting", failures="")
 
     def on_start(self, already: int) -> None:
@@ -112,6 +115,8 @@ class _Watch:
         self.done = self.already = already
         self.began = time.monotonic()
         self.progress.update(self.bar, completed=already, rate="no rate yet")
+        if already < self.presses:
+            self.progress.console.print(self.workers.about, soft_wrap=True)
 
     def on_report(self, report: "ShardReport") -> None:
         if report.error:

@@ -6,7 +6,8 @@ One zarr v3 directory, in SI units::
       attributes                                       resolved job and hash, code, packages, meshes, status
       depth (depth,)                                   m, from true first touch
       press/trajectory, indenter (press,)              the contact; index into the job's indenters
-      press/split (press,)                             0 train, 1 validation, 2 test: by trajectory
+      press/split (press,)                             0 train, 1 validation, 2 test: by trajectory; -1 none, with
+                                                       an indenter that is left out
       press/contact_pose (press, 4, 4)                 indenter -> shared frame, its tip at the contact point
       press/contact_normal (press, 3)                  outward, of the reference sensor, in the shared frame
       press/pose (press, 4, 4)                         contact_pose moved along its +y to first touch on the
@@ -45,12 +46,12 @@ import zarr
 
 from simgen.chunk_files import chunk_path, open_sharded
 from simgen.errors import InputError
-from simgen.job import Job, job_from_dict
+from simgen.job import job_from_dict
+from simgen.job_schema import Job
 
 SCHEMA = 1
 DISPLACEMENT_STEP_M = 1e-7
 NOT_REACHED = np.iinfo(np.int16).min  # of int16 displacement; -1 of the integers, NaN of the floats
-SPLITS = {"train": 0.79, "validation": 0.10, "test": 0.11}
 PLAN = "plan.json"  # in the folder of manifests, as the next
 TIMINGS = "timings.jsonl"
 
@@ -109,16 +110,6 @@ def written_arrays(job: Job, output_vertices: Mapping[str, int]) -> dict[str, Ar
         for key, (dtype, about) in certificate.items():
             arrays[f"{sensor}/certificate/{key}"] = Array((depths,), dtype, about)
     return arrays
-
-
-def split_by_trajectory(count: int, seed: int) -> np.ndarray:
-    """(count,) int8 split of each trajectory: seeded, 79 / 10 / 11 % to the nearest trajectory."""
-    order = np.random.default_rng([seed, 79, 10, 11]).permutation(count)
-    bounds = np.rint(np.cumsum(list(SPLITS.values()))[:-1] * count).astype(int)
-    split = np.empty(count, np.int8)
-    for code, members in enumerate(np.split(order, bounds)):
-        split[members] = code
-    return split
 
 
 class Dataset:

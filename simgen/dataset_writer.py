@@ -23,7 +23,7 @@ from simgen.chunk_files import COMPRESSION, chunk_file, sharded_files
 from simgen.dataset import PLAN, SCHEMA, TIMINGS, Array, Dataset, written_arrays
 from simgen.errors import InputError, writing
 from simgen.folder_lock import LOCK, HeldError, held, held_new, remove_abandoned
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.provenance import difference
 from simgen.whole_files import Aside, flush, put_in_place, whole_folder
 

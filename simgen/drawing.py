@@ -8,20 +8,26 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 
-FROM_PAD = np.array([-0.45, -1.0, 0.55])  # shared frame: the pad side is -y, the tip -x
-LIGHT = np.array([-0.3, -0.8, 0.9])
 AMBIENT = 0.45
 PLAIN = "#d9d4c7"
 # From the gel's own pale colour to dark: what does not move looks like gel, and the shading stays visible.
-COLOURS = LinearSegmentedColormap.from_list("displacement", [PLAIN, "#f2b34c", "#d1422f", "#5c0f3c"])
+COLOURS = LinearSegmentedColormap.from_list(
+    "displacement", [PLAIN, "#f2b34c", "#d1422f", "#5c0f3c"]
+).with_extremes(bad="#a9b0b7")  # where there is no value
 
 
-def camera(towards_viewer: np.ndarray) -> np.ndarray:
-    """(3, 3) rows: right, up and towards the viewer; right lies as near to +x as it can."""
+def camera(towards_viewer: np.ndarray, up: np.ndarray | None = None) -> np.ndarray:
+    """(3, 3) rows: right, up and towards the viewer; up lies as near to ``up`` as it can, or else right to +x."""
     out = towards_viewer / np.linalg.norm(towards_viewer)
-    right = np.array([1.0, 0.0, 0.0]) - out[0] * out
+    right = np.array([1.0, 0.0, 0.0]) - out[0] * out if up is None else np.cross(up, out)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(out, right), out])
+
+
+# Shared frame: the pad side is -y, the tip -x. Together they show all of the pad.
+FROM_PAD = camera(np.array([-0.45, -1.0, 0.55]))
+FROM_OTHER_SIDE = camera(np.array([-0.45, -1.0, -0.55]))
+LIGHT = np.array([0.11, 0.32, 0.94])  # right, up, towards the viewer
 
 
 def draw_surface(
@@ -31,20 +37,18 @@ def draw_surface(
     values: np.ndarray | None = None,
     *,
     largest: float = 1.0,
-    towards_viewer: np.ndarray = FROM_PAD,
+    view: np.ndarray = FROM_PAD,
 ) -> PolyCollection:
-    """Draw a closed surface, m, outward triangles; `values` (vertex,) colour it from 0 to `largest`.
+    """Draw a closed surface, m, outward triangles; `values` (vertex,) colour it from 0 to `largest`, NaN in grey.
 
-    Returns the collection, from which a colour bar can be made.
+    `view` is a `camera`. Returns the collection, from which a colour bar can be made.
     """
-    view = camera(towards_viewer)
     corners = vertices[triangles] @ view.T * 1e3
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
     order = np.argsort(corners[:, :, 2].mean(axis=1))
     order = order[normal[order, 2] > 0]
-    light = view @ LIGHT / np.linalg.norm(LIGHT)
-    shade = AMBIENT + (1 - AMBIENT) * np.clip(normal[order] @ light, 0.0, 1.0)
+    shade = AMBIENT + (1 - AMBIENT) * np.clip(normal[order] @ LIGHT, 0.0, 1.0)
     faces = PolyCollection(corners[order, :, :2], cmap=COLOURS)
     faces.set_clim(0.0, largest)
     if values is None:
@@ -64,8 +68,15 @@ def draw_surface(
 
 
 def draw_points(
-    axes: Axes, points: np.ndarray, colours: np.ndarray, towards_viewer=FROM_PAD, size=6.0
+    axes: Axes,
+    points: np.ndarray,
+    normals: np.ndarray,
+    colours: np.ndarray,
+    *,
+    view: np.ndarray = FROM_PAD,
+    size: float = 6.0,
 ) -> None:
-    """Draw points (n, 3), m, on top of what is there."""
-    seen = points @ camera(FROM_PAD).T * 1e3
-    axes.scatter(seen[:, 0], seen[:, 1], c=colours, s=size, linewidths=0, zorder=3)
+    """Draw those of the points (n, 3), m, on a surface whose outward normals (n, 3) look at the viewer."""
+    facing = normals @ view[2] > 0
+    seen = points[facing] @ view.T * 1e3
+    axes.scatter(seen[:, 0], seen[:, 1], c=colours[facing], s=size, linewidths=0, zorder=3)

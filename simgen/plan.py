@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from simgen import dataset, pairing, provenance
+from simgen import pairing, provenance
 from simgen.errors import InputError
 from simgen.fem.status import Status
 from simgen.indenter import load_indenter
-from simgen.job import Job
-from simgen.quiet import check_device
+from simgen.job_schema import Job
+from simgen.quiet import check_device_name, start_warp
 from simgen.sensor import Material, Sensor, load_sensor
+from simgen.splits import SPLITS, leave_out, split_by_trajectory
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,10 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
 
     Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine.
-    Raises `InputError` if this machine has no such device.
+    The device may be another machine's. Raises `InputError` if there can be no such device.
     """
-    check_device(device)
+    check_device_name(device)
+    start_warp()
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
     settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count"}))
@@ -39,11 +41,12 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
         reference, job.trajectories.count, job.seed, float(job.depths_m[-1]), settings
     )
     trajectory = np.repeat(np.arange(job.trajectories.count, dtype=np.int32), len(job.indenters))
+    indenter = np.tile(np.arange(len(job.indenters), dtype=np.int32), job.trajectories.count)
     arrays = {
         "depth": job.depths_m,
         "press/trajectory": trajectory,
-        "press/indenter": np.tile(np.arange(len(job.indenters), dtype=np.int32), job.trajectories.count),
-        "press/split": dataset.split_by_trajectory(job.trajectories.count, job.seed)[trajectory],
+        "press/indenter": indenter,
+        "press/split": split_presses(job, trajectory, indenter),
         "press/contact_pose": pairing.indenter_poses(contacts)[trajectory],
         "press/contact_normal": contacts.normals[trajectory],
     }
@@ -58,6 +61,14 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
         }
     return Plan(job, device, _attributes(job, device, sensors), arrays)
+
+
+def split_presses(job: Job, trajectory: np.ndarray, indenter: np.ndarray) -> np.ndarray:
+    """(press,) int8, by trajectory; with an indenter that the job leaves out, some presses are in no split."""
+    split = split_by_trajectory(job.trajectories.count, job.seed)[trajectory]
+    if (name := job.dataset.leave_out) is not None:
+        split = leave_out(split, indenter, job.indenter_names.index(name))
+    return split
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:
@@ -114,6 +125,6 @@ def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[st
         "device": device,
         "sensors": {name: sensor_identity(job, name, sensor) for name, sensor in sensors.items()},
         "indenters": indenter_identities(job),
-        "splits": list(dataset.SPLITS),
+        "splits": list(SPLITS),
         "status": {str(int(status)): status.sentence for status in Status},
     }

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from simgen.capacity import at_once, bytes_per_press
 from simgen.dataset import CERTIFICATE
 from simgen.fem.newton import SolverSettings
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor
 from simgen.press import Scene
 from simgen.quiet import start_warp

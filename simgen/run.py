@@ -4,7 +4,7 @@ No task depends on another, on the number of workers or on their order, so the d
 """
 
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,14 +12,16 @@ from typing import Any
 from simgen.dataset import Dataset
 from simgen.dataset_writer import complete, filling, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.plan import Plan
+from simgen.quiet import check_device
 from simgen.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.shard_writer import Failure
 from simgen.workers import Workers
 
 # A task on a GPU: so many that the presses at its end, which leave the device idle, are few among them.
 PRESSES_PER_GPU_TASK = 4096
+SMALLER = 8  # times: a task that broke down is tried again in parts of which most may be sound
 
 
 def run(
@@ -35,11 +37,13 @@ def run(
 
     `workers` of `simgen.workers.start_workers`; None is this very process. `on_start` is told how many presses are
     there already, `on_report` what came of each shard. Finished shards that `again` names are solved once more. An
-    interrupt closes the workers and leaves a dataset that the same call completes. A shard whose task raised is left
-    unfinished and its report carries the error. Raises `InputError` if `output` holds another dataset, is being filled
-    by another run, or cannot be written any more.
+    interrupt closes the workers and leaves a dataset that the same call completes. A shard whose task raised, or ended
+    its process, twice is left unfinished, and its report carries the error. Raises `InputError` if `output` holds
+    another dataset, is being filled by another run, or cannot be written any more, and if the scheduler is lost.
     """
-    workers = workers or Workers(plan.device)
+    if workers is None:
+        check_device(plan.device)
+        workers = Workers(plan.device)
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
     if complete(dataset) and not again:
         on_start(dataset.presses)
@@ -49,18 +53,62 @@ def run(
         on_start(dataset.presses - sum(len(dataset.shard_presses(shard)) for shard in shards))
         log_timing(dataset, {"began": time.time(), "shards": len(shards)})
         size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers.count)
-        tasks = [(output.resolve(), some, plan.job, workers.device, build) for some in divide(shards, size)]
         try:
-            for reports in workers.map(_guarded, tasks):
-                for report in reports:
-                    log_timing(dataset, {"finished": time.time(), **asdict(report)})
-                    on_report(report)
-                    if report.errno in NOT_WRITABLE:
-                        raise InputError(cannot_write(output, report.errno))
+            for report in _reports(dataset, divide(shards, size), plan.job, workers, build):
+                log_timing(dataset, {"finished": time.time(), **asdict(report)})
+                on_report(report)
+                if report.errno in NOT_WRITABLE:
+                    raise InputError(cannot_write(output, report.errno))
         except BaseException:
             workers.close()
             raise
     return dataset
+
+
+def _reports(
+    dataset: Dataset, parts: list[list[int]], job: Job, workers: Workers, build: Callable[[Job, str, str], Presser]
+) -> Iterator[ShardReport]:
+    """What came of all shards. Parts that broke down are tried once more, after the others and smaller.
+
+    What shares a process with a task that kills it dies with it, so they are tried one at a time.
+    """
+    again = []
+    for part, outcome in _solve(dataset, parts, job, workers, build):
+        if isinstance(outcome, Failure) and not outcome.final:
+            again += divide(part, max(1, len(part) // SMALLER))
+        else:
+            yield from _of_shards(dataset, part, outcome)
+    for part in again:
+        for _, outcome in _solve(dataset, [part], job, workers, build):
+            yield from _of_shards(dataset, part, outcome)
+
+
+def _solve(
+    dataset: Dataset, parts: list[list[int]], job: Job, workers: Workers, build: Callable[[Job, str, str], Presser]
+) -> Iterator[tuple[list[int], list[ShardReport] | Failure]]:
+    """Parts as they are solved, and what came of each."""
+    path = dataset.path.resolve()
+    tasks = [(path, part, job, workers.device, build) for part in parts]
+    for task, outcome in workers.map(_guarded, tasks):
+        yield task[1], Failure.of(outcome) if isinstance(outcome, Exception) else outcome
+
+
+def _guarded(arguments: tuple) -> list[ShardReport] | Failure:
+    """Solve some shards; what goes wrong is data too."""
+    try:
+        return run_shards(*arguments)
+    except Exception as error:
+        failure = Failure.of(error)
+        if failure.errno is not None and not str(getattr(error, "filename", "")).startswith(str(arguments[0])):
+            return replace(failure, errno=None, final=False)  # a file of somebody else's
+        return failure
+
+
+def _of_shards(dataset: Dataset, part: list[int], outcome: list[ShardReport] | Failure) -> list[ShardReport]:
+    if not isinstance(outcome, Failure):
+        return outcome
+    counts = {shard: len(dataset.shard_presses(shard)) for shard in part}
+    return [ShardReport(shard, counts[shard], error=outcome.sentence, errno=outcome.errno) for shard in part]
 
 
 def divide(shards: list[int], size: int) -> list[list[int]]:
@@ -73,17 +121,3 @@ def shards_per_task(shards: int, job: Job, gpus: int) -> int:
     most = max(1, PRESSES_PER_GPU_TASK // job.dataset.presses_per_shard)
     rounds = max(1, -(-shards // (most * gpus)))
     return max(1, -(-shards // (rounds * gpus)))
-
-
-def _guarded(arguments: tuple) -> list[ShardReport]:
-    """Run some shards; what goes wrong is data too."""
-    try:
-        return run_shards(*arguments)
-    except Exception as error:
-        path, shards = arguments[:2]
-        counts = [len(Dataset(path).shard_presses(shard)) for shard in shards]
-        failure = Failure.of(error)
-        if not str(getattr(error, "filename", "")).startswith(str(path)):  # a file of somebody else's
-            failure = replace(failure, errno=None)
-        return [ShardReport(shard, count, error=failure.sentence, errno=failure.errno)
-                for shard, count in zip(shards, counts, strict=True)]  # fmt: skip

@@ -9,11 +9,12 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,10 +23,10 @@ from simgen.dataset import Dataset
 from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
 from simgen.indenter import Indenter, load_indenter
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, press
-from simgen.provenance import difference
+from simgen.provenance import code_version, difference, package_versions
 from simgen.quiet import start_warp
 from simgen.sensor import Sensor
 from simgen.shard_writer import ShardWriter, put_shards_in_place
@@ -93,19 +94,32 @@ def _presser(
 
 @lru_cache(maxsize=1)
 def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
-    """What `_sensor` and `_indenters` hold, as JSON of the dataset's attributes."""
+    """What `_sensor` and `_indenters` hold, and the code that will press, as JSON of the dataset's attributes."""
     own = {
+        "code": _code(code_version()),
+        "packages": package_versions(),
         "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
         "indenters": {name: own.identity() for name, own in zip(job.indenter_names, _indenters(job), strict=True)},
     }
     return json.dumps(own, sort_keys=True)
 
 
-def _check_inputs(job: Job, recorded: str) -> None:
-    """Raises `InputError` where a sensor or an indenter is another one here than in the dataset.
+def _code(version: Mapping[str, Any]) -> dict[str, Any]:
+    """What decides the bytes: a checkout and a wheel of the same sources are the same."""
+    return {key: version[key] for key in ("version", "source")}
 
-    `recorded` is what `_inputs` was where the dataset was planned. Files may differ between machines, and so do meshes
-    that each made for itself: fTetWild does not make the same mesh twice.
+
+def recorded_inputs(attributes: Mapping[str, Any]) -> str:
+    """What `_inputs` was where the dataset was planned, from the attributes of the dataset."""
+    own = {key: attributes[key] for key in ("sensors", "indenters", "packages")}
+    return json.dumps({**own, "code": _code(attributes["code"])}, sort_keys=True)
+
+
+def _check_inputs(job: Job, recorded: str) -> None:
+    """Raises `InputError` where a sensor, an indenter, a package or the code is another one here than in the dataset.
+
+    `recorded` as by `recorded_inputs`. Machines may have other files and versions, and do have other meshes if each
+    made them for itself: fTetWild does not make the same mesh twice.
     """
     sensors = tuple(json.loads(recorded)["sensors"])
     if _inputs(job, sensors) != recorded:
@@ -113,8 +127,8 @@ def _check_inputs(job: Job, recorded: str) -> None:
             read.cache_clear()
     if changes := difference(json.loads(recorded), json.loads(_inputs(job, sensors))):
         raise InputError(
-            f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all "
-            "workers the same files, and the same meshes by running `simgen mesh` once in a folder they share"
+            f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all workers "
+            "the same code and files, and the same meshes by running `simgen mesh` once in a folder they share"
         )
 
 
@@ -153,7 +167,7 @@ def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: s
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose = dataset.root["press/contact_pose"][:][rows]
     indenters = dataset.root["press/indenter"][:][rows].tolist()
-    inputs = json.dumps({key: dataset.attributes[key] for key in ("sensors", "indenters")}, sort_keys=True)
+    inputs = recorded_inputs(dataset.attributes)
     _check_inputs(job, inputs)
     for sensor in dataset.sensors:
         poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose

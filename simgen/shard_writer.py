@@ -9,20 +9,26 @@ import numpy as np
 
 from simgen.dataset import Dataset
 from simgen.dataset_writer import forget, manifest_aside, write_aside
+from simgen.errors import NOT_WRITABLE, InputError
 from simgen.press import PressResult
 from simgen.whole_files import Aside, put_in_place
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What an exception says, without the values that it would hold, and the operating system's number, if any."""
+    """What an exception says, without the values that it would hold, and the operating system's number, if any.
+
+    final : nothing would be better another time: inputs stay what they are, a disk stays full
+    """
 
     sentence: str
     errno: int | None
+    final: bool = False
 
     @classmethod
     def of(cls, error: Exception) -> "Failure":
-        return cls(f"{type(error).__name__}: {error}", getattr(error, "errno", None))
+        number = getattr(error, "errno", None)
+        return cls(f"{type(error).__name__}: {error}", number, isinstance(error, InputError) or number in NOT_WRITABLE)
 
 
 class ShardWriter:

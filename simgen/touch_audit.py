@@ -14,7 +14,7 @@ from simgen.dataset import Dataset
 from simgen.distance import RigidShape, distance
 from simgen.errors import InputError
 from simgen.finding import Finding, named, not_looked_at
-from simgen.indenter import load_indenter
+from simgen.indenter import Indenter, load_indenter
 from simgen.provenance import difference
 from simgen.quiet import start_warp
 from simgen.shape import shape_array
@@ -120,15 +120,9 @@ class _Look:
         self.touch, self.depth = dataset[f"{sensor}/touch"], dataset["depth"]
         self.pose = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
         self.indenter = dataset["press/indenter"]
-        shapes = []
         try:
-            for name, text in zip(dataset.indenters, dataset.job.indenters, strict=True):
-                own = load_indenter(dataset.job.locate(text))
-                if changes := difference(dataset.attributes["indenters"][name], own.identity()):
-                    raise InputError(f"{name}: not the indenter that was pressed ({'; '.join(changes)})")
-                shapes.append(own.shape())
-            self.shapes = shape_array(shapes)
-        except (InputError, KeyError) as error:  # a user's own file, which may be gone
+            self.shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)])
+        except InputError as error:
             self.why_not = str(error)
 
     def at(self, shard: int) -> tuple:
@@ -174,6 +168,18 @@ class _Look:
             wp.launch(_nearest_vertex_kernel, dim=dim, inputs=[self.shapes, *inputs], outputs=[least], device="cpu")
         distances = least.numpy() * 1e-3
         return distances[:count], distances[count:]
+
+
+def pressed_indenters(dataset: Dataset) -> list[Indenter]:
+    """The indenters of the dataset. Raises `InputError` if one, a user's own file, has changed or is gone."""
+    found = []
+    for name, text in zip(dataset.indenters, dataset.job.indenters, strict=True):
+        own = load_indenter(dataset.job.locate(text))
+        stored = dataset.attributes.get("indenters", {}).get(name, {})
+        if changes := difference(stored, own.identity()):
+            raise InputError(f"{name}: not the indenter that was pressed ({'; '.join(changes)})")
+        found.append(own)
+    return found
 
 
 def nearest_on_surface(

@@ -3,19 +3,24 @@
 Only this file imports dask.
 """
 
+import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
+from importlib.util import find_spec
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from simgen.errors import InputError
-from simgen.job import Job
+from simgen.job_schema import Job
 from simgen.quiet import check_device
 from simgen.shard import Presser, fem_presser, prepare
 
-TASKS_PER_WORKER = 2  # submitted and not finished: one runs, one waits
+TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
+LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
+ANSWER_S = 10.0  # within which a scheduler must answer
 
 # A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -33,10 +38,27 @@ class Workers:
         """dask's client of the processes, which start when it is first asked for, and what prepares them."""
         return self._start()
 
-    def map(self, function: Callable, arguments: list) -> Iterator:
-        """Results of a function, as they come."""
+    @property
+    def about(self) -> str:
+        """Where the workers are, how many they are now, and where dask shows what they do (pages that need bokeh)."""
+        if self._start is None:
+            return "this process alone"
+        client = self.started[0]
+        count, threads = len(client.nthreads()), sum(client.nthreads().values())
+        dashboard = ""
+        if find_spec("bokeh") is not None:
+            with suppress(KeyError):  # a scheduler without one
+                dashboard = f", dashboard {client.dashboard_link}"
+        workers = f"{count} worker{'s' if count != 1 else ''} with {threads} threads" if count else "no worker yet"
+        return f"{workers} at {client.scheduler.address}{dashboard}"
+
+    def map(self, function: Callable, arguments: list) -> Iterator[tuple[Any, Any]]:
+        """Arguments with their results, as they come; in place of a result, the error that kept it from coming.
+
+        Workers may join and leave meanwhile. Raises `InputError` if their scheduler is lost.
+        """
         if not arguments or self._start is None:
-            yield from map(function, arguments)
+            yield from ((argument, function(argument)) for argument in arguments)
             return
         from dask.distributed import CancelledError, KilledWorker, as_completed, wait
         from distributed.comm import CommClosedError
@@ -44,18 +66,33 @@ class Workers:
         client, preparing = self.started
         # Before, dask would give a worker that is ready, and has a second thread, the task of one that is not.
         wait(preparing)
-        # A bounded number of tasks is submitted, so that a long job stays light on the scheduler.
-        bound, waiting = TASKS_PER_WORKER * max(1, sum(client.nthreads().values())), iter(arguments)
-        first = islice(waiting, bound)
-        futures = as_completed([client.submit(function, argument, pure=False) for argument in first])
-        for future in futures:
-            try:
-                result = future.result()
-            except (KilledWorker, CancelledError, CommClosedError) as error:
-                raise InputError(f"the workers or their scheduler are lost: {error}") from None
-            yield result
-            for argument in islice(waiting, 1):
-                futures.add(client.submit(function, argument, pure=False))
+        preparing.clear()  # or what a worker that dies had prepared would be waited for again
+        waiting, submitted, futures = iter(arguments), {}, as_completed()
+
+        def submit() -> None:
+            """No more than workers will soon take, so that a long job stays light on the scheduler."""
+            bound = TASKS_PER_THREAD * max(1, sum(client.nthreads().values()))
+            for argument in islice(waiting, max(0, bound - len(submitted))):
+                future = client.submit(function, argument, pure=False)
+                submitted[future] = argument
+                futures.add(future)
+
+        try:
+            submit()
+            for future in futures:
+                try:
+                    result = future.result()
+                except (CancelledError, CommClosedError):
+                    raise
+                except KilledWorker as error:
+                    died = error.allowed_failures + 1
+                    result = RuntimeError(f"{died} processes that were at it died, killed or out of memory")
+                except Exception as error:  # as where simgen is not installed
+                    result = error
+                yield submitted.pop(future), result
+                submit()
+        except (CancelledError, CommClosedError, OSError) as error:
+            raise InputError(f"the scheduler of the workers is lost ({error})") from None
 
 
 @contextmanager
@@ -69,9 +106,10 @@ def start_workers(
     """Workers for a job.
 
     `count` processes of a local cluster (default: one per core, or one per GPU; no more than shards), all those of a
-    `scheduler`, which see the same file system, or this process if that is "sync". Those of a local cluster load their
-    sensors, scenes and kernels as soon as they start; with GPUs that is at once, as cores are free while the caller
-    plans. Raises `InputError` for a device that this machine has not, unless the workers are elsewhere.
+    `scheduler`, which see the same file system, as soon as there are `count`, or this process if that is "sync". Those
+    of a local cluster load their sensors, scenes and kernels as soon as they start; with GPUs that is at once, as cores
+    are free while the caller plans. Raises `InputError` for a device that this machine has not, unless the workers are
+    elsewhere.
     """
     if scheduler is None or scheduler == "sync":
         check_device(device)
@@ -82,12 +120,18 @@ def start_workers(
 
     if scheduler is not None:
         try:
-            client = Client(scheduler)
+            client = Client(scheduler, timeout=ANSWER_S)
         except (OSError, ValueError) as error:
             allowed = "allowed: the address of one that answers, as tcp://host:8786, or sync"
             raise InputError(f"scheduler {scheduler!r}: {error}; {allowed}") from None
         with client:
-            yield Workers(device, max(1, len(client.nthreads())), lambda: (client, []))
+
+            def joined() -> tuple[Client, list]:
+                if count:
+                    client.wait_for_workers(count)
+                return client, []
+
+            yield Workers(device, count or max(1, len(client.nthreads())), joined)
         return
     gpus = visible_gpus(device) if device != "cpu" else []
     there = "cuda" if gpus else device
@@ -138,8 +182,25 @@ def local_cluster(environments: list[dict[str, str]]):
         i: {"cls": QuickNanny, "options": {**shared, "nthreads": 2 if environment else 1, "env": environment}}
         for i, environment in enumerate(environments)
     }
-    here = {"cls": Scheduler, "options": {"host": "127.0.0.1", "port": 0, "dashboard": False}}
+    options = {"host": "127.0.0.1", "port": 0, "dashboard_address": "127.0.0.1:0", "dashboard": None}
+    # Two other processes take what was at work in one that died, then `simgen.run` decides.
+    options |= {"allowed_failures": 2, "worker_ttl": LONGEST_SILENCE}
+    here = {"cls": Scheduler, "options": options}
     return SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL")
+
+
+def scheduler_address(file: Path) -> str:
+    """The address in a file that `dask scheduler --scheduler-file` wrote. Raises `InputError` if it holds none."""
+    try:
+        address = json.loads(file.read_text(encoding="utf-8"))["address"]
+    except OSError as error:
+        raise InputError(f"scheduler file {file}: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError):
+        address = None
+    if not isinstance(address, str):
+        allowed = "allowed: what `dask scheduler --scheduler-file` wrote"
+        raise InputError(f"scheduler file {file}: no address in it; {allowed}")
+    return address
 
 
 def _cores() -> int:

@@ -1,5 +1,7 @@
 """Stand-ins that make a whole dataset in a second: a plan on a coarse ball, a press by formula."""
 
+import hashlib
+import json
 import os
 import signal
 import tempfile
@@ -10,10 +12,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import trimesh
+import zarr
 
-from simgen.dataset import split_by_trajectory
-from simgen.job import Job, job_from_dict
-from simgen.plan import indenter_identities
+from simgen.dataset import Dataset
+from simgen.job import job_from_dict
+from simgen.job_schema import Job
+from simgen.plan import indenter_identities, split_presses
+from simgen.provenance import code_version, package_versions
 
 RADIUS_M = 7e-3
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
@@ -39,6 +44,7 @@ def make_plan(job: Job) -> SimpleNamespace:
     """As `simgen.plan.make_plan`, with contacts around the pole at -y and both sensors in the same place."""
     count, indenters = job.trajectories.count, len(job.indenters)
     trajectory = np.repeat(np.arange(count, dtype=np.int32), indenters)
+    indenter = np.tile(np.arange(indenters, dtype=np.int32), count)
     normals = np.random.default_rng(job.seed).normal(size=(count, 3)) * [0.3, 0.1, 0.3] - [0.0, 1.0, 0.0]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     side = np.cross(normals, [1.0, 0.0, 0.0])
@@ -49,8 +55,8 @@ def make_plan(job: Job) -> SimpleNamespace:
     arrays = {
         "depth": job.depths_m,
         "press/trajectory": trajectory,
-        "press/indenter": np.tile(np.arange(indenters, dtype=np.int32), count),
-        "press/split": split_by_trajectory(count, job.seed)[trajectory],
+        "press/indenter": indenter,
+        "press/split": split_presses(job, trajectory, indenter),
         "press/contact_pose": contact[trajectory],
         "press/contact_normal": normals[trajectory],
     }
@@ -66,6 +72,8 @@ def make_plan(job: Job) -> SimpleNamespace:
     attributes = {
         "job": job.resolved(),
         "job_hash": job.hash,
+        "code": code_version(),
+        "packages": package_versions(),
         "sensors": {},  # the ball is no sensor that could be loaded again
         "indenters": indenter_identities(job),
         "status": {"0": "Converged.", "1": "Stalled.", "2": "Never touched."},
@@ -198,6 +206,37 @@ def raising_presser(job, sensor, device):
     return presser
 
 
+STUMBLED: list[int] = []
+
+
+def stumbling_presser(job, sensor, device):
+    """The third call raises, and no other."""
+
+    def presser(indenters, poses, depths):
+        STUMBLED.append(len(STUMBLED))
+        if len(STUMBLED) == 3:
+            raise OSError(5, "Input/output error", "/somewhere/else")
+        return fake_presser(job, sensor, device)(indenters, poses, depths)
+
+    return presser
+
+
+POISON = 5  # a press
+
+
+def poisoned_presser(job, sensor, device):
+    """kill -9 of whichever process takes one of the presses."""
+    pose = make_plan(job).arrays["press/contact_pose"][POISON]
+    indenter = POISON % len(job.indenters)
+
+    def presser(indenters, poses, depths):
+        if any(i == indenter and np.allclose(each, pose) for i, each in zip(indenters, poses, strict=True)):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return fake_presser(job, sensor, device)(indenters, poses, depths)
+
+    return presser
+
+
 def killed_presser(job, sensor, device):
     """kill -9 of this very process in the third task, half-way between the two sensors."""
     tasks = {"count": 0}
@@ -216,6 +255,16 @@ def contents(path: Path) -> dict[str, bytes]:
     aside = ("timings.jsonl", ".lock")
     files = (file for file in sorted(path.rglob("*")) if file.is_file() and file.name not in aside)
     return {file.relative_to(path).as_posix(): file.read_bytes() for file in files}
+
+
+def change(dataset: Dataset, name: str, index, value) -> None:
+    """As if the run had written this: with checksums that fit."""
+    zarr.open_group(dataset.path, mode="r+")[name][index] = value
+    for manifest in (dataset.path / "manifest").glob("*.json"):
+        text = json.loads(manifest.read_text())
+        for file in text["sha256"]:
+            text["sha256"][file] = hashlib.sha256((dataset.path / file).read_bytes()).hexdigest()
+        manifest.write_text(json.dumps(text, indent=1))
 
 
 def slow_presser(job, sensor, device):

@@ -14,7 +14,7 @@ PACKAGE = Path(simgen.__file__).parent
 # From left to right, as the data walk. A module may import from its own room and from rooms before it.
 HOUSE = {
     "words": ["errors", "resources", "provenance", "quiet"],
-    "job": ["job"],
+    "job": ["job", "job_schema"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
                "interpolation", "mesh_files", "mesh_quality", "region_edges", "sweep"],
@@ -23,7 +23,7 @@ HOUSE = {
     "fem": ["fem"],
     "press": ["press", "march", "samples", "scene", "first_touch", "capacity"],
     "dataset": ["dataset", "dataset_writer", "chunk_files", "whole_files", "folder_lock", "finding", "audit",
-                "touch_audit", "run_status", "exchange"],
+                "touch_audit", "run_status", "splits", "exchange"],
     "run": ["plan", "shard_writer", "shard", "workers", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console"],
     "validate": ["validate"],
@@ -124,6 +124,7 @@ def test_help_needs_none_of_the_heavy_packages():
         "dask",
         "trimesh",
         "matplotlib",
+        "plotly",
         "pydantic",
         "torch",
     }
@@ -131,4 +132,4 @@ def test_help_needs_none_of_the_heavy_packages():
 
 
 def test_a_run_draws_nothing_and_learns_nothing():
-    assert not {"torch", "matplotlib"} & loaded_after("import simgen.run")
+    assert not {"torch", "matplotlib", "plotly"} & loaded_after("import simgen.run")

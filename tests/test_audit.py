@@ -1,13 +1,9 @@
 """The audit: a sound dataset passes; each way of spoiling one is found by the line that is there for it."""
 
-import hashlib
-import json
-
 import fake
 import numpy as np
 import pytest
 import trimesh
-import zarr
 
 from simgen.audit import check, passes, to_repair
 from simgen.dataset import Dataset
@@ -24,16 +20,6 @@ def dataset(tmp_path):
 
 def failures(dataset: Dataset) -> set[str]:
     return {f"{f.subject}: {f.what}" for f in check(Dataset(dataset.path)) if f.failed}
-
-
-def change(dataset: Dataset, name: str, index, value) -> None:
-    """As if the run had written this: with checksums that fit."""
-    zarr.open_group(dataset.path, mode="r+")[name][index] = value
-    for manifest in (dataset.path / "manifest").glob("*.json"):
-        text = json.loads(manifest.read_text())
-        for file in text["sha256"]:
-            text["sha256"][file] = hashlib.sha256((dataset.path / file).read_bytes()).hexdigest()
-        manifest.write_text(json.dumps(text, indent=1))
 
 
 def test_a_sound_dataset_passes(dataset):
@@ -75,7 +61,7 @@ ALSO = {
 @pytest.mark.parametrize("case", SPOILED)
 def test_each_spoiled_array_is_found_by_its_line_which_names_the_sample(dataset, case):
     array, index, value, line, sample = SPOILED[case]
-    change(dataset, array, index, value)
+    fake.change(dataset, array, index, value)
     found = {f"{f.subject}: {f.what}": f for f in check(Dataset(dataset.path)) if f.failed}
     assert line in found and sample in found[line].note
     others = set(found) - {line}
@@ -87,12 +73,12 @@ def test_a_liquid_must_keep_its_volume(tmp_path):
     filled = run(plan, tmp_path / "filled.zarr", build=fake.fake_presser)
     assert failures(filled) == set()
     np.testing.assert_array_equal(filled["biotac/cavity_pressure"][3], 1e6 * plan.job.depths_m)
-    change(filled, "biotac/certificate/liquid_volume_error", (2, 1), 1e-4)
+    fake.change(filled, "biotac/certificate/liquid_volume_error", (2, 1), 1e-4)
     assert failures(filled) == {"biotac: liquid volume, change"}
 
 
 def test_failed_samples_are_explained(dataset):
-    change(dataset, "digit/status", (3, slice(1, 3)), 1)
+    fake.change(dataset, "digit/status", (3, slice(1, 3)), 1)
     notes = [finding.note for finding in check(Dataset(dataset.path)) if finding.note]
     assert notes == ["2 samples, the first at press 3, depth 1: Stalled."]
 
@@ -120,7 +106,7 @@ DAMAGE = {
 @pytest.mark.parametrize("damage", DAMAGE)
 @pytest.mark.parametrize("file", ["digit/force/c/1/0/0", "biotac/displacement/c/1/0/0/0", "digit/touch/c/1"])
 def test_a_damaged_file_is_named_and_all_other_shards_are_still_looked_at(dataset, file, damage):
-    change(dataset, "digit/certificate/residual", (7, 0), 1.0)
+    fake.change(dataset, "digit/certificate/residual", (7, 0), 1.0)
     DAMAGE[damage](dataset.path / file)
     found = {f"{f.subject}: {f.what}": f for f in check(Dataset(dataset.path)) if f.failed}
     assert set(found) == {
@@ -202,7 +188,7 @@ def test_a_dataset_whose_attributes_are_damaged_is_refused(dataset, text):
 
 def test_what_is_repaired_has_the_bytes_of_an_undisturbed_run(dataset):
     before = fake.contents(dataset.path)
-    change(dataset, "digit/certificate/residual", (7, 0), 1.0)
+    fake.change(dataset, "digit/certificate/residual", (7, 0), 1.0)
     DAMAGE["changed"](dataset.path / "biotac/force/c/1/0/0")
     shards, reports = to_repair(dataset, check(dataset)), []
     how = {"on_report": reports.append, "build": fake.fake_presser, "again": shards}

@@ -1,4 +1,4 @@
-"""The dataset: round trip, fill values, overflow, splits, provenance, and shards that nobody shares."""
+"""The dataset: round trip, fill values, overflow, provenance, and shards that nobody shares."""
 
 import json
 import shutil
@@ -12,7 +12,7 @@ import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simgen.dataset import DISPLACEMENT_STEP_M, Dataset, split_by_trajectory
+from simgen.dataset import DISPLACEMENT_STEP_M, Dataset
 from simgen.dataset_writer import create, folder_aside, manifest_aside, open_or_create, write_aside
 from simgen.errors import InputError
 from simgen.provenance import difference
@@ -165,15 +165,6 @@ def test_a_liquid_has_its_pressure_and_its_certificate_and_costs_the_others_noth
         [fake.make_job(), fake.make_job(sensors=fake.FILLED)]))  # fmt: skip
     assert filled - plain == {"biotac/cavity_pressure", "biotac/certificate/liquid_volume_error"}
     assert plain < filled
-
-
-@pytest.mark.parametrize("count, expected", [(860, (679, 86, 95)), (100, (79, 10, 11)), (2, (2, 0, 0))])
-def test_split_is_79_10_11_of_the_trajectories(count, expected):
-    split = split_by_trajectory(count, seed=1)
-    assert tuple(np.bincount(split, minlength=3)) == expected
-    np.testing.assert_array_equal(split, split_by_trajectory(count, seed=1))
-    if count == 860:
-        assert (split != split_by_trajectory(count, seed=2)).any()
 
 
 def test_another_job_into_an_existing_dataset_is_refused_with_the_difference(dataset):

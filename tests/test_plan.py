@@ -10,7 +10,8 @@ import yaml
 
 from simgen.errors import InputError
 from simgen.fem.newton import SolverSettings
-from simgen.job import Solver, Trajectories, load_job
+from simgen.job import load_job
+from simgen.job_schema import Solver, Trajectories
 from simgen.pairing import ContactSettings
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, make_plan, sensor_identity
 from simgen.provenance import difference
@@ -88,7 +89,7 @@ def test_a_fluid_needs_a_cavity_and_is_recorded():
 def test_a_device_that_is_not_there_is_refused(monkeypatch, gpus, device, says):
     monkeypatch.setattr("warp.get_cuda_device_count", lambda: gpus)
     with pytest.raises(InputError, match=says):
-        make_plan(load_job("smoke.yaml"), device)
+        check_device(device)
 
 
 def test_devices_that_are_there_are_accepted(monkeypatch):

@@ -1,6 +1,5 @@
 """Runs with a press by formula: any number of workers, kills and interrupts give the same bytes."""
 
-import json
 import os
 import re
 import shutil
@@ -22,6 +21,7 @@ from simgen.dataset import Dataset
 from simgen.dataset_writer import manifest_aside, open_or_create
 from simgen.errors import InputError
 from simgen.plan import indenter_identities, sensor_identity
+from simgen.provenance import code_version, package_versions
 from simgen.run import divide, run, shards_per_task
 from simgen.sensor import load_sensor
 from simgen.shard import run_shards
@@ -218,6 +218,16 @@ def test_a_worker_with_another_indenter_file_writes_nothing(tmp_path):
         assert re.search(r"the inputs on .* are not the dataset's \(indenters\.block\.sha256: ", report.error)
 
 
+@pytest.mark.parametrize("what, key", [("packages", "warp-lang"), ("code", "source")])
+def test_a_worker_with_another_version_writes_nothing(tmp_path, what, key):
+    """As on a machine where another one is installed."""
+    plan, reports = fake.make_plan(fake.make_job()), []
+    plan.attributes = {**plan.attributes, what: {**plan.attributes[what], key: "0.1"}}
+    dataset = run(plan, tmp_path / "d.zarr", on_report=reports.append, build=fake.fake_presser)
+    assert dataset.finished() == []
+    assert all(re.search(rf"are not the dataset's \({what}\.{key}: 0\.1 -> ", report.error) for report in reports)
+
+
 def test_a_worker_with_another_mesh_writes_nothing(tmp_path):
     plan = fake.make_plan(fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}}))
     own = sensor_identity(plan.job, "digit", load_sensor("digit", "coarse"))
@@ -238,8 +248,8 @@ def test_what_was_checked_last_is_what_is_pressed(monkeypatch):
     monkeypatch.setattr("simgen.shard.sensor_identity", lambda job, name, sensor: {"mesh": sensor})
     for mesh in ("one", "other", "one"):
         files["digit"] = mesh
-        inputs = {"sensors": {"digit": {"mesh": mesh}}, "indenters": indenter_identities(job)}
-        shard._check_inputs(job, json.dumps(inputs, sort_keys=True))
+        here = {"code": code_version(), "packages": package_versions(), "indenters": indenter_identities(job)}
+        shard._check_inputs(job, shard.recorded_inputs({**here, "sensors": {"digit": {"mesh": mesh}}}))
         assert shard._sensor(job, "digit") == mesh
     shard._sensor.cache_clear()
     shard._inputs.cache_clear()
@@ -265,6 +275,29 @@ def test_a_worker_that_is_killed_loses_no_shard(whole, tmp_path):
     workers[0].kill()
     assert child.wait(timeout=60) == 0
     assert fake.contents(path) == fake.contents(whole)
+
+
+def test_a_press_that_kills_its_process_costs_its_shard_and_no_other(whole, tmp_path):
+    """As one that takes all memory; shards that died beside it are solved, its own is left for a later run."""
+    job, path, reports = fake.make_job(), tmp_path / "d.zarr", []
+    with start_workers(job, count=2, build=fake.poisoned_presser) as workers:
+        run(fake.make_plan(job), path, workers, on_report=reports.append, build=fake.poisoned_presser)
+    assert sorted(report.shard for report in reports) == list(range(6))
+    (failed,) = [report for report in reports if report.error]
+    poisoned = [shard for shard in range(6) if fake.POISON in Dataset(path).shard_presses(shard)]
+    assert [failed.shard] == Dataset(path).unfinished() == poisoned
+    assert "3 processes that were at it died, killed or out of memory" in failed.error
+    run(fake.make_plan(job), path, build=fake.fake_presser)
+    assert fake.contents(path) == fake.contents(whole)
+
+
+def test_what_broke_down_once_is_tried_again(whole, tmp_path):
+    """As a file system that was away for a moment."""
+    fake.STUMBLED.clear()
+    reports = []
+    run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", on_report=reports.append, build=fake.stumbling_presser)
+    assert len(reports) == 6 and not any(report.error for report in reports) and fake.STUMBLED
+    assert fake.contents(tmp_path / "d.zarr") == fake.contents(whole)
 
 
 def test_workers_that_are_not_needed_do_not_start(whole):
@@ -297,8 +330,8 @@ def test_a_worker_that_is_ready_first_does_not_get_the_task_of_another():
         client.wait_for_workers(2)
         preparing = [client.submit(fake.process_after, seconds, workers=[address], pure=False)
                      for seconds, address in zip((0.1, 2.0), client.nthreads(), strict=True)]  # fmt: skip
-        found = list(Workers("cpu", 2, lambda: (client, preparing)).map(fake.process_after, [1.0, 1.0]))
-    assert len(set(found)) == 2
+        found = dict(Workers("cpu", 2, lambda: (client, preparing)).map(fake.process_after, [1.0, 1.1]))
+    assert found.keys() == {1.0, 1.1} and len(set(found.values())) == 2
 
 
 def test_every_gpu_has_a_worker_that_sees_no_other():

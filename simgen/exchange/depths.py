@@ -6,7 +6,7 @@ import numpy as np
 
 from simgen.errors import InputError
 from simgen.exchange.catalogue import Catalogue, Place
-from simgen.job import Job
+from simgen.job_schema import Job
 
 ROUNDING_M = 1e-9  # depths of a dataset are whole nanometres
 

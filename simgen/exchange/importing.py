@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from simgen import provenance
-from simgen.dataset import SPLITS, Dataset, split_by_trajectory
+from simgen.dataset import Dataset
 from simgen.dataset_writer import manifest_aside, write_aside, write_plan
 from simgen.errors import InputError, writing
 from simgen.exchange.catalogue import Catalogue, Place, read_catalogue
@@ -24,7 +24,9 @@ from simgen.exchange.depths import depth_axis, on_axis
 from simgen.exchange.rest_meshes import RestMesh, read_rest_meshes
 from simgen.exchange.result_files import ResultFile, Sample
 from simgen.exchange.selection import Track, untracked
-from simgen.job import Job, job_from_dict
+from simgen.job import job_from_dict
+from simgen.job_schema import Job, hash_of
+from simgen.splits import SPLITS, leave_out, split_by_trajectory
 from simgen.whole_files import check_new, put_in_place, whole_folder
 
 ABSENT = 100  # status of a sample that no file holds
@@ -93,10 +95,11 @@ def _job(found: Catalogue, rest: Mapping[str, RestMesh], axis: dict, own: Job | 
 
 
 def _attributes(found: Catalogue, rest: Mapping[str, RestMesh], job: Job, left_out: int) -> dict:
+    stated = job.model_dump(mode="json", exclude_unset=True)
     job_of_files = [json.loads(text) for text in found.own_jobs]
     return {
-        "job": job.model_dump(mode="json", exclude_unset=True),
-        "job_hash": job.hash,
+        "job": stated,
+        "job_hash": hash_of(stated),
         "code": provenance.code_version(),
         "packages": provenance.package_versions(),
         "splits": list(SPLITS),
@@ -129,16 +132,13 @@ def _planned(
     found: Catalogue, rest: Mapping[str, RestMesh], job: Job, own: Job | None, samples: Mapping
 ) -> dict[str, np.ndarray]:
     trials, keys = np.array(found.trials, np.int32), _keys(found)
-    # Trajectories of a job of simgen stay in their splits: what was trained on is not tested on.
-    known = own is not None and trials[-1] < own.trajectories.count
-    split = split_by_trajectory(own.trajectories.count, own.seed)[trials] if known else (
-        split_by_trajectory(len(trials), 0))  # fmt: skip
     of_press = np.repeat(np.arange(len(trials)), len(found.names))
+    indenter = np.tile(np.arange(len(found.names), dtype=np.int32), len(trials))
     arrays = {
         "depth": job.depths_m,
         "press/trajectory": trials[of_press],
-        "press/indenter": np.tile(np.arange(len(found.names), dtype=np.int32), len(trials)),
-        "press/split": split[of_press],
+        "press/indenter": indenter,
+        "press/split": _splits(trials, of_press, indenter, job, own),
     }
     for sensor, mesh in rest.items():
         depth = np.full((len(keys), len(job.depths_m)), np.nan)
@@ -152,6 +152,17 @@ def _planned(
         pose[:, :3, 3] += pose[:, :3, :3] @ mesh.origin
         arrays[f"{sensor}/pose"] = pose
     return arrays
+
+
+def _splits(trials: np.ndarray, of_press: np.ndarray, indenter: np.ndarray, job: Job, own: Job | None) -> np.ndarray:
+    """(press,) int8. Presses of a job of simgen stay in their splits: what was trained on is not tested on."""
+    if own is None or trials[-1] >= own.trajectories.count:
+        return split_by_trajectory(len(trials), job.seed)[of_press]
+    split = split_by_trajectory(own.trajectories.count, own.seed)[trials[of_press]]
+    if (name := own.dataset.leave_out) is None:
+        return split
+    left_out = job.indenter_names.index(name) if name in job.indenter_names else len(job.indenter_names)
+    return leave_out(split, indenter, left_out)
 
 
 def _keys(found: Catalogue) -> list[tuple[int, str]]:

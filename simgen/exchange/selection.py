@@ -9,9 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
-from simgen.dataset import SPLITS, Dataset
+from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.exchange.result_files import Sample
+from simgen.splits import SPLITS
 
 SHOWN = 12  # numbers that a message lists
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simgen.dataset import SPLITS
 from simgen.exchange.selection import Selection, Track, vertex_flags
+from simgen.splits import IN_NONE, SPLITS
 
 OF_MESH = ("rest_positions", "tetrahedra", "surface_triangles")
 OF_SAMPLE = {"force": "N", "moment": "N m"}
@@ -68,7 +68,7 @@ def export_npy(selection: Selection, folder: Path, track: Track) -> None:
         "samples": len(press),
         "sensors": selection.sensors,
         "indenters": dataset.indenters,
-        "splits": list(SPLITS),
+        "splits": {name: code for code, name in enumerate(SPLITS)} | {"none": IN_NONE},
         "frame": "vectors and positions of a sensor are in its own frame",
         "arrays": files.index,
         "job_hash": dataset.attributes["job_hash"],

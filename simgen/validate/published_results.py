@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..exchange import ResultFile, Sample, is_result_file
 from ..indenter import Indenter, indenter_names, load_indenter
-from ..job import Job, job_from_dict
+from ..job import job_from_dict
+from ..job_schema import Job
 from ..plan import chosen_fluid, chosen_material, chosen_sensor
 from ..press import PressResult, Scene, SolverSettings, follow
 from ..tetrahedra import OutputMesh

@@ -12,8 +12,8 @@ OPPOSITE = np.argmin(fake.VERTICES @ fake.VERTICES[FACE[0]])
 CELLS = np.array([[FACE[0], FACE[2], FACE[1], OPPOSITE]], np.int32)  # of positive volume, as mesh files must have
 
 
-def make_dataset(path, build):
-    plan = fake.make_plan(fake.make_job())
+def make_dataset(path, build, **changes):
+    plan = fake.make_plan(fake.make_job(**changes))
     plan.arrays.update({f"{sensor}/tetrahedra": CELLS for sensor in plan.job.sensors})
     run(plan, path, build=build)
     return Dataset(path)

@@ -3,6 +3,7 @@
 import hashlib
 from dataclasses import replace
 
+import fake
 import h5py
 import numpy as np
 import pytest
@@ -15,6 +16,9 @@ from simgen.exchange.exporting import export
 from simgen.exchange.importing import ABSENT, import_results
 from simgen.indenter import indenter_names
 from simgen.run_status import run_status
+from simgen.splits import IN_NONE
+
+from .conftest import make_dataset
 
 
 def import_all(folder, output, suffix="vtu", **options):
@@ -85,6 +89,18 @@ def test_what_is_imported_can_be_exported_again(dataset, tmp_path):
     ) as second:
         key = "trial_2/step_3/nodal_coords_digit/env_0"
         assert np.abs(first[key][:] - second[key][:]).max() <= storage_error(dataset, "digit")
+
+
+@pytest.mark.parametrize("trajectories", [None, "1:9"])
+def test_an_indenter_that_was_left_out_stays_out(tmp_path, trajectories):
+    """And a part of a dataset keeps the splits of the whole."""
+    changes = {"trajectories": {"count": 12}, "dataset": {"leave_out": "ring_7mm"}}
+    dataset = make_dataset(tmp_path / "fake.zarr", fake.fake_presser, **changes)
+    export(dataset, "across", tmp_path / "out", trajectories=trajectories)
+    imported = import_all(tmp_path / "out", tmp_path / "back.zarr")
+    same = np.isin(dataset["press/trajectory"], imported["press/trajectory"])
+    assert (dataset["press/split"] == IN_NONE).any()
+    np.testing.assert_array_equal(imported["press/split"], dataset["press/split"][same])
 
 
 def test_the_source_is_on_record(dataset, tmp_path):

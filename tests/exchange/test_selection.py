@@ -4,9 +4,9 @@ import fake
 import numpy as np
 import pytest
 
-from simgen.dataset import SPLITS
 from simgen.errors import InputError
 from simgen.exchange.selection import Samples, select
+from simgen.splits import SPLITS
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,7 @@ def test_the_index_says_what_is_what(one_sided, folder):
         assert len(about["axes"].split(", ")) == array.ndim
     assert index["arrays"]["digit/displacement.npy"]["unit"] == "m"
     assert index["job_hash"] == one_sided.attributes["job_hash"] and index["job"] == one_sided.attributes["job"]
+    assert index["splits"] == {"train": 0, "validation": 1, "test": 2, "none": -1}
     assert tuple(index["indenters"]) == one_sided.indenters
     assert index["samples"] == len(mapped(folder, "sample/press"))
 

@@ -66,7 +66,7 @@ def test_the_table_names_every_row_and_every_reason(results, capsys):
 def test_the_page_is_self_contained_and_escapes_its_texts(results, tmp_path):
     write_validation(results, "cpu", tmp_path / "v.html")
     page = (tmp_path / "v.html").read_text()
-    assert page.count("data:image/png;base64,") == 1
+    assert page.count("data:image/webp;base64,") == 1
     assert "http" not in page
     assert page.count("<span class='fail'>FAIL</span>") == 2 * 2 + 1  # two cases, twice each; one row
     assert "1.235" in page and "A note." in page

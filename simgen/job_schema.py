@@ -1,0 +1,218 @@
+"""The keys of a job file, strictly checked: each carries its unit (``depths_mm``) and says what it allows."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+
+MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
+Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
+# int16 in steps of 0.1 um reaches 3.2767 mm; the gel follows the indenter, and a little beyond it.
+DEEPEST_INT16_MM = 3.2
+NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"
+
+
+class Section(BaseModel):
+    """A frozen group of keys that accepts no other keys, no NaN, and no text where a number is due."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class MaterialChoice(Section):
+    """A material preset of the sensor model (``material: solid``); single values may replace its own."""
+
+    preset: str = Field("solid", description="a preset of the sensor model, e.g. solid")
+    youngs_modulus_pa: float | None = Field(
+        None, ge=1e3, le=1e9, description="1e3 to 1e9 Pa (539 kPa: 539e3)"
+    )
+    poisson_ratio: float | None = Field(None, ge=0.01, le=0.49999, description="0.01 to 0.49999")
+    friction: float | None = Field(None, ge=0.0, le=2.0, description="a Coulomb coefficient, 0 to 2")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _preset_alone(cls, value: Any) -> Any:
+        return {"preset": value} if isinstance(value, str) else value
+
+
+class SensorChoice(Section):
+    """Which sensor model, on which of its meshes, made of which material, with what in its cavity."""
+
+    model: str = Field(description="a bundled sensor model (digit, biotac) or a path: ./my_sensor")
+    mesh: Literal["default", "coarse", "fine"] = Field("default", description="default, coarse or fine")
+    material: MaterialChoice = MaterialChoice()
+    fluid: Literal["none", "incompressible"] = Field("none", description="none or incompressible, in its cavity")
+
+
+class Trajectories(Section):
+    """How many contact poses, and `simgen.pairing.ContactSettings` (which says what each key means)."""
+
+    count: int = Field(ge=1, le=1_000_000, description="a whole number of contact poses, 1 to 1000000")
+    max_tilt_deg: float = Field(5.0, ge=0.0, le=45.0, description="0 to 45 degrees")
+    roll_range_deg: tuple[Angle, Angle] = Field(
+        (-90.0, 90.0), description="[first, last], -180 to 180 degrees"
+    )
+    max_indentation_ratio: float = Field(0.6, gt=0.0, lt=1.0, description="between 0 and 1")
+    min_edge_ratio: float = Field(1.5, ge=0.0, le=10.0, description="0 to 10")
+
+
+class Depths(Section):
+    """Depths from true first touch, evenly spaced, both ends included."""
+
+    first: float = Field(gt=0.0, le=10.0, description="above 0, to 10 mm")
+    last: float = Field(gt=0.0, le=10.0, description="above 0, to 10 mm")
+    count: int = Field(ge=1, le=1000, description="a whole number of depths, 1 to 1000")
+
+    @model_validator(mode="after")
+    def _increasing(self) -> "Depths":
+        if self.count == 1 and self.first != self.last:
+            raise ValueError("one depth: first and last must be equal")
+        if self.count > 1 and self.first >= self.last:
+            raise ValueError("first must be less than last")
+        return self
+
+
+class Solver(Section):
+    """The finite element, and `simgen.fem.newton.SolverSettings` (which says what each key means)."""
+
+    element: Literal["P2-P1", "P1"] = Field("P2-P1", description="P2-P1, or P1 for comparison only")
+    residual_tolerance: float = Field(5e-4, gt=0.0, le=1e-2, description="above 0, to 1e-2")
+    contact_tolerance: float = Field(2e-2, gt=0.0, le=1e-1, description="above 0, to 1e-1")
+    linear_tolerance: float = Field(0.1, ge=1e-4, lt=1.0, description="1e-4 to below 1")
+    volumetric_split: float = Field(1.0, ge=0.0, le=50.0, description="gamma / mu, 0 to 50")
+    contact_stiffness: float = Field(20.0, ge=1.0, le=1e3, description="k edge / E, 1 to 1000")
+    friction_stiffness: float = Field(20.0, ge=0.1, le=1e3, description="k edge / E, 0.1 to 1000")
+    max_newton_iterations: int = Field(25, ge=1, le=1000, description="a whole number, 1 to 1000")
+    smallest_substep: float = Field(1 / 64, gt=0.0, le=1.0, description="a share of a depth, above 0, to 1")
+    krylov_size: int = Field(40, ge=1, le=1000, description="a whole number, 1 to 1000")
+
+
+class DatasetSettings(Section):
+    """How the samples are stored."""
+
+    displacement: Literal["int16", "float32"] = Field(
+        "int16", description="int16 (steps of 0.1 um) or float32"
+    )
+    presses_per_shard: int = Field(
+        9, ge=1, le=4096, description="a whole number of presses that one task solves and writes, 1 to 4096"
+    )
+    leave_out: str | None = Field(
+        None, description="the name of one of the indenters: it alone is tested, all others train"
+    )
+    output: str | None = Field(None, description="a folder; by default <name>.zarr in the current one")
+
+
+class Job(Section):
+    """A checked job. `load_job` makes one from YAML; `resolved` and `hash` say what it decides."""
+
+    name: str = Field(pattern=NAME, description="letters, digits, _ . -, a letter first")
+    seed: int = Field(0, ge=0, lt=2**32, description="a whole number, 0 to 4294967295")
+    # The first sensor is the reference on which contacts are sampled.
+    sensors: dict[str, SensorChoice] = Field(min_length=1, description="name: {model, mesh, material, fluid}, ...")
+    indenters: tuple[str, ...] = Field(min_length=1, description="a list of names, or paths of closed meshes")
+    trajectories: Trajectories
+    depths_mm: Depths
+    solver: Solver = Solver()
+    dataset: DatasetSettings = Field(DatasetSettings(), validate_default=True)
+    _folder: Path = PrivateAttr(default=Path())  # of the job file: relative paths start there
+
+    @field_validator("sensors")
+    @classmethod
+    def _sensor_names(cls, sensors: dict[str, SensorChoice]) -> dict[str, SensorChoice]:
+        for name in sensors:
+            if not re.match(NAME, name) or name in ("press", "depth"):
+                raise ValueError(
+                    f"{name!r} cannot name a sensor; allowed: letters, digits, _ . -, not press, depth"
+                )
+        return sensors
+
+    @field_validator("indenters")
+    @classmethod
+    def _unique_indenters(cls, indenters: tuple[str, ...]) -> tuple[str, ...]:
+        names = [indenter_name(text) for text in indenters]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"{name!r} is listed twice")
+        return indenters
+
+    @field_validator("dataset")
+    @classmethod
+    def _displacements_fit(cls, dataset: DatasetSettings, info: ValidationInfo) -> DatasetSettings:
+        depths = info.data.get("depths_mm")
+        if depths and dataset.displacement == "int16" and depths.last > DEEPEST_INT16_MM:
+            raise ValueError(
+                f"displacement int16 holds up to 3.2767 mm, too little for depths_mm.last = {depths.last:g}; "
+                f"allowed: displacement float32, or depths_mm.last up to {DEEPEST_INT16_MM:g}"
+            )
+        return dataset
+
+    @field_validator("dataset")
+    @classmethod
+    def _left_out_is_listed(cls, dataset: DatasetSettings, info: ValidationInfo) -> DatasetSettings:
+        names = [indenter_name(text) for text in info.data.get("indenters", ())]
+        if names and dataset.leave_out is not None and (dataset.leave_out not in names or len(names) == 1):
+            allowed = f"one of {', '.join(names)}" if len(names) > 1 else "nothing, as there is one indenter alone"
+            raise ValueError(f"leave_out {dataset.leave_out!r} is not allowed; allowed: {allowed}")
+        return dataset
+
+    @property
+    def depths_m(self) -> np.ndarray:
+        """(depth,) float64, m. Rounded to whole nanometres, so that 0.3 mm is 0.3 mm."""
+        spaced = np.linspace(self.depths_mm.first, self.depths_mm.last, self.depths_mm.count)
+        return np.round(spaced * 1e-3, 9)
+
+    @property
+    def indenter_names(self) -> tuple[str, ...]:
+        return tuple(indenter_name(text) for text in self.indenters)
+
+    @property
+    def presses(self) -> int:
+        return self.trajectories.count * len(self.indenters)
+
+    @property
+    def shards(self) -> int:
+        return -(-self.presses // self.dataset.presses_per_shard)
+
+    @property
+    def samples(self) -> int:
+        """Presses times depths: each is one sample on every sensor."""
+        return self.presses * self.depths_mm.count
+
+    def locate(self, text: str) -> str | Path:
+        """A name stays a name; a path that is relative starts at the folder of the job file."""
+        return self._folder / Path(text).expanduser() if is_path(text) else text
+
+    def resolved(self) -> dict[str, Any]:
+        """All that decides the data, defaults filled in, as JSON types; where it is stored is no part."""
+        plain = self.model_dump(mode="json")
+        del plain["dataset"]["output"]
+        return plain
+
+    @property
+    def hash(self) -> str:
+        """sha256 of the resolved job. Keys are in the order of the schema, sensors in that of the job."""
+        return hash_of(self.resolved())
+
+    def __hash__(self) -> int:
+        return int(self.hash[:15], 16)
+
+    def output(self) -> Path:
+        """Where the dataset goes unless the command line says otherwise."""
+        return Path(self.dataset.output or f"{self.name}.zarr").expanduser()
+
+
+def hash_of(resolved: dict[str, Any]) -> str:
+    """sha256 of what a job resolves to, its keys in their order."""
+    return hashlib.sha256(json.dumps(resolved).encode()).hexdigest()
+
+
+def is_path(text: str) -> bool:
+    """Whether a sensor model or an indenter is a path (with a slash or a mesh suffix) rather than a name."""
+    return "/" in text or "\\" in text or text.lower().endswith(MESH_SUFFIXES)
+
+
+def indenter_name(text: str) -> str:
+    return Path(text).stem if is_path(text) else text

@@ -1,0 +1,44 @@
+"""One self-contained HTML page about a dataset: what was asked, what came out, how far it can be trusted.
+
+A section is a function of the dataset that yields lines of HTML, none where there is nothing to say. Displacements, of
+which a dataset can have a terabyte, are read of a bounded number of presses alone.
+"""
+
+from pathlib import Path
+
+from simgen.dataset import Dataset
+from simgen.page import contents, heading, write_page
+
+from .coverage import coverage_section
+from .curves import force_section, pressure_section
+from .effort import effort_section
+from .meshes import meshes_section
+from .motion import motion_section
+from .outcomes import outcomes_section
+from .overview import audit_section, head, job_section
+from .patches import patches_section
+from .solid_view import solid_view_section
+
+SECTIONS = {
+    "Audit": audit_section,
+    "Contacts and coverage": coverage_section,
+    "How presses end": outcomes_section,
+    "A press in motion": motion_section,
+    "In three dimensions": solid_view_section,
+    "Contact patches": patches_section,
+    "Deformed meshes": meshes_section,
+    "Force against depth": force_section,
+    "Cavity pressure against depth": pressure_section,
+    "Effort and certificates": effort_section,
+    "Job": job_section,
+}
+
+
+def write_report(dataset: Dataset, output: Path) -> None:
+    """Write the page; raises nothing on an unfinished dataset, which is shown as far as it got."""
+    sections = {title: list(section(dataset)) for title, section in SECTIONS.items()}
+    sections = {title: lines for title, lines in sections.items() if lines}
+    lines = [*head(dataset), contents(sections)]
+    for title, own in sections.items():
+        lines += [heading(title), *own]
+    write_page(dataset.job.name, lines, output)

@@ -1,0 +1,36 @@
+"""Which presses a page shows: those that went furthest, and a bounded number that stands for all."""
+
+import numpy as np
+
+from simgen.dataset import Dataset
+
+NOTHING_YET = "<p>No press has converged yet.</p>"
+
+
+def depths_reached(dataset: Dataset, sensor: str) -> np.ndarray:
+    """(press,) number of depths, from the first on, that converged on a sensor."""
+    return np.logical_and.accumulate(dataset[f"{sensor}/status"] == 0, axis=1).sum(axis=1)
+
+
+def furthest_press(dataset: Dataset, indenter: int | None = None) -> tuple[int, int]:
+    """The first press (of an indenter) of those that reached most depths on all sensors, and how many, 0 if none."""
+    reached = np.min([depths_reached(dataset, sensor) for sensor in dataset.sensors], axis=0)
+    if indenter is not None:
+        reached = np.where(dataset["press/indenter"] == indenter, reached, -1)
+    press = int(np.argmax(reached))
+    return press, max(int(reached[press]), 0)
+
+
+def drawn_presses(dataset: Dataset, sensor: str, count: int) -> np.ndarray:
+    """(n,) at most ``count`` presses with a converged sample on a sensor, as many of each indenter, by lot with a seed.
+
+    Evenly spaced ones would not do: contacts are a low-discrepancy sequence, of which every 2^k-th lies in one corner.
+    """
+    random = np.random.default_rng(dataset.job.seed)
+    indenter, there = dataset["press/indenter"], depths_reached(dataset, sensor) > 0
+    each = max(count // len(dataset.indenters), 1)
+    chosen = []
+    for index in range(len(dataset.indenters)):
+        own = np.flatnonzero(there & (indenter == index))
+        chosen.append(random.choice(own, min(each, len(own)), replace=False))
+    return np.sort(np.concatenate(chosen))

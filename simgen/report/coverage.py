@@ -1,0 +1,100 @@
+"""Where the trajectories touch each sensor, and how well they cover what can be touched."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from simgen.dataset import Dataset
+from simgen.page import picture, table, tiles
+
+from .choice import NOTHING_YET, depths_reached
+from .touchable import TouchableSurface, draw_map, touchable_surface
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Of trajectories with a converged sample on a sensor, in its frame: points (n, 3) m, outward normals (n, 3)."""
+
+    trajectories: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+
+
+def contacts_on(dataset: Dataset, sensor: str) -> Contacts:
+    there = dataset["press/trajectory"][depths_reached(dataset, sensor) > 0]
+    trajectories, first = np.unique(dataset["press/trajectory"], return_index=True)
+    keep = np.isin(trajectories, there)
+    first = first[keep]
+    pose = dataset[f"{sensor}/pose"][first]
+    points = dataset["press/contact_pose"][first][:, :3, 3] - pose[:, :3, 3]
+    own, normals = (
+        np.einsum("nji,nj->ni", pose[:, :3, :3], each) for each in (points, dataset["press/contact_normal"][first])
+    )
+    return Contacts(trajectories[keep], own, normals)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """distance : (n,) m from each touchable point to its nearest contact, in a straight line
+
+    median, percentile_95 : m, of the distance over the touchable area (m2)
+    """
+
+    contacts: int
+    area: float
+    distance: np.ndarray
+    median: float
+    percentile_95: float
+
+
+def coverage(surface: TouchableSurface, points: np.ndarray) -> Coverage:
+    """Of contacts (n, 3) m, one or more."""
+    distance, _ = cKDTree(points).query(surface.vertices[surface.points])
+    median, high = np.quantile(distance, [0.5, 0.95], weights=surface.areas, method="inverted_cdf")
+    return Coverage(len(points), float(surface.areas.sum()), distance, float(median), float(high))
+
+
+def coverage_section(dataset: Dataset) -> Iterator[str]:
+    on = {sensor: contacts_on(dataset, sensor) for sensor in dataset.sensors}
+    if not any(len(contacts.points) for contacts in on.values()):
+        yield NOTHING_YET
+        return
+    yield (
+        f"<p>Contacts are those of {dataset.job.trajectories.count:,} trajectories of which a sample has converged. "
+        "Distances are straight lines from the touchable points to their nearest contact, percentiles are over "
+        "the touchable area.</p>"
+    )
+    surfaces = {sensor: touchable_surface(dataset, sensor) for sensor in dataset.sensors}
+    found = {
+        sensor: coverage(surfaces[sensor], on[sensor].points) for sensor in dataset.sensors if len(on[sensor].points)
+    }
+    header = ["sensor", "contacts", "touchable area", "contacts per cm2", "nearest contact: median", "95th percentile"]
+    yield table(header, [
+        [sensor, f"{own.contacts:,}", f"{own.area * 1e4:.2f} cm2", f"{own.contacts / (own.area * 1e4):.3g}",
+         f"{own.median * 1e3:.2f} mm", f"{own.percentile_95 * 1e3:.2f} mm"] for sensor, own in found.items()
+    ])  # fmt: skip
+    colours = _place_colours(dataset)
+    yield "<h3>Contacts; a trajectory has one colour on all sensors</h3>"
+    yield tiles((_picture_of_contacts(s, surfaces[s], on[s], colours) for s in found), wide=True)
+    largest = max(own.distance.max() for own in found.values()) * 1e3
+    yield "<h3>Distance to the nearest contact; grey cannot be touched</h3>"
+    maps = (
+        draw_map(surfaces[s], own.distance * 1e3, s, "nearest contact, mm", largest=largest) for s, own in found.items()
+    )
+    yield tiles((picture(figure, f"coverage of {s}") for s, figure in zip(found, maps, strict=True)), wide=True)
+
+
+def _picture_of_contacts(sensor: str, surface: TouchableSurface, contacts: Contacts, colours: np.ndarray) -> str:
+    shown = contacts.points, contacts.normals, colours[contacts.trajectories]
+    return picture(draw_map(surface, None, sensor, contacts=shown), f"contacts on {sensor}")
+
+
+def _place_colours(dataset: Dataset) -> np.ndarray:
+    """(trajectory, 3) colours that vary along x (red) and z (blue) of the shared frame."""
+    _, first = np.unique(dataset["press/trajectory"], return_index=True)
+    points = dataset["press/contact_pose"][first][:, :3, 3]
+    spread = np.ptp(points, axis=0)
+    part = (points - points.min(axis=0)) / np.where(spread > 0, spread, 1.0)
+    return np.stack([0.15 + 0.8 * part[:, 0], np.full(len(points), 0.35), 0.15 + 0.8 * part[:, 2]], axis=1)

@@ -1,0 +1,87 @@
+"""Force, and pressure of a liquid, against depth: every trajectory, and what most of them do."""
+
+import html
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from simgen.dataset import Dataset
+from simgen.page import picture, tiles
+
+from .choice import NOTHING_YET
+
+CURVES = 40  # most trajectories drawn, the first ones, which lie all over the sensor
+BAND_FROM = 20  # trajectories, from which on the band is drawn
+BAND = (0.1, 0.5, 0.9)  # quantiles
+
+
+def force_section(dataset: Dataset) -> Iterator[str]:
+    values = {sensor: axial_force(dataset, sensor) for sensor in dataset.sensors}
+    yield from _against_depth(dataset, values, "force, N", "Component along the press axis")
+
+
+def pressure_section(dataset: Dataset) -> Iterator[str]:
+    """Only where a cavity is filled."""
+    filled = [sensor for sensor in dataset.sensors if dataset.job.sensors[sensor].fluid != "none"]
+    values = {sensor: dataset[f"{sensor}/cavity_pressure"] / 1e3 for sensor in filled}
+    if filled:
+        yield from _against_depth(dataset, values, "pressure, kPa", "Of the liquid, above ambient, whose volume stays")
+
+
+def axial_force(dataset: Dataset, sensor: str) -> np.ndarray:
+    """(press, depth) N: force on the sensor along the press direction; NaN where not reached."""
+    axis = dataset["press/contact_pose"][:, :3, 1]
+    own = np.einsum("nji,nj->ni", dataset[f"{sensor}/pose"][:, :3, :3], axis)
+    return np.einsum("ndi,ni->nd", dataset[f"{sensor}/force"], own)
+
+
+def band(curves: np.ndarray) -> np.ndarray:
+    """(3, depth) 10 %, 50 % and 90 % quantiles of curves (n, depth), of those that have a value; NaN of none."""
+    quantiles = np.full((len(BAND), curves.shape[1]), np.nan)
+    some = np.isfinite(curves).any(axis=0)
+    quantiles[:, some] = np.nanquantile(curves[:, some], BAND, axis=0)
+    return quantiles
+
+
+def _against_depth(dataset: Dataset, values: Mapping[str, np.ndarray], label: str, about: str) -> Iterator[str]:
+    """``values`` (press, depth) of sensors as curves from 0 at first touch, a picture for each indenter."""
+    if not any(np.isfinite(own).any() for own in values.values()):
+        yield NOTHING_YET
+        return
+    indenter, count = dataset["press/indenter"], dataset.job.trajectories.count
+    lines = f"a thin line for each of the first {CURVES} of {count:,} trajectories" if count > CURVES else \
+        "a thin line for each trajectory"  # fmt: skip
+    most = "; thick: median, shaded: 10 to 90 % of all that reached a depth" if count >= BAND_FROM else ""
+    yield f"<p>{html.escape(about)}; {lines}{most}.</p>"
+    pictures = []
+    for index, name in enumerate(dataset.indenters):
+        own = {sensor: curves[indenter == index] for sensor, curves in values.items()}
+        figure = draw_curves(dataset["depth"], own, dataset.sensors)
+        axes = figure.axes[0]
+        axes.set_title(name, fontsize=10)
+        axes.set_ylabel(label)
+        pictures.append(picture(figure, f"{label} against depth, {name}"))
+    yield tiles(pictures)
+
+
+def draw_curves(depth: np.ndarray, curves: Mapping[str, np.ndarray], sensors: Sequence[str]) -> Figure:
+    """Curves (trajectory, depth) of sensors in one pair of axes, depth (depth,) m."""
+    figure = Figure(figsize=(3.6, 2.8), layout="constrained")
+    axes = figure.subplots()
+    depth_mm = np.concatenate([[0.0], depth * 1e3])
+    for sensor, own in curves.items():
+        own = np.concatenate([np.zeros((len(own), 1)), own], axis=1)
+        colour = f"C{sensors.index(sensor)}"
+        many = len(own) >= BAND_FROM
+        axes.plot(depth_mm, own[:CURVES].T, color=colour, linewidth=0.8, alpha=0.25 if many else 0.7)
+        if many:
+            low, median, high = band(own)
+            axes.fill_between(depth_mm, low, high, color=colour, alpha=0.2, linewidth=0)
+            axes.plot(depth_mm, median, color=colour, linewidth=2.0)
+        axes.plot([], [], color=colour, label=sensor)
+    axes.set_xlabel("depth, mm")
+    axes.set_xlim(0.0, depth_mm[-1])
+    axes.grid(linewidth=0.3)
+    axes.legend(fontsize=8)
+    return figure

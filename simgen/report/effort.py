@@ -1,0 +1,111 @@
+"""What the solver did: its iterations, the residuals that it left, and the worst certificates of each indenter."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from simgen.dataset import CERTIFICATE, Dataset
+from simgen.page import picture, table, tiles
+
+from .choice import NOTHING_YET
+
+BINS = 40  # of counts, at most
+PER_DECADE = 10  # bins of residuals
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A certificate of which a histogram is shown; ``tolerance`` names the job's limit, on a logarithmic scale."""
+
+    key: str
+    label: str
+    tolerance: str = ""
+
+
+QUANTITIES = (
+    Quantity("newton_iterations", "Newton iterations per sample"),
+    Quantity("krylov_iterations", "Krylov iterations per sample"),
+    Quantity("residual", "residual / contact force", "residual_tolerance"),
+    Quantity("contact_error", "contact error", "contact_tolerance"),
+)
+
+
+def histogram(values: list[np.ndarray], logarithmic: bool) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Edges (b + 1,) that hold all values, at least one, and how many of each array (n,) lie between them (b,).
+
+    Logarithmic ones fill whole decades by tenths, and leave out what is not above 0; integers lie between the others.
+    """
+    everything = np.concatenate(values)
+    if logarithmic:
+        exponents = np.log10(everything[everything > 0]) if (everything > 0).any() else np.zeros(1)
+        low, high = np.floor(exponents.min()), np.floor(exponents.max()) + 1
+        edges = 10.0 ** (np.arange(low * PER_DECADE, high * PER_DECADE + 1) / PER_DECADE)
+    else:
+        width = max(int(np.ceil((everything.max() - everything.min() + 1) / BINS)), 1)
+        edges = np.arange(everything.min(), everything.max() + 1 + width, width) - 0.5
+    return edges, [np.histogram(own, edges)[0] for own in values]
+
+
+def effort_section(dataset: Dataset) -> Iterator[str]:
+    stored = {sensor: _converged(dataset, sensor) for sensor in dataset.sensors}
+    if not any(len(own["residual"]) for own in stored.values()):
+        yield NOTHING_YET
+        return
+    yield "<p>Over the converged samples; a dashed line is what the job allows.</p>"
+    yield tiles(
+        (
+            picture(_draw_histogram(dataset, quantity, [own[quantity.key] for own in stored.values()]), quantity.label)
+            for quantity in QUANTITIES
+        ),
+        wide=True,
+    )
+    yield "<h3>Certificates, worst of each indenter</h3>"
+    yield _certificates(dataset)
+
+
+def _converged(dataset: Dataset, sensor: str) -> dict[str, np.ndarray]:
+    good = dataset[f"{sensor}/status"] == 0
+    return {each.key: dataset[f"{sensor}/certificate/{each.key}"][good] for each in QUANTITIES}
+
+
+def _draw_histogram(dataset: Dataset, quantity: Quantity, values: list[np.ndarray]) -> Figure:
+    edges, counts = histogram(values, logarithmic=bool(quantity.tolerance))
+    figure = Figure(figsize=(4.0, 2.3), layout="constrained")
+    axes = figure.subplots()
+    for sensor, own in zip(dataset.sensors, counts, strict=True):
+        axes.stairs(own, edges, fill=True, alpha=0.45, label=sensor)
+    if quantity.tolerance:
+        axes.set_xscale("log")
+        axes.axvline(getattr(dataset.job.solver, quantity.tolerance), color="black", linewidth=0.8, linestyle="--")
+    axes.set_xlabel(quantity.label)
+    axes.set_ylabel("samples")
+    axes.legend(fontsize=8)
+    return figure
+
+
+def _certificates(dataset: Dataset) -> str:
+    header = ["sensor", "indenter", "converged", "residual", "contact error", "force balance", "least det F",
+              "elements inverted in part", "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
+    rows = []
+    for sensor in dataset.sensors:
+        status = dataset[f"{sensor}/status"]
+        stored = {key: dataset[f"{sensor}/certificate/{key}"] for key in CERTIFICATE}
+        for index, name in enumerate(dataset.indenters):
+            own = (dataset["press/indenter"] == index)[:, None]
+            good = own & (status == 0)
+            converged = f"{np.count_nonzero(good)} of {np.count_nonzero(own) * status.shape[1]}"
+            if not good.any():
+                rows.append([sensor, name, converged] + [""] * 7)
+                continue
+            values = {key: array[good] for key, array in stored.items()}
+            rows.append([
+                sensor, name, converged,
+                f"{values['residual'].max():.1e}", f"{values['contact_error'].max():.1e}",
+                f"{values['force_balance'].max():.1e}", f"{values['min_det_F'].min():.3f}",
+                f"{values['inverted_elements'].max()}",
+                ", ".join(f"{values[f'{k}_penetration_m'].max() * 1e6:.1f}" for k in ("rms", "max")),
+                f"{values['newton_iterations'].mean():.1f}, {values['krylov_iterations'].mean():.0f}",
+            ])  # fmt: skip
+    return table(header, rows)

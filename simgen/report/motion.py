@@ -1,0 +1,119 @@
+"""An animated press: all sensors side by side in the shared frame, and the outline of the indenter."""
+
+import html
+import io
+from collections.abc import Iterator
+
+import numpy as np
+import pyvista
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from PIL import Image
+from scipy.spatial import ConvexHull
+
+from simgen.dataset import Dataset
+from simgen.drawing import camera, draw_surface
+from simgen.errors import InputError
+from simgen.page import image
+from simgen.quiet import start_warp
+from simgen.touch_audit import pressed_indenters
+
+from .choice import NOTHING_YET, furthest_press
+
+FRAME_MS, HOLD_MS = 180, 1200  # of each depth, of the last
+SHAFT_M = 5e-3  # how much of the indenter is drawn
+TILT = 0.55  # the camera looks from the side, and that much from where the indenter comes from
+STEEL = "#5b7c99"
+
+
+def motion_section(dataset: Dataset) -> Iterator[str]:
+    press, reached = furthest_press(dataset)
+    if not reached:
+        yield NOTHING_YET
+        return
+    name = dataset.indenters[dataset["press/indenter"][press]]
+    yield (
+        f"<p>Press {press}, {html.escape(name)}, the first of those that go furthest on all sensors: from rest to "
+        f"{dataset['depth'][reached - 1] * 1e3:g} mm, seen from the side, coloured by the length of the "
+        "displacement. Blue: outline of the indenter, hollows filled; it is left out if its file has changed.</p>"
+    )
+    yield image(animated_press(dataset, press, reached), "gif", f"press {press}, {name}")
+
+
+def animated_press(dataset: Dataset, press: int, reached: int) -> bytes:
+    """A GIF of a press, at rest and at the depths reached."""
+    sides = [_Side(dataset, sensor, press, reached) for sensor in dataset.sensors]
+    largest = max(np.linalg.norm(side.displacement, axis=-1).max() for side in sides) * 1e3
+    figure = Figure(figsize=(2.5 * len(sides) + 0.8, 2.1), dpi=140, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    grid = np.atleast_1d(figure.subplots(1, len(sides)))
+    frames = []
+    for step in range(-1, reached):
+        for axes, side in zip(grid, sides, strict=True):
+            axes.clear()
+            faces = side.draw(axes, step, largest)
+        if step < 0:
+            figure.colorbar(faces, ax=list(grid), label="displacement, mm", shrink=0.7)
+            canvas.draw()
+            figure.set_layout_engine("none")  # nothing moves from frame to frame
+        canvas.draw()
+        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+    # Palettes by the range of colours, not by their frequency: most of a frame is pale gel.
+    first, *others = (frame.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2) for frame in frames)
+    data, durations = io.BytesIO(), [FRAME_MS] * reached + [HOLD_MS]
+    first.save(data, "GIF", save_all=True, append_images=others, duration=durations, loop=0, optimize=True)
+    return data.getvalue()
+
+
+class _Side:
+    """A press on one sensor, in the shared frame turned so that the indenter comes from above."""
+
+    def __init__(self, dataset: Dataset, sensor: str, press: int, reached: int):
+        self.sensor, self.depth = sensor, np.concatenate([[0.0], dataset["depth"]])
+        self.displacement = dataset.displacement(sensor, press, slice(0, reached))
+        self._pose = dataset.root[f"{sensor}/pose"][press]
+        self._rest = dataset[f"{sensor}/rest_positions"]
+        self._triangles = dataset[f"{sensor}/surface_triangles"]
+        normal = dataset.root["press/contact_normal"][press]
+        finger = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 0.0, 1.0])
+        self._view = camera(np.cross(finger, normal) + TILT * normal, up=normal)
+        self._first_touch = dataset["press/pose"][press]
+        self._touch = dataset[f"{sensor}/touch"][press]
+        self._tip = _tip(dataset, press)
+
+    def draw(self, axes: Axes, step: int, largest: float) -> PolyCollection:
+        """At rest if ``step`` is -1, else at that depth; the frame is the same for all."""
+        displacement = self.displacement[step] if step >= 0 else np.zeros_like(self._rest)
+        vertices = (self._rest + displacement) @ self._pose[:3, :3].T + self._pose[:3, 3]
+        length = np.linalg.norm(displacement, axis=1) * 1e3
+        faces = draw_surface(axes, vertices, self._triangles, length, largest=largest, view=self._view)
+        seen = (self._rest @ self._pose[:3, :3].T + self._pose[:3, 3]) @ self._view[:2].T * 1e3
+        if self._tip is not None:
+            outline = self._outline(step)
+            axes.add_patch(Polygon(outline, facecolor=STEEL, alpha=0.3))
+            axes.add_patch(Polygon(outline, fill=False, edgecolor=STEEL, linewidth=1.2))
+            seen = np.concatenate([seen, self._outline(-1)])
+        (left, bottom), (right, top) = seen.min(axis=0) - 0.5, seen.max(axis=0) + 0.5
+        axes.set(xlim=(left, right), ylim=(bottom, top))
+        axes.set_title(f"{self.sensor}, {self.depth[step + 1] * 1e3:.2f} mm", fontsize=10)
+        return faces
+
+    def _outline(self, step: int) -> np.ndarray:
+        """(n, 2) mm: hull of the indenter's tip as the camera sees it."""
+        pose = self._first_touch
+        place = pose[:3, 3] + (self._touch + self.depth[step + 1]) * pose[:3, 1]
+        seen = (self._tip @ pose[:3, :3].T + place) @ self._view[:2].T * 1e3
+        return seen[ConvexHull(seen).vertices]
+
+
+def _tip(dataset: Dataset, press: int) -> np.ndarray | None:
+    """(n, 3) m: points of the indenter of a press, in its frame; None if it is no more what it was."""
+    start_warp()
+    try:
+        indenter = pressed_indenters(dataset)[dataset["press/indenter"][press]]
+    except InputError:
+        return None
+    return np.asarray(pyvista.wrap(indenter.mesh()).clip("y", origin=(0.0, -SHAFT_M, 0.0), invert=False).points)

@@ -1,0 +1,76 @@
+"""How presses end: which status befell how many of each indenter, and how many get to each depth."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from simgen.dataset import Dataset
+from simgen.page import picture, table, tiles
+
+from .choice import depths_reached
+
+NOT_THERE_YET = "Not there yet."
+
+
+def endings(dataset: Dataset, sensor: str) -> dict[int, np.ndarray]:
+    """Status at the last depth, with which presses end, -1 if not there yet -> presses of each indenter (i,)."""
+    last, indenter = dataset[f"{sensor}/status"][:, -1], dataset["press/indenter"]
+    count = len(dataset.indenters)
+    return {int(code): np.bincount(indenter[last == code], minlength=count) for code in np.unique(last)}
+
+
+def survival(dataset: Dataset, sensor: str) -> np.ndarray:
+    """(indenter, depth) share of the presses that are there which reach each depth; NaN where none is there."""
+    reached, there = depths_reached(dataset, sensor), dataset[f"{sensor}/status"][:, 0] != -1
+    depths = np.arange(1, len(dataset["depth"]) + 1)
+    shares = np.full((len(dataset.indenters), len(depths)), np.nan)
+    for index, share in enumerate(shares):
+        own = reached[there & (dataset["press/indenter"] == index)]
+        if len(own):
+            share[:] = (own[:, None] >= depths).mean(axis=0)
+    return shares
+
+
+def outcomes_section(dataset: Dataset) -> Iterator[str]:
+    yield "<p>Presses of each indenter, by their status at the last depth.</p>"
+    sentences = {**dataset.attributes["status"], "-1": NOT_THERE_YET}
+    rows = []
+    for sensor in dataset.sensors:
+        for code, counts in endings(dataset, sensor).items():
+            rows.append([sensor, sentences.get(str(code), f"Status {code}."), *(f"{n:,}" if n else "" for n in counts)])
+    yield table(["sensor", "status", *dataset.indenters], rows)
+    shares = {sensor: survival(dataset, sensor) for sensor in dataset.sensors}
+    known = [share for share in shares.values() if np.isfinite(share).any()]
+    if not known:
+        return
+    if all(np.nanmin(share) == 1.0 for share in known):
+        yield "<p>All presses that are there reached the last depth.</p>"
+        return
+    yield (
+        "<h3>Share of presses that reach each depth</h3>"
+        "<p>Of the presses that are there; indenters that are not drawn reach the last depth with all.</p>"
+    )
+    yield tiles(
+        (
+            picture(_draw_survival(dataset, sensor, share), f"share of presses that reach each depth on {sensor}")
+            for sensor, share in shares.items()
+            if (share[:, -1] < 1.0).any()
+        ),
+        wide=True,
+    )
+
+
+def _draw_survival(dataset: Dataset, sensor: str, shares: np.ndarray) -> Figure:
+    figure = Figure(figsize=(4.0, 3.0), layout="constrained")
+    axes = figure.subplots()
+    for name, share in zip(dataset.indenters, shares, strict=True):
+        if share[-1] < 1.0:
+            axes.plot(dataset["depth"] * 1e3, 100.0 * share, ".-", linewidth=1.2, label=name, alpha=0.8)
+    axes.set_ylim(-3.0, 103.0)
+    axes.set_title(sensor, fontsize=10)
+    axes.set_xlabel("depth, mm")
+    axes.set_ylabel("presses that reach it, %")
+    axes.grid(linewidth=0.3)
+    axes.legend(fontsize=7)
+    return figure

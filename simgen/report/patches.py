@@ -1,0 +1,123 @@
+"""Which points of the surface touch the indenter: how often over many presses, and in a few presses."""
+
+import html
+from collections.abc import Iterator
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from simgen.dataset import Dataset
+from simgen.drawing import camera, draw_surface
+from simgen.errors import InputError
+from simgen.indenter import signed_distance
+from simgen.page import picture, tiles
+from simgen.quiet import start_warp
+from simgen.touch_audit import FACET_M, pressed_indenters
+
+from .choice import NOTHING_YET, depths_reached, drawn_presses, furthest_press
+from .touchable import draw_map, touchable_surface
+
+PRESSES = 180  # at most, per sensor: of nine indenters twenty presses each
+CLOSE_UP_M = 9e-3  # half the width of what a close-up shows
+
+
+class Patches:
+    """Contact patches on one sensor: points of the touchable surface at most `FACET_M` from the indenter, or in it.
+
+    Raises `InputError` if an indenter is no more what it was.
+    """
+
+    def __init__(self, dataset: Dataset, sensor: str):
+        start_warp()
+        self.dataset, self.sensor = dataset, sensor
+        self.surface = touchable_surface(dataset, sensor)
+        self._shapes = [indenter.shape() for indenter in pressed_indenters(dataset)]
+        self._indenter, self._depth = dataset["press/indenter"], dataset["depth"]
+        self._touch, self._reached = dataset[f"{sensor}/touch"], depths_reached(dataset, sensor)
+        self._first_touch = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
+
+    def touching(self, press: int, depth: int, displacement: np.ndarray) -> np.ndarray:
+        """(point,) whether each touches, displaced by (vertex, 3) m."""
+        pose, points = self._first_touch[press], self.surface.points
+        tip = pose[:3, 3] + (self._touch[press] + self._depth[depth]) * pose[:3, 1]
+        local = (self.surface.vertices[points] + displacement[points] - tip) @ pose[:3, :3]
+        return signed_distance(self._shapes[self._indenter[press]], local * 1e3)[0] <= FACET_M * 1e3
+
+    def share(self, presses: np.ndarray) -> tuple[np.ndarray, int]:
+        """(point,) share of the converged samples of some presses in which each touches, and how many samples."""
+        times, samples = np.zeros(len(self.surface.points)), 0
+        for press in map(int, presses):
+            reached = int(self._reached[press])
+            displacement = self.dataset.displacement(self.sensor, press, slice(0, reached))
+            times += sum(self.touching(press, depth, own) for depth, own in enumerate(displacement))
+            samples += reached
+        return times / max(samples, 1), samples
+
+
+def patches_section(dataset: Dataset) -> Iterator[str]:
+    try:
+        found = {sensor: Patches(dataset, sensor) for sensor in dataset.sensors}
+    except InputError as error:
+        yield f"<p>Not looked at: {html.escape(str(error))}</p>"
+        return
+    presses = {sensor: drawn_presses(dataset, sensor, PRESSES) for sensor in dataset.sensors}
+    if not any(map(len, presses.values())):
+        yield NOTHING_YET
+        return
+    yield (
+        f"<p>A point of the surface touches if it is at most {FACET_M * 1e6:.0f} um from the indenter, or in it. Areas "
+        "are at rest and as coarse as the mesh.</p>"
+        "<h3>How often each point touches; grey cannot be touched</h3>"
+    )
+    shares = {sensor: own.share(presses[sensor]) for sensor, own in found.items()}
+    largest = 100.0 * max(share.max(initial=0.0) for share, _ in shares.values())
+    yield tiles(
+        (
+            picture(_draw_share(found[s], share, samples, largest), f"share of samples in contact on {s}")
+            for s, (share, samples) in shares.items()
+        ),
+        wide=True,
+    )
+    for sensor, own in presses.items():
+        all_of_them = np.count_nonzero(depths_reached(dataset, sensor))
+        words = "all" if len(own) == all_of_them else "drawn by lot, as many of each indenter,"
+        yield f"<p>{html.escape(sensor)}: {len(own):,} presses, {words} of {all_of_them:,} with a converged sample.</p>"
+    yield (
+        "<h3>Single patches</h3><p>Dark: what touches where the press ends that goes furthest on all sensors, of each "
+        f"indenter; seen along the contact's normal, {2e3 * CLOSE_UP_M:g} mm wide.</p>"
+    )
+    pictures = (_picture_of_patch(dataset, found, index) for index in range(len(dataset.indenters)))
+    yield tiles(filter(None, pictures), wide=True)
+
+
+def _draw_share(patches: Patches, share: np.ndarray, samples: int, largest: float) -> Figure:
+    title = f"{patches.sensor}: {samples:,} samples"
+    return draw_map(patches.surface, 100.0 * share, title, "in contact, % of samples", largest=largest or 1.0)
+
+
+def _picture_of_patch(dataset: Dataset, found: dict[str, Patches], indenter: int) -> str:
+    press, reached = furthest_press(dataset, indenter)
+    if not reached:
+        return ""
+    name = dataset.indenters[indenter]
+    figure = Figure(figsize=(2.0 * len(found), 2.4), layout="constrained")
+    figure.suptitle(f"{name}, press {press}, {dataset['depth'][reached - 1] * 1e3:g} mm", fontsize=10)
+    for axes, patches in zip(np.atleast_1d(figure.subplots(1, len(found))), found.values(), strict=True):
+        _draw_patch(axes, patches, press, reached - 1)
+    return picture(figure, f"contact patch of {name}")
+
+
+def _draw_patch(axes, patches: Patches, press: int, depth: int) -> None:
+    """A close-up along the contact's normal, in the frame of the sensor."""
+    dataset, sensor, surface = patches.dataset, patches.sensor, patches.surface
+    displacement = dataset.displacement(sensor, press, depth)
+    touching = patches.touching(press, depth, displacement)
+    pose = dataset.root[f"{sensor}/pose"][press]
+    contact = (dataset.root["press/contact_pose"][press][:3, 3] - pose[:3, 3]) @ pose[:3, :3]
+    view = camera(dataset.root["press/contact_normal"][press] @ pose[:3, :3])
+    values = surface.on_vertices(touching.astype(float))
+    draw_surface(axes, surface.vertices + displacement, surface.triangles, values, view=view)
+    centre, half = (view @ contact)[:2] * 1e3, CLOSE_UP_M * 1e3
+    axes.set_xlim(centre[0] - half, centre[0] + half)
+    axes.set_ylim(centre[1] - half, centre[1] + half)
+    axes.set_title(f"{sensor}: {surface.areas[touching].sum() * 1e6:.3g} mm2", fontsize=9)
