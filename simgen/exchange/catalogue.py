@@ -97,8 +97,7 @@ def _add(found: Catalogue, file: ResultFile, sensor: str) -> None:
         stated = [file.stated(trial, env, step) for step in steps]
         number = trial
         if file.layout == "biotac_sim":
-            before = sum(each["sensor"] == sensor for each in found.files.values())
-            number = int(file.attributes.get("trial", before))
+            number = _trajectory(found, file, sensor)
         if number in taken:
             raise InputError(f"{file.path}: trajectory {number} of {sensor} is in another file, too; "
                              "import one job at a time")  # fmt: skip
@@ -113,6 +112,14 @@ def _add(found: Catalogue, file: ResultFile, sensor: str) -> None:
             if stated[0].keys() >= {"pose", "depth_m"}:
                 pose = stated[0]["sensor_pose"] @ stated[0]["pose"]
                 found.first_touch[sensor][key] = advanced(pose, -stated[0]["depth_m"])
+
+
+def _trajectory(found: Catalogue, file: ResultFile, sensor: str) -> int:
+    """Number of the trajectory that a file of biotac_sim is."""
+    number = file.attributes.get("trial", sum(each["sensor"] == sensor for each in found.files.values()))
+    if not isinstance(number, int | np.integer) or number < 0:
+        raise InputError(f"{file.path}: attribute trial: {number!r} is not the number of a trajectory")
+    return int(number)
 
 
 def _indenter(found: Catalogue, file: ResultFile, env: int, name: str | None) -> str:

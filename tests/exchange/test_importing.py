@@ -287,6 +287,10 @@ def test_files_that_do_not_belong_together(tetrahedron, tmp_path):
     with pytest.raises(InputError, match="attribute job: not what simgen wrote"):
         import_results([one], [f"digit={mesh}"], output)
     nameless = of_others(tmp_path / "results.hdf5", "biotac_sim", [spoiled(rest)])
+    with h5py.File(nameless, "a") as opened:
+        opened.attrs["trial"] = "first"
+    with pytest.raises(InputError, match="attribute trial: 'first' is not the number of a trajectory"):
+        import_results([nameless], [f"digit={mesh}"], output)
     with pytest.raises(InputError, match="does not name its sensor; import it with one --mesh alone"):
         import_results([nameless], [f"digit={mesh}", f"biotac={mesh}"], output)
     assert not output.exists()
