@@ -14,7 +14,7 @@ import numpy as np
 from simgen import touch_audit
 from simgen.dataset import PLAN, Dataset
 from simgen.errors import InputError
-from simgen.finding import SHOWN, Finding, name, named
+from simgen.finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.job_schema import hash_of
 from simgen.splits import IN_NONE, SPLITS
 
@@ -32,7 +32,7 @@ def check(dataset: Dataset) -> list[Finding]:
     findings += [*_layout(sound), *_splits(sound)]
     for sensor in dataset.sensors:
         findings += [
-            *_certificates(sound, sensor),
+            *(_imported(sound, sensor) if dataset.imported else _certificates(sound, sensor)),
             *touch_audit.displacements(sound, sensor),
             *touch_audit.pairing(sound, sensor),
         ]
@@ -58,9 +58,11 @@ def to_repair(dataset: Dataset, findings: Sequence[Finding]) -> list[int]:
     """Shards to be solved again: those whose files have changed, with bad samples, or that are not there yet.
 
     Samples that did not converge are not bad: they would not converge again. Raises `InputError` if what all shards
-    share has changed.
+    share has changed, or if the dataset was imported.
     """
     spoiled = {name for finding in findings for name in finding.spoiled}
+    if dataset.imported and (spoiled or dataset.unfinished() or any(finding.bad for finding in findings)):
+        raise InputError(f"{dataset.path}: what was imported cannot be solved again; import it anew")
     if PLAN in spoiled:
         raise InputError(f"{dataset.path}: its plan, which all presses share, has changed; run the job anew")
     per_shard = dataset.job.dataset.presses_per_shard
@@ -147,6 +149,14 @@ def _splits(dataset: Dataset) -> Iterator[Finding]:
         wrong = np.flatnonzero(used & ((split == list(SPLITS).index("test")) != (indenter == own)))
         note = f"in a split of others: presses {', '.join(map(str, wrong[:SHOWN]))}" if len(wrong) else ""
         yield Finding("dataset", "left out", left_out, "in test alone", not len(wrong), note)
+
+
+def _imported(dataset: Dataset, sensor: str) -> Iterator[Finding]:
+    """Which samples there are; whether they converged, the files of others do not say."""
+    status = dataset[f"{sensor}/status"]
+    found = f"{np.count_nonzero(status == 0)} of {status.size}"
+    yield Finding(sensor, "samples in the files", found, "stated", None, _failures(dataset, status))
+    yield not_looked_at(sensor, "certificates", "the files that were imported hold none")
 
 
 def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:

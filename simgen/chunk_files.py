@@ -7,12 +7,9 @@ chunk in a shard, which is made here.
 """
 
 import os
-import re
 import shutil
 import tempfile
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +18,8 @@ import zarr
 from numcodecs import Blosc
 from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
+
+from simgen.errors import system_errors
 
 # Level 5 makes samples 2.4 % smaller in five times the time: more than four threads of a GPU's machine had.
 COMPRESSION = {"cname": "zstd", "clevel": 2}  # and byte shuffle
@@ -66,7 +65,7 @@ def sharded_files(root: Path, name: str, presses: range, stored: np.ndarray, asi
         chunks = there / name / "c"
         chunks.parent.mkdir(parents=True)
         shutil.copy(root / name / "zarr.json", chunks.parent)
-        with _system_errors():
+        with system_errors():
             open_sharded(there, name, mode="r+")[rows] = stored
         found = {file.relative_to(there).as_posix(): file.read_bytes()
                  for file in sorted(chunks.rglob("*")) if file.is_file()}  # fmt: skip
@@ -97,14 +96,3 @@ def chunk_file(
     chunk[: len(stored)] = stored
     codec = Blosc(shuffle=Blosc.SHUFFLE, typesize=chunk.itemsize, **COMPRESSION)
     return {chunk_path(name, number, stored.ndim): codec.encode(chunk)}
-
-
-@contextmanager
-def _system_errors() -> Iterator[None]:
-    """zarrs tells of the operating system's errors in words, with their number."""
-    try:
-        yield
-    except RuntimeError as error:
-        if number := re.search(r"\(os error (\d+)\)", str(error)):
-            raise OSError(int(number[1]), os.strerror(int(number[1]))) from None
-        raise

@@ -2,7 +2,7 @@
 
 import signal
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
+    track,
 )
 from rich.table import Table
 
@@ -25,6 +26,8 @@ from simgen.job_schema import Job
 from simgen.run_status import RunStatus
 
 if TYPE_CHECKING:  # these need the solver; an audit does not
+    from simgen.dataset import Dataset
+    from simgen.exchange.selection import Selection
     from simgen.preview import Preview
     from simgen.shard import ShardReport
     from simgen.workers import Workers
@@ -172,6 +175,27 @@ def print_status(path: Path, found: RunStatus, failures: Mapping[str, int]) -> N
         console.print(f"{count} samples failed: {sentence}", soft_wrap=True)
     for shard, error in found.errors.items():
         console.print(f"[red]shard {shard} was not written: {escape(error)}[/]", soft_wrap=True)
+
+
+def tracked(sequence: Sequence, description: str) -> Iterable:
+    """Shows how far a loop is, while it takes."""
+    return track(sequence, description, console=console, transient=True, disable=not console.is_terminal)
+
+
+def print_export(folder: Path, selection: "Selection", files: Sequence[Path]) -> None:
+    there, of = selection.paired.sum(), selection.paired.size
+    size = _size(sum(file.stat().st_size for file in files))
+    console.print(f"{folder}: {len(files)} files, {size}; {there} of {of} samples on {' and '.join(selection.sensors)}")
+
+
+def print_import(dataset: "Dataset") -> None:
+    left_out = dataset.attributes["source"]["samples_left_out"]
+    for sensor in dataset.sensors:
+        status = dataset[f"{sensor}/status"]
+        console.print(f"{dataset.path}: {sensor}: {(status == 0).sum()} of {status.size} samples were in the files")
+    if left_out:
+        console.print(f"{left_out} samples were left out: far from every depth of the dataset, or not the nearest")
+    console.print(f"next: simgen check {dataset.path}")
 
 
 def _size(count: float) -> str:

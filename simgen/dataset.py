@@ -150,6 +150,10 @@ class Dataset:
                     values[rows] = self.root[name][rows]
             return values
 
+    def get(self, name: str) -> np.ndarray | None:
+        """An array, whole; None if there is none of that name."""
+        return self[name] if name in self.root else None
+
     @contextmanager
     def _reading(self, name: str) -> Iterator[None]:
         try:
@@ -164,6 +168,11 @@ class Dataset:
     @cached_property
     def sensors(self) -> tuple[str, ...]:
         return tuple(self.job.sensors)
+
+    @property
+    def imported(self) -> bool:
+        """Whether it came from files of others, which say less (see `simgen.exchange.importing`)."""
+        return "source" in self.attributes
 
     @cached_property
     def indenters(self) -> tuple[str, ...]:

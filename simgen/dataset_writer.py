@@ -4,11 +4,8 @@ Whatever is unfinished lies in a folder whose name begins with a dot, which its 
 are what a killed process left, and are removed.
 """
 
-import errno
-import glob
 import hashlib
 import json
-import os
 import shutil
 import time
 import warnings
@@ -29,7 +26,7 @@ from simgen.errors import InputError, writing
 from simgen.folder_lock import LOCK, HeldError, held, held_new, remove_abandoned
 from simgen.job_schema import Job
 from simgen.provenance import difference
-from simgen.whole_files import Aside, flush, flush_tree, put_in_place
+from simgen.whole_files import Aside, flush, put_in_place, whole_folder
 
 STAGING = ".staging"
 WAIT_FOR_WORKERS = 20.0  # s, for tasks of a killed run to end: dask's workers do within seconds
@@ -41,24 +38,14 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
     `planned` maps a path such as ``press/trajectory`` or ``digit/rest_positions`` to its array. If somebody else makes
     the same folder meanwhile, theirs stays.
     """
-    with suppress(OSError):  # what cannot be removed is not in the way
-        partial = path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 32}.partial")
-        remove_abandoned(folder for folder in partial if folder.is_dir())
-    with held_new(lambda text: path.with_name(f".{path.name}.{text}.partial")) as folder:
-        try:
-            _write_plan(folder, attributes, planned, job)
-            flush_tree(folder)
-            os.rename(folder, path)
-        except BaseException as error:
-            shutil.rmtree(folder, ignore_errors=True)
-            if not (isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST)):
-                raise
-    flush(path.parent)
+    with suppress(FileExistsError), whole_folder(path) as folder:
+        write_plan(folder, attributes, planned, job)
 
 
-def _write_plan(
+def write_plan(
     folder: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
 ) -> None:
+    """Fill an empty folder with all that is known before the first press, and its manifest."""
     root = zarr.create_group(folder, attributes={"schema": SCHEMA, **attributes})
     for name, values in planned.items():
         root.create_array(name, data=np.asarray(values))

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,3 +29,14 @@ def writing(path: Path) -> Iterator[None]:
 
 def cannot_write(path: Path, number: int) -> str:
     return f"{path}: cannot be written: {os.strerror(number)}"
+
+
+@contextmanager
+def system_errors() -> Iterator[None]:
+    """zarrs and HDF5 tell of the operating system's errors in words, with their number: raises them as `OSError`."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if number := re.search(r"(?:os error |errno = )(\d+)", str(error)):
+            raise OSError(int(number[1]), os.strerror(int(number[1]))) from None
+        raise

@@ -55,6 +55,10 @@ def named(
     return Finding(subject, what, form.format(worst), f"<= {limit:g}{unit}", not bad, name(what, bad), samples)
 
 
+def not_looked_at(subject: str, what: str, why: str) -> Finding:
+    return Finding(subject, what, "not looked at", "stated", None, f"{what}: {why}")
+
+
 def name(what: str, bad: tuple[tuple[int, ...], ...]) -> str:
     """The first of those to blame, (press,) or (press, depth), in words; empty if there are none."""
     if not bad:

@@ -13,7 +13,7 @@ from trimesh.triangles import closest_point
 from simgen.dataset import Dataset
 from simgen.distance import RigidShape, distance
 from simgen.errors import InputError
-from simgen.finding import Finding, named
+from simgen.finding import Finding, named, not_looked_at
 from simgen.indenter import Indenter, load_indenter
 from simgen.provenance import difference
 from simgen.quiet import start_warp
@@ -58,6 +58,9 @@ def _nearest_vertex_kernel(
 
 def pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     """The contact, brought into the sensor's frame by its pose, lies on its surface with its normal."""
+    if dataset.get("press/contact_pose") is None:
+        yield not_looked_at(sensor, "contacts", "the files that were imported do not say where they are")
+        return
     contact, normal = dataset["press/contact_pose"], dataset["press/contact_normal"]
     pose = dataset[f"{sensor}/pose"]
     rotation = pose[:, :3, :3]
@@ -78,7 +81,7 @@ def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     start_warp()
     look = _Look(dataset, sensor)
     if look.why_not:
-        yield Finding(sensor, "on the indenter", "not looked at", "stated", None, look.why_not)
+        yield not_looked_at(sensor, "on the indenter", look.why_not)
     with ThreadPoolExecutor(SHARDS_AT_ONCE) as threads:
         seen = list(threads.map(look.at, dataset.finished()))
     shape = (dataset.presses, len(dataset["depth"]))
@@ -86,7 +89,10 @@ def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     for rows, *values in seen:
         for whole, part in zip((moved, gap, overlap, apart), values, strict=True):
             whole[rows] = part
-    yield named(sensor, "held vertices move", moved, 0.0, "{:g} m")
+    if look.held is None:
+        yield not_looked_at(sensor, "held vertices move", "the mesh that was imported does not say which are held")
+    else:
+        yield named(sensor, "held vertices move", moved, look.rounding, "{:g} m")
     yield named(sensor, "displacement gaps", gap, 0.0, "{:.0f}", total=True)
     if look.why_not or not len(look.touchable):
         return
@@ -100,7 +106,13 @@ class _Look:
 
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor = dataset, sensor
-        self.held, self.status = dataset[f"{sensor}/held"], dataset[f"{sensor}/status"]
+        self.status = dataset[f"{sensor}/status"]
+        self.held = dataset.get(f"{sensor}/held")
+        self.rounding, self.why_not = 0.0, ""
+        if dataset.imported:
+            self.rounding = dataset.attributes["source"]["meshes"][sensor]["rounding_m"]
+            self.why_not = "the files that were imported do not say how far a mesh may overlap it"
+            return
         on_surface = np.unique(dataset[f"{sensor}/surface_triangles"])
         self.touchable = on_surface[dataset[f"{sensor}/touchable"][on_surface]]
         self.rest = dataset[f"{sensor}/rest_positions"][self.touchable]
@@ -108,7 +120,6 @@ class _Look:
         self.touch, self.depth = dataset[f"{sensor}/touch"], dataset["depth"]
         self.pose = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
         self.indenter = dataset["press/indenter"]
-        self.why_not = ""
         try:
             self.shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)])
         except InputError as error:
@@ -121,11 +132,12 @@ class _Look:
         rows = slice(presses.start, presses.stop)
         displacement = self.dataset.displacement(self.sensor, rows)
         converged = self.status[rows] == 0
-        moved = np.nan_to_num(np.abs(displacement[:, :, self.held])).max(axis=(2, 3), initial=0.0)
+        held = displacement[:, :, [] if self.held is None else self.held]
+        moved = np.nan_to_num(np.abs(held)).max(axis=(2, 3), initial=0.0)
         gap = converged & ~np.isfinite(displacement).all(axis=(2, 3))
         overlap, apart = np.zeros(converged.shape), np.zeros(converged.shape)
         at = np.nonzero(converged & ~gap)
-        if len(at[0]) and len(self.touchable) and not self.why_not:
+        if len(at[0]) and not self.why_not and len(self.touchable):
             at_rest, nearest = self._nearest(rows, displacement, *at)
             overlap[at] = -nearest - self.stated[rows][at]
             apart[at] = nearest - np.maximum(at_rest, 0.0)[at[0]]

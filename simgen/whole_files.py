@@ -1,11 +1,20 @@
-"""Files that are there whole or not at all, also after a power cut: written aside, flushed to disk, then renamed."""
+"""Files and folders that are whole or not there, also after a power cut: written aside, flushed to disk, renamed."""
 
+import errno
+import glob
 import hashlib
 import os
+import shutil
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+from simgen.errors import InputError
+from simgen.folder_lock import held_new, remove_abandoned
+
+ROOM = 64 * 2**20  # bytes: more than HDF5 keeps in its caches, and than a sample and its mesh take
 
 
 @dataclass(frozen=True)
@@ -49,3 +58,37 @@ def flush_tree(folder: Path) -> None:
     for path in folder.rglob("*"):
         flush(path)
     flush(folder)
+
+
+def check_new(path: Path) -> None:
+    """Raises `InputError` unless a path is free, or an empty folder."""
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        raise InputError(f"{path}: exists already; remove it, or choose another --output")
+
+
+def check_room(folder: Path) -> None:
+    """Raises `OSError` if the disk is all but full: before libraries write that would end the process if it were."""
+    if shutil.disk_usage(folder).free < ROOM:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A folder aside, held by this process, which takes its place at ``path`` when the block ends without an error.
+
+    Raises `FileExistsError` if a folder that is not empty is there by then.
+    """
+    with suppress(OSError):  # what cannot be removed is not in the way
+        partial = path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 32}.partial")
+        remove_abandoned(folder for folder in partial if folder.is_dir())
+    with held_new(lambda text: path.with_name(f".{path.name}.{text}.partial")) as folder:
+        try:
+            yield folder
+            flush_tree(folder)
+            os.rename(folder, path)
+        except BaseException as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            if isinstance(error, OSError) and error.errno == errno.ENOTEMPTY:
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+            raise
+    flush(path.parent)

@@ -32,6 +32,8 @@ def dataset(tmp_path_factory):
         (["mesh"], ["SENSOR", "quality gates"]),
         (["check"], ["DATASET", "Exit code 1"]),
         (["report"], ["DATASET", "--output", "HTML"]),
+        (["export"], ["DATASET", "--format", "across, biotac_sim, npy or vtk", "--trajectories", "--split"]),
+        (["import"], ["FILE...", "--mesh", "SENSOR=FILE", "--depths-mm"]),
     ],
 )
 def test_help_says_what_there_is(tmp_path, command, words):

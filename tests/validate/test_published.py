@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from simgen.dataset import Dataset
 from simgen.errors import InputError
-from simgen.exchange import ResultFile, Sample, export, write
+from simgen.exchange import ResultFile, Sample, write
+from simgen.exchange.exporting import export
 from simgen.job import job_from_dict
 from simgen.plan import make_plan
 from simgen.quiet import start_warp
@@ -96,7 +97,7 @@ def dataset(tmp_path_factory):
 @pytest.mark.parametrize("layout", ["across", "biotac_sim"])
 def test_an_own_file_is_reproduced(dataset, layout, tmp_path):
     """The same job, the same poses: what is left is how coordinates are stored, 0.1 um and float32."""
-    export(dataset, "digit", layout, tmp_path, [0])
+    export(dataset, layout, tmp_path / "own", ["digit"], "0")
     outcome = outcome_of("published-results", tmp_path, tmp_path)
     assert len(outcome.rows) == 1 + 2 * 2
     assert [row.quantity for row in outcome.rows if not row.passed] == []
@@ -126,7 +127,8 @@ def anonymous(source: Path, target: Path) -> None:
 @pytest.mark.slow
 def test_a_file_of_others_is_placed_and_its_pose_recovered(dataset, tmp_path):
     """The press at the recovered pose is as near as the project lets a mesh err."""
-    (own,) = export(dataset, "digit", "across", tmp_path, [0])
+    export(dataset, "across", tmp_path / "own", ["digit"], "0")
+    own = tmp_path / "own" / f"results_digit_{dataset.job.name}.hdf5"
     published = tmp_path / "published"
     published.mkdir()
     anonymous(own, published / "results_digit_x.hdf5")

@@ -12,26 +12,26 @@ biotac_sim (NVlabs/biotac_sim), one contact per file::
     step_<j>/nodal_coords/env_<k>, step_<j>/net_force_vecs/env_<k>
 
 Files of simgen add attributes, which readers of these layouts do not look at: to the file what it came from, to each
-``env_<k>`` of the coordinates the name of the indenter, its pose and the depth.
+``env_<k>`` of the coordinates the name of the indenter, its pose, the depth, and the pose of the sensor.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
-from simgen.dataset import Dataset
-from simgen.errors import InputError
+from simgen.errors import InputError, system_errors
+from simgen.whole_files import check_room
 
-LAYOUTS = ("across", "biotac_sim")
 COORDINATES, FORCES, DISTANCES = "nodal_coords", "net_force_vecs", "max_contact_distances"
+STATED = ("indenter", "pose", "depth_m", "sensor_pose")  # attributes of a sample that simgen wrote
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class Sample:
     force : (3,) N, on the sensor
     indenter, pose, depth_m : name, indenter frame -> frame of the file (4, 4) in m at this depth, and depth from first
         touch in m; None where the file does not say
+    sensor_pose : frame of the file -> frame that the sensors share (4, 4) in m, for this press; None as before
     """
 
     trial: int
@@ -52,59 +53,21 @@ class Sample:
     indenter: str | None = None
     pose: np.ndarray | None = None
     depth_m: float | None = None
+    sensor_pose: np.ndarray | None = None
 
 
-def export(dataset: Dataset, sensor: str, layout: str, folder: Path, trajectories: Iterable[int]) -> list[Path]:
-    """Write trajectories of one sensor: one file in the ACROSS layout, one for each trajectory in biotac_sim's.
-
-    Coordinates are in the sensor's own frame, in float32 as the published loaders read them; samples that did not
-    converge are left out. Raises InputError for an unknown sensor or layout.
-    """
-    for key, value, allowed in (("sensor", sensor, dataset.sensors), ("layout", layout, LAYOUTS)):
-        if value not in allowed:
-            raise InputError(f"{key} {value!r}: allowed: {', '.join(allowed)}")
-    about = {"job": json.dumps(dataset.attributes["job"]), "code": json.dumps(dataset.attributes.get("code"))}
-    name, trajectories = f"results_{sensor}_{dataset.job.name}", list(trajectories)
-    files = {f"{name}.hdf5": trajectories}
-    if layout == "biotac_sim":
-        files = {f"{name}_trial_{trajectory}.hdf5": [trajectory] for trajectory in trajectories}
-    for file, chosen in files.items():
-        write(folder / file, layout, sensor, dataset_samples(dataset, sensor, chosen), about)
-    return [folder / file for file in files]
-
-
-def dataset_samples(dataset: Dataset, sensor: str, trajectories: Iterable[int]) -> Iterator[Sample]:
-    """The converged samples of some trajectories, in the frame of the sensor."""
-    rest, depths = dataset[f"{sensor}/rest_positions"], dataset["depth"]
-    trajectory, indenter = dataset["press/trajectory"], dataset["press/indenter"]
-    status, force, touch = (dataset[f"{sensor}/{key}"] for key in ("status", "force", "touch"))
-    first_touch = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
-    for press in np.flatnonzero(np.isin(trajectory, list(trajectories))):
-        for step in np.flatnonzero(status[press] == 0):
-            pose = first_touch[press].copy()
-            pose[:3, 3] += (touch[press] + depths[step]) * pose[:3, 1]
-            yield Sample(
-                trial=int(trajectory[press]),
-                env=int(indenter[press]),
-                step=int(step),
-                nodal_coordinates=rest + dataset.displacement(sensor, int(press), int(step)),
-                force=force[press, step],
-                indenter=dataset.indenters[indenter[press]],
-                pose=pose,
-                depth_m=float(depths[step]),
-            )
-
-
-def write(path: Path, layout: str, sensor: str, samples: Iterable[Sample], about: Mapping[str, str]) -> None:
+def write(path: Path, layout: str, sensor: str, samples: Iterable[Sample], about: Mapping[str, str | int]) -> None:
     """Write samples into one file; ``about`` becomes attributes of the file. It appears whole or not at all.
 
     Raises InputError where biotac_sim's layout, which has no trials, is asked to hold several.
     """
     partial = path.with_name(path.name + ".partial")
     trials = set()
-    with h5py.File(partial, "w") as file:
+    check_room(path.parent)
+    with system_errors(), h5py.File(partial, "w") as file:
         file.attrs.update({"writer": "simgen", "sensor": sensor, **about})
         for sample in samples:
+            check_room(path.parent)  # on a full disk HDF5 cannot even close its file
             trials.add(sample.trial)
             if layout == "biotac_sim" and len(trials) > 1:
                 raise InputError(f"{path}: trials {sorted(trials)}; the layout biotac_sim holds one per file")
@@ -120,7 +83,7 @@ def _write_sample(file: h5py.File, layout: str, sensor: str, sample: Sample) -> 
             file[f"{step}/{DISTANCES}/{env}"] = sample.depth_m
     file[f"{step}/{COORDINATES}{suffix}/{env}"] = sample.nodal_coordinates.astype(np.float32)
     file[f"{step}/{FORCES}{suffix}/{env}"] = np.asarray(sample.force, dtype=np.float64)
-    known = {"indenter": sample.indenter, "pose": sample.pose, "depth_m": sample.depth_m}
+    known = {key: getattr(sample, key) for key in STATED}
     attributes = file[f"{step}/{COORDINATES}{suffix}/{env}"].attrs
     attributes.update({key: value for key, value in known.items() if value is not None})
 
@@ -185,17 +148,27 @@ class ResultFile:
             raise InputError(f"{self.path}: {coordinates.name}: shape {coordinates.shape}, expected (vertex, 3) in m")
         if force.shape != (3,):
             raise InputError(f"{self.path}: {force.name}: shape {force.shape}, expected (3,) in N")
-        values = {"nodal_coordinates": coordinates[...].astype(float), "force": force[...].astype(float)}
-        for key, array in zip((coordinates.name, force.name), values.values(), strict=True):
-            if not np.isfinite(array).all():
-                raise InputError(f"{self.path}: {key}: values that are not finite numbers")
-        attributes = coordinates.attrs
-        pose = attributes.get("pose")
-        if pose is not None and pose.shape != (4, 4):
-            raise InputError(f"{self.path}: {coordinates.name}: attribute pose: shape {pose.shape}, expected (4, 4)")
-        depth = attributes.get("depth_m")
-        return Sample(trial, env, step, **values, indenter=attributes.get("indenter"), pose=pose,
-                      depth_m=None if depth is None else float(depth))  # fmt: skip
+        values = {"nodal_coordinates": self._numbers(coordinates), "force": self._numbers(force)}
+        return Sample(trial, env, step, **values, **self.stated(trial, env, step))
+
+    def stated(self, trial: int, env: int, step: int) -> dict[str, Any]:
+        """What the file says of a sample beside its arrays: some of indenter, pose, depth_m, sensor_pose."""
+        coordinates = self._dataset(f"{self._key(trial, step, COORDINATES)}/env_{env}")
+        found = {key: coordinates.attrs[key] for key in STATED if key in coordinates.attrs}
+        if not isinstance(name := found.get("indenter", ""), str):
+            raise InputError(f"{self.path}: {coordinates.name}: attribute indenter: {name!r} is not a name")
+        for key in found.keys() & {"pose", "sensor_pose"}:
+            if (shape := np.shape(found[key])) != (4, 4):
+                raise InputError(f"{self.path}: {coordinates.name}: attribute {key}: shape {shape}, expected (4, 4)")
+        distance = f"trial_{trial}/step_{step}/{DISTANCES}/env_{env}"
+        if "depth_m" not in found and self.layout == "across" and distance in self._file:
+            found["depth_m"] = self._dataset(distance)[...]
+        if "depth_m" in found:
+            depth = np.ravel(found["depth_m"])
+            if depth.size != 1 or depth.dtype.kind not in "fiu" or not np.isfinite(depth).all():
+                raise InputError(f"{self.path}: {coordinates.name}: {depth.tolist()} is not a depth in m")
+            found["depth_m"] = float(depth[0])
+        return found
 
     def __iter__(self) -> Iterator[Sample]:
         return (self.sample(*press, step) for press, steps in self.presses().items() for step in steps)
@@ -212,6 +185,15 @@ class ResultFile:
                 if name.startswith(f"{COORDINATES}_"):
                     return name.removeprefix(f"{COORDINATES}_")
         raise InputError(f"{self.path}: {trial}: no step_<j>/{COORDINATES}_<sensor> in it")
+
+    def _numbers(self, stored: h5py.Dataset) -> np.ndarray:
+        try:
+            numbers = stored[...].astype(float)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{self.path}: {stored.name}: {' '.join(str(error).split())}") from None
+        if not np.isfinite(numbers).all():
+            raise InputError(f"{self.path}: {stored.name}: values that are not finite numbers")
+        return numbers
 
     def _group(self, key: str) -> h5py.Group:
         if not isinstance(found := self._file.get(key), h5py.Group):
