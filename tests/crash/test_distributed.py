@@ -1,7 +1,9 @@
 """A scheduler and workers of dask as processes of their own, that come and go while a run goes on."""
 
 import os
+import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import pytest
 
 from .conftest import JOB, SHARDS, start
 
+SEED, KILLS = 5, 50
 LOOPBACK = ["--host", "127.0.0.1", "--no-dashboard"]
 
 
@@ -129,3 +132,38 @@ def test_a_run_that_is_killed_leaves_its_scheduler_free_for_the_next(whole, tmp_
     output, errors = process.communicate(timeout=240)
     assert process.returncode == 0, output + errors
     assert fake.contents(path) == fake.contents(whole)
+
+
+@pytest.mark.long
+def test_whatever_is_killed_the_same_command_ends_with_the_same_bytes(whole, tmp_path, cluster):
+    """Fifty times a scheduler, a worker or the run itself, between a run's first shard and its last."""
+    chance, path, ended, killed = random.Random(SEED), tmp_path / "d.zarr", 0, []
+    scheduler, _ = cluster.scheduler()
+    workers = [cluster.worker(), cluster.worker()]
+    for number in range(KILLS + 1):  # the last is left alone
+        process = start("run", *JOB, "--output", path, "--scheduler-file", cluster.file)
+        what, after = chance.choice(("scheduler", "worker", "run")), chance.randrange(SHARDS)
+        while process.poll() is None and (number == KILLS or shards(path) < after):
+            time.sleep(0.02)
+        if process.poll() is None:
+            killed.append((what, shards(path)))
+            if what == "run":
+                kill(process)
+            elif what == "worker":
+                kill(workers.pop(0))
+                workers.append(cluster.worker())
+            else:
+                kill(scheduler)
+        output, errors = process.communicate(timeout=240)
+        assert process.returncode in (0, 2, -signal.SIGKILL) and "Traceback" not in output + errors, (killed, errors)
+        if what == "scheduler":
+            for each in (scheduler, *workers):
+                kill(each)
+            scheduler, _ = cluster.scheduler()
+            workers = [cluster.worker(), cluster.worker()]
+        if process.returncode == 0:
+            assert fake.contents(path) == fake.contents(whole), killed
+            shutil.rmtree(path)
+            ended += 1
+    print(f"killed, and how many of {SHARDS} shards were there: {killed}; ended {ended} times")
+    assert process.returncode == 0 and {what for what, _ in killed} == {"scheduler", "worker", "run"}
