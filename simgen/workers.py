@@ -4,6 +4,7 @@ Only this file imports dask.
 """
 
 import json
+import logging
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -119,6 +120,7 @@ def start_workers(
     from dask.distributed import Client
 
     if scheduler is not None:
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # or a lost scheduler is pages of tracebacks
         try:
             client = Client(scheduler, timeout=ANSWER_S)
         except (OSError, ValueError) as error:
