@@ -4,7 +4,6 @@ Only this file imports dask.
 """
 
 import json
-import logging
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -118,15 +117,15 @@ def start_workers(
         yield Workers(device)
         return
     from dask.distributed import Client
+    from distributed.utils import silence_logging_cmgr
 
     if scheduler is not None:
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # or a lost scheduler is pages of tracebacks
         try:
             client = Client(scheduler, timeout=ANSWER_S)
         except (OSError, ValueError) as error:
             allowed = "allowed: the address of one that answers, as tcp://host:8786, or sync"
             raise InputError(f"scheduler {scheduler!r}: {error}; {allowed}") from None
-        with client:
+        with silence_logging_cmgr("CRITICAL"), client:  # a lost scheduler would be pages of tracebacks
 
             def joined() -> tuple[Client, list]:
                 if count:
