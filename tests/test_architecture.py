@@ -25,7 +25,7 @@ HOUSE = {
     "dataset": ["dataset", "dataset_writer", "chunk_files", "whole_files", "folder_lock", "finding", "audit",
                 "touch_audit", "run_status", "splits", "exchange"],
     "run": ["plan", "shard_writer", "shard", "workers", "run"],
-    "views": ["drawing", "pictures", "page", "preview", "report", "console"],
+    "views": ["drawing", "pictures", "page", "preview", "report", "console", "job_reference"],
     "validate": ["validate"],
     "bench": ["bench"],
     "cli": ["cli"],
