@@ -13,6 +13,7 @@ import fake
 import numpy as np
 import pytest
 import typer
+import yaml
 from annotated_types import Ge, Gt, Le, Lt
 
 from simgen import cli, job_reference, mesh_quality, sensor_schema
@@ -52,7 +53,8 @@ def anchors(path: Path) -> set[str]:
 
 @page
 def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+    text = prose(page)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'src="([^"]+)"', text):
         if target.startswith("http"):
             continue
         file, _, anchor = target.partition("#")
@@ -159,7 +161,7 @@ def filled(tmp_path_factory) -> Path:
 def test_the_tree_of_the_dataset_is_that_of_a_dataset(filled):
     (tree,) = (text for text in code(DOCS / "dataset.md", "") if "manifest/" in text)
     shown = dict(re.findall(r"^  ([\w<>/]+) +\(([\w, ]+?),?\)", tree, re.MULTILINE))
-    types = dict(re.findall(r"^  ([\w<>/]+) +\([\w, ]+\) +(float64|int32|int8|bool)", tree, re.MULTILINE))
+    types = dict(re.findall(r"^  ([\w<>/]+) +\([\w, ]+\) +(float64|int32|int8|bool)\b", tree, re.MULTILINE))
     dataset = Dataset(filled / "smoke.zarr")
     sizes = {"press": dataset.presses, "depth": 10, "vertex": len(fake.VERTICES), "tetrahedron": 1,
              "triangle": len(fake.BALL.faces)}  # fmt: skip
@@ -212,6 +214,11 @@ def test_the_page_on_ones_own_sensor_runs_from_top_to_bottom(tmp_path):
     assert dataset.indenters == ("sphere_7mm", "egg")
     assert not dataset.unfinished() and (dataset["slab/force"][:, -1, 1] > 0).all()
     assert (tmp_path / "own.html").is_file()
+
+
+def test_the_sensor_beside_the_bundled_ones_is_one():
+    (text,) = code(ROOT / "sensor_models" / "README.md", "yaml")
+    assert sensor_schema.SensorDescription.model_validate(yaml.safe_load(text)).core is not None
 
 
 def test_every_key_of_a_sensor_is_on_the_page():
