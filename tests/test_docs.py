@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import fake
 import numpy as np
@@ -14,7 +15,7 @@ import typer
 import yaml
 from pages import DOCS, ROOT, blocks, code, prose
 
-from simgen import cli, mesh_quality, sensor_schema
+from simgen import cli, indenter, mesh_quality, sensor_schema
 from simgen.dataset import Dataset
 from simgen.fem.status import Status
 from simgen.run import run
@@ -157,6 +158,14 @@ def test_every_key_of_a_sensor_is_on_the_page():
     classes = [each for each in vars(sensor_schema).values() if isinstance(each, type)]
     keys = {key for each in classes if issubclass(each, sensor_schema.Section) for key in each.model_fields}
     assert keys - named == set()
+
+
+def test_every_key_of_an_indenter_is_on_the_page():
+    part = (DOCS / "extending.md").read_text().partition("## Indenters")[2]
+    for spec in indenter._Spec.__subclasses__():
+        kind = get_args(spec.model_fields["kind"].annotation)[0]
+        (row,) = re.findall(rf"^\| `{kind}` \|(.*)", part, re.MULTILINE)
+        assert set(re.findall(r"`(\w+)`", row)) == set(spec.model_fields) - {"kind"}
 
 
 def test_the_gates_are_those_of_the_page():
