@@ -26,7 +26,7 @@ HOUSE = {
                 "touch_audit", "run_status", "splits", "card", "loading", "torch_samples",
                 "exchange"],
     "run": ["plan", "shard_writer", "shard", "workers", "run"],
-    "views": ["drawing", "pictures", "page", "preview", "report", "console"],
+    "views": ["drawing", "pictures", "page", "preview", "report", "console", "job_reference"],
     "validate": ["validate"],
     "bench": ["bench"],
     "cli": ["cli"],

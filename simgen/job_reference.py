@@ -1,0 +1,217 @@
+"""The reference of job files, from the schema itself: ``python -m simgen.job_reference > docs/job.md``.
+
+Types, defaults and what is allowed are the schema's, what a constant of the solver or of the contacts does is said
+where it is used; the rest is said here. A test compares the page with what this prints.
+"""
+
+import inspect
+import re
+import types
+from collections.abc import Iterator
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+
+from simgen.fem.newton import SolverSettings
+from simgen.job_schema import (
+    DEEPEST_INT16_MM,
+    DatasetSettings,
+    Depths,
+    Job,
+    MaterialChoice,
+    Section,
+    SensorChoice,
+    Solver,
+    Trajectories,
+)
+from simgen.pairing import ContactSettings
+
+UNITS = {"_mm": "mm", "_deg": "degrees", "_pa": "Pa"}
+WORDS = {str: "text", int: "whole number", float: "number"}
+
+# Headings with their sections, in the order of the page; NAME is what the user calls a sensor.
+SECTIONS: dict[str, type[Section]] = {
+    "The job": Job,
+    "sensors.NAME": SensorChoice,
+    "sensors.NAME.material": MaterialChoice,
+    "trajectories": Trajectories,
+    "depths_mm": Depths,
+    "solver": Solver,
+    "dataset": DatasetSettings,
+}
+
+# What a key does, where neither `SolverSettings` nor `ContactSettings` says it.
+MEANINGS: dict[type[Section], dict[str, str]] = {
+    Job: {
+        "name": "names the dataset, `<name>.zarr`, and its report",
+        "seed": "of the contacts and of the splits: the same seed, the same places",
+        "sensors": "the sensors, named as you like. Contacts are sampled on the first and unfolded onto the others",
+        "indenters": "what is pressed at every contact: names of `indenters/indenters.yaml`, or paths of closed meshes",
+        "trajectories": "how many contacts, and how they vary",
+        "depths_mm": "the depths that are stored",
+        "solver": "element, tolerances and constants; leave it out unless you study the solver",
+        "dataset": "how the samples are stored and split",
+    },
+    SensorChoice: {
+        "model": "a bundled sensor, or the folder of a `sensor.yaml`",
+        "mesh": "which of the sensor's meshes is solved on; the stored vertices are the same ones for all",
+        "material": "of the deformable body; a preset's name alone will do",
+        "fluid": "what fills the gap between skin and core. A liquid keeps its volume; its pressure is stored",
+    },
+    MaterialChoice: {
+        "preset": "the values to begin with; the `sensor.yaml` lists them",
+        "youngs_modulus_pa": "replaces the preset's modulus at small strains",
+        "poisson_ratio": "replaces the preset's ratio at small strains",
+        "friction": "replaces the preset's friction between sensor and indenter",
+    },
+    Trajectories: {"count": "contact poses; each is pressed with every indenter into every sensor"},
+    Depths: {
+        "first": "the least depth, counted from true first touch on each sensor",
+        "last": "the deepest; contacts are sampled where there is room for it, and "
+                f"`displacement: int16` allows {DEEPEST_INT16_MM:g} mm",
+        "count": "so many, evenly spaced, both ends included. From one to the next is a load step, or "
+                 "several where one fails",
+    },
+    Solver: {"element": "P2-P1: quadratic displacement, linear pressure. P1: linear tetrahedra, which lock"},
+    DatasetSettings: {
+        "displacement": "of what numbers displacements are stored as; int16 rounds to 0.1 um",
+        "presses_per_shard": "what one task solves and writes, and what a kill may cost",
+        "leave_out": "an indenter that is tested alone: training and validation have all others, at other places",
+        "output": "where the dataset goes; `--output` replaces it, and it is no part of the job's hash",
+    },
+}  # fmt: skip
+
+# The first is a whole job; the others replace its keys of the same name.
+EXAMPLES: dict[str, str] = {
+    "The job": """\
+name: my_touch
+seed: 7
+sensors:
+  digit: {model: digit, mesh: coarse, material: solid}
+  biotac: {model: biotac, mesh: coarse, material: solid}
+indenters: [sphere_7mm, ring_7mm]
+trajectories: {count: 10}
+depths_mm: {first: 0.1, last: 1.0, count: 10}
+""",
+    "sensors.NAME": """\
+sensors:
+  digit: {model: digit}
+  filled: {model: biotac, mesh: coarse, fluid: incompressible}   # one model may stand twice
+  empty: {model: biotac, mesh: coarse}
+""",
+    "sensors.NAME.material": """\
+sensors:
+  digit: {model: digit, material: solid}
+  biotac: {model: biotac, material: {preset: effective, friction: 0.3}}
+""",
+    "trajectories": """\
+trajectories: {count: 200, max_tilt_deg: 0, roll_range_deg: [0, 0]}   # straight presses, never turned
+""",
+    "depths_mm": """\
+depths_mm: {first: 0.5, last: 2.0, count: 4}   # 0.5, 1, 1.5 and 2 mm
+""",
+    "solver": """\
+solver: {residual_tolerance: 1e-6, contact_tolerance: 1e-4}   # how far is a sample from its own equations?
+""",
+    "dataset": """\
+dataset: {displacement: float32, presses_per_shard: 36, leave_out: ring_7mm, output: ./data/my_touch.zarr}
+""",
+}
+
+HEAD = """\
+# Job files
+
+*Printed by `python -m simgen.job_reference`; a test compares.*
+
+A job is one YAML file: all that decides a dataset, beside the code and the sensors' meshes. It is read strictly: an
+unknown key, a key given twice, a value of the wrong type or out of range ends the command with exit code 2 and one
+line, which names the file, the key, the value and what is allowed.
+
+- **Where.** `simgen run FILE`. `smoke`, `paired` and `paired_as_published` are bundled: `simgen run smoke` will do.
+- **Replacing keys.** `simgen run smoke trajectories.count=10 sensors.biotac.material.friction=0.3`: a value is read
+  as YAML.
+- **Paths** of sensors and indenters start at the folder of the job file. A path has a slash or a mesh's suffix.
+- **Numbers** may be written 539000, 539e3 or 539.0e+3. Units are in the keys.
+- **What would it do?** `simgen run FILE --dry-run` counts samples, size and time, and does nothing.
+
+Each example below replaces the keys of the same name in the first one. A default of `-` is none.
+"""
+
+
+def job_reference() -> str:
+    """The whole page, in Markdown."""
+    return "\n".join([HEAD, *(_section(heading, section) for heading, section in SECTIONS.items())])
+
+
+def meaning(section: type[Section], key: str) -> str:
+    """What a key does. Raises KeyError if nobody says it."""
+    of_class = {Solver: solver_meanings, Trajectories: contact_meanings}.get(section, dict)()
+    return MEANINGS[section].get(key) or of_class[key]
+
+
+def solver_meanings() -> dict[str, str]:
+    """What the docstring of `SolverSettings` says: lines ``key, key : meaning``, and indented ones that go on."""
+    lines = re.sub(r"\n {4,}", " ", inspect.cleandoc(SolverSettings.__doc__)).splitlines()
+    found = (re.fullmatch(r"([\w, ]+) : (.+)", line) for line in lines)
+    return {key: match[2] for match in found if match for key in match[1].split(", ")}
+
+
+def contact_meanings() -> dict[str, str]:
+    """What the comments of `ContactSettings` say."""
+    return dict(re.findall(r"^ +(\w+): .*?  # (.+)$", inspect.getsource(ContactSettings), re.MULTILINE))
+
+
+def _section(heading: str, section: type[Section]) -> str:
+    rows = [_row(section, key, field, heading) for key, field in section.model_fields.items()]
+    head = ["| key | type | allowed | default | what it does |", "|---|---|---|---|---|"]
+    about = inspect.cleandoc(section.__doc__).splitlines()[0]
+    title = heading if section is Job else f"`{heading}`"
+    about = re.sub(r"`(simgen[\w.]*)\.\w+` \(.*\)", r"the settings of `\1`", about)
+    about = "Everything at the top level." if section is Job else about
+    return "\n".join([f"## {title}\n", about.replace("``", "`") + "\n", *head, *rows,
+                      f"\n```yaml\n{EXAMPLES[heading]}```\n"])  # fmt: skip
+
+
+def _row(section: type[Section], key: str, field: FieldInfo, heading: str) -> str:
+    unit = next((unit for suffix, unit in UNITS.items() if key.endswith(suffix) or heading.endswith(suffix)), "")
+    counts = field.annotation is int or any(_sections(field.annotation))
+    kind = _kind(field.annotation) + (f", {unit}" if unit and not counts else "")
+    allowed = (field.description or "its keys, see below").replace("<", "\\<")
+    about = re.sub(r"see (\w+\.py)", r"see [\1](../simgen/fem/\1)", meaning(section, key))
+    return f"| `{key}` | {kind} | {allowed} | {_default(field)} | {about} |"
+
+
+def _kind(annotation: Any) -> str:
+    """A type in words."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return "one of " + ", ".join(f"`{value}`" for value in inner)
+    if origin in (Union, types.UnionType):
+        return _kind(next(each for each in inner if each is not type(None)))
+    if origin is tuple:
+        return "list of text" if Ellipsis in inner else "list of two numbers"
+    if any(_sections(annotation)):
+        return "mapping of names to sections" if origin is dict else "section"
+    return WORDS[annotation]
+
+
+def _sections(annotation: Any) -> Iterator[type[Section]]:
+    for each in (annotation, *get_args(annotation)):
+        if isinstance(each, type) and issubclass(each, Section):
+            yield each
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    if field.default is None:
+        return "-"
+    if isinstance(field.default, Section):
+        return "its defaults"
+    values = field.default if isinstance(field.default, tuple) else (field.default,)
+    texts = [f"{value:g}" if isinstance(value, int | float) else value for value in values]
+    return f"`[{', '.join(texts)}]`" if isinstance(field.default, tuple) else f"`{texts[0]}`"
+
+
+if __name__ == "__main__":
+    print(job_reference(), end="")

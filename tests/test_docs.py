@@ -1,0 +1,183 @@
+"""The pages: links lead somewhere, commands and commits exist, tables are complete, code and examples run."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import fake
+import numpy as np
+import pytest
+import typer
+import yaml
+from pages import DOCS, ROOT, blocks, code, prose
+
+from simgen import cli, indenter, mesh_quality, sensor_schema
+from simgen.dataset import Dataset
+from simgen.fem.status import Status
+from simgen.run import run
+
+PAGES = [ROOT / "README.md", ROOT / "sensor_models" / "README.md", *sorted(DOCS.glob("*.md"))]
+page = pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
+
+
+def anchors(path: Path) -> set[str]:
+    """Of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", prose(path), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+# All pages
+
+
+@page
+def test_links_lead_somewhere(page):
+    text = prose(page)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'src="([^"]+)"', text):
+        if target.startswith("http"):
+            continue
+        file, _, anchor = target.partition("#")
+        there = (page.parent / file).resolve() if file else page
+        assert there.exists(), target
+        assert not anchor or anchor in anchors(there), target
+
+
+@page
+def test_files_that_are_named_exist(page):
+    folders = r"docs|jobs|tests|simgen|benchmarks|indenters|sensor_models|\.ci"
+    named = re.findall(rf"`((?:{folders})/[\w./]*)", page.read_text())
+    for name in {name.rstrip(".") for name in named}:
+        assert (ROOT / name).exists(), name
+
+
+@page
+def test_commands_and_their_options_exist(page):
+    commands = typer.main.get_command(cli.app).commands
+    lines = [line for kind, text in blocks(page) if kind == "sh" for line in re.split("&&|\n", text)]
+    for line in [*lines, *re.findall(r"`([^`\n]+)`", prose(page))]:
+        if used := re.match(r"\s*simgen (\w+)( .*)?$", line.partition(" #")[0]):
+            known = {option for parameter in commands[used[1]].params for option in parameter.opts}
+            assert set(re.findall(r"(?<= )--[\w-]+", used[2] or "")) <= known, line
+
+
+@page
+def test_commits_that_are_named_exist(page):
+    if not (ROOT / ".git").exists() or (ROOT / ".git" / "shallow").exists():
+        pytest.skip("not a checkout with its history")
+    for commit in set(re.findall(r"\b(?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{7}\b", prose(page))):
+        found = subprocess.run(["git", "merge-base", "--is-ancestor", commit, "HEAD"], cwd=ROOT, capture_output=True)
+        assert found.returncode == 0, commit
+
+
+def test_the_front_page_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 180
+
+
+# The dataset
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory) -> Path:
+    """A folder with a fake dataset as the pages call it."""
+    folder = tmp_path_factory.mktemp("docs")
+    job = fake.make_job(sensors=fake.FILLED, depths_mm={"first": 0.1, "last": 1.0, "count": 10})
+    run(fake.make_plan(job), folder / "smoke.zarr", build=fake.fake_presser)
+    return folder
+
+
+def test_the_tree_of_the_dataset_is_that_of_a_dataset(filled):
+    (tree,) = (text for text in code(DOCS / "dataset.md", "") if "manifest/" in text)
+    shown = dict(re.findall(r"^  ([\w<>/]+) +\(([\w, ]+?),?\)", tree, re.MULTILINE))
+    types = dict(re.findall(r"^  ([\w<>/]+) +\([\w, ]+\) +(float64|int32|int8|bool)\b", tree, re.MULTILINE))
+    dataset = Dataset(filled / "smoke.zarr")
+    sizes = {"press": dataset.presses, "depth": 10, "vertex": len(fake.VERTICES), "tetrahedron": 1,
+             "triangle": len(fake.BALL.faces)}  # fmt: skip
+    stored = {name: array for name, array in dataset.root.members(max_depth=None) if hasattr(array, "shape")}
+    named = {name.replace("biotac/", "<sensor>/") for name in stored if not name.startswith("digit/")}
+    assert {name for name in named if "/certificate/" not in name} == set(shown)
+    for name, dimensions in shown.items():
+        array = stored[name.replace("<sensor>", "biotac")]
+        assert array.shape == tuple(sizes.get(each) or int(each) for each in dimensions.split(", ")), name
+        assert name == "<sensor>/displacement" or array.dtype == types[name], name
+
+
+def test_certificates_and_statuses_are_all_explained(filled):
+    text = (DOCS / "dataset.md").read_text()
+    found = {name for name, _ in Dataset(filled / "smoke.zarr").root["biotac/certificate"].members()}
+    part = text.partition("## Certificates")[2].partition("\n## ")[0]
+    assert set(re.findall(r"^\| `(\w+)`", part, re.MULTILINE)) == found
+    for status in Status:
+        assert f"| {int(status)} | {status.sentence} |" in text
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/dataset.md"])
+def test_code_that_reads_a_dataset_runs(page, filled, monkeypatch):
+    monkeypatch.chdir(filled)
+    names = {}
+    for text in code(ROOT / page, "python"):
+        if "__main__" not in text:  # that makes one: .ci/run does it
+            exec(text, names)
+    assert np.isfinite(names["u"]).all() and np.abs(names["u"]).max() > 0
+
+
+# One's own sensor and indenter
+
+
+@pytest.mark.slow
+def test_the_page_on_ones_own_sensor_runs_from_top_to_bottom(tmp_path):
+    environment = {**os.environ, "SIMGEN_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+    for language, text in blocks(DOCS / "extending.md"):
+        if language == "yaml":
+            (tmp_path / re.match(r"# (\S+)", text)[1]).write_text(text)
+            continue
+        commands = [["-c", text]]
+        if language == "sh":
+            commands = [["-m", "simgen.cli", *shlex.split(line)[1:]] for line in text.splitlines()]
+        for command in commands:
+            command = [sys.executable, *command]
+            done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+            assert done.returncode == 0, done.stdout + done.stderr
+    dataset = Dataset(tmp_path / "own.zarr")
+    assert dataset.indenters == ("sphere_7mm", "egg")
+    assert not dataset.unfinished() and (dataset["slab/force"][:, -1, 1] > 0).all()
+    assert (tmp_path / "own.html").is_file()
+
+
+def test_the_sensor_beside_the_bundled_ones_is_one():
+    (text,) = code(ROOT / "sensor_models" / "README.md", "yaml")
+    assert sensor_schema.SensorDescription.model_validate(yaml.safe_load(text)).core is not None
+
+
+def test_every_key_of_a_sensor_is_on_the_page():
+    text = (DOCS / "extending.md").read_text()
+    part = text.partition("## All keys")[2].partition("## Quality gates")[0]
+    named = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", part))))
+    classes = [each for each in vars(sensor_schema).values() if isinstance(each, type)]
+    keys = {key for each in classes if issubclass(each, sensor_schema.Section) for key in each.model_fields}
+    assert keys - named == set()
+
+
+def test_every_key_of_an_indenter_is_on_the_page():
+    part = (DOCS / "extending.md").read_text().partition("## Indenters")[2]
+    for spec in indenter._Spec.__subclasses__():
+        kind = get_args(spec.model_fields["kind"].annotation)[0]
+        (row,) = re.findall(rf"^\| `{kind}` \|(.*)", part, re.MULTILINE)
+        assert set(re.findall(r"`(\w+)`", row)) == set(spec.model_fields) - {"kind"}
+
+
+def test_the_gates_are_those_of_the_page():
+    part = (DOCS / "extending.md").read_text().partition("## Quality gates")[2].partition("\n## ")[0]
+    for limit in (mesh_quality.LEAST_MEAN_RATIO, mesh_quality.LEAST_DETERMINANT):
+        assert f">= {limit:g} |" in part
+    for limit in (mesh_quality.VOLUME_TOLERANCE, mesh_quality.HELD_AREA_TOLERANCE):
+        assert f"| within {limit * 100:g} % |" in part
+
+
+def test_the_tables_of_the_front_page_stand_in_full_on_the_pages():
+    part = (ROOT / "README.md").read_text().partition("## How well it does")[2].partition("## Where to read on")[0]
+    rows = [line for line in part.splitlines() if line.startswith("| ")]
+    known = "".join((DOCS / name).read_text() for name in ("accuracy.md", "speed.md")).splitlines()
+    assert len(rows) > 15 and set(rows) <= set(known)
