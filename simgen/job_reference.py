@@ -77,6 +77,7 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         "displacement": "of what numbers displacements are stored as; int16 rounds to 0.1 um",
         "presses_per_shard": "what one task solves and writes, and what a kill may cost",
         "leave_out": "an indenter that is tested alone: training and validation have all others, at other places",
+        "license": "stands in the dataset's card; a name of the SPDX list is understood by most readers",
         "output": "where the dataset goes; `--output` replaces it, and it is no part of the job's hash",
     },
 }  # fmt: skip
