@@ -2,12 +2,15 @@
 
 import errno
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 # A disk that is full, or not ours to write: no other file could be written either, and solving on is in vain.
 NOT_WRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM}
+CONTROL = re.compile(r"\s*[\x00-\x1f\x7f-\x9f\u2028\u2029]+\s*")  # ends of lines, and what a terminal obeys
+SHOWN = 60  # characters of a value
 
 
 class InputError(ValueError):
@@ -15,6 +18,14 @@ class InputError(ValueError):
 
     The command line prints it and exits with code 2; from Python it is an ordinary ``ValueError``.
     """
+
+    def __init__(self, message: str):
+        super().__init__(CONTROL.sub(" ", message).strip())  # whatever the user's own names and values hold
+
+
+def shown(value: str, most: int = SHOWN) -> str:
+    """A value as a message shows it: its beginning, if it is long."""
+    return value if len(value) <= most else f"{value[:most]}..."
 
 
 @contextmanager
@@ -28,3 +39,13 @@ def writing(path: Path) -> Iterator[None]:
 
 def cannot_write(path: Path, number: int) -> str:
     return f"{path}: cannot be written: {os.strerror(number)}"
+
+
+def check_output_file(file: Path) -> None:
+    """Raises `InputError` where a file could not be written, before anything is computed for it."""
+    if not file.parent.is_dir():
+        raise InputError(f"{file}: no such folder {file.parent}")
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder; allowed: a file")
+    if not os.access(file.parent, os.W_OK):
+        raise InputError(cannot_write(file, errno.EACCES))

@@ -16,6 +16,7 @@ import trimesh
 from simgen import geometry, mesh_files, sensor_meshes
 from simgen.curved import CORE, FREE, HELD, LabelledSurface
 from simgen.errors import InputError
+from simgen.parsing import parsing
 from simgen.region_edges import NEAR, cut
 from simgen.resources import resource
 from simgen.sensor_schema import (
@@ -198,17 +199,24 @@ def _files(value) -> set[str]:
 
 def gel_surface(gel: Gel, folder: Path) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
     """Closed surface of the gel, and the vertices and tetrahedra of a tetrahedral file."""
-    if gel.polar_shell is not None:
-        return geometry.shell_surface(gel.polar_shell), None, None
-    if gel.dome is not None:
-        return geometry.dome_surface(gel.dome), None, None
-    return mesh_files.read_mesh(folder / gel.mesh.file, gel.mesh.unit)
+    if gel.mesh is not None:
+        return mesh_files.read_mesh(folder / gel.mesh.file, gel.mesh.unit)
+    path = folder / "sensor.yaml"
+    with parsing(path, "a gel"):  # whatever sizes lead to that make no body
+        shell, dome = gel.polar_shell, gel.dome
+        surface = geometry.shell_surface(shell) if shell is not None else geometry.dome_surface(dome)
+        mesh_files.check_body(path, surface)
+    return surface, None, None
 
 
 def core_surface(core: Core, gel: Gel, folder: Path) -> trimesh.Trimesh:
     """Closed surface of the rigid core."""
     if (own := core.polar_core) is not None:
-        return geometry.core_body(own.table, own.axis_y_mm, own.spacing_mm, gel.polar_shell, own.clearance_mm)
+        path = folder / "sensor.yaml"
+        with parsing(path, "a core"):
+            body = geometry.core_body(own.table, own.axis_y_mm, own.spacing_mm, gel.polar_shell, own.clearance_mm)
+            mesh_files.check_body(path, body)
+        return body
     surface, _, _ = mesh_files.read_mesh(folder / core.mesh.file, core.mesh.unit)
     return mesh_files.bodies(surface)[0]
 

@@ -30,6 +30,8 @@ MM = 1e-3
 NAMES = ("default", "coarse", "fine")  # of simulation meshes
 EXACT = 1e-9  # m: a user's own vertices are on the surface already
 ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
+MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 35,000
+LEAST_ENVELOPE = 1e-3  # of an edge's length
 LIMIT = 5.0  # envelopes that a node may move onto its patches; a mid-edge node also bridges the bulge
 
 
@@ -117,6 +119,7 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
         if as_given:
             vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, EXACT
         else:
+            check_count(geometry, size)
             envelope, cell = size.envelope * MM, size.edge_length_mm * MM
             wanted = edge_lengths(geometry, size)
             vertices, tetrahedra = tetrahedralize(geometry.plain, wanted, envelope, cell)
@@ -132,6 +135,17 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
         else:
             break
     return mesh, quality
+
+
+def check_count(geometry: SensorGeometry, size: MeshSize) -> None:
+    """Raises InputError for edges so short that meshing would take days, and all memory."""
+    extents = np.ptp(geometry.plain.vertices, axis=0) / MM
+    least = float((extents.prod() / MOST_CELLS) ** (1 / 3))
+    path = geometry.folder / "sensor.yaml"
+    if size.edge_length_mm < least:
+        raise InputError(f"{path}: meshes: edge_length_mm = {size.edge_length_mm:g}: allowed: {least:.2g} mm or more")
+    if size.envelope < (thinnest := LEAST_ENVELOPE * size.edge_length_mm):
+        raise InputError(f"{path}: meshes: envelope_mm = {size.envelope:g}: allowed: {thinnest:.2g} mm or more")
 
 
 def end_at_regions(

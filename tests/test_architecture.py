@@ -13,7 +13,7 @@ PACKAGE = Path(simgen.__file__).parent
 
 # From left to right, as the data walk. A module may import from its own room and from rooms before it.
 HOUSE = {
-    "words": ["errors", "resources", "provenance", "quiet"],
+    "words": ["errors", "parsing", "yaml_files", "resources", "provenance", "quiet"],
     "job": ["job", "job_schema"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
