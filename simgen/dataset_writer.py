@@ -24,6 +24,7 @@ from zarr.codecs import BloscCodec
 from simgen import whole_files
 from simgen.chunk_files import COMPRESSION, chunk_file, sharded_files
 from simgen.dataset import PLAN, SCHEMA, TIMINGS, Array, Dataset, written_arrays
+from simgen.dataset_layout import checked
 from simgen.errors import InputError, writing
 from simgen.folder_lock import LOCK, HeldError, held, held_new, remove_abandoned
 from simgen.job_schema import Job
@@ -107,7 +108,7 @@ def open_or_create(
             "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
         )
         raise InputError(f"{path}: holds another dataset ({shown}); remove it or choose another --output")
-    return dataset
+    return checked(dataset)
 
 
 def complete(dataset: Dataset) -> bool:

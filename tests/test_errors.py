@@ -1,0 +1,30 @@
+"""Errors of users: one line, whatever the message holds, and known before anything is computed."""
+
+import pickle
+
+import pytest
+
+from simgen.errors import InputError, check_output_file, shown
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\x85", "\u2028", "\v", "\x1c", "\x1b[31m", "\0"])
+def test_a_message_is_one_line_that_no_terminal_obeys(end):
+    message = str(InputError(f"a file{end}  of two lines{end}"))
+    assert message.startswith("a file ") and message.isprintable() and len(message.splitlines()) == 1
+
+
+def test_spaces_in_names_stay_and_processes_can_send_it():
+    assert str(pickle.loads(pickle.dumps(InputError("my  folder: no")))) == "my  folder: no"
+
+
+def test_long_values_are_cut():
+    assert shown("short") == "short"
+    assert len(shown("x" * 5000)) < 100
+
+
+def test_an_output_that_cannot_be_written_is_known_before(tmp_path):
+    check_output_file(tmp_path / "v.json")
+    with pytest.raises(InputError, match=r"gone/v.json: no such folder"):
+        check_output_file(tmp_path / "gone" / "v.json")
+    with pytest.raises(InputError, match="is a folder; allowed: a file"):
+        check_output_file(tmp_path)
