@@ -4,13 +4,13 @@ The short runs are part of the tests; ``python -m pytest -m long tests/fuzz`` ta
 """
 
 import json
-import resource
 import signal
 import time
 import warnings
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
+from resource import RLIMIT_AS, getpagesize, getrlimit, setrlimit
 
 import fake
 import meshio
@@ -64,11 +64,11 @@ def bounded():
 
 @pytest.fixture(scope="module", autouse=True)
 def bounded_memory():
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (now + MOST_BYTES, before[1]))
+    before = getrlimit(RLIMIT_AS)
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * getpagesize()
+    setrlimit(RLIMIT_AS, (now + MOST_BYTES, before[1]))
     yield
-    resource.setrlimit(resource.RLIMIT_AS, before)
+    setrlimit(RLIMIT_AS, before)
 
 
 def accepted(read: Callable, *arguments) -> object | None:
@@ -87,7 +87,8 @@ def accepted(read: Callable, *arguments) -> object | None:
 JOBS = [file.read_bytes() for file in sorted(resource("jobs").glob("*.yaml"))]
 JOB_TREES = [yaml.safe_load(text) for text in JOBS]
 RICH = {
-    "name": "rich", "sensors": {"a": {"model": "./x", "material": {"preset": "solid", "friction": 0.5}, "fluid": "none"}},
+    "name": "rich",
+    "sensors": {"a": {"model": "./x", "material": {"preset": "solid", "friction": 0.5}, "fluid": "none"}},
     "indenters": ["sphere_7mm", "pins/p.stl"], "trajectories": {"count": 3, "roll_range_deg": [-10, 20.0]},
     "depths_mm": {"first": 0.1, "last": 1, "count": 3}, "solver": {"element": "P1"},
     "dataset": {"output": "x", "leave_out": "p", "displacement": "float32"},
@@ -139,10 +140,9 @@ def mesh_files_of(folder: Path) -> list[tuple[str, bytes]]:
     found.append((".tet", "\n".join(rows)))
     tets, skin = (meshio.Mesh(POINTS, [("tetra", TETRAHEDRA)]), meshio.Mesh(box.vertices, [("triangle", box.faces)]))
     for mesh in (tets, skin):
-        for suffix, options in [
-            (".mesh", {}), (".vtu", {"binary": False}), (".vtu", {"compression": None}), (".vtu", {}),
-            *[(".msh", {"file_format": kind, "binary": binary}) for kind in ("gmsh", "gmsh22") for binary in (False, True)],
-        ]:  # fmt: skip
+        gmsh = [{"file_format": kind, "binary": binary} for kind in ("gmsh", "gmsh22") for binary in (False, True)]
+        vtu = [{"binary": False}, {"compression": None}, {}]
+        for suffix, options in [(".mesh", {}), *((".vtu", each) for each in vtu), *((".msh", each) for each in gmsh)]:
             mesh.write(folder / f"m{suffix}", **options)
             found.append((suffix, (folder / f"m{suffix}").read_bytes()))
     return [(suffix, data.encode() if isinstance(data, str) else data) for suffix, data in found]
