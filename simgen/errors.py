@@ -2,14 +2,12 @@
 
 import errno
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 # A disk that is full, or not ours to write: no other file could be written either, and solving on is in vain.
 NOT_WRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM}
-CONTROL = re.compile(r"\s*[\x00-\x1f\x7f-\x9f\u2028\u2029]+\s*")  # ends of lines, and what a terminal obeys
 SHOWN = 60  # characters of a value
 
 
@@ -20,7 +18,9 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str):
-        super().__init__(CONTROL.sub(" ", message).strip())  # whatever the user's own names and values hold
+        # Whatever the user's own names and values hold: a terminal obeys some characters, and does not show others.
+        line = " ".join(each.strip() for each in message.splitlines())
+        super().__init__("".join(each if each.isprintable() else ascii(each)[1:-1] for each in line).strip())
 
 
 def shown(value: str, most: int = SHOWN) -> str:

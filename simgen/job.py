@@ -29,11 +29,14 @@ def load_job(path: str | Path, overrides: Iterable[str] = ()) -> Job:
     file = find_job(path)
     data = read_yaml(file, str(path))
     if not isinstance(data, dict):
-        raise InputError(f"{path}: a job is a mapping of keys to values; this is a {type(data).__name__}")
+        found = "empty" if data is None else f"a {type(data).__name__}"
+        raise InputError(f"{path}: a job is a mapping of keys to values; this is {found}")
     sources = dict.fromkeys(_key_paths(data), str(path))
     for override in overrides:
         key = _apply_override(data, override)
         sources[key] = f"override {shown(override)}"
+        for section in _upwards(key.split(".")):
+            sources.setdefault(section, sources[key])
     return job_from_dict(data, str(path), sources, folder=file.parent.resolve())
 
 
