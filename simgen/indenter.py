@@ -95,7 +95,10 @@ class Indenter:
     def shape(self) -> RigidShape:
         """The shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
         if isinstance(self.spec, MeshSpec):
-            return sampled_shape(self.source, self.spec.spacing_mm, margin_mm=3.0)
+            try:
+                return sampled_shape(self.source, self.spec.spacing_mm, margin_mm=3.0)
+            except InputError as error:
+                raise InputError(f"indenter {self.name}: {error}") from None
         return rigid_shape(Kind[self.spec.kind.upper()], *(v for k, v in self.spec if k != "kind"))
 
     def identity(self) -> dict[str, str | float]:

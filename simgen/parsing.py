@@ -3,6 +3,7 @@
 import contextlib
 import io
 import resource
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +13,7 @@ from simgen.errors import InputError, shown
 
 SPARE_BYTES = 2 * 2**30  # of memory that reading may take, and
 SPARE_TIMES = 50  # times the size of the file
+PARSING = threading.RLock()
 COMPLAINT = 200  # characters of what a parser says
 
 
@@ -20,11 +22,12 @@ def parsing(path: Path, what: str) -> Iterator[None]:
     """Raises `InputError`, "path: cannot be read as ``what``", in place of anything else that is raised inside.
 
     What is printed and warned of inside stays unsaid. A file that announces more than it holds may ask for more memory
-    than there is; here it gets no more than files of its size need. Not for several threads at a time.
+    than there is; here it gets no more than files of its size need. One thread at a time: limits are the process's.
     """
     said = io.StringIO()
     try:
         with (
+            PARSING,
             warnings.catch_warnings(),
             contextlib.redirect_stdout(said),
             contextlib.redirect_stderr(said),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from simgen import mesh_files
 from simgen.curved import CORE, FREE, HELD, CurvedMesh, LabelledSurface, face_regions, make_quadratic
 from simgen.errors import InputError
 from simgen.mesh_quality import MeshQuality, check, measure
+from simgen.parsing import parsing
 from simgen.region_edges import align
 from simgen.sensor_schema import MeshSize
 from simgen.surface import shells
@@ -88,7 +90,7 @@ def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality
     points = "vertices" if isinstance(mesh, OutputMesh) else "nodes"
     before = "new"
     if path.is_file():
-        with np.load(path) as old:
+        with suppress(InputError), parsing(path, "a mesh that simgen wrote"), np.load(path) as old:
             inputs = "same" if str(old["source"]) == source else "other"
             before = f"was {len(old[points])} {points} from {inputs} geometry and settings"
     mesh_files.save_mesh(path, mesh, source)

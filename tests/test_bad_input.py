@@ -122,7 +122,7 @@ JOBS = [
     ("indenter's file gone", job(indenters=["./pin.stl"]), DRY, "pin.stl: no such file; an indenter's mesh is"),
     ("indenter a folder", pin(None), DRY, "pin.stl: no such file; an indenter's mesh is"),
     ("indenter open", pin(box(scale=1e-3, faces=slice(11))), DRY, "pin.stl: the surface is not watertight"),
-    ("indenter empty", pin(b""), DRY, "pin.stl: cannot be read as a surface mesh"),
+    ("indenter empty", pin(b""), DRY, "pin.stl: no triangle"),
     ("indenter without faces", pin("v 0 0 0\n", "pin.obj"), DRY, "pin.obj: "),
     ("indenter no mesh", pin("# a story", "pin.ply"), DRY, "pin.ply: cannot be read as a surface mesh"),
     ("indenter in mm", pin(box()), DRY, "the shape is 20 m large; allowed: 0.0001..0.5 m"),
