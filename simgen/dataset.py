@@ -44,7 +44,7 @@ from pathlib import Path
 import numpy as np
 import zarr
 
-from simgen.chunk_files import chunk_path, open_sharded
+from simgen.chunk_files import check_frames, chunk_path, is_sharded, open_sharded
 from simgen.errors import InputError, shown
 from simgen.job import job_from_dict
 from simgen.job_schema import Job
@@ -143,8 +143,15 @@ class Dataset:
         """An array, whole. Of shards that are not finished it holds fill values, whatever their files hold."""
         array = self.arrays.get(name)
         stored = self.array(name)
+        if array is not None and stored.shape != (self.presses, *array.shape):
+            raise InputError(f"{self.path}/{name}: shape {stored.shape}; allowed: {(self.presses, *array.shape)}")
         with self._reading(name):
-            if array is None or not (missing := self.unfinished()):
+            missing = self.unfinished() if array is not None else []
+            not_read = {chunk_path(name, shard, stored.ndim) for shard in missing}
+            check_frames(stored, self.path, name, not_read)
+            if is_sharded(stored):
+                stored = self._sharded(name)
+            if not missing:
                 return stored[...]
             values = np.full((self.presses, *array.shape), array.fill, array.dtype)
             bounds = [-1, *missing, self.shards]  # shards between those that are missing are read at once

@@ -12,6 +12,7 @@ import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simgen.chunk_files import chunk_path
 from simgen.dataset import DISPLACEMENT_STEP_M, Dataset
 from simgen.dataset_writer import create, folder_aside, manifest_aside, open_or_create, write_aside
 from simgen.errors import InputError
@@ -188,6 +189,19 @@ def test_the_same_job_opens_what_is_there(dataset):
 def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
     with pytest.raises(InputError, match="not a dataset"):
         Dataset(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["digit/status", "digit/displacement", "press/pose"])
+@pytest.mark.parametrize("spoil", [lambda data: b"", lambda data: data[:15], lambda data: data[:-1],
+                                   lambda data: data[:4] + 8 * b"\xff" + data[12:], lambda data: 64 * b"\xff"])  # fmt: skip
+def test_a_rotten_chunk_is_an_error_not_the_end_of_the_process(dataset, tmp_path, name, spoil):
+    """c-blosc believes what a chunk says of its own length."""
+    path = tmp_path / "d.zarr"
+    shutil.copytree(dataset.path, path)
+    file = path / chunk_path(name, 1, dataset.array(name).ndim)
+    file.write_bytes(spoil(file.read_bytes()))
+    with pytest.raises(InputError, match=f"{name}: cannot be read"):
+        Dataset(path)[name]
 
 
 def test_the_job_in_a_dataset_is_the_job(dataset):
