@@ -57,11 +57,17 @@ class Plane(Section):
 
 
 class Box(Section):
-    """Points inside a box; an axis that is left out is not bounded."""
+    """Points inside a box; an axis that is left out is not bounded, but one is."""
 
     x_mm: Interval | None = None
     y_mm: Interval | None = None
     z_mm: Interval | None = None
+
+    @model_validator(mode="after")
+    def _bounded(self):
+        if self.x_mm is self.y_mm is self.z_mm is None:
+            raise ValueError("at least one of x_mm, y_mm, z_mm is needed, found none")
+        return self
 
 
 class Cylinder(Section):
