@@ -33,6 +33,7 @@ value (NaN, -1, or -32768 in int16) and its status.
 """
 
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -123,7 +124,7 @@ class Dataset:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        if not (self.path / "zarr.json").is_file():
+        if not os.path.isfile(self.path / "zarr.json"):
             raise InputError(f"{path}: not a dataset (a folder that `simgen run` wrote, with a zarr.json)")
         try:
             self.root = zarr.open_group(self.path, mode="r")

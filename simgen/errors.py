@@ -8,6 +8,7 @@ from pathlib import Path
 
 # A disk that is full, or not ours to write: no other file could be written either, and solving on is in vain.
 NOT_WRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM}
+LONGEST = 2000  # characters of a line
 SHOWN = 60  # characters of a value
 
 
@@ -20,7 +21,8 @@ class InputError(ValueError):
     def __init__(self, message: str):
         # Whatever the user's own names and values hold: a terminal obeys some characters, and does not show others.
         line = " ".join(each.strip() for each in message.splitlines())
-        super().__init__("".join(each if each.isprintable() else ascii(each)[1:-1] for each in line).strip())
+        line = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in line).strip()
+        super().__init__(line if len(line) <= LONGEST else f"{line[: LONGEST - 500]} ... {line[-490:]}")
 
 
 def shown(value: str, most: int = SHOWN) -> str:

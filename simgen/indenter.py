@@ -5,6 +5,7 @@ meshes are in m.
 """
 
 import hashlib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -186,7 +187,7 @@ def _check_sizes(path: Path, name: str, spec: Spec) -> None:
 def _read_mesh(path: Path, unit: str) -> trimesh.Trimesh:
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{path}: not a mesh format for an indenter; allowed: {' '.join(MESH_SUFFIXES)}")
-    if not path.is_file():
+    if not os.path.isfile(path):  # which is no error of a name that is too long
         raise InputError(f"{path}: no such file; an indenter's mesh is a closed surface (.stl .obj .ply)")
     with parsing(path, "a surface mesh"):
         mesh = trimesh.load(path, force="mesh")

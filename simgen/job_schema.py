@@ -162,7 +162,8 @@ class Job(Section):
     def _left_out_is_listed(cls, dataset: DatasetSettings, info: ValidationInfo) -> DatasetSettings:
         names = [indenter_name(text) for text in info.data.get("indenters", ())]
         if names and dataset.leave_out is not None and (dataset.leave_out not in names or len(names) == 1):
-            allowed = f"one of {shown(', '.join(names), 500)}" if len(names) > 1 else "nothing, as there is one indenter alone"
+            listed = shown(", ".join(names), 500)
+            allowed = f"one of {listed}" if len(names) > 1 else "nothing, as there is one indenter alone"
             raise ValueError(f"leave_out {shown(repr(dataset.leave_out))} is not allowed; allowed: {allowed}")
         return dataset
 

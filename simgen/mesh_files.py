@@ -36,7 +36,7 @@ def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None
         raise InputError(
             f"{path}: unknown kind of mesh {suffix!r}, allowed {' '.join(SURFACE_SUFFIXES + TET_SUFFIXES)}"
         )
-    if not path.is_file():
+    if not os.path.isfile(path):  # which is no error of a name that is too long
         raise InputError(f"{path}: no such mesh file")
     with parsing(path, suffix):
         points, cells = _read_tet(path) if suffix == ".tet" else _read_any(path, suffix)

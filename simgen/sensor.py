@@ -6,6 +6,7 @@
 
 import hashlib
 import json
+import os
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -102,7 +103,7 @@ def sensor_folder(model: str | Path) -> Path:
     """
     folder = resource("sensor_models") / model if model in bundled_sensors() else Path(model)
     folder = folder.parent if folder.name == "sensor.yaml" else folder
-    if not (folder / "sensor.yaml").is_file():
+    if not os.path.isfile(folder / "sensor.yaml"):
         allowed = ", ".join(bundled_sensors())
         raise InputError(f"sensor {str(model)!r}: allowed: {allowed}, or a folder with a sensor.yaml")
     return folder
@@ -265,7 +266,7 @@ def select(selection: Selection, points: np.ndarray, folder: Path) -> np.ndarray
         return (np.hypot(*across.T) <= cylinder.radius_mm) & (mm[:, axis] >= low) & (mm[:, axis] <= high)
     touching = selection.touching
     path = folder / touching.file
-    changed = path.stat().st_mtime_ns if path.is_file() else 0
+    changed = path.stat().st_mtime_ns if os.path.isfile(path) else 0
     return _body(path, touching.unit, changed)(points)[1] <= touching.within_mm * MM
 
 

@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from simgen.errors import InputError, check_output_file, shown
+from simgen.errors import LONGEST, InputError, check_output_file, shown
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\x85", "\u2028", "\v", "\x1c"])
@@ -25,6 +25,8 @@ def test_spaces_in_names_stay_and_processes_can_send_it():
 def test_long_values_are_cut():
     assert shown("short") == "short"
     assert len(shown("x" * 5000)) < 100
+    message = str(InputError("here: " + "\0" * 5000 + ": a name too long"))
+    assert len(message) <= LONGEST and message.startswith("here: ") and message.endswith(": a name too long")
 
 
 def test_an_output_that_cannot_be_written_is_known_before(tmp_path):
