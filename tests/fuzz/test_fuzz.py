@@ -41,7 +41,7 @@ from .mutations import mutated_bytes, mutated_tree
 LONGEST_S = 30.0  # of one example, which takes milliseconds on its own
 MOST_BYTES = 6 * 2**30  # by which the process may grow
 LONG_S = 600.0
-EXAMPLES = {"job": 150, "mesh": 250, "sensor": 40, "dataset": 60}  # of a short run: some five seconds each
+EXAMPLES = {"job": 150, "mesh": 250, "sensor": 80, "dataset": 30}  # of a short run: some five seconds each
 
 
 class TooLongError(BaseException):
