@@ -13,6 +13,7 @@ import numpy as np
 
 from simgen import touch_audit
 from simgen.dataset import PLAN, Dataset
+from simgen.dataset_layout import faults
 from simgen.errors import InputError
 from simgen.finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.job_schema import hash_of
@@ -28,8 +29,12 @@ def check(dataset: Dataset) -> list[Finding]:
     findings = [_presses(dataset), checksums, _job(dataset)]
     if PLAN in checksums.spoiled:  # what all shards share: nothing else means anything
         return findings
+    layout = _layout(dataset)
+    findings.append(layout)
+    if layout.failed:
+        return findings
     sound = Sound(dataset, {int(name.removesuffix(".json")) for name in checksums.spoiled})
-    findings += [*_layout(sound), *_splits(sound)]
+    findings += [_depths(sound), *_splits(sound)]
     for sensor in dataset.sensors:
         findings += [
             *(_imported(sound, sensor) if dataset.imported else _certificates(sound, sensor)),
@@ -110,9 +115,10 @@ def _files_of(dataset: Dataset, manifest: str) -> set[str]:
 
 
 def _sha256(dataset: Dataset, file: str) -> str | None:
+    path = dataset.path / file
     try:
-        return hashlib.sha256((dataset.path / file).read_bytes()).hexdigest()
-    except OSError:
+        return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+    except (OSError, ValueError):  # which a name that nobody wrote can raise
         return None
 
 
@@ -121,19 +127,17 @@ def _job(dataset: Dataset) -> Finding:
     return Finding("dataset", "job hash", found[:12], expected[:12], found == expected)
 
 
-def _layout(dataset: Dataset) -> Iterator[Finding]:
-    wrong = []
-    for path, array in dataset.arrays.items():
-        stored = dataset.root.get(path)
-        shape = (dataset.presses, *array.shape)
-        if stored is None or stored.shape != shape or stored.dtype != array.dtype:
-            wrong.append(path)
-    found = f"{len(dataset.arrays) - len(wrong)} of {len(dataset.arrays)}" + (
-        f", not {wrong[0]}" if wrong else ""
-    )
-    yield Finding("dataset", "array shapes", found, "all", not wrong)
+def _layout(dataset: Dataset) -> Finding:
+    wrong = faults(dataset)
+    total = f"{len(dataset.arrays)}"
+    found = f"{len(wrong)} wrong" if wrong else total
+    note = "; ".join(f"{name}: {fault}" for name, fault in list(wrong.items())[:SHOWN])
+    return Finding("dataset", "arrays", found, "all", not wrong, note)
+
+
+def _depths(dataset: Dataset) -> Finding:
     same = np.array_equal(dataset["depth"], dataset.job.depths_m)
-    yield Finding("dataset", "depths", f"{len(dataset['depth'])}", "the job's", same)
+    return Finding("dataset", "depths", f"{len(dataset['depth'])}", "the job's", same)
 
 
 def _splits(dataset: Dataset) -> Iterator[Finding]:
@@ -193,10 +197,10 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
 
 def _failures(dataset: Dataset, status: np.ndarray) -> str:
     """What befell the samples that did not converge, one line for each status."""
-    sentences = {**dataset.attributes["status"], "-1": "Not there yet, or in a file that has changed."}
     lines = []
     for code in np.unique(status[status != 0]):
         press, depth = np.argwhere(status == code)[0]
         count = np.count_nonzero(status == code)
-        lines.append(f"{count} samples, the first at press {press}, depth {depth}: {sentences[str(code)]}")
+        words = dataset.sentence(code) if code != -1 else "Not there yet, or in a file that has changed."
+        lines.append(f"{count} samples, the first at press {press}, depth {depth}: {words}")
     return "\n".join(lines)

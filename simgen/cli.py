@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from simgen.errors import InputError
+from simgen.errors import InputError, check_output_file
 
 app = typer.Typer(
     name="simgen",
@@ -138,9 +138,10 @@ def status(dataset: DatasetFolder):
     """Say how far a run is: presses, failures, who is at work, how fast, how long it will take."""
     from simgen.console import print_status
     from simgen.dataset import Dataset
+    from simgen.dataset_layout import checked
     from simgen.run_status import failures, run_status
 
-    opened = Dataset(dataset)
+    opened = checked(Dataset(dataset))
     print_status(dataset, run_status(opened), failures(opened))
 
 
@@ -154,12 +155,15 @@ def report(
 ):
     """Write one self-contained HTML page: deformed meshes, force against depth, certificates, failures."""
     from simgen.dataset import Dataset
+    from simgen.dataset_layout import checked
     from simgen.report import write_report
 
     opened = Dataset(dataset)
     if opened.imported:
         raise InputError(f"{dataset}: imported, without the contacts and certificates of a report; see simgen check")
+    checked(opened)
     page = output or Path(f"{opened.job.name}.html")
+    check_output_file(page)
     write_report(opened, page)
     typer.echo(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)")
 
@@ -260,7 +264,7 @@ def validate(
     cases = runner.choose(case or [], quick)
     context = runner.make_context(device, published)
     for file in filter(None, (json_file, html_file)):
-        runner.check_output(file)
+        check_output_file(file)
     results = console.run_and_print(cases, context, workers)
     if json_file:
         from simgen.validate.record import write_json

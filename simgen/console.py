@@ -68,10 +68,12 @@ def run_with_progress(
     job: Job, output: Path, workers: int | None, scheduler: str | None, device: str, again: Collection[int] = ()
 ) -> int:
     """Run a job behind a progress bar; returns the number of shards that could not be written."""
+    from simgen.dataset_writer import check_output
     from simgen.plan import make_plan
     from simgen.run import run
     from simgen.workers import start_workers
 
+    check_output(output, job)
     watch = _Watch(job)
     try:
         with start_workers(job, device, workers, scheduler) as started:

@@ -34,6 +34,7 @@ value (NaN, -1, or -32768 in int16) and its status.
 """
 
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -45,14 +46,17 @@ from pathlib import Path
 import numpy as np
 import zarr
 
-from simgen.chunk_files import chunk_path, open_sharded
-from simgen.errors import InputError
+from simgen.chunk_files import check_frames, chunk_path, is_sharded, open_sharded
+from simgen.errors import InputError, shown
 from simgen.job import job_from_dict
 from simgen.job_schema import Job
 
 SCHEMA = 1
 DISPLACEMENT_STEP_M = 1e-7
 NOT_REACHED = np.iinfo(np.int16).min  # of int16 displacement; -1 of the integers, NaN of the floats
+# Of the group, at least; of a dataset that a run made, also those of `INPUTS`.
+ATTRIBUTES = {"job": dict, "job_hash": str, "status": dict}
+INPUTS = {"sensors": dict, "indenters": dict}
 PLAN = "plan.json"  # in the folder of manifests, as the next
 TIMINGS = "timings.jsonl"
 
@@ -122,44 +126,63 @@ class Dataset:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        if not (self.path / "zarr.json").is_file():
+        if not os.path.isfile(self.path / "zarr.json"):
             raise InputError(f"{path}: not a dataset (a folder that `simgen run` wrote, with a zarr.json)")
         try:
             self.root = zarr.open_group(self.path, mode="r")
             self.attributes = dict(self.root.attrs)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:  # zarr's, for what is no group
-            raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({error})") from None
+        except Exception as error:  # zarr's, for what is no group, of many kinds
+            raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({shown(str(error), 200)})") from None
         self._open: dict[str, zarr.Array] = {}  # the sharded ones
         if self.attributes.get("schema") != SCHEMA:
-            raise InputError(f"{path}: schema {self.attributes.get('schema')}; this version reads {SCHEMA}")
-        for key in ("job", "job_hash", "status"):
-            if key not in self.attributes:
-                raise InputError(f"{path}/zarr.json: not what `simgen run` wrote (no {key})")
+            found = shown(repr(self.attributes.get("schema")))
+            raise InputError(f"{path}: schema {found}; this version reads {SCHEMA}")
+        for key, kind in (ATTRIBUTES | ({} if self.imported else INPUTS)).items():
+            if not isinstance(self.attributes.get(key), kind):
+                found = shown(repr(self.attributes[key])) if key in self.attributes else f"no {key}"
+                raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({found}; {key} is a {kind.__name__})")
 
     def __getitem__(self, name: str) -> np.ndarray:
         """An array, whole. Of shards that are not finished it holds fill values, whatever their files hold."""
         array = self.arrays.get(name)
+        stored = self.array(name)
+        if array is not None and stored.shape != (self.presses, *array.shape):
+            raise InputError(f"{self.path}/{name}: shape {stored.shape}; allowed: {(self.presses, *array.shape)}")
         with self._reading(name):
-            if array is None or not (missing := self.unfinished()):
-                return self.root[name][...]
+            missing = self.unfinished() if array is not None else []
+            not_read = {chunk_path(name, shard, stored.ndim) for shard in missing}
+            check_frames(stored, self.path, name, not_read)
+            if is_sharded(stored):
+                stored = self._sharded(name)
+            if not missing:
+                return stored[...]
             values = np.full((self.presses, *array.shape), array.fill, array.dtype)
             bounds = [-1, *missing, self.shards]  # shards between those that are missing are read at once
             for first, end in pairwise(bounds):
                 if end > first + 1:
                     rows = slice(self.shard_presses(first + 1).start, self.shard_presses(end - 1).stop)
-                    values[rows] = self.root[name][rows]
+                    values[rows] = stored[rows]
             return values
 
     def get(self, name: str) -> np.ndarray | None:
         """An array, whole; None if there is none of that name."""
         return self[name] if name in self.root else None
 
+    def array(self, name: str) -> zarr.Array:
+        """An array as zarr reads it. Raises `InputError` if there is none."""
+        with self._reading(name):
+            found = self.root.get(name)
+        if not isinstance(found, zarr.Array):
+            raise InputError(f"{self.path}: no array {name}")
+        return found
+
     @contextmanager
     def _reading(self, name: str) -> Iterator[None]:
         try:
             yield
-        except (RuntimeError, ValueError) as error:  # what codecs raise for bytes that nobody wrote
-            raise InputError(f"{self.path}/{name}: cannot be read ({error}); `simgen check` names the file") from None
+        except Exception as error:  # what codecs and zarr raise for bytes that nobody wrote
+            complaint = f"cannot be read ({shown(str(error), 200)}); `simgen check` names the file"
+            raise InputError(f"{self.path}/{name}: {complaint}") from None
 
     @cached_property
     def job(self) -> Job:
@@ -189,8 +212,15 @@ class Dataset:
     @cached_property
     def arrays(self) -> dict[str, Array]:
         """What tasks write, by path, as this dataset should have it."""
-        vertices = {sensor: self.root[f"{sensor}/rest_positions"].shape[0] for sensor in self.sensors}
-        return written_arrays(self.job, vertices)
+        shapes = {sensor: self.array(f"{sensor}/rest_positions").shape for sensor in self.sensors}
+        for sensor, shape in shapes.items():
+            if len(shape) != 2:
+                raise InputError(f"{self.path}/{sensor}/rest_positions: shape {shape}; allowed: (vertex, 3)")
+        return written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()})
+
+    def sentence(self, code: int) -> str:
+        """What a status says."""
+        return str(self.attributes["status"].get(str(code), f"Status {code}, which no version of simgen writes."))
 
     def shard_presses(self, shard: int) -> range:
         per_shard = self.job.dataset.presses_per_shard
@@ -206,8 +236,8 @@ class Dataset:
 
     def displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """(..., vertex, 3) float64 in m; NaN where not reached or not there yet."""
-        array = self._sharded(f"{sensor}/displacement")
         with self._reading(f"{sensor}/displacement"):
+            array = self._sharded(f"{sensor}/displacement")
             stored = array[press, depth]
         scale = array.attrs.get("scale_factor")
         return (
@@ -237,5 +267,5 @@ class Dataset:
         """
         try:
             return dict(json.loads((self.path / "manifest" / manifest).read_text())["sha256"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(f"{self.path}/manifest/{manifest}: not a manifest ({error})") from None

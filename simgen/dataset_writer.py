@@ -4,8 +4,10 @@ Whatever is unfinished lies in a folder whose name begins with a dot, which its 
 are what a killed process left, and are removed.
 """
 
+import errno
 import hashlib
 import json
+import os
 import shutil
 import time
 import warnings
@@ -22,7 +24,8 @@ from simgen import whole_files
 from simgen.card import has_card
 from simgen.chunk_files import COMPRESSION, chunk_file, sharded_files
 from simgen.dataset import PLAN, SCHEMA, TIMINGS, Array, Dataset, written_arrays
-from simgen.errors import InputError, writing
+from simgen.dataset_layout import checked
+from simgen.errors import InputError, cannot_write, writing
 from simgen.folder_lock import LOCK, HeldError, held, held_new, remove_abandoned
 from simgen.job_schema import Job
 from simgen.provenance import difference
@@ -88,14 +91,28 @@ def open_or_create(
         with writing(path):
             create(path, attributes, planned, job)
     dataset = Dataset(path)
-    asked = json.loads(json.dumps({"schema": SCHEMA, **attributes}))
+    _check_same(dataset, json.loads(json.dumps({"schema": SCHEMA, **attributes})))
+    return checked(dataset)
+
+
+def check_output(path: Path, job: Job) -> None:
+    """Raises `InputError` where `open_or_create` would, as far as that is known without a plan, which takes time."""
+    if path.exists():
+        dataset = Dataset(path)
+        _check_same(dataset, dataset.attributes | {"job": job.resolved(), "job_hash": job.hash})
+        return
+    above = next(parent for parent in path.absolute().parents if parent.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise InputError(cannot_write(path, errno.EACCES if above.is_dir() else errno.ENOTDIR))
+
+
+def _check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:
     if dataset.attributes != asked or dataset.attributes["job_hash"] != asked["job_hash"]:
         changes = difference(dataset.attributes, asked)
         shown = (
             "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
         )
-        raise InputError(f"{path}: holds another dataset ({shown}); remove it or choose another --output")
-    return dataset
+        raise InputError(f"{dataset.path}: holds another dataset ({shown}); remove it or choose another --output")
 
 
 def complete(dataset: Dataset) -> bool:

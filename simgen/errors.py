@@ -9,6 +9,8 @@ from pathlib import Path
 
 # A disk that is full, or not ours to write: no other file could be written either, and solving on is in vain.
 NOT_WRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM}
+LONGEST = 2000  # characters of a line
+SHOWN = 60  # characters of a value
 
 
 class InputError(ValueError):
@@ -16,6 +18,17 @@ class InputError(ValueError):
 
     The command line prints it and exits with code 2; from Python it is an ordinary ``ValueError``.
     """
+
+    def __init__(self, message: str):
+        # Whatever the user's own names and values hold: a terminal obeys some characters, and does not show others.
+        line = " ".join(each.strip() for each in message.splitlines())
+        line = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in line).strip()
+        super().__init__(line if len(line) <= LONGEST else f"{line[: LONGEST - 500]} ... {line[-490:]}")
+
+
+def shown(value: str, most: int = SHOWN) -> str:
+    """A value as a message shows it: its beginning, if it is long."""
+    return value if len(value) <= most else f"{value[:most]}..."
 
 
 @contextmanager
@@ -40,3 +53,13 @@ def system_errors() -> Iterator[None]:
         if number := re.search(r"(?:os error |errno = )(\d+)", str(error)):
             raise OSError(int(number[1]), os.strerror(int(number[1]))) from None
         raise
+
+
+def check_output_file(file: Path) -> None:
+    """Raises `InputError` where a file could not be written, before anything is computed for it."""
+    if not file.parent.is_dir():
+        raise InputError(f"{file}: no such folder {file.parent}")
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder; allowed: a file")
+    if not os.access(file.parent, os.W_OK):
+        raise InputError(cannot_write(file, errno.EACCES))

@@ -5,19 +5,22 @@ meshes are in m.
 """
 
 import hashlib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 import trimesh
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from simgen.distance import Kind, Probe, RigidShape, probe
-from simgen.errors import InputError
+from simgen.errors import InputError, shown
+from simgen.mesh_files import check_mesh
+from simgen.parsing import parsing
 from simgen.resources import resource
 from simgen.shape import mesh_distance, rigid_shape, sampled_shape, shape_array, signed_distance
+from simgen.yaml_files import read_yaml
 
 __all__ = [
     "Indenter", "Kind", "Probe", "RigidShape", "indenter_names", "load_indenter", "mesh_distance", "probe",
@@ -93,7 +96,10 @@ class Indenter:
     def shape(self) -> RigidShape:
         """The shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
         if isinstance(self.spec, MeshSpec):
-            return sampled_shape(self.source, self.spec.spacing_mm, margin_mm=3.0)
+            try:
+                return sampled_shape(self.source, self.spec.spacing_mm, margin_mm=3.0)
+            except InputError as error:
+                raise InputError(f"indenter {self.name}: {error}") from None
         return rigid_shape(Kind[self.spec.kind.upper()], *(v for k, v in self.spec if k != "kind"))
 
     def identity(self) -> dict[str, str | float]:
@@ -149,15 +155,11 @@ def _table_path(file: str | Path | None) -> Path:
 
 def _read_table(path: Path) -> dict[str, Spec]:
     try:
-        table = _TABLE.validate_python(yaml.safe_load(path.read_text()))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from None
+        table = _TABLE.validate_python(read_yaml(path))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {key}: {first['msg']}, got {first['input']!r}") from None
+        raise InputError(f"{path}: {key}: {first['msg']}, got {shown(repr(first['input']))}") from None
     for name, spec in table.items():
         _check_sizes(path, name, spec)
     return table
@@ -185,18 +187,17 @@ def _check_sizes(path: Path, name: str, spec: Spec) -> None:
 def _read_mesh(path: Path, unit: str) -> trimesh.Trimesh:
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{path}: not a mesh format for an indenter; allowed: {' '.join(MESH_SUFFIXES)}")
-    if not path.is_file():
+    if not os.path.isfile(path):  # which is no error of a name that is too long
         raise InputError(f"{path}: no such file; an indenter's mesh is a closed surface (.stl .obj .ply)")
-    try:
+    with parsing(path, "a surface mesh"):
         mesh = trimesh.load(path, force="mesh")
-    except Exception as error:  # trimesh's readers raise whatever their parsers raise
-        raise InputError(f"{path}: cannot be read as a surface mesh ({error})") from None
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    if len(mesh.faces) == 0 or not mesh.is_watertight:
-        raise InputError(f"{path}: the surface is not watertight; an indenter needs a closed surface")
-    if mesh.volume < 0.0:
-        mesh.invert()
-    mesh.apply_scale(MESH_UNITS[unit])
+        check_mesh(path, mesh.vertices, mesh.faces)
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        if len(mesh.faces) == 0 or not mesh.is_watertight:
+            raise InputError(f"{path}: the surface is not watertight; an indenter needs a closed surface")
+        if mesh.volume < 0.0:
+            mesh.invert()
+        mesh.apply_scale(MESH_UNITS[unit])
     largest = float(mesh.extents.max())
     if not 1e-4 < largest < 0.5:
         raise InputError(

@@ -7,17 +7,17 @@ path, the value, what is allowed.
 
 import difflib
 import json
-import re
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
-from simgen.errors import InputError
+from simgen.errors import InputError, shown
 from simgen.job_schema import Job, Section, SensorChoice
 from simgen.resources import resource
+from simgen.yaml_files import parse_yaml, read_yaml
 
 
 def load_job(path: str | Path, overrides: Iterable[str] = ()) -> Job:
@@ -27,13 +27,16 @@ def load_job(path: str | Path, overrides: Iterable[str] = ()) -> Job:
     Raises `InputError` with one line that names the file, the key, the value and what is allowed.
     """
     file = find_job(path)
-    data = _read_yaml(file.read_text(encoding="utf-8"), str(path))
+    data = read_yaml(file, str(path))
     if not isinstance(data, dict):
-        raise InputError(f"{path}: a job is a mapping of keys to values; this is a {type(data).__name__}")
+        found = "empty" if data is None else f"a {type(data).__name__}"
+        raise InputError(f"{path}: a job is a mapping of keys to values; this is {found}")
     sources = dict.fromkeys(_key_paths(data), str(path))
     for override in overrides:
         key = _apply_override(data, override)
-        sources[key] = f"override {override}"
+        sources[key] = f"override {shown(override)}"
+        for section in _upwards(key.split(".")):
+            sources.setdefault(section, sources[key])
     return job_from_dict(data, str(path), sources, folder=file.parent.resolve())
 
 
@@ -42,13 +45,13 @@ def find_job(path: str | Path) -> Path:
 
     Raises `InputError` if there is neither.
     """
-    path = Path(path).expanduser()
+    path = Path(os.path.expanduser(path))
     bundled = resource("jobs")
     candidates = [path]
     if path.parent in (Path(), Path("jobs")):
         candidates += [bundled / path.name, bundled / f"{path.name}.yaml"]
     for candidate in candidates:
-        if candidate.is_file():
+        if os.path.isfile(candidate):  # which is no error of a name that is too long
             return candidate
     names = ", ".join(sorted(file.name for file in bundled.glob("*.yaml")))
     raise InputError(f"{path}: no such job file; bundled jobs: {names}")
@@ -65,42 +68,10 @@ def job_from_dict(
         job = Job.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
         raise InputError(_one_line(error, source, sources or {})) from None
+    except (TypeError, ValueError, RecursionError) as error:  # keys that are no texts, or lists without end
+        raise InputError(f"{source}: not what JSON can say ({error}); allowed: a mapping of keys to values") from None
     job._folder = folder
     return job
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML as people write it: 1e5 is a number, a key given twice is an error."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+\.\d*|\.?\d+)([eE][-+]?\d+)$"),
-    list("-+0123456789."),
-)
-
-
-def _mapping_without_duplicates(loader: _Loader, node: yaml.MappingNode) -> dict:
-    seen = set()
-    for key, _ in node.value:
-        if key.value in seen:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"key {key.value!r} is given twice", key.start_mark
-            )
-        seen.add(key.value)
-    return loader.construct_mapping(node, deep=True)
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_without_duplicates)
-
-
-def _read_yaml(text: str, source: str) -> Any:
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" line {mark.line + 1}" if mark else ""
-        raise InputError(f"{source}:{where} {getattr(error, 'problem', None) or 'not valid YAML'}") from None
 
 
 def _apply_override(data: dict, override: str) -> str:
@@ -108,7 +79,7 @@ def _apply_override(data: dict, override: str) -> str:
     key, equals, text = override.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
-        raise InputError(f"override {override}: write it as key=value or key.sub=value")
+        raise InputError(f"override {shown(override)}: write it as key=value or key.sub=value")
     target = data
     for part in parts[:-1]:
         inner = target.get(part)
@@ -116,7 +87,7 @@ def _apply_override(data: dict, override: str) -> str:
             inner = {"preset": inner} if part == "material" and isinstance(inner, str) else {}
             target[part] = inner
         target = inner
-    target[parts[-1]] = _read_yaml(text, f"override {override}")
+    target[parts[-1]] = parse_yaml(text, f"override {shown(override)}")
     return ".".join(parts)
 
 
@@ -138,13 +109,16 @@ def _one_line(error: ValidationError, source: str, sources: Mapping[str, str]) -
         complaint = f"unknown key; {_allowed_keys(section, parts[-1])}"
     elif first["type"] == "missing":
         complaint = f"missing; allowed: {allowed}"
+    elif first["type"] == "json_invalid":  # half a character, which JSON can escape
+        complaint = first["msg"]
     elif first["type"] == "value_error":
         complaint = first["msg"].removeprefix("Value error, ")
     else:
-        complaint = f"{json.dumps(first['input'])} is not allowed; allowed: {allowed}"
+        value = shown(json.dumps(first["input"]))
+        complaint = f"{value} is not allowed; allowed: {allowed or 'a mapping of keys to values'}"
     at = next((sources[path] for path in _upwards(parts) if path in sources), source)
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return f"{at}: {'.'.join(parts)}: {complaint}{more}"
+    return f"{': '.join(filter(None, [at, shown('.'.join(parts)), complaint]))}{more}"
 
 
 def _upwards(parts: list[str]) -> list[str]:

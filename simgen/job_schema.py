@@ -2,18 +2,25 @@
 
 import hashlib
 import json
+import os
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
+from simgen.errors import shown
+
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 # int16 in steps of 0.1 um reaches 3.2767 mm; the gel follows the indenter, and a little beyond it.
 DEEPEST_INT16_MM = 3.2
-NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"
+NAME = r"^[A-Za-z][A-Za-z0-9_.-]{0,99}$"
+# What else a dataset's folder holds.
+NOT_SENSORS = ("press", "depth", "manifest", "zarr.json", "README.md", "presses.csv", "croissant.json")
+FINEST_MM = 1e-6  # depths are whole nanometres
 
 
 class Section(BaseModel):
@@ -72,6 +79,9 @@ class Depths(Section):
             raise ValueError("one depth: first and last must be equal")
         if self.count > 1 and self.first >= self.last:
             raise ValueError("first must be less than last")
+        step = (self.last - self.first) / (self.count - 1) if self.count > 1 else self.first
+        if min(self.first, step) < FINEST_MM:
+            raise ValueError(f"a depth or a step of {min(self.first, step):g} mm; allowed: {FINEST_MM:g} mm or more")
         return self
 
 
@@ -111,7 +121,7 @@ class DatasetSettings(Section):
 class Job(Section):
     """A checked job. `load_job` makes one from YAML; `resolved` and `hash` say what it decides."""
 
-    name: str = Field(pattern=NAME, description="letters, digits, _ . -, a letter first")
+    name: str = Field(pattern=NAME, description="letters, digits, _ . -, a letter first, 100 at most")
     seed: int = Field(0, ge=0, lt=2**32, description="a whole number, 0 to 4294967295")
     # The first sensor is the reference on which contacts are sampled.
     sensors: dict[str, SensorChoice] = Field(min_length=1, description="name: {model, mesh, material, fluid}, ...")
@@ -126,19 +136,18 @@ class Job(Section):
     @classmethod
     def _sensor_names(cls, sensors: dict[str, SensorChoice]) -> dict[str, SensorChoice]:
         for name in sensors:
-            if not re.match(NAME, name) or name in ("press", "depth"):
-                raise ValueError(
-                    f"{name!r} cannot name a sensor; allowed: letters, digits, _ . -, not press, depth"
-                )
+            if not re.fullmatch(NAME, name) or name.endswith("\n") or name in NOT_SENSORS:
+                allowed = f"letters, digits, _ . -, a letter first, 100 at most, not {', '.join(NOT_SENSORS)}"
+                raise ValueError(f"{shown(repr(name))} cannot name a sensor; allowed: {allowed}")
         return sensors
 
     @field_validator("indenters")
     @classmethod
     def _unique_indenters(cls, indenters: tuple[str, ...]) -> tuple[str, ...]:
         names = [indenter_name(text) for text in indenters]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"{name!r} is listed twice")
+        for name, count in Counter(names).items():
+            if count > 1:
+                raise ValueError(f"{shown(repr(name))} is listed twice")
         return indenters
 
     @field_validator("dataset")
@@ -157,8 +166,9 @@ class Job(Section):
     def _left_out_is_listed(cls, dataset: DatasetSettings, info: ValidationInfo) -> DatasetSettings:
         names = [indenter_name(text) for text in info.data.get("indenters", ())]
         if names and dataset.leave_out is not None and (dataset.leave_out not in names or len(names) == 1):
-            allowed = f"one of {', '.join(names)}" if len(names) > 1 else "nothing, as there is one indenter alone"
-            raise ValueError(f"leave_out {dataset.leave_out!r} is not allowed; allowed: {allowed}")
+            listed = shown(", ".join(names), 500)
+            allowed = f"one of {listed}" if len(names) > 1 else "nothing, as there is one indenter alone"
+            raise ValueError(f"leave_out {shown(repr(dataset.leave_out))} is not allowed; allowed: {allowed}")
         return dataset
 
     @property
@@ -186,7 +196,7 @@ class Job(Section):
 
     def locate(self, text: str) -> str | Path:
         """A name stays a name; a path that is relative starts at the folder of the job file."""
-        return self._folder / Path(text).expanduser() if is_path(text) else text
+        return self._folder / os.path.expanduser(text) if is_path(text) else text
 
     def resolved(self) -> dict[str, Any]:
         """All that decides the data, defaults filled in, as JSON types; where it is stored is no part."""
@@ -204,7 +214,7 @@ class Job(Section):
 
     def output(self) -> Path:
         """Where the dataset goes unless the command line says otherwise."""
-        return Path(self.dataset.output or f"{self.name}.zarr").expanduser()
+        return Path(os.path.expanduser(self.dataset.output or f"{self.name}.zarr"))
 
 
 def hash_of(resolved: dict[str, Any]) -> str:

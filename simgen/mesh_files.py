@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import io
 import os
 import tempfile
 import uuid
@@ -14,6 +13,7 @@ import platformdirs
 import trimesh
 
 from simgen.errors import InputError
+from simgen.parsing import parsing
 from simgen.surface import enclosed_volume
 from simgen.tetrahedra import OutputMesh, SimulationMesh, boundary_triangles, signed_volumes
 
@@ -21,6 +21,7 @@ UNITS = {"m": 1.0, "mm": 1e-3}
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply")
 MESHIO_FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".mesh": "medit"}
 TET_SUFFIXES = (*MESHIO_FORMATS, ".tet")
+SMALLEST, LARGEST = 1e-4, 0.5  # m, of a gel, a core or an indenter: across, along its longest axis
 
 
 def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
@@ -35,23 +36,45 @@ def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None
         raise InputError(
             f"{path}: unknown kind of mesh {suffix!r}, allowed {' '.join(SURFACE_SUFFIXES + TET_SUFFIXES)}"
         )
-    if not path.is_file():
+    if not os.path.isfile(path):  # which is no error of a name that is too long
         raise InputError(f"{path}: no such mesh file")
-    try:
+    with parsing(path, suffix):
         points, cells = _read_tet(path) if suffix == ".tet" else _read_any(path, suffix)
-    except InputError:
-        raise
-    except Exception as error:  # a parser's complaint about the user's file, whatever its class
-        raise InputError(
-            f"{path}: cannot be read as {suffix}: {' '.join(str(error).split())[:200]}"
-        ) from error
-    points = np.asarray(points, dtype=float) * UNITS[unit]
+        points = np.asarray(points, dtype=float) * UNITS[unit]
+        check_mesh(path, points, cells)
+        check_size(path, points[cells])
+        if cells.shape[1] == 3:
+            return closed_surface(points, cells, path), None, None
+        tetrahedra = _oriented(points, cells, path)
+        return closed_surface(points, boundary_triangles(tetrahedra)[0], path), points, tetrahedra
+
+
+def check_mesh(path: Path, points: np.ndarray, cells: np.ndarray) -> None:
+    """Raises InputError unless ``cells`` (c, 3 or 4), at least one, name finite ``points`` (p, 3)."""
+    if not len(cells):
+        raise InputError(f"{path}: no triangle and no tetrahedron in it")
+    if points.ndim != 2 or points.shape[1] != 3 or cells.ndim != 2 or cells.shape[1] not in (3, 4):
+        raise InputError(f"{path}: vertices {points.shape}, cells {cells.shape}; allowed: (v, 3), (c, 3) or (c, 4)")
     if not np.isfinite(points).all():
         raise InputError(f"{path}: coordinates that are not finite numbers")
-    if cells.shape[1] == 3:
-        return closed_surface(points, cells, path), None, None
-    tetrahedra = _oriented(points, cells, path)
-    return closed_surface(points, boundary_triangles(tetrahedra)[0], path), points, tetrahedra
+    if cells.min() < 0 or cells.max() >= len(points):
+        raise InputError(f"{path}: vertices {cells.min()} to {cells.max()} are named; allowed: 0 to {len(points) - 1}")
+
+
+def check_body(path: Path, surface: trimesh.Trimesh) -> None:
+    """Raises InputError unless a surface that was made of numbers is a closed body of a fingertip's size."""
+    check_mesh(path, surface.vertices, surface.faces)
+    check_size(path, surface.vertices)
+    if not surface.is_watertight or not surface.volume > 0.0:
+        raise InputError(f"{path}: its sizes make no closed body")
+
+
+def check_size(path: Path, points: np.ndarray) -> None:
+    """Raises InputError where a body of points (..., 3) in m is no fingertip's size: mm for m, most often."""
+    largest = float(np.ptp(points.reshape(-1, 3), axis=0).max())
+    if not SMALLEST < largest < LARGEST:
+        allowed = f"allowed: {SMALLEST:g}..{LARGEST:g} m; is its unit m or mm?"
+        raise InputError(f"{path}: the shape is {largest:g} m large; {allowed}")
 
 
 def _read_tet(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -65,16 +88,11 @@ def _read_any(path: Path, suffix: str) -> tuple[np.ndarray, np.ndarray]:
     if suffix in SURFACE_SUFFIXES:
         mesh = trimesh.load(path, force="mesh", process=False)
         return mesh.vertices, mesh.faces
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            mesh = meshio.read(path, file_format=MESHIO_FORMATS[suffix])
-    except SystemExit as error:  # meshio prints what is wrong and exits
-        raise ValueError(said.getvalue() or "broken") from error
+    mesh = meshio.read(path, file_format=MESHIO_FORMATS[suffix])
     for kind in ("tetra", "triangle"):
         if kind in mesh.cells_dict:
             return mesh.points[:, :3], mesh.cells_dict[kind]
-    raise InputError(f"{path}: neither tetrahedra nor triangles, but {', '.join(mesh.cells_dict)}")
+    raise InputError(f"{path}: neither tetrahedra nor triangles, but {', '.join(mesh.cells_dict) or 'nothing'}")
 
 
 def _oriented(points: np.ndarray, tetrahedra: np.ndarray, path: Path) -> np.ndarray:
@@ -134,14 +152,15 @@ def load_mesh(path: Path, kind: type, source: str):
     """
     if not path.is_file():
         return None
-    with np.load(path) as file:
-        stored = str(file["source"])
-        arrays = {name: file[name] for name in file.files if name != "source"}
-    if stored != source:
-        raise InputError(
-            f"{path}: made from other geometry or settings than sensor.yaml now says: run simgen mesh"
-        )
-    return with_hash(kind, source, arrays)
+    with parsing(path, "a mesh that simgen wrote"):
+        with np.load(path) as file:
+            stored = str(file["source"])
+            arrays = {name: file[name] for name in file.files if name != "source"}
+        if stored != source:
+            raise InputError(
+                f"{path}: made from other geometry or settings than sensor.yaml now says: run simgen mesh"
+            )
+        return with_hash(kind, source, arrays)
 
 
 def with_hash(kind: type, source: str, arrays: dict[str, np.ndarray]):

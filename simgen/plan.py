@@ -34,6 +34,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     """
     check_device_name(device)
     start_warp()
+    indenters = indenter_identities(job)  # first: it takes no time
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
     settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count"}))
@@ -60,7 +61,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/touchable": mesh.touchable,
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
         }
-    return Plan(job, device, _attributes(job, device, sensors), arrays)
+    return Plan(job, device, _attributes(job, device, sensors, indenters), arrays)
 
 
 def split_presses(job: Job, trajectory: np.ndarray, indenter: np.ndarray) -> np.ndarray:
@@ -116,7 +117,9 @@ def indenter_identities(job: Job) -> dict[str, Any]:
     return {name: load_indenter(job.locate(text)).identity() for name, text in located}
 
 
-def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[str, Any]:
+def _attributes(
+    job: Job, device: str, sensors: Mapping[str, Sensor], indenters: Mapping[str, Any]
+) -> dict[str, Any]:
     return {
         "job": job.resolved(),
         "job_hash": job.hash,
@@ -124,7 +127,7 @@ def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor]) -> dict[st
         "packages": provenance.package_versions(),
         "device": device,
         "sensors": {name: sensor_identity(job, name, sensor) for name, sensor in sensors.items()},
-        "indenters": indenter_identities(job),
+        "indenters": indenters,
         "splits": list(SPLITS),
         "status": {str(int(status)): status.sentence for status in Status},
     }

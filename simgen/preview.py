@@ -6,7 +6,7 @@ from simgen.capacity import at_once, bytes_per_press
 from simgen.dataset import CERTIFICATE
 from simgen.fem.newton import SolverSettings
 from simgen.job_schema import Job
-from simgen.plan import chosen_fluid, chosen_material, chosen_sensor
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities
 from simgen.press import Scene
 from simgen.quiet import start_warp
 from simgen.sensor import Material
@@ -61,8 +61,9 @@ class Preview:
 
 
 def preview(job: Job, device: str = "cpu") -> Preview:
-    """Load every sensor and make its scene, but sample and solve nothing."""
+    """Load every indenter and sensor and make its scene, but sample and solve nothing."""
     start_warp()
+    indenter_identities(job)  # raises where a run would
     sensors = [_preview_sensor(job, name) for name in job.sensors]
     kind = device.partition(":")[0]
     unknowns = sum(sensor.unknowns for sensor in sensors)

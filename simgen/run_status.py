@@ -10,7 +10,8 @@ import numpy as np
 from simgen.dataset import TIMINGS, Dataset
 from simgen.folder_lock import holder
 
-SHARD = {"shard", "presses", "failed", "finished", "error"}  # what a shard's line says at least
+# What a shard's line says at least.
+SHARD = {"shard": int, "presses": int, "failed": int, "finished": int | float, "error": str | None}
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,8 @@ def run_status(dataset: Dataset, now: float | None = None) -> RunStatus:
     there = dataset.finished()
     finished = sum(len(dataset.shard_presses(shard)) for shard in there)
     lines = timings(dataset)
-    began = max((line["began"] for line in lines if "began" in line), default=now)
-    latest = {line["shard"]: line for line in lines if line.keys() >= SHARD}  # one may have been solved again
+    began = max((line["began"] for line in lines if isinstance(line.get("began"), int | float)), default=now)
+    latest = {line["shard"]: line for line in lines if _is_of_shard(line)}  # one may have been solved again
     whole = sorted((latest[shard] for shard in there if shard in latest), key=lambda line: line["finished"])
     done = [line for line in whole if line["finished"] > began]
     rate = sum(line["presses"] for line in done) / (done[-1]["finished"] - began) if done else None
@@ -68,13 +69,17 @@ def timings(dataset: Dataset) -> list[dict]:
     file = dataset.path / "manifest" / TIMINGS
     found = []
     for text in file.read_text(encoding="utf-8", errors="replace").splitlines() if file.exists() else ():
-        with suppress(ValueError):
+        with suppress(ValueError, RecursionError):
             found.append(json.loads(text))
     return [line for line in found if isinstance(line, dict)]
+
+
+def _is_of_shard(line: dict) -> bool:
+    return all(isinstance(line.get(key), kind) for key, kind in SHARD.items())
 
 
 def failures(dataset: Dataset) -> dict[str, int]:
     """Samples of all sensors by what befell them, in sentences, those that converged and are to come left out."""
     status = np.concatenate([dataset[f"{sensor}/status"].ravel() for sensor in dataset.sensors])
     codes, counts = np.unique(status[status > 0], return_counts=True)
-    return {dataset.attributes["status"][str(code)]: int(count) for code, count in zip(codes, counts, strict=True)}
+    return {dataset.sentence(code): int(count) for code, count in zip(codes, counts, strict=True)}

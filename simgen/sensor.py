@@ -6,6 +6,7 @@
 
 import hashlib
 import json
+import os
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -16,6 +17,7 @@ import trimesh
 from simgen import geometry, mesh_files, sensor_meshes
 from simgen.curved import CORE, FREE, HELD, LabelledSurface
 from simgen.errors import InputError
+from simgen.parsing import parsing
 from simgen.region_edges import NEAR, cut
 from simgen.resources import resource
 from simgen.sensor_schema import (
@@ -101,7 +103,7 @@ def sensor_folder(model: str | Path) -> Path:
     """
     folder = resource("sensor_models") / model if model in bundled_sensors() else Path(model)
     folder = folder.parent if folder.name == "sensor.yaml" else folder
-    if not (folder / "sensor.yaml").is_file():
+    if not os.path.isfile(folder / "sensor.yaml"):
         allowed = ", ".join(bundled_sensors())
         raise InputError(f"sensor {str(model)!r}: allowed: {allowed}, or a folder with a sensor.yaml")
     return folder
@@ -198,17 +200,24 @@ def _files(value) -> set[str]:
 
 def gel_surface(gel: Gel, folder: Path) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
     """Closed surface of the gel, and the vertices and tetrahedra of a tetrahedral file."""
-    if gel.polar_shell is not None:
-        return geometry.shell_surface(gel.polar_shell), None, None
-    if gel.dome is not None:
-        return geometry.dome_surface(gel.dome), None, None
-    return mesh_files.read_mesh(folder / gel.mesh.file, gel.mesh.unit)
+    if gel.mesh is not None:
+        return mesh_files.read_mesh(folder / gel.mesh.file, gel.mesh.unit)
+    path = folder / "sensor.yaml"
+    with parsing(path, "a gel"):  # whatever sizes lead to that make no body
+        shell, dome = gel.polar_shell, gel.dome
+        surface = geometry.shell_surface(shell) if shell is not None else geometry.dome_surface(dome)
+        mesh_files.check_body(path, surface)
+    return surface, None, None
 
 
 def core_surface(core: Core, gel: Gel, folder: Path) -> trimesh.Trimesh:
     """Closed surface of the rigid core."""
     if (own := core.polar_core) is not None:
-        return geometry.core_body(own.table, own.axis_y_mm, own.spacing_mm, gel.polar_shell, own.clearance_mm)
+        path = folder / "sensor.yaml"
+        with parsing(path, "a core"):
+            body = geometry.core_body(own.table, own.axis_y_mm, own.spacing_mm, gel.polar_shell, own.clearance_mm)
+            mesh_files.check_body(path, body)
+        return body
     surface, _, _ = mesh_files.read_mesh(folder / core.mesh.file, core.mesh.unit)
     return mesh_files.bodies(surface)[0]
 
@@ -257,7 +266,7 @@ def select(selection: Selection, points: np.ndarray, folder: Path) -> np.ndarray
         return (np.hypot(*across.T) <= cylinder.radius_mm) & (mm[:, axis] >= low) & (mm[:, axis] <= high)
     touching = selection.touching
     path = folder / touching.file
-    changed = path.stat().st_mtime_ns if path.is_file() else 0
+    changed = path.stat().st_mtime_ns if os.path.isfile(path) else 0
     return _body(path, touching.unit, changed)(points)[1] <= touching.within_mm * MM
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from simgen import mesh_files
 from simgen.curved import CORE, FREE, HELD, CurvedMesh, LabelledSurface, face_regions, make_quadratic
 from simgen.errors import InputError
 from simgen.mesh_quality import MeshQuality, check, measure
+from simgen.parsing import parsing
 from simgen.region_edges import align
 from simgen.sensor_schema import MeshSize
 from simgen.surface import shells
@@ -30,6 +32,8 @@ MM = 1e-3
 NAMES = ("default", "coarse", "fine")  # of simulation meshes
 EXACT = 1e-9  # m: a user's own vertices are on the surface already
 ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
+MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 35,000
+LEAST_ENVELOPE = 1e-3  # of an edge's length
 LIMIT = 5.0  # envelopes that a node may move onto its patches; a mid-edge node also bridges the bulge
 
 
@@ -86,7 +90,7 @@ def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality
     points = "vertices" if isinstance(mesh, OutputMesh) else "nodes"
     before = "new"
     if path.is_file():
-        with np.load(path) as old:
+        with suppress(InputError), parsing(path, "a mesh that simgen wrote"), np.load(path) as old:
             inputs = "same" if str(old["source"]) == source else "other"
             before = f"was {len(old[points])} {points} from {inputs} geometry and settings"
     mesh_files.save_mesh(path, mesh, source)
@@ -117,6 +121,7 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
         if as_given:
             vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, EXACT
         else:
+            check_count(geometry, size)
             envelope, cell = size.envelope * MM, size.edge_length_mm * MM
             wanted = edge_lengths(geometry, size)
             vertices, tetrahedra = tetrahedralize(geometry.plain, wanted, envelope, cell)
@@ -132,6 +137,17 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
         else:
             break
     return mesh, quality
+
+
+def check_count(geometry: SensorGeometry, size: MeshSize) -> None:
+    """Raises InputError for edges so short that meshing would take days, and all memory."""
+    extents = np.ptp(geometry.plain.vertices, axis=0) / MM
+    least = float((extents.prod() / MOST_CELLS) ** (1 / 3))
+    path = geometry.folder / "sensor.yaml"
+    if size.edge_length_mm < least:
+        raise InputError(f"{path}: meshes: edge_length_mm = {size.edge_length_mm:g}: allowed: {least:.2g} mm or more")
+    if size.envelope < (thinnest := LEAST_ENVELOPE * size.edge_length_mm):
+        raise InputError(f"{path}: meshes: envelope_mm = {size.envelope:g}: allowed: {thinnest:.2g} mm or more")
 
 
 def end_at_regions(

@@ -4,15 +4,18 @@ import itertools
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from simgen.errors import InputError
+from simgen.errors import InputError, shown
+from simgen.yaml_files import read_yaml
 
 Unit = Literal["m", "mm"]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+LARGEST = 1e4  # of any number of mm or degrees: ten metres
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False)]
 Vector = tuple[Number, Number, Number]
+Direction = Annotated[Vector, AfterValidator(lambda vector: _direction(vector))]
 Interval = tuple[Number, Number]
 
 
@@ -54,11 +57,17 @@ class Plane(Section):
 
 
 class Box(Section):
-    """Points inside a box; an axis that is left out is not bounded."""
+    """Points inside a box; an axis that is left out is not bounded, but one is."""
 
     x_mm: Interval | None = None
     y_mm: Interval | None = None
     z_mm: Interval | None = None
+
+    @model_validator(mode="after")
+    def _bounded(self):
+        if self.x_mm is self.y_mm is self.z_mm is None:
+            raise ValueError("at least one of x_mm, y_mm, z_mm is needed, found none")
+        return self
 
 
 class Cylinder(Section):
@@ -161,6 +170,12 @@ class Dome(Section):
         return self
 
 
+def _direction(vector: Vector) -> Vector:
+    if not 1e-3 <= np.linalg.norm(vector) <= 1e3:
+        raise ValueError("a direction must have a length of 1e-3 to 1e3")
+    return vector
+
+
 def _rising(values: list[float]) -> bool:
     return all(a < b for a, b in itertools.pairwise(values))
 
@@ -216,21 +231,27 @@ class CameraSettings(Section):
     """A pinhole camera behind the gel, with lights on a circle around its axis."""
 
     position_mm: Vector
-    looks_along: Vector
-    up: Vector
+    looks_along: Direction
+    up: Direction
     vertical_field_of_view_deg: Annotated[float, Field(gt=0.0, lt=180.0)]
     width_px: Annotated[int, Field(gt=0)]
     height_px: Annotated[int, Field(gt=0)]
     light_circle_radius_mm: Positive
     light_angles_deg: dict[Literal["red", "green", "blue"], Number]
 
+    @model_validator(mode="after")
+    def _up_is_across(self):
+        if not np.cross(self.looks_along, self.up).any():
+            raise ValueError("up must not be parallel to looks_along")
+        return self
+
 
 class Electrodes(Section):
     """Electrode positions in a frame of their own; they are snapped to the core's surface."""
 
     origin_mm: Vector  # of their frame, in the sensor's frame
-    x_axis: Vector  # of their frame, in the sensor's frame
-    z_axis: Vector
+    x_axis: Direction  # of their frame, in the sensor's frame
+    z_axis: Direction
     x_mm: list[Number]
     y_mm: list[Number]
     z_mm: list[Number]
@@ -269,10 +290,7 @@ def read_description(path: Path) -> SensorDescription:
     """Parse a sensor.yaml. Raises InputError of one line: file, key path, value, what is allowed."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; a sensor is a folder with a sensor.yaml")
-    try:
-        content = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    content = read_yaml(path)
     if not isinstance(content, dict):
         raise InputError(f"{path}: found {type(content).__name__}, allowed: keys and values")
     try:
@@ -283,7 +301,7 @@ def read_description(path: Path) -> SensorDescription:
 
 def _one_line(error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in first["loc"]) or "sensor.yaml"
+    key = shown(".".join(str(part) for part in first["loc"])) or "sensor.yaml"
     if first["type"] == "extra_forbidden":
         return f"{key}: unknown key, allowed: {', '.join(_allowed(first['loc'][:-1]))}"
     value = "" if isinstance(first["input"], dict) else f" = {first['input']!r:.60}"

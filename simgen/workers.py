@@ -122,9 +122,9 @@ def start_workers(
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=ANSWER_S)
-        except (OSError, ValueError) as error:
+        except Exception as error:  # dask's, of many kinds, for addresses that are none
             allowed = "allowed: the address of one that answers, as tcp://host:8786, or sync"
-            raise InputError(f"scheduler {scheduler!r}: {error}; {allowed}") from None
+            raise InputError(f"scheduler {scheduler!r}: {error or type(error).__name__}; {allowed}") from None
         with silence_logging_cmgr("CRITICAL"), client:  # a lost scheduler would be pages of tracebacks
 
             def joined() -> tuple[Client, list]:

@@ -13,7 +13,7 @@ PACKAGE = Path(simgen.__file__).parent
 
 # From left to right, as the data walk. A module may import from its own room and from rooms before it.
 HOUSE = {
-    "words": ["errors", "resources", "provenance", "quiet"],
+    "words": ["errors", "parsing", "yaml_files", "resources", "provenance", "quiet"],
     "job": ["job", "job_schema"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
@@ -22,9 +22,8 @@ HOUSE = {
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],
     "press": ["press", "march", "samples", "scene", "first_touch", "capacity"],
-    "dataset": ["dataset", "dataset_writer", "chunk_files", "whole_files", "folder_lock", "finding", "audit",
-                "touch_audit", "run_status", "splits", "card", "loading", "torch_samples",
-                "exchange"],
+    "dataset": ["dataset", "dataset_layout", "dataset_writer", "chunk_files", "whole_files", "folder_lock", "finding",
+                "audit", "touch_audit", "run_status", "splits", "card", "loading", "torch_samples", "exchange"],
     "run": ["plan", "shard_writer", "shard", "workers", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console", "job_reference"],
     "validate": ["validate"],

@@ -12,6 +12,7 @@ import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simgen.chunk_files import chunk_path
 from simgen.dataset import DISPLACEMENT_STEP_M, Dataset
 from simgen.dataset_writer import create, folder_aside, manifest_aside, open_or_create, write_aside
 from simgen.errors import InputError
@@ -188,6 +189,27 @@ def test_the_same_job_opens_what_is_there(dataset):
 def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
     with pytest.raises(InputError, match="not a dataset"):
         Dataset(tmp_path)
+
+
+ROTTEN = {
+    "empty": lambda data: b"",
+    "a part": lambda data: data[:15],
+    "cut": lambda data: data[:-1],
+    "lengths": lambda data: data[:4] + 8 * b"\xff" + data[12:],
+    "all": lambda data: 64 * b"\xff",
+}
+
+
+@pytest.mark.parametrize("name", ["digit/status", "digit/displacement", "press/pose"])
+@pytest.mark.parametrize("spoil", ROTTEN.values(), ids=ROTTEN)
+def test_a_rotten_chunk_is_an_error_not_the_end_of_the_process(dataset, name, spoil):
+    """c-blosc believes what a chunk says of its own length."""
+    for shard in range(dataset.shards):
+        write_shard(dataset, shard, shard_values(dataset, shard))
+    file = dataset.path / chunk_path(name, 1, dataset.array(name).ndim)
+    file.write_bytes(spoil(file.read_bytes()))
+    with pytest.raises(InputError, match=f"{name}: cannot be read"):
+        Dataset(dataset.path)[name]
 
 
 def test_the_job_in_a_dataset_is_the_job(dataset):

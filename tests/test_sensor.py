@@ -327,6 +327,7 @@ MESH = {"file": "slab.stl", "unit": "mm"}
         ({"held": {}}, "held: .*at least 1"),
         ({"held": {"back": {"plane": {"axis": "w", "at_mm": 2.0}}}}, "held.back.plane.axis = 'w'"),
         ({"held": {"back": {"plane": {"axis": "y", "at_mm": 9.0}}}}, "held.back: selects no triangle"),
+        ({"held": {"back": {"box": {}}}}, "held.back.box: at least one of x_mm, y_mm, z_mm is needed"),
         ({"meshes": {"default": "as_given"}}, "as_given needs a file of tetrahedra"),
         ({"meshes": {"default": {"edge_length_mm": -1.0}}}, "edge_length_mm = -1.0: .*greater than 0"),
         ({"materials": {"solid": {**SOLID, "poisson_ratio": 0.5}}}, "solid.poisson_ratio = 0.5: .*0.4999"),

@@ -80,12 +80,6 @@ def make_context(device: str, published: Path | None) -> Context:
     return Context(device, reference, published, Path(tempfile.gettempdir()))
 
 
-def check_output(file: Path) -> None:
-    """Raises `InputError` where a file could not be written, before anything is solved for it."""
-    if not file.parent.is_dir():
-        raise InputError(f"{file}: no such folder {file.parent}")
-
-
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -99,7 +99,7 @@ DIGIT, BIOTAC = "--mesh=digit={results}/rest_digit.vtu", "--mesh=biotac={results
 def test_bad_input_is_one_line_and_leaves_nothing(dataset, results, simgen, tmp_path, arguments, complaint):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken/file").touch()
-    (tmp_path / "other.tet").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nt 0 1 2 3\n")
+    (tmp_path / "other.tet").write_text("v 0 0 0\nv .01 0 0\nv 0 .01 0\nv 0 0 .01\nt 0 1 2 3\n")
     fake.BALL.export(tmp_path / "surface.stl")
     before = sorted(tmp_path.rglob("*"))
     code, _, said = simgen(*(text.format(dataset=dataset.path, results=results) for text in arguments))
