@@ -17,7 +17,7 @@ from simgen.dataset_layout import faults
 from simgen.errors import InputError
 from simgen.finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.job_schema import hash_of
-from simgen.splits import IN_NONE, SPLITS
+from simgen.splits import IN_NONE, SPLITS, number_presses, split_presses
 
 FORCE_BALANCE = 1e-3  # of the contact force
 LIQUID_VOLUME = 1e-6  # of the cavity's volume
@@ -34,7 +34,7 @@ def check(dataset: Dataset) -> list[Finding]:
     if layout.failed:
         return findings
     sound = Sound(dataset, {int(name.removesuffix(".json")) for name in checksums.spoiled})
-    findings += [_depths(sound), *_splits(sound)]
+    findings += [_depths(sound), *([] if dataset.imported else [_numbering(sound)]), *_splits(sound)]
     for sensor in dataset.sensors:
         findings += [
             *(_imported(sound, sensor) if dataset.imported else _certificates(sound, sensor)),
@@ -140,6 +140,16 @@ def _depths(dataset: Dataset) -> Finding:
     return Finding("dataset", "depths", f"{len(dataset['depth'])}", "the job's", same)
 
 
+def _numbering(dataset: Dataset) -> Finding:
+    """Trajectory, indenter and split of each press, which the job decides."""
+    expected = dict(zip(("trajectory", "indenter"), number_presses(dataset.job), strict=True))
+    expected["split"] = split_presses(dataset.job)
+    wrong = {name: np.flatnonzero(dataset[f"press/{name}"] != values) for name, values in expected.items()}
+    note = "; ".join(f"{name}: press {presses[0]}" for name, presses in wrong.items() if len(presses))
+    count = dataset.presses - len(np.unique(np.concatenate(list(wrong.values()))))
+    return Finding("dataset", "numbering", f"{count} of {dataset.presses}", "the job's", not note, note)
+
+
 def _splits(dataset: Dataset) -> Iterator[Finding]:
     trajectory, indenter, split = (dataset[f"press/{key}"] for key in ("trajectory", "indenter", "split"))
     counts = ", ".join(f"{name} {np.count_nonzero(split == code)}" for code, name in enumerate(SPLITS))
@@ -183,6 +193,11 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     def stored(key: str) -> np.ndarray:
         return dataset[f"{sensor}/certificate/{key}"]
 
+    vectors = ["force", "moment", *(["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else [])]
+    for key in vectors:
+        values = dataset[f"{sensor}/{key}"]
+        finite = np.isfinite(values).reshape(*converged.shape, -1).all(axis=2)
+        yield named(sensor, f"{key} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("min_det_F")
     bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(converged & ~(least > 0)))
     found = f"{np.min(least, initial=np.inf, where=converged):.3f}"

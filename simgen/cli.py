@@ -114,21 +114,18 @@ def check(
     from simgen.audit import check, passes, to_repair
     from simgen.console import print_findings, run_with_progress
     from simgen.dataset import Dataset
-    from simgen.errors import writing
-    from simgen.finding import as_json
 
     opened = Dataset(dataset)
     findings = check(opened)
     print_findings(dataset, findings)
+    _write_findings(findings, json_file)
     if repair and (shards := to_repair(opened, findings)):
         address = _address(scheduler, scheduler_file)
         if run_with_progress(opened.job, dataset, workers, address, opened.attributes["device"], shards):
             raise typer.Exit(1)
         findings = check(Dataset(dataset))
         print_findings(dataset, findings)
-    if json_file:
-        with writing(json_file):
-            json_file.write_text(as_json(findings), encoding="utf-8")
+        _write_findings(findings, json_file)
     if not passes(findings):
         raise typer.Exit(1)
 
@@ -162,7 +159,7 @@ def report(
     if opened.imported:
         raise InputError(f"{dataset}: imported, without the contacts and certificates of a report; see simgen check")
     checked(opened)
-    page = output or Path(f"{opened.job.name}.html")
+    page = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.html")
     check_output_file(page)
     write_report(opened, page)
     typer.echo(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)")
@@ -295,6 +292,15 @@ def bench(
     from simgen.bench import run
 
     run(quick, device, output, typer.echo)
+
+
+def _write_findings(findings: list, file: Path | None) -> None:
+    from simgen.errors import writing
+    from simgen.finding import as_json
+
+    if file is not None:
+        with writing(file):
+            file.write_text(as_json(findings), encoding="utf-8")
 
 
 def _address(scheduler: str | None, file: Path | None) -> str | None:

@@ -81,6 +81,8 @@ def run_with_progress(
             with console.status("sampling contacts, posing them on every sensor"):
                 plan = make_plan(job, device)
             signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code takes it away
+            if workers and scheduler not in (None, "sync"):
+                console.print(f"waiting for {workers} workers at {scheduler}, 5 minutes at most", soft_wrap=True)
             with watch.progress:
                 dataset = run(plan, output, started, watch.on_start, watch.on_report, again=again)
     except KeyboardInterrupt:

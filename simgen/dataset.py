@@ -148,6 +148,7 @@ class Dataset:
         stored = self.array(name)
         if array is not None and stored.shape != (self.presses, *array.shape):
             raise InputError(f"{self.path}/{name}: shape {stored.shape}; allowed: {(self.presses, *array.shape)}")
+        self._check_there(name)
         with self._reading(name):
             missing = self.unfinished() if array is not None else []
             not_read = {chunk_path(name, shard, stored.ndim) for shard in missing}
@@ -163,6 +164,19 @@ class Dataset:
                     rows = slice(self.shard_presses(first + 1).start, self.shard_presses(end - 1).stop)
                     values[rows] = stored[rows]
             return values
+
+    def _check_there(self, name: str) -> None:
+        """Raises `InputError` if a file that a manifest vouches for is gone: zarr would read fill values."""
+        if (array := self.arrays.get(name)) is None:
+            files = [file for file in self.sums_of(PLAN) if file.startswith(f"{name}/c/")]
+        else:
+            files = [chunk_path(name, shard, 1 + len(array.shape)) for shard in self.finished()]
+        for file in files:
+            self._check_file(file)
+
+    def _check_file(self, file: str) -> None:
+        if not (self.path / file).exists():
+            raise InputError(f"{self.path}/{file}: is gone, and its manifest says that it was there")
 
     def get(self, name: str) -> np.ndarray | None:
         """An array, whole; None if there is none of that name."""
@@ -226,6 +240,16 @@ class Dataset:
         per_shard = self.job.dataset.presses_per_shard
         return range(shard * per_shard, min((shard + 1) * per_shard, self.presses))
 
+    def _shards_of(self, press: int | slice) -> list[int]:
+        some = np.arange(self.presses)[press]
+        return np.unique(some // self.job.dataset.presses_per_shard).tolist()
+
+    def depths_of(self, sensor: str) -> np.ndarray:
+        """(press, depth) m: of the dataset, or what an imported file states, which need not be even."""
+        depth = np.broadcast_to(self["depth"], (self.presses, len(self["depth"])))
+        stated = self.get(f"{sensor}/stated_depth")
+        return depth if stated is None else np.where(np.isfinite(stated), stated, depth)
+
     def finished(self) -> list[int]:
         """Shards that are whole, by their manifests."""
         numbers = (int(name.removesuffix(".json")) for name in self.manifests() if name != PLAN)
@@ -236,8 +260,12 @@ class Dataset:
 
     def displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """(..., vertex, 3) float64 in m; NaN where not reached or not there yet."""
-        with self._reading(f"{sensor}/displacement"):
-            array = self._sharded(f"{sensor}/displacement")
+        name = f"{sensor}/displacement"
+        for shard in self._shards_of(press):
+            if (self.path / "manifest" / f"{shard:06d}.json").exists():
+                self._check_file(chunk_path(name, shard, 4))
+        with self._reading(name):
+            array = self._sharded(name)
             stored = array[press, depth]
         scale = array.attrs.get("scale_factor")
         return (

@@ -15,6 +15,8 @@ from simgen.splits import IN_NONE, SPLITS, leave_out
 if TYPE_CHECKING:
     import torch
 
+OF_SENSOR = ("force", "moment", "cavity_pressure", "stated_depth")  # where the dataset has them
+
 
 def load_dataset(
     path: str | Path,
@@ -26,7 +28,7 @@ def load_dataset(
 
     `split`: train, validation or test; None is all of them. `left_out`, the name of an indenter, tests that one alone
     at the trajectories of the test, and leaves it out of training and validation; by default as the dataset says.
-    Raises `InputError` for a name that is not there.
+    Raises `InputError` for a name that is not there, and where no sample is left.
     """
     dataset = Dataset(path)
     names = dataset.sensors if sensors is None else tuple(sensors)
@@ -47,6 +49,9 @@ def load_dataset(
     if left_out is not None and stored is None:
         own = leave_out(own, dataset["press/indenter"], dataset.indenters.index(left_out))
     chosen = own != IN_NONE if split is None else own == list(SPLITS).index(split)
+    if not (converged & chosen[:, None]).any():
+        counts = ", ".join(f"{name} {np.count_nonzero(own == code)}" for code, name in enumerate(SPLITS))
+        raise InputError(f"{path}: no sample of split {split!r} has converged; presses: {counts}")
     return Samples(dataset.path, names, np.argwhere(converged & chosen[:, None]))
 
 
@@ -64,12 +69,15 @@ class Samples(Sequence):
     def __len__(self) -> int:
         return len(self.rows)
 
-    def __getitem__(self, number: int) -> dict[str, np.ndarray]:
-        """A sample: float32 in SI units, numbers in int64.
+    def __getitem__(self, number: int | slice) -> "dict[str, np.ndarray] | Samples":
+        """A sample, or some of them: float32 in SI units, numbers in int64.
 
         ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` and ``<sensor>/moment`` (3,) in the sensor's frame;
-        ``depth`` m; ``press``, ``trajectory`` and ``indenter``, an index into `indenters`.
+        with a liquid ``<sensor>/cavity_pressure``; ``depth``, and where files of others were imported the depth they
+        state, ``<sensor>/stated_depth``; ``press``, ``trajectory`` and ``indenter``, an index into `indenters`.
         """
+        if isinstance(number, slice):
+            return Samples(self.path, self.sensors, self.rows[number])
         press, step = map(int, self.rows[number])
         shared = self._columns
         sample = {key: np.int64(shared[f"press/{key}"][press]) for key in ("trajectory", "indenter")}
@@ -77,8 +85,9 @@ class Samples(Sequence):
         for sensor in self.sensors:
             displacement = self.dataset.displacement(sensor, press, step)
             sample[f"{sensor}/displacement"] = displacement.astype(np.float32)
-            for key in ("force", "moment"):
-                sample[f"{sensor}/{key}"] = shared[f"{sensor}/{key}"][press, step].astype(np.float32)
+            for name in (f"{sensor}/{key}" for key in OF_SENSOR):
+                if name in shared:
+                    sample[name] = np.float32(shared[name][press, step])
         return sample
 
     @property
@@ -91,8 +100,8 @@ class Samples(Sequence):
     @cached_property
     def _columns(self) -> dict[str, np.ndarray]:
         names = ["depth", "press/trajectory", "press/indenter"]
-        names += [f"{sensor}/{key}" for sensor in self.sensors for key in ("force", "moment")]
-        return {name: self.dataset[name] for name in names}
+        names += [f"{sensor}/{key}" for sensor in self.sensors for key in OF_SENSOR]
+        return {name: self.dataset[name] for name in names if name in self.dataset.root}
 
     @property
     def indenters(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from simgen.indenter import load_indenter
 from simgen.job_schema import Job
 from simgen.quiet import check_device_name, start_warp
 from simgen.sensor import Material, Sensor, load_sensor
-from simgen.splits import SPLITS, leave_out, split_by_trajectory
+from simgen.splits import SPLITS, number_presses, split_presses
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Plan:
 def make_plan(job: Job, device: str = "cpu") -> Plan:
     """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
 
-    Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine.
+    Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine of a kind.
     The device may be another machine's. Raises `InputError` if there can be no such device.
     """
     check_device_name(device)
@@ -41,13 +41,12 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     contacts = pairing.sample_contacts(
         reference, job.trajectories.count, job.seed, float(job.depths_m[-1]), settings
     )
-    trajectory = np.repeat(np.arange(job.trajectories.count, dtype=np.int32), len(job.indenters))
-    indenter = np.tile(np.arange(len(job.indenters), dtype=np.int32), job.trajectories.count)
+    trajectory, indenter = number_presses(job)
     arrays = {
         "depth": job.depths_m,
         "press/trajectory": trajectory,
         "press/indenter": indenter,
-        "press/split": split_presses(job, trajectory, indenter),
+        "press/split": split_presses(job),
         "press/contact_pose": pairing.indenter_poses(contacts)[trajectory],
         "press/contact_normal": contacts.normals[trajectory],
     }
@@ -62,14 +61,6 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
         }
     return Plan(job, device, _attributes(job, device, sensors, indenters), arrays)
-
-
-def split_presses(job: Job, trajectory: np.ndarray, indenter: np.ndarray) -> np.ndarray:
-    """(press,) int8, by trajectory; with an indenter that the job leaves out, some presses are in no split."""
-    split = split_by_trajectory(job.trajectories.count, job.seed)[trajectory]
-    if (name := job.dataset.leave_out) is not None:
-        split = leave_out(split, indenter, job.indenter_names.index(name))
-    return split
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+import simgen
 from simgen.capacity import presses_at_once
 from simgen.dataset import Dataset
 from simgen.dataset_writer import folder_aside
@@ -26,7 +27,7 @@ from simgen.indenter import Indenter, load_indenter
 from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, press
-from simgen.provenance import code_version, difference, package_versions
+from simgen.provenance import difference, package_versions, source_hash
 from simgen.quiet import start_warp
 from simgen.sensor import Sensor
 from simgen.shard_writer import ShardWriter, put_shards_in_place
@@ -34,6 +35,8 @@ from simgen.shard_writer import ShardWriter, put_shards_in_place
 Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
 """(indenter indices, poses in the sensor's frame (b, 4, 4) m, depths (d,) m) -> one result each."""
 
+# Of what this process has loaded: the files may change while a worker lives, what it runs does not.
+LOADED = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
 WRITTEN_AT_ONCE = min(16, os.cpu_count() or 1)  # shards: each takes 0.2 s of a core and 0.1 GB a sensor
 SOLVING = threading.Lock()  # one task of a process solves, others read and write
 
@@ -96,23 +99,18 @@ def _presser(
 def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
     """What `_sensor` and `_indenters` hold, and the code that will press, as JSON of the dataset's attributes."""
     own = {
-        "code": _code(code_version()),
-        "packages": package_versions(),
+        **LOADED,
         "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
         "indenters": {name: own.identity() for name, own in zip(job.indenter_names, _indenters(job), strict=True)},
     }
     return json.dumps(own, sort_keys=True)
 
 
-def _code(version: Mapping[str, Any]) -> dict[str, Any]:
-    """What decides the bytes: a checkout and a wheel of the same sources are the same."""
-    return {key: version[key] for key in ("version", "source")}
-
-
 def recorded_inputs(attributes: Mapping[str, Any]) -> str:
     """What `_inputs` was where the dataset was planned, from the attributes of the dataset."""
     own = {key: attributes[key] for key in ("sensors", "indenters", "packages")}
-    return json.dumps({**own, "code": _code(attributes["code"])}, sort_keys=True)
+    code = {key: attributes["code"][key] for key in LOADED["code"]}  # a checkout and a wheel may be the same
+    return json.dumps({**own, "code": code}, sort_keys=True)
 
 
 def _check_inputs(job: Job, recorded: str) -> None:
@@ -128,7 +126,8 @@ def _check_inputs(job: Job, recorded: str) -> None:
     if changes := difference(json.loads(recorded), json.loads(_inputs(job, sensors))):
         raise InputError(
             f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all workers "
-            "the same code and files, and the same meshes by running `simgen mesh` once in a folder they share"
+            "the same code and files, start them again after a change, and make meshes once in a folder they share "
+            "(`simgen mesh`)"
         )
 
 

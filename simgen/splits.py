@@ -5,6 +5,8 @@ Samples of one trajectory look alike, whatever is pressed there and however deep
 
 import numpy as np
 
+from simgen.job_schema import Job
+
 # Shares of the trajectories. Those of the published data: 122,924, 15,560 and 17,121 of 155,605 samples (ACROSS).
 SPLITS = {"train": 0.79, "validation": 0.10, "test": 0.11}
 IN_NONE = -1
@@ -17,6 +19,22 @@ def split_by_trajectory(count: int, seed: int) -> np.ndarray:
     split = np.empty(count, np.int8)
     for code, members in enumerate(np.split(order, bounds)):
         split[members] = code
+    return split
+
+
+def number_presses(job: Job) -> tuple[np.ndarray, np.ndarray]:
+    """Trajectory and indenter of each press (press,): all indenters of a trajectory, then those of the next."""
+    trajectories, indenters = job.trajectories.count, len(job.indenters)
+    trajectory = np.repeat(np.arange(trajectories, dtype=np.int32), indenters)
+    return trajectory, np.tile(np.arange(indenters, dtype=np.int32), trajectories)
+
+
+def split_presses(job: Job) -> np.ndarray:
+    """(press,) int8, by trajectory; with an indenter that the job leaves out, some presses are in no split."""
+    trajectory, indenter = number_presses(job)
+    split = split_by_trajectory(job.trajectories.count, job.seed)[trajectory]
+    if (name := job.dataset.leave_out) is not None:
+        split = leave_out(split, indenter, job.indenter_names.index(name))
     return split
 
 

@@ -172,14 +172,16 @@ class _Look:
 
 def pressed_indenters(dataset: Dataset) -> list[Indenter]:
     """The indenters of the dataset. Raises `InputError` if one, a user's own file, has changed or is gone."""
-    found = []
-    for name, text in zip(dataset.indenters, dataset.job.indenters, strict=True):
-        own = load_indenter(dataset.job.locate(text))
-        stored = dataset.attributes.get("indenters", {}).get(name, {})
-        if changes := difference(stored, own.identity()):
-            raise InputError(f"{name}: not the indenter that was pressed ({'; '.join(changes)})")
-        found.append(own)
-    return found
+    return [pressed_indenter(dataset, index) for index in range(len(dataset.indenters))]
+
+
+def pressed_indenter(dataset: Dataset, index: int) -> Indenter:
+    """One of them."""
+    name, text = dataset.indenters[index], dataset.job.indenters[index]
+    own, stored = load_indenter(dataset.job.locate(text)), dataset.attributes.get("indenters", {}).get(name)
+    if stored is not None and (changes := difference(stored, own.identity())):
+        raise InputError(f"{name}: not the indenter that was pressed ({'; '.join(changes)})")
+    return own
 
 
 def nearest_on_surface(

@@ -21,6 +21,7 @@ from simgen.shard import Presser, fem_presser, prepare
 TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
 LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
 ANSWER_S = 10.0  # within which a scheduler must answer
+LONGEST_WAIT_S = 300.0  # for as many workers as are asked for
 
 # A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -106,10 +107,10 @@ def start_workers(
     """Workers for a job.
 
     `count` processes of a local cluster (default: one per core, or one per GPU; no more than shards), all those of a
-    `scheduler`, which see the same file system, as soon as there are `count`, or this process if that is "sync". Those
-    of a local cluster load their sensors, scenes and kernels as soon as they start; with GPUs that is at once, as cores
-    are free while the caller plans. Raises `InputError` for a device that this machine has not, unless the workers are
-    elsewhere.
+    `scheduler`, which see the same file system, once there are `count` or after `LONGEST_WAIT_S`, or this process if
+    that is "sync". Those of a local cluster load their sensors, scenes and kernels as soon as they start; with GPUs
+    that is at once, as cores are free while the caller plans. Raises `InputError` for a device that this machine has
+    not, unless the workers are elsewhere.
     """
     if scheduler is None or scheduler == "sync":
         check_device(device)
@@ -129,7 +130,8 @@ def start_workers(
 
             def joined() -> tuple[Client, list]:
                 if count:
-                    client.wait_for_workers(count)
+                    with suppress(TimeoutError):  # fewer will do
+                        client.wait_for_workers(count, timeout=LONGEST_WAIT_S)
                 return client, []
 
             yield Workers(device, count or max(1, len(client.nthreads())), joined)

@@ -17,8 +17,9 @@ import zarr
 from simgen.dataset import Dataset
 from simgen.job import job_from_dict
 from simgen.job_schema import Job
-from simgen.plan import indenter_identities, split_presses
+from simgen.plan import indenter_identities
 from simgen.provenance import code_version, package_versions
+from simgen.splits import split_presses
 
 RADIUS_M = 7e-3
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
@@ -56,7 +57,7 @@ def make_plan(job: Job) -> SimpleNamespace:
         "depth": job.depths_m,
         "press/trajectory": trajectory,
         "press/indenter": indenter,
-        "press/split": split_presses(job, trajectory, indenter),
+        "press/split": split_presses(job),
         "press/contact_pose": contact[trajectory],
         "press/contact_normal": normals[trajectory],
     }

@@ -48,6 +48,11 @@ SPOILED = {
     "normal": ("press/contact_normal", 10, [0.0, 0.0, 1.0], "digit: contact angle", "press 10"),
     "depth": ("depth", 0, 0.5, "dataset: depths", ""),
     "split": ("press/split", 0, 2, "dataset: splits", "trajectories 0"),
+    "trajectory": ("press/trajectory", 4, 0, "dataset: numbering", "trajectory: press 4"),
+    "indenter": ("press/indenter", 5, 0, "dataset: numbering", "indenter: press 5"),
+    "force": ("biotac/force", (2, 1, 0), np.nan, "biotac: force gaps", "press 2, depth 1"),
+    "moment": ("digit/moment", (0, 3), np.nan, "digit: moment gaps", "press 0, depth 3"),
+    "status that is none": ("digit/status", (3, 1), 77, "digit: samples converged", "press 3, depth 1"),
 }  # fmt: skip
 # A pose that is wrong puts the indenter elsewhere, too; a normal is shared; a depth is where the indenter should be.
 ALSO = {
@@ -55,6 +60,9 @@ ALSO = {
     "skewed": ("contact", "indenter"),
     "normal": ("contact",),
     "depth": ("indenter",),
+    "split": ("numbering",),
+    "trajectory": ("splits",),
+    "indenter": ("indenter",),
 }
 
 

@@ -1,8 +1,11 @@
 """The card of a dataset: what stands in it is what is in the dataset, and Croissant's own reader takes it."""
 
 import csv
+import hashlib
 import io
+import json
 import logging
+import shutil
 
 import fake
 import numpy as np
@@ -91,6 +94,19 @@ def test_an_owner_may_edit_it(dataset):
     run(fake.make_plan(fake.make_job(**JOB)), dataset.path, build=fake.failing_presser)
     assert card.read_text().endswith("Ours.\n")
     card.write_text(before)
+
+
+def test_a_repair_leaves_the_owner_s_text_and_renews_the_table(dataset, tmp_path):
+    """Solved again by a press that succeeds where the ring had stalled."""
+    path = tmp_path / "d.zarr"
+    shutil.copytree(dataset.path, path)
+    (path / "README.md").write_text("Ours.")
+    run(fake.make_plan(fake.make_job(**JOB)), path, build=fake.fake_presser, again=range(7))
+    assert (path / "README.md").read_text() == "Ours."
+    rows = list(csv.DictReader(io.StringIO((path / "presses.csv").read_text())))
+    assert {row["digit_converged"] for row in rows} == {"4"}
+    known = json.loads((path / "croissant.json").read_text())["distribution"][0]
+    assert known["sha256"] == hashlib.sha256((path / "presses.csv").read_bytes()).hexdigest()
 
 
 def test_an_unfinished_dataset_has_none(tmp_path):

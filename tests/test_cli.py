@@ -88,7 +88,7 @@ def test_check_writes_its_findings(dataset, tmp_path):
     assert done.stderr == "simgen: nowhere/found.json: cannot be written: No such file or directory\n"
 
 
-def test_report_writes_one_page_named_after_the_job(dataset, tmp_path):
+def test_report_writes_one_page_named_after_the_dataset(dataset, tmp_path):
     done = simgen("report", dataset, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "fake.html").is_file()
+    assert (tmp_path / "d.html").is_file()

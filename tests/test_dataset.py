@@ -17,6 +17,7 @@ from simgen.dataset import DISPLACEMENT_STEP_M, Dataset
 from simgen.dataset_writer import create, folder_aside, manifest_aside, open_or_create, write_aside
 from simgen.errors import InputError
 from simgen.provenance import difference
+from simgen.run import run
 from simgen.whole_files import put_in_place
 
 
@@ -166,6 +167,22 @@ def test_a_liquid_has_its_pressure_and_its_certificate_and_costs_the_others_noth
         [fake.make_job(), fake.make_job(sensors=fake.FILLED)]))  # fmt: skip
     assert filled - plain == {"biotac/cavity_pressure", "biotac/certificate/liquid_volume_error"}
     assert plain < filled
+
+
+@pytest.mark.parametrize("name", ["press/split", "depth", "digit/rest_positions", "digit/displacement", "biotac/force",
+                                  "digit/touch"])  # fmt: skip
+def test_a_file_that_is_gone_is_not_read_as_fill_values(tmp_path, name):
+    """As after a copy that was interrupted: zarr alone would give zeros, or NaN that looks like a press that failed."""
+    copy = tmp_path / "copy.zarr"
+    presses = run(fake.make_plan(fake.make_job()), copy, build=fake.fake_presser).presses
+    gone = next(file for file in sorted((copy / name / "c").rglob("*")) if file.is_file())
+    gone.unlink()
+    with pytest.raises(InputError, match=f"{gone.relative_to(copy)}: is gone, and its manifest says that it was"):
+        Dataset(copy)[name]
+    if name.endswith("displacement"):
+        with pytest.raises(InputError, match="is gone"):
+            Dataset(copy).displacement("digit", 0, 0)
+        assert Dataset(copy).displacement("digit", presses - 1, 0).shape == (len(fake.VERTICES), 3)
 
 
 def test_another_job_into_an_existing_dataset_is_refused_with_the_difference(dataset):

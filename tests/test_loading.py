@@ -87,6 +87,21 @@ def test_numbers_beyond_the_end_and_from_it(dataset):
     assert samples[-1]["press"] == samples[len(samples) - 1]["press"] == 59
     with pytest.raises(IndexError):
         samples[len(samples)]
+    some = samples[3:7]
+    assert len(some) == 4 and some[0]["press"] == samples[3]["press"]
+
+
+def test_a_liquid_s_pressure(tmp_path):
+    filled = run(fake.make_plan(fake.make_job(sensors=fake.FILLED)), tmp_path / "d.zarr", build=fake.fake_presser)
+    sample = load_dataset(filled.path)[2]
+    assert sample["biotac/cavity_pressure"] == np.float32(filled["biotac/cavity_pressure"][0, 2])
+    assert "digit/cavity_pressure" not in sample
+
+
+def test_a_split_without_samples_is_said(tmp_path):
+    small = run(fake.make_plan(fake.make_job(trajectories={"count": 1})), tmp_path / "d.zarr", build=fake.fake_presser)
+    with pytest.raises(InputError, match="of split 'test' has converged; presses: train 3, validation 0, test 0"):
+        load_dataset(small.path, "test")
 
 
 @pytest.mark.parametrize("start", ["fork", "spawn"])

@@ -218,6 +218,15 @@ def test_a_worker_with_another_indenter_file_writes_nothing(tmp_path):
         assert re.search(r"the inputs on .* are not the dataset's \(indenters\.block\.sha256: ", report.error)
 
 
+def test_a_worker_compares_what_it_has_loaded(tmp_path, monkeypatch):
+    """Not what lies on the disk by now: its code may have been updated since it started."""
+    monkeypatch.setattr("simgen.provenance.source_hash", lambda: "newer")
+    plan, reports = fake.make_plan(fake.make_job()), []
+    assert plan.attributes["code"]["source"] == "newer"
+    dataset = run(plan, tmp_path / "d.zarr", on_report=reports.append, build=fake.fake_presser)
+    assert dataset.finished() == [] and all("code.source: newer -> " in report.error for report in reports)
+
+
 @pytest.mark.parametrize("what, key", [("packages", "warp-lang"), ("code", "source")])
 def test_a_worker_with_another_version_writes_nothing(tmp_path, what, key):
     """As on a machine where another one is installed."""

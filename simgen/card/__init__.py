@@ -2,7 +2,8 @@
 ``croissant.json``, which describes them and the arrays in the vocabulary of MLCommons.
 
 They are made from the arrays and the attributes alone: no date, no host. A run writes them when its last shard is
-there; from then on they are their owner's to edit, and no manifest vouches for them.
+there; from then on they are their owner's to edit, and no manifest vouches for them. They are written again where one
+is missing, or where the table is another one after a repair; a ``README.md`` that is there stays.
 """
 
 from pathlib import Path
@@ -19,11 +20,17 @@ CARD = ("README.md", "presses.csv", "croissant.json")
 
 
 def write_card(dataset: Dataset, aside: Path) -> None:
-    """Write the card of a dataset by way of a folder ``aside`` on its disk. Raises `InputError` if it cannot."""
+    """Write what the card of a dataset lacks, by way of a folder ``aside`` on its disk.
+
+    Raises `InputError` if it cannot be written.
+    """
     table = presses_csv(dataset)
-    texts = (readme(dataset), table, croissant(dataset, table))
+    texts = dict(zip(CARD, (readme(dataset), table, croissant(dataset, table)), strict=True))
+    there = dataset.path / "presses.csv"
+    same = there.is_file() and there.read_text() == table
+    kept = {name for name in CARD if (dataset.path / name).is_file() and (same or name == "README.md")}
     with writing(dataset.path):
-        files = {name: write_aside(aside, text.encode()) for name, text in zip(CARD, texts, strict=True)}
+        files = {name: write_aside(aside, text.encode()) for name, text in texts.items() if name not in kept}
         put_in_place(dataset.path, files)
 
 

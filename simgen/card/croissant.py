@@ -14,7 +14,7 @@ import zarr
 from simgen.dataset import Dataset
 
 from .presses import columns
-from .readme import SOURCES, summary
+from .readme import METHOD, summary
 
 CONTEXT = {
     "@language": "en",
@@ -66,7 +66,7 @@ def croissant(dataset: Dataset, table: str) -> str:
         "name": dataset.job.name,
         "description": summary(dataset),
         **({"license": license} if license else {}),
-        "citeAs": SOURCES[-1],
+        "citeAs": METHOD,
         "version": "1.0.0",
         "keywords": ["tactile sensing", "finite elements", "simulation", "robotics", *dataset.sensors],
         "isBasedOn": "https://github.com/wzaielamri/across_framework",

@@ -9,11 +9,12 @@ from simgen.dataset import Dataset
 from simgen.splits import SPLITS, split_names
 
 READING = """```python
+import torch
 from simgen import load_dataset
 
-samples = load_dataset("{path}", split="train")  # of samples that converged on all sensors
-sample = samples[0]                              # arrays by name, float32, SI units
-u = sample["{sensor}/displacement"]              # (vertex, 3) m; rest positions are in samples.rest_positions
+samples = load_dataset("{path}", split="train")  # this folder; samples that converged on all sensors
+sample = samples[0]                         # arrays by name, float32, SI units
+u = sample["{sensor}/displacement"]         # (vertex, 3) m; rest positions are in samples.rest_positions
 loader = torch.utils.data.DataLoader(samples.torch(), batch_size=32, shuffle=True)
 ```"""
 
@@ -23,11 +24,15 @@ LIMITS = (
     "Numbers come from a model of the sensors, not from a measurement of one.",
 )
 
-SOURCES = (
-    "The bundled sensors' shapes were measured on public meshes (BioTac skin: NVlabs/biotac_sim; DIGIT gel: "
-    "wzaielamri/across_framework; both MIT); none of their files is part of simgen or of this dataset.",
-    "The pairs follow ACROSS: A Deformation-Based Cross-Modal Representation for Robotic Tactile Perception "
-    "(ICRA 2025, arXiv:2411.08533).",
+SHAPES = {
+    "biotac": "The BioTac's shape was measured on a public mesh of its skin (NVlabs/biotac_sim, MIT), which is no part "
+              "of simgen or of this dataset.",
+    "digit": "The DIGIT's shape was measured on a public mesh of its gel (wzaielamri/across_framework, MIT), which is "
+             "no part of simgen or of this dataset.",
+}  # fmt: skip
+METHOD = (
+    "simgen makes pairs as ACROSS does: A Deformation-Based Cross-Modal Representation for Robotic Tactile Perception "
+    "(ICRA 2025, arXiv:2411.08533)."
 )
 
 
@@ -77,8 +82,10 @@ def _contents(dataset: Dataset) -> Iterator[str]:
         converged = [f"{np.count_nonzero(each[own] == 0)} of {each[own].size}" for each in status.values()]
         yield from _row([name, *counts, *converged])
     yield ""
-    yield "A contact (trajectory) is in one split with all its presses and depths. `presses.csv` lists the presses,"
-    yield "`croissant.json` describes table and arrays, and the folder itself is a zarr v3 group."
+    yield "No contact (trajectory) is in two splits. `presses.csv` lists the presses, `croissant.json` describes table"
+    yield "and arrays, and the folder itself is a zarr v3 group."
+    if (left_out := dataset.job.dataset.leave_out) is not None:
+        yield f"The test has {left_out} alone, and nothing else has it; other presses are in no split (none)."
 
 
 def _worth(dataset: Dataset) -> Iterator[str]:
@@ -145,7 +152,9 @@ def _terms(dataset: Dataset) -> Iterator[str]:
     yield ""
     yield from (f"- {limit}" for limit in LIMITS)
     yield f"- Licence of this dataset: {dataset.job.dataset.license or 'its maker has stated none'}."
-    yield from (f"- {source}" for source in SOURCES)
+    models = sorted({choice.model for choice in dataset.job.sensors.values()})
+    yield from (f"- {SHAPES[model]}" for model in models if model in SHAPES)
+    yield f"- {METHOD}"
 
 
 def _row(cells: list) -> Iterator[str]:

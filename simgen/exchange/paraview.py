@@ -2,7 +2,7 @@
 
 ``trajectory_<i>/<indenter>/<sensor>.pvd`` and ``<sensor>_indenter.pvd`` name a file for each depth, which is the time,
 in mm. Coordinates are deformed, in m, in the frame that the sensors share; of an imported dataset that does not say
-where its sensors lie, in the sensor's own frame, and without the indenter.
+where its sensors lie, in the sensor's own frame, and without the indenter, as where its file has changed or is gone.
 """
 
 from collections.abc import Iterable
@@ -13,9 +13,10 @@ import numpy as np
 import pyvista
 
 from simgen.dataset import Dataset
+from simgen.errors import InputError
 from simgen.exchange.selection import Selection, Track, advanced, vertex_flags
-from simgen.indenter import load_indenter
 from simgen.quiet import start_warp
+from simgen.touch_audit import pressed_indenter
 from simgen.whole_files import check_room
 
 
@@ -23,14 +24,22 @@ def export_vtk(selection: Selection, folder: Path, track: Track) -> None:
     """Two files for each press, sensor and depth: select few."""
     dataset = selection.dataset
     start_warp()  # which the shapes of indenters need
-    meshes = [load_indenter(dataset.job.locate(text)).mesh() for text in dataset.job.indenters]
-    indenters = [pyvista.PolyData.from_regular_faces(np.float32(mesh.vertices), mesh.faces) for mesh in meshes]
     trajectory, indenter = dataset["press/trajectory"], dataset["press/indenter"]
+    indenters = {index: _shape(dataset, index) for index in np.unique(indenter[selection.presses]).tolist()}
     for sensor in selection.sensors:
         series = _Series(dataset, sensor)
         for press in track(selection.presses, sensor):
             there = folder / f"trajectory_{trajectory[press]}" / dataset.indenters[indenter[press]]
             series.write(int(press), indenters[indenter[press]], there)
+
+
+def _shape(dataset: Dataset, index: int) -> pyvista.PolyData | None:
+    """None where the indenter that was pressed is not to be had any more."""
+    try:
+        mesh = pressed_indenter(dataset, index).mesh()
+    except InputError:
+        return None
+    return pyvista.PolyData.from_regular_faces(np.float32(mesh.vertices), mesh.faces)
 
 
 class _Series:
@@ -39,12 +48,12 @@ class _Series:
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor = dataset, sensor
         self.rest, self.tetrahedra = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/tetrahedra"]
-        self.flags, self.depths = vertex_flags(dataset, sensor), dataset["depth"]
+        self.flags, self.depths = vertex_flags(dataset, sensor), dataset.depths_of(sensor)
         self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
         self.pose = dataset[f"{sensor}/pose"]
         self.touched = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
 
-    def write(self, press: int, indenter: pyvista.PolyData, folder: Path) -> None:
+    def write(self, press: int, indenter: pyvista.PolyData | None, folder: Path) -> None:
         """All depths that converged of a press; nothing where none did."""
         steps = np.flatnonzero(self.status[press] == 0)
         if not len(steps):
@@ -55,13 +64,13 @@ class _Series:
             check_room(folder)  # on a full disk VTK ends the process
             meshes.append((step, folder / self.sensor / f"depth_{step}.vtu"))
             self._sample(press, step, displacement[step]).save(meshes[-1][1])
-            pose = advanced(self.touched[press], self.depths[step])
-            if np.isfinite(pose).all():
+            pose = advanced(self.touched[press], self.depths[press, step])
+            if indenter is not None and np.isfinite(pose).all():
                 shapes.append((step, folder / self.sensor / f"indenter_{step}.vtp"))
                 indenter.transform(pose, inplace=False).save(shapes[-1][1])
-        self._write_pvd(folder / f"{self.sensor}.pvd", meshes)
+        self._write_pvd(folder / f"{self.sensor}.pvd", press, meshes)
         if shapes:
-            self._write_pvd(folder / f"{self.sensor}_indenter.pvd", shapes)
+            self._write_pvd(folder / f"{self.sensor}_indenter.pvd", press, shapes)
 
     def _sample(self, press: int, step: int, displacement: np.ndarray) -> pyvista.UnstructuredGrid:
         pose = self.pose[press] if np.isfinite(self.pose[press]).all() else np.eye(4)
@@ -69,15 +78,15 @@ class _Series:
         mesh = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: self.tetrahedra}, points)
         mesh.point_data["displacement"] = displacement @ pose[:3, :3].T
         mesh.point_data.update(self.flags)
-        mesh.field_data["depth_mm"] = [1e3 * self.depths[step]]
+        mesh.field_data["depth_mm"] = [1e3 * self.depths[press, step]]
         mesh.field_data["force_N"] = (pose[:3, :3] @ self.force[press, step])[None]
         return mesh
 
-    def _write_pvd(self, path: Path, files: Iterable[tuple[int, Path]]) -> None:
+    def _write_pvd(self, path: Path, press: int, files: Iterable[tuple[int, Path]]) -> None:
         root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
         collection = ElementTree.SubElement(root, "Collection")
         for step, file in files:
             name = file.relative_to(path.parent).as_posix()
-            time = f"{1e3 * self.depths[step]:.9g}"
+            time = f"{1e3 * self.depths[press, step]:.9g}"
             ElementTree.SubElement(collection, "DataSet", timestep=time, part="0", file=name)
         ElementTree.ElementTree(root).write(path, xml_declaration=True)

@@ -98,7 +98,7 @@ class Samples:
     """The converged samples of one sensor, in its frame."""
 
     def __init__(self, dataset: Dataset, sensor: str):
-        self.dataset, self.sensor, self.depths = dataset, sensor, dataset["depth"]
+        self.dataset, self.sensor, self.depths = dataset, sensor, dataset.depths_of(sensor)
         self.trajectory, self.indenter = dataset["press/trajectory"], dataset["press/indenter"]
         self.rest, self.sensor_pose = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/pose"]
         self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
@@ -117,8 +117,8 @@ class Samples:
                     nodal_coordinates=self.rest + displacement[step],
                     force=self.force[press, step],
                     indenter=self.dataset.indenters[self.indenter[press]],
-                    pose=_known(advanced(self.first_touch[press], self.depths[step])),
-                    depth_m=float(self.depths[step]),
+                    pose=_known(advanced(self.first_touch[press], self.depths[press, step])),
+                    depth_m=float(self.depths[press, step]),
                     sensor_pose=_known(self.sensor_pose[press]),
                 )
 

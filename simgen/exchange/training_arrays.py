@@ -56,6 +56,7 @@ def export_npy(selection: Selection, folder: Path, track: Track) -> None:
         for name, values in mesh.items():
             axes, unit = ("vertex, 3", "m") if name == "rest_positions" else ("", "")
             files.whole(f"{sensor}/{name}", values, axes or ("vertex" if values.ndim == 1 else "cell, corner"), unit)
+        files.whole(f"{sensor}/depth", dataset.depths_of(sensor)[press, step], "sample", "m")
         for name, unit in OF_SAMPLE.items():
             files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], "sample, 3", unit)
         shape = (len(press), len(mesh["rest_positions"]), 3)
