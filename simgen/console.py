@@ -190,6 +190,8 @@ def print_export(folder: Path, selection: "Selection", files: Sequence[Path]) ->
     there, of = selection.paired.sum(), selection.paired.size
     size = _size(sum(file.stat().st_size for file in files))
     console.print(f"{folder}: {len(files)} files, {size}; {there} of {of} samples on {' and '.join(selection.sensors)}")
+    if missing := selection.dataset.unfinished():
+        console.print(f"the run is unfinished: {len(missing)} of {selection.dataset.shards} shards are not there yet")
 
 
 def print_import(dataset: "Dataset") -> None:

@@ -37,7 +37,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -200,7 +200,22 @@ class Dataset:
 
     @cached_property
     def job(self) -> Job:
-        return job_from_dict(self.attributes["job"], source=f"{self.path}: job")
+        """The job, whose relative paths start where they did when it was run last; here, if that is not known."""
+        folders = [line["folder"] for line in self.timings() if isinstance(line.get("folder"), str)]
+        source, folder = f"{self.path}: job", Path(folders[-1]) if folders else Path()
+        return job_from_dict(self.attributes["job"], source, folder=folder)
+
+    def timings(self) -> list[dict]:
+        """When and where runs began, and when, where and how each shard ended, in order.
+
+        Lines that a kill has cut short are left out.
+        """
+        file = self.path / "manifest" / TIMINGS
+        found = []
+        for text in file.read_text(encoding="utf-8", errors="replace").splitlines() if file.exists() else ():
+            with suppress(ValueError, RecursionError):
+                found.append(json.loads(text))
+        return [line for line in found if isinstance(line, dict)]
 
     @cached_property
     def sensors(self) -> tuple[str, ...]:

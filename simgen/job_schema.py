@@ -194,6 +194,11 @@ class Job(Section):
         """Presses times depths: each is one sample on every sensor."""
         return self.presses * self.depths_mm.count
 
+    @property
+    def folder(self) -> Path:
+        """Where its relative paths start: the folder of the job file."""
+        return self._folder
+
     def locate(self, text: str) -> str | Path:
         """A name stays a name; a path that is relative starts at the folder of the job file."""
         return self._folder / os.path.expanduser(text) if is_path(text) else text

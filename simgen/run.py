@@ -52,7 +52,7 @@ def run(
     with filling(dataset):
         shards = sorted({*dataset.unfinished(), *again})
         on_start(dataset.presses - sum(len(dataset.shard_presses(shard)) for shard in shards))
-        log_timing(dataset, {"began": time.time(), "shards": len(shards)})
+        log_timing(dataset, {"began": time.time(), "shards": len(shards), "folder": str(plan.job.folder.resolve())})
         size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers.count)
         try:
             for report in _reports(dataset, divide(shards, size), plan.job, workers, build):

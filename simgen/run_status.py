@@ -1,13 +1,11 @@
 """How far a run is: what is finished, who is at work, how fast, and what went wrong."""
 
-import json
 import time
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from simgen.dataset import TIMINGS, Dataset
+from simgen.dataset import Dataset
 from simgen.folder_lock import holder
 
 # What a shard's line says at least.
@@ -47,7 +45,7 @@ def run_status(dataset: Dataset, now: float | None = None) -> RunStatus:
     now = time.time() if now is None else now
     there = dataset.finished()
     finished = sum(len(dataset.shard_presses(shard)) for shard in there)
-    lines = timings(dataset)
+    lines = dataset.timings()
     began = max((line["began"] for line in lines if isinstance(line.get("began"), int | float)), default=now)
     latest = {line["shard"]: line for line in lines if _is_of_shard(line)}  # one may have been solved again
     whole = sorted((latest[shard] for shard in there if shard in latest), key=lambda line: line["finished"])
@@ -62,16 +60,6 @@ def run_status(dataset: Dataset, now: float | None = None) -> RunStatus:
         rate=rate,
         errors={s: line["error"] for s, line in sorted(latest.items()) if line["error"] and s not in there},
     )
-
-
-def timings(dataset: Dataset) -> list[dict]:
-    """When runs began, and when, where and how each shard ended, in order; lines that a kill cut short are left out."""
-    file = dataset.path / "manifest" / TIMINGS
-    found = []
-    for text in file.read_text(encoding="utf-8", errors="replace").splitlines() if file.exists() else ():
-        with suppress(ValueError, RecursionError):
-            found.append(json.loads(text))
-    return [line for line in found if isinstance(line, dict)]
 
 
 def _is_of_shard(line: dict) -> bool:

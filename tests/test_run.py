@@ -237,6 +237,19 @@ def test_a_worker_with_another_version_writes_nothing(tmp_path, what, key):
     assert all(re.search(rf"are not the dataset's \({what}\.{key}: 0\.1 -> ", report.error) for report in reports)
 
 
+def test_a_dataset_finds_its_indenter_again_from_anywhere(tmp_path, monkeypatch):
+    """By the folder of the job file, which a run writes down beside its times."""
+    (tmp_path / "jobs").mkdir()
+    trimesh.creation.box([8e-3, 4e-3, 6e-3]).apply_translation([0, -2e-3, 0]).export(tmp_path / "jobs/block.stl")
+    job = fake.make_job(indenters=["./block.stl"])
+    job._folder = tmp_path / "jobs"
+    dataset = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
+    monkeypatch.chdir("/")
+    again = Dataset(dataset.path)
+    assert again.job.locate("./block.stl") == tmp_path / "jobs/block.stl"
+    assert indenter_identities(again.job) == again.attributes["indenters"]
+
+
 def test_a_worker_with_another_mesh_writes_nothing(tmp_path):
     plan = fake.make_plan(fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}}))
     own = sensor_identity(plan.job, "digit", load_sensor("digit", "coarse"))

@@ -9,7 +9,7 @@ from simgen.dataset import Dataset
 from simgen.dataset_writer import filling, log_timing, open_or_create
 from simgen.errors import InputError
 from simgen.run import run
-from simgen.run_status import failures, run_status, timings
+from simgen.run_status import failures, run_status
 from simgen.shard import run_shards
 
 
@@ -61,7 +61,7 @@ def test_a_line_that_a_kill_left_half_written_is_left_out(tmp_path):
     file = dataset.path / "manifest/timings.jsonl"
     file.write_text(file.read_text()[:-20])
     log_timing(dataset, {"shard": 7})
-    assert [line.get("shard") for line in timings(dataset)] == [None, 0, 1, 2, 3, 4, 7]
+    assert [line.get("shard") for line in dataset.timings()] == [None, 0, 1, 2, 3, 4, 7]
 
 
 def test_failures_are_counted_by_what_befell_them(half):

@@ -9,7 +9,6 @@ import numpy as np
 from simgen.audit import check, passes
 from simgen.dataset import Dataset
 from simgen.page import folded, table
-from simgen.run_status import timings
 from simgen.splits import SPLITS
 
 
@@ -28,7 +27,7 @@ def head(dataset: Dataset) -> Iterator[str]:
 
 def _seconds(dataset: Dataset) -> str:
     """Mean seconds per press on each sensor, from the timings of the tasks."""
-    entries = [line for line in timings(dataset) if line.get("seconds_by_sensor")]
+    entries = [line for line in dataset.timings() if line.get("seconds_by_sensor")]
     presses = sum(entry["presses"] for entry in entries)
     if not presses:
         return ""
