@@ -1,0 +1,86 @@
+"""Shards: a worker presses only with the code, the packages, the sensors and the indenters of the dataset."""
+
+import re
+
+import fake
+import pytest
+import trimesh
+
+from simgen import shard
+from simgen.dataset import Dataset
+from simgen.plan import indenter_identities, sensor_identity
+from simgen.provenance import code_version, package_versions
+from simgen.run import run
+from simgen.sensor import load_sensor
+
+
+def test_a_worker_with_another_indenter_file_writes_nothing(tmp_path):
+    block = trimesh.creation.box([8e-3, 4e-3, 6e-3])
+    block.export(tmp_path / "block.stl")
+    plan = fake.make_plan(fake.make_job(indenters=[str(tmp_path / "block.stl")]))
+    reports = []
+    block.apply_scale(1.1).export(tmp_path / "block.stl")
+    path = tmp_path / "d.zarr"
+    dataset = run(plan, path, on_report=reports.append, build=fake.fake_presser)
+    assert dataset.finished() == []
+    for report in reports:
+        assert re.search(r"the inputs on .* are not the dataset's \(indenters\.block\.sha256: ", report.error)
+
+
+def test_a_worker_compares_what_it_has_loaded(tmp_path, monkeypatch):
+    """Not what lies on the disk by now: its code may have been updated since it started."""
+    monkeypatch.setattr("simgen.provenance.source_hash", lambda: "newer")
+    plan, reports = fake.make_plan(fake.make_job()), []
+    assert plan.attributes["code"]["source"] == "newer"
+    dataset = run(plan, tmp_path / "d.zarr", on_report=reports.append, build=fake.fake_presser)
+    assert dataset.finished() == [] and all("code.source: newer -> " in report.error for report in reports)
+
+
+@pytest.mark.parametrize("what, key", [("packages", "warp-lang"), ("code", "source")])
+def test_a_worker_with_another_version_writes_nothing(tmp_path, what, key):
+    """As on a machine where another one is installed."""
+    plan, reports = fake.make_plan(fake.make_job()), []
+    plan.attributes = {**plan.attributes, what: {**plan.attributes[what], key: "0.1"}}
+    dataset = run(plan, tmp_path / "d.zarr", on_report=reports.append, build=fake.fake_presser)
+    assert dataset.finished() == []
+    assert all(re.search(rf"are not the dataset's \({what}\.{key}: 0\.1 -> ", report.error) for report in reports)
+
+
+def test_a_dataset_finds_its_indenter_again_from_anywhere(tmp_path, monkeypatch):
+    """By the folder of the job file, which a run writes down beside its times."""
+    (tmp_path / "jobs").mkdir()
+    trimesh.creation.box([8e-3, 4e-3, 6e-3]).apply_translation([0, -2e-3, 0]).export(tmp_path / "jobs/block.stl")
+    job = fake.make_job(indenters=["./block.stl"])
+    job._folder = tmp_path / "jobs"
+    dataset = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
+    monkeypatch.chdir("/")
+    again = Dataset(dataset.path)
+    assert again.job.locate("./block.stl") == tmp_path / "jobs/block.stl"
+    assert indenter_identities(again.job) == again.attributes["indenters"]
+
+
+def test_a_worker_with_another_mesh_writes_nothing(tmp_path):
+    plan = fake.make_plan(fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}}))
+    own = sensor_identity(plan.job, "digit", load_sensor("digit", "coarse"))
+    for name, mesh, written in (("same", own["simulation_mesh"], 6), ("other", "0" * 64, 0)):
+        attributes = {**plan.attributes, "sensors": {"digit": {**own, "simulation_mesh": mesh}}}
+        plan.attributes = attributes
+        reports = []
+        path = tmp_path / f"{name}.zarr"
+        dataset = run(plan, path, on_report=reports.append, build=fake.fake_presser)
+        assert len(dataset.finished()) == written
+    assert all(f"sensors.digit.simulation_mesh: {mesh} -> {own['simulation_mesh']}" in r.error for r in reports)
+
+
+def test_what_was_checked_last_is_what_is_pressed(monkeypatch):
+    """A worker that solves for two datasets in turn, between which the sensor's files change and change back."""
+    job, files = fake.make_job(), {}
+    monkeypatch.setattr("simgen.shard.chosen_sensor", lambda job, name: files[name])
+    monkeypatch.setattr("simgen.shard.sensor_identity", lambda job, name, sensor: {"mesh": sensor})
+    for mesh in ("one", "other", "one"):
+        files["digit"] = mesh
+        here = {"code": code_version(), "packages": package_versions(), "indenters": indenter_identities(job)}
+        shard._check_inputs(job, shard.recorded_inputs({**here, "sensors": {"digit": {"mesh": mesh}}}))
+        assert shard._sensor(job, "digit") == mesh
+    shard._sensor.cache_clear()
+    shard._inputs.cache_clear()
