@@ -150,7 +150,7 @@ def report(
         typer.Option("--output", "-o", help="The page to write.", show_default="<dataset name>.html"),
     ] = None,
 ):
-    """Write one self-contained HTML page: deformed meshes, force against depth, certificates, failures."""
+    """Write one HTML page that needs no network: coverage, failures, a press in motion and in 3-D, patches, forces."""
     from simgen.dataset import Dataset
     from simgen.dataset_layout import checked
     from simgen.report import write_report
