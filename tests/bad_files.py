@@ -127,6 +127,8 @@ def array(name: str, values: np.ndarray | None) -> Callable[[Path], None]:
         root = zarr.open_group(dataset, mode="r+", use_consolidated=False)
         if values is None:
             del root[name]
+        elif (stored := root[name]).shape == values.shape and stored.dtype == values.dtype:
+            stored[...] = values  # into the files that there are
         else:
             root.create_array(name, data=values, overwrite=True)
         zarr.consolidate_metadata(dataset)
