@@ -183,3 +183,10 @@ def dome_surface(dome: Dome) -> trimesh.Trimesh:
         np.column_stack([p[:, 0], dome.back_y_mm - height, p[:, 1]]) for p, height in poles
     ])  # fmt: skip
     return outward(vertices, closed_rings(len(rings), len(rim)))
+
+
+def advanced(pose: np.ndarray, travel: np.ndarray | float) -> np.ndarray:
+    """Poses (..., 4, 4) of an indenter, moved by travel (...), m, along its own +y: where it presses."""
+    moved = pose.copy()
+    moved[..., :3, 3] += np.asarray(travel)[..., None] * pose[..., :3, 1]
+    return moved

@@ -10,6 +10,7 @@ import numpy as np
 from simgen.dataset import Dataset
 from simgen.dataset_writer import forget, manifest_aside, write_aside
 from simgen.errors import NOT_WRITABLE, InputError
+from simgen.geometry import advanced
 from simgen.press import PressResult
 from simgen.whole_files import Aside, put_in_place
 
@@ -56,7 +57,7 @@ class ShardWriter:
         if sensor == dataset.sensors[0]:
             # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
             self._first_touch = np.nan_to_num(touch)
-            values["press/pose"] = _advance(contact_pose, self._first_touch)
+            values["press/pose"] = advanced(contact_pose, self._first_touch)
         values[f"{sensor}/touch"] = touch - self._first_touch
         self.failed += sum(int(np.count_nonzero(result.status)) for result in results)
         self.seconds[sensor] = round(sum(result.seconds for result in results), 3)
@@ -107,10 +108,3 @@ def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> d
         if owner == sensor:
             columns[name] = [result.certificate[key] if group else getattr(result, key) for result in results]
     return columns
-
-
-def _advance(poses: np.ndarray, travel: np.ndarray) -> np.ndarray:
-    """Poses (b, 4, 4) moved by travel (b,) m along their own +y."""
-    moved = poses.copy()
-    moved[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
-    return moved

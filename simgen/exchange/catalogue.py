@@ -8,7 +8,8 @@ import numpy as np
 
 from simgen.errors import InputError
 from simgen.exchange.result_files import ResultFile
-from simgen.exchange.selection import Track, advanced
+from simgen.exchange.selection import Track
+from simgen.geometry import advanced
 from simgen.indenter import indenter_names
 
 

@@ -14,7 +14,8 @@ import pyvista
 
 from simgen.dataset import Dataset
 from simgen.errors import InputError
-from simgen.exchange.selection import Selection, Track, advanced, vertex_flags
+from simgen.exchange.selection import Selection, Track, vertex_flags
+from simgen.geometry import advanced
 from simgen.quiet import start_warp
 from simgen.touch_audit import pressed_indenter
 from simgen.whole_files import check_room

@@ -12,6 +12,7 @@ import numpy as np
 from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.exchange.result_files import Sample
+from simgen.geometry import advanced
 from simgen.splits import SPLITS
 
 SHOWN = 12  # numbers that a message lists
@@ -135,13 +136,6 @@ def first_touch(dataset: Dataset, sensor: str) -> np.ndarray:
     pose[known] = np.linalg.inv(to_sensor[known]) @ pose[known]
     pose[~known] = np.nan
     return pose
-
-
-def advanced(pose: np.ndarray, travel: np.ndarray | float) -> np.ndarray:
-    """Poses (..., 4, 4) of an indenter, moved by travel (...), m, along its own +y: where it presses."""
-    moved = pose.copy()
-    moved[..., :3, 3] += np.asarray(travel)[..., None] * pose[..., :3, 1]
-    return moved
 
 
 def vertex_flags(dataset: Dataset, sensor: str) -> dict[str, np.ndarray]:
