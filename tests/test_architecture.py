@@ -14,7 +14,7 @@ PACKAGE = Path(simgen.__file__).parent
 # From left to right, as the data walk. A module may import from its own room and from rooms before it.
 HOUSE = {
     "words": ["errors", "parsing", "yaml_files", "resources", "provenance", "quiet"],
-    "job": ["job", "job_schema"],
+    "job": ["section", "job", "job_schema"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
                "interpolation", "mesh_files", "mesh_quality", "region_edges", "sweep"],
