@@ -36,9 +36,10 @@ class ChebyshevConvolution(nn.Module):
         super().__init__()
         self.weight = nn.Parameter(torch.empty(order, outputs, inputs))
         self.bias = nn.Parameter(torch.empty(outputs)) if bias else None
-        # Row k: T_k as powers. Rounding grows with the sum of |coefficients|, 41 at K = 6, and a product is all it takes.
+        # Row k: T_k as powers of L, which take products alone. They cost some bits: entries of T_5 sum to 41 in size.
         powers = [np.pad(cheb2poly(np.eye(order)[k, : k + 1]), (0, order - 1 - k)) for k in range(order)]
-        self.register_buffer("powers", torch.tensor(np.array(powers), dtype=torch.float32), persistent=False)
+        powers = torch.tensor(np.array(powers), dtype=torch.get_default_dtype())
+        self.register_buffer("powers", powers, persistent=False)
         for parameter in self.parameters():
             nn.init.normal_(parameter, 0.0, INITIAL)
 
@@ -53,8 +54,8 @@ class _Convolution(torch.autograd.Function):
     """sum over p of W_p L^p x, with few sparse products and little memory.
 
     Sparse products are made on the side that has fewer features: on the inputs as powers, on the outputs by Horner's
-    rule. As L is symmetric, powers of the gradient of y give the gradients of x and of W alike; powers of x, where these
-    are smaller, are kept for it.
+    rule. As L is symmetric, powers of the gradient of y give the gradients of x and of W alike; powers of x, where
+    these are smaller, are kept for it.
     """
 
     @staticmethod

@@ -23,8 +23,8 @@ BOUND = 3.0  # of the sum of |weights|: by how much an interpolated value may ou
 class Hierarchy:
     """Levels of a mesh, each with half the vertices of the one before, rounded up.
 
-    Vertices are numbered anew, so that a level is the first ``sizes[level]`` of them: to go down a level is to leave out
-    the rest. ``order`` (vertex,) holds their numbers in the mesh. ``adjacency[level]`` (size, size) is 1 between
+    Vertices are numbered anew, so that a level is the first ``sizes[level]`` of them: to go down a level is to leave
+    out the rest. ``order`` (vertex,) holds their numbers in the mesh. ``adjacency[level]`` (size, size) is 1 between
     neighbours. ``interpolation[level]`` (size - next size, next size) takes values on the next level to the vertices
     that it leaves out; its rows sum to 1.
     """

@@ -5,6 +5,7 @@ decimates a surface by quadrics, here `simgen.training.hierarchy` thins out a me
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -41,7 +42,7 @@ class MeshVAE(nn.Module):
     def __init__(self, sizes: Sequence[int], edges: Sequence[int], weights: Sequence[int], latent: int = LATENT):
         super().__init__()
         self.sizes, self.latent, hidden = tuple(sizes), latent, HIDDEN * latent
-        steps = list(zip(self.sizes, self.sizes[1:], strict=False))
+        steps = list(pairwise(self.sizes))
         self.laplacians = nn.ModuleList(SparseMatrix(size, size, n) for size, n in zip(self.sizes, edges, strict=False))
         self.up = nn.ModuleList(SparseMatrix(a - b, b, n) for (a, b), n in zip(steps, weights, strict=True))
         self.up_transposed = nn.ModuleList(SparseMatrix(b, a - b, n) for (a, b), n in zip(steps, weights, strict=True))
@@ -100,7 +101,7 @@ class MeshVAE(nn.Module):
         return in_order.permute(2, 0, 1) * self.deviation + self.mean
 
     def forward(self, displacement: Tensor) -> Tensor:
-        """Displacements (n, vertex, 3), m, there and back: through the mean latent in evaluation, one drawn in training."""
+        """Displacements (n, vertex, 3), m, there and back; by the mean latent, or in training by one that is drawn."""
         return self.decode(self._draw(*self.encode(displacement)))
 
     def loss(self, displacement: Tensor, beta: float) -> tuple[Tensor, Tensor, Tensor]:
@@ -141,4 +142,4 @@ class MeshVAE(nn.Module):
 
 
 def _convolutions(widths: Sequence[int]) -> list[ChebyshevConvolution]:
-    return [ChebyshevConvolution(a, b, ORDER) for a, b in zip(widths, widths[1:], strict=False)]
+    return [ChebyshevConvolution(a, b, ORDER) for a, b in pairwise(widths)]

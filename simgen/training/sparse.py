@@ -1,4 +1,4 @@
-"""Constant sparse matrices that are part of a network: kept as dense buffers, so that any file of tensors holds them."""
+"""Constant sparse matrices that are part of a network, kept as dense buffers: any file of tensors holds them."""
 
 import warnings
 
