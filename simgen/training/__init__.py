@@ -1,1 +1,4 @@
-"""Networks that translate touch between sensors: trained on a dataset, measured on its test split."""
+"""Networks from a dataset: what the ACROSS paper trains, what beats it, and how well both do.
+
+The only part of simgen that needs torch (``pip install simgen[training]``).
+"""
