@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from simgen.errors import shown
+from simgen.section import Section
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -23,14 +24,10 @@ NOT_SENSORS = ("press", "depth", "manifest", "zarr.json", "README.md", "presses.
 FINEST_MM = 1e-6  # depths are whole nanometres
 
 
-class Section(BaseModel):
-    """A frozen group of keys that accepts no other keys, no NaN, and no text where a number is due."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
 class MaterialChoice(Section):
     """A material preset of the sensor model (``material: solid``); single values may replace its own."""
+
+    text_means = "preset"
 
     preset: str = Field("solid", description="a preset of the sensor model, e.g. solid")
     youngs_modulus_pa: float | None = Field(
@@ -42,7 +39,7 @@ class MaterialChoice(Section):
     @model_validator(mode="before")
     @classmethod
     def _preset_alone(cls, value: Any) -> Any:
-        return {"preset": value} if isinstance(value, str) else value
+        return {cls.text_means: value} if isinstance(value, str) else value
 
 
 class SensorChoice(Section):

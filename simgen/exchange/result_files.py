@@ -28,6 +28,7 @@ import h5py
 import numpy as np
 
 from simgen.errors import InputError, system_errors
+from simgen.hdf5_files import dataset_at, group_at, numbers, open_hdf5
 from simgen.whole_files import check_room
 
 COORDINATES, FORCES, DISTANCES = "nodal_coords", "net_force_vecs", "max_contact_distances"
@@ -105,10 +106,7 @@ class ResultFile:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        try:
-            self._file = h5py.File(self.path, "r")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read as HDF5 ({' '.join(str(error).split())})") from None
+        self._file = open_hdf5(self.path)
         self.attributes = dict(self._file.attrs)
         self._trials = _numbered(self._file, "trial")
         steps = _numbered(self._file, "step")
@@ -187,23 +185,13 @@ class ResultFile:
         raise InputError(f"{self.path}: {trial}: no step_<j>/{COORDINATES}_<sensor> in it")
 
     def _numbers(self, stored: h5py.Dataset) -> np.ndarray:
-        try:
-            numbers = stored[...].astype(float)
-        except (OSError, ValueError) as error:
-            raise InputError(f"{self.path}: {stored.name}: {' '.join(str(error).split())}") from None
-        if not np.isfinite(numbers).all():
-            raise InputError(f"{self.path}: {stored.name}: values that are not finite numbers")
-        return numbers
+        return numbers(self.path, stored)
 
     def _group(self, key: str) -> h5py.Group:
-        if not isinstance(found := self._file.get(key), h5py.Group):
-            raise InputError(f"{self.path}: {key}: not there, expected a group")
-        return found
+        return group_at(self.path, self._file, key)
 
     def _dataset(self, key: str) -> h5py.Dataset:
-        if not isinstance(found := self._file.get(key), h5py.Dataset):
-            raise InputError(f"{self.path}: {key}: not there, expected numbers")
-        return found
+        return dataset_at(self.path, self._file, key)
 
 
 def _numbered(group: h5py.Group, name: str) -> list[int]:
