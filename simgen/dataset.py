@@ -275,19 +275,23 @@ class Dataset:
 
     def displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """(..., vertex, 3) float64 in m; NaN where not reached or not there yet."""
+        stored, scale = self.stored_displacement(sensor, press, depth), self.displacement_scale(sensor)
+        return stored.astype(np.float64) if scale is None else np.where(stored == NOT_REACHED, np.nan, stored * scale)
+
+    def stored_displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
+        """(..., vertex, 3) as it is stored: float32 in m, or int16 in steps of `displacement_scale`."""
         name = f"{sensor}/displacement"
         for shard in self._shards_of(press):
             if (self.path / "manifest" / f"{shard:06d}.json").exists():
                 self._check_file(chunk_path(name, shard, 4))
         with self._reading(name):
-            array = self._sharded(name)
-            stored = array[press, depth]
-        scale = array.attrs.get("scale_factor")
-        return (
-            stored.astype(np.float64)
-            if scale is None
-            else np.where(stored == NOT_REACHED, np.nan, stored * scale)
-        )
+            return self._sharded(name)[press, depth]
+
+    def displacement_scale(self, sensor: str) -> float | None:
+        """m a step of stored displacements; None if they are stored in m."""
+        name = f"{sensor}/displacement"
+        with self._reading(name):
+            return self._sharded(name).attrs.get("scale_factor")
 
     def _sharded(self, name: str) -> zarr.Array:
         if name not in self._open:

@@ -113,8 +113,7 @@ class _Look:
             self.rounding = dataset.attributes["source"]["meshes"][sensor]["rounding_m"]
             self.why_not = "the files that were imported do not say how far a mesh may overlap it"
             return
-        on_surface = np.unique(dataset[f"{sensor}/surface_triangles"])
-        self.touchable = on_surface[dataset[f"{sensor}/touchable"][on_surface]]
+        self.touchable = touchable_points(dataset, sensor)
         self.rest = dataset[f"{sensor}/rest_positions"][self.touchable]
         self.stated = dataset[f"{sensor}/certificate/max_penetration_m"]
         self.touch, self.depth = dataset[f"{sensor}/touch"], dataset["depth"]
@@ -168,6 +167,12 @@ class _Look:
             wp.launch(_nearest_vertex_kernel, dim=dim, inputs=[self.shapes, *inputs], outputs=[least], device="cpu")
         distances = least.numpy() * 1e-3
         return distances[:count], distances[count:]
+
+
+def touchable_points(dataset: Dataset, sensor: str) -> np.ndarray:
+    """(n,) the vertices of a sensor's surface that may touch an indenter."""
+    on_surface = np.unique(dataset[f"{sensor}/surface_triangles"])
+    return on_surface[dataset[f"{sensor}/touchable"][on_surface]]
 
 
 def pressed_indenters(dataset: Dataset) -> list[Indenter]:

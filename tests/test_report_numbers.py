@@ -46,15 +46,6 @@ def pressed_by_sphere(dataset, press: int, depth: int) -> np.ndarray:
     return np.linalg.norm(moved - centre, axis=1) - 3.5e-3 <= 5e-5
 
 
-@pytest.mark.parametrize("depth", [0, 3])
-def test_a_contact_patch_is_what_the_equation_of_the_sphere_says(failing, depth):
-    patches, press = Patches(failing, "biotac"), 3
-    displacement = failing.displacement("biotac", press, depth)
-    expected = pressed_by_sphere(failing, press, depth)[patches.surface.points]
-    np.testing.assert_array_equal(patches.touching(press, depth, displacement), expected)
-    assert 0 < expected.sum() < len(expected) / 4
-
-
 def test_the_share_in_contact_is_the_mean_over_all_depths(failing):
     patches, presses = Patches(failing, "digit"), np.array([0, 3, 6])
     share, samples = patches.share(presses)

@@ -6,13 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
+from simgen.contact_patch import ContactPatches
 from simgen.dataset import Dataset
 from simgen.drawing import camera, draw_surface
 from simgen.errors import InputError
-from simgen.indenter import signed_distance
 from simgen.page import picture, tiles
-from simgen.quiet import start_warp
-from simgen.touch_audit import FACET_M, pressed_indenters
+from simgen.touch_audit import FACET_M
 
 from .choice import NOTHING_YET, depths_reached, drawn_presses, furthest_press
 from .touchable import draw_map, touchable_surface
@@ -22,35 +21,26 @@ CLOSE_UP_M = 9e-3  # half the width of what a close-up shows
 
 
 class Patches:
-    """Contact patches on one sensor: points of the touchable surface at most `FACET_M` from the indenter, or in it.
-
-    Raises `InputError` if an indenter is no more what it was.
-    """
+    """Contact patches on one sensor, see `simgen.contact_patch`. Raises `InputError` as it does."""
 
     def __init__(self, dataset: Dataset, sensor: str):
-        start_warp()
         self.dataset, self.sensor = dataset, sensor
+        self._contact = ContactPatches(dataset, sensor)
         self.surface = touchable_surface(dataset, sensor)
-        self._shapes = [indenter.shape() for indenter in pressed_indenters(dataset)]
-        self._indenter, self._depth = dataset["press/indenter"], dataset["depth"]
-        self._touch, self._reached = dataset[f"{sensor}/touch"], depths_reached(dataset, sensor)
-        self._first_touch = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
+        self._reached = depths_reached(dataset, sensor)
 
-    def touching(self, press: int, depth: int, displacement: np.ndarray) -> np.ndarray:
-        """(point,) whether each touches, displaced by (vertex, 3) m."""
-        pose, points = self._first_touch[press], self.surface.points
-        tip = pose[:3, 3] + (self._touch[press] + self._depth[depth]) * pose[:3, 1]
-        local = (self.surface.vertices[points] + displacement[points] - tip) @ pose[:3, :3]
-        return signed_distance(self._shapes[self._indenter[press]], local * 1e3)[0] <= FACET_M * 1e3
+    def touching(self, press: int, steps: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+        """(step, point) whether each point touches, at some depths of a press, displaced by (step, vertex, 3) m."""
+        return self._contact.touching(np.full(len(steps), press), steps, displacement[:, self.surface.points])
 
     def share(self, presses: np.ndarray) -> tuple[np.ndarray, int]:
         """(point,) share of the converged samples of some presses in which each touches, and how many samples."""
-        times, samples = np.zeros(len(self.surface.points)), 0
+        times = np.zeros(len(self.surface.points))
         for press in map(int, presses):
             reached = int(self._reached[press])
             displacement = self.dataset.displacement(self.sensor, press, slice(0, reached))
-            times += sum(self.touching(press, depth, own) for depth, own in enumerate(displacement))
-            samples += reached
+            times += self.touching(press, np.arange(reached), displacement).sum(axis=0)
+        samples = int(self._reached[presses].sum())
         return times / max(samples, 1), samples
 
 
@@ -111,7 +101,7 @@ def _draw_patch(axes, patches: Patches, press: int, depth: int) -> None:
     """A close-up along the contact's normal, in the frame of the sensor."""
     dataset, sensor, surface = patches.dataset, patches.sensor, patches.surface
     displacement = dataset.displacement(sensor, press, depth)
-    touching = patches.touching(press, depth, displacement)
+    (touching,) = patches.touching(press, np.array([depth]), displacement[None])
     pose = dataset.root[f"{sensor}/pose"][press]
     contact = (dataset.root["press/contact_pose"][press][:3, 3] - pose[:3, 3]) @ pose[:3, :3]
     view = camera(dataset.root["press/contact_normal"][press] @ pose[:3, :3])

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from simgen.dataset import Dataset
 from simgen.drawing import FROM_OTHER_SIDE, FROM_PAD, draw_points, draw_surface
+from simgen.touch_audit import touchable_points
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,7 @@ class TouchableSurface:
 def touchable_surface(dataset: Dataset, sensor: str) -> TouchableSurface:
     vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
     touchable = dataset[f"{sensor}/touchable"]
-    on_surface = np.unique(triangles)
-    points = on_surface[touchable[on_surface]]
+    points = touchable_points(dataset, sensor)
     a, b, c = np.swapaxes(vertices[triangles], 0, 1)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) * touchable[triangles].all(axis=1)
     areas = np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(vertices))[points]

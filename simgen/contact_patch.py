@@ -1,0 +1,71 @@
+"""The contact patch of a sample: which points of a sensor's touchable surface touch the indenter."""
+
+import numpy as np
+import warp as wp
+
+from simgen.dataset import Dataset
+from simgen.distance import RigidShape, distance
+from simgen.errors import InputError
+from simgen.geometry import advanced
+from simgen.quiet import start_warp
+from simgen.shape import shape_array
+from simgen.touch_audit import FACET_M, pressed_indenters, touchable_points
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _distance_kernel(
+    shapes: wp.array(dtype=RigidShape),
+    indenter: wp.array(dtype=wp.int32),
+    rotation: wp.array(dtype=wp.mat33d),
+    tip: wp.array(dtype=wp.vec3d),
+    rest: wp.array(dtype=wp.vec3d),
+    displacement: wp.array2d(dtype=wp.vec3d),
+    # outputs
+    distance_out: wp.array2d(dtype=wp.float64),
+):
+    """Signed distance, mm, of displaced points (m) from each sample's shape, where it is."""
+    sample, point = wp.tid()
+    local = wp.transpose(rotation[sample]) * (rest[point] + displacement[sample, point] - tip[sample])
+    distance_out[sample, point] = distance(shapes[indenter[sample]], wp.float64(1000.0) * local)
+
+
+class ContactPatches:
+    """A point touches if it is at most `FACET_M` from the indenter, or in it.
+
+    points : (point,) vertices of the touchable surface
+
+    Raises `InputError` if the dataset was imported, and does not say what may touch, or if an indenter is no more what
+    it was.
+    """
+
+    def __init__(self, dataset: Dataset, sensor: str):
+        if dataset.imported:
+            raise InputError(f"{dataset.path}: the files that were imported do not say what touches the indenter")
+        start_warp()
+        self.points = touchable_points(dataset, sensor)
+        self._rest = dataset[f"{sensor}/rest_positions"][self.points]
+        self._shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)])
+        self._indenter, self._depth = dataset["press/indenter"], dataset["depth"]
+        self._first_touch = advanced(
+            np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"], dataset[f"{sensor}/touch"]
+        )
+
+    def touching(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+        """(sample, point) whether each touches, in samples of these presses and depths, indices (sample,) each.
+
+        displacement : (sample, point, 3) m, of `points` alone
+        """
+        pose = advanced(self._first_touch[press], self._depth[step])
+        arrays = [
+            (self._indenter[press], wp.int32),
+            (pose[:, :3, :3], wp.mat33d),
+            (pose[:, :3, 3], wp.vec3d),
+            (self._rest, wp.vec3d),
+            (np.asarray(displacement, np.float64), wp.vec3d),
+        ]
+        inputs = [wp.array(np.ascontiguousarray(values), dtype=kind, device="cpu") for values, kind in arrays]
+        found = wp.empty((len(pose), len(self.points)), dtype=wp.float64, device="cpu")
+        wp.launch(_distance_kernel, dim=found.shape, inputs=[self._shapes, *inputs], outputs=[found], device="cpu")
+        return found.numpy() <= FACET_M * 1e3
