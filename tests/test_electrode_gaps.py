@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import pyvista
 import trimesh
+import warp as wp
 
 from simgen.dataset import Dataset
 from simgen.electrode_gaps import GapGauge, gaps, gauge_of, outward_normals
@@ -49,6 +50,14 @@ def test_skin_that_tilts():
     vertices = plane(GAP)[0]
     tilt = np.stack([slope * (vertices[:, :1] - 1e-3) * [0, 0, 1] for slope in (-0.5, 0.2)])
     np.testing.assert_allclose(gauge(tilt), [[GAP + 5e-4], [GAP - 2e-4]], rtol=0, atol=EXACT)
+
+
+def test_of_two_layers_the_first_counts():
+    (low, triangles), (high, _) = plane(GAP), plane(2 * GAP)
+    for order in ((low, high), (high, low)):
+        both = np.concatenate([triangles, triangles + len(low)])
+        gauge = GapGauge(np.concatenate(order), both, np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
+        np.testing.assert_allclose(gauge.rest_gap, GAP, rtol=0, atol=EXACT)
 
 
 def test_skin_that_left_the_ray_and_samples_that_are_not_there():
@@ -125,6 +134,12 @@ def test_the_biotac_by_rays_of_vtk(biotac):
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     return electrode_dataset.make(tmp_path_factory.mktemp("electrodes") / "fake.zarr")
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_a_gpu_measures_the_same(biotac):
+    bulge = 2e-4 * np.sin(biotac[0][None, :, ::-1] / np.array([1e-3, 2e-3, 3e-3])[:, None, None])
+    np.testing.assert_allclose(GapGauge(*biotac, device="cuda")(bulge), GapGauge(*biotac)(bulge), rtol=0, atol=EXACT)
 
 
 def test_samples_of_a_dataset(dataset, biotac):

@@ -1,8 +1,12 @@
 """The electrode model: its formulas against integrals and circuits, its instrument, and that seeds decide."""
 
+import re
+
 import electrode_dataset
+import h5py
 import numpy as np
 import pytest
+from pages import DOCS, code
 from pydantic import ValidationError
 from scipy.integrate import quad
 
@@ -118,3 +122,33 @@ def test_signals_of_a_dataset(dataset):
 def test_settings_are_checked(keys, complaint):
     with pytest.raises(ValidationError, match=complaint):
         ElectrodeSettings(**keys)
+
+
+PAGE = DOCS / "electrodes.md"
+
+
+def test_the_page_has_every_key_with_its_default_and_bounds():
+    rows = re.findall(r"^\| `(\w+)` \| (\S+) \| ([^|]+) \|[^|]*\|$", PAGE.read_text(), re.MULTILINE)
+    fields = ElectrodeSettings.model_fields
+    assert {key: float(default) for key, default, _ in rows} == {key: each.default for key, each in fields.items()}
+    for key, _, allowed in rows:
+        bounds = [getattr(bound, end) for bound in fields[key].metadata for end in ("ge", "le") if hasattr(bound, end)]
+        stated = [float(number) for number in re.findall(r"[\d.]+(?:e\d)?", allowed)]
+        assert stated[: len(bounds)] == bounds, key
+
+
+def test_the_code_of_the_page_runs(dataset, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "touch.zarr").symlink_to(dataset.path)
+    random = np.random.default_rng(0)
+    with h5py.File("recorded.hdf5", "w") as file:
+        file["electrode_vals/data"] = random.normal(size=(20, 19))
+        file["contact_loc/data"] = np.zeros((20, 3))
+        file["force_vec/data"] = np.tile([[0.0, 0, 0], [0, 0, 3.0]], (10, 1))
+    with h5py.File("simulated.hdf5", "w") as file:
+        file["nodal_res"] = np.zeros((20, 5, 3))
+    made, recorded = ({} for _ in range(2))
+    for text, names in zip(code(PAGE, "python"), (made, recorded), strict=True):
+        exec(text, names)
+    assert made["signals"].shape == ((dataset["biotac/status"] == 0).sum(), 19)
+    assert np.abs(recorded["scaled"]).max() <= 1 + 1e-14 and len(recorded["scaled"]) == 10
