@@ -22,8 +22,9 @@ wp.set_module_options({"enable_backward": False})
 # Skin farther than this from where a ray meets it at rest does not slide into the ray: presses move it by 3 mm.
 REACH_M = 5e-3
 # Rays begin this far below the electrode, so that skin that overlaps the core is still met: the gap is then negative.
-# Solver and output mesh leave some micrometres; the core is 9 mm thick.
-BELOW_M = 1e-3
+# On coarse meshes skin overlaps the core by 0.2 mm, and facets by 0.3 mm where they bridge its edges; the core is 9 mm
+# thick.
+BELOW_M = 2e-3
 AT_EDGE = 1e-9  # of barycentric coordinates: a ray through an edge meets one of its triangles in spite of rounding
 SAMPLES_AT_ONCE = 512  # 50 MB of displacements of 4,000 vertices
 

@@ -6,7 +6,7 @@ resistivity rho the field is E(r) = rho I / (2 pi r h), so that the voltage and 
 
     V = integral from a to b of E dr = rho I ln(b / a) / (2 pi h),      R_film = rho ln(b / a) / (2 pi h)
 
-This is exact for radial flow in a film of even thickness, and a fair model while h is less than b.
+This is exact for radial flow in a film of even thickness; current also flows along h where h is not small against a.
 
 **Divider.** R_film lies in series with a fixed R_series, all that does not change with the gap above the electrode. The
 reading is taken at a reference resistor, so that it falls when the gap closes:

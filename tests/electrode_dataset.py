@@ -1,0 +1,34 @@
+"""A dataset of stand-ins with the output mesh of the BioTac, whose electrodes read something."""
+
+import fake
+import numpy as np
+
+from simgen.dataset import Dataset
+from simgen.run import run
+from simgen.sensor import load_sensor
+
+
+def presser(job, sensor, device):
+    """As the fake one, but the BioTac's skin moves as a whole, by a tenth of the depth, towards the pose's +y."""
+
+    def press(indenters, poses, depths):
+        results = fake.failing_presser(job, sensor, device)(indenters, poses, depths)
+        if sensor == "biotac":
+            count = len(load_sensor("biotac").output_mesh.vertices)
+            for pose, result in zip(poses, results, strict=True):
+                move = 0.1 * depths[:, None, None] * pose[:3, 1]
+                result.displacement = np.where((result.status == 0)[:, None, None], move, np.nan) * np.ones((count, 1))
+        return results
+
+    return press
+
+
+def make(path):
+    """Four trajectories, three indenters, four depths of 0.1 to 0.4 mm; the ring stalls from the third depth on."""
+    plan = fake.make_plan(fake.make_job())
+    mesh = load_sensor("biotac").output_mesh
+    own = {"rest_positions": mesh.vertices, "tetrahedra": mesh.tetrahedra, "held": mesh.held,
+           "surface_triangles": mesh.surface_triangles, "touchable": mesh.touchable}  # fmt: skip
+    plan.arrays.update({f"biotac/{key}": values for key, values in own.items()})
+    run(plan, path, build=presser)
+    return Dataset(path)
