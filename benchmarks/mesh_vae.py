@@ -1,0 +1,277 @@
+"""How much faster than with torch-geometric does the mesh beta-VAE train?
+
+    python benchmarks/mesh_vae.py --sensor digit --device cuda --batch 128 --output mesh_vae.json
+
+Every variant takes the same samples and starts at the same weights. First they are held against each other, loss and
+gradients, in float64, where no rounding decides on which side of a ReLU a number falls; then steps in float32 are timed
+in turns. "torch-geometric" is `ChebConv` as the library has it; "known weights"
+spares it the Laplacian's weights in every call, as the published ports of CoMA do; "graph" is ours as a CUDA graph.
+Samples lie on the device, and their number is all that matters: they are normal.
+"""
+
+import argparse
+import json
+import math
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from scipy.sparse import csr_array, eye_array, vstack
+from torch import Tensor, nn
+from torch_geometric.nn import ChebConv
+
+from simgen.provenance import code_version
+from simgen.resources import resource
+from simgen.training.chebyshev import ChebyshevConvolution, scaled_laplacian
+from simgen.training.hierarchy import Hierarchy, build_hierarchy
+from simgen.training.mesh_vae import DECODER, ENCODER, HIDDEN, LATENT, ORDER, MeshVAE
+
+SAMPLES = 123_000  # of an epoch: 80 % of 1,708 presses of 9 indenters to 10 depths
+BETA = 0.005
+WARM_UP, STEPS = 3, 5  # steps of one turn
+ROUNDING = 1e-9  # of a loss or a gradient in float64, relative
+
+
+class KnownWeights(ChebConv):
+    """With the weights of the scaled Laplacian given as those of the edges."""
+
+    def __norm__(self, edge_index, num_nodes, edge_weight, *_, **__):
+        return edge_index, edge_weight
+
+
+class Pool(nn.Module):
+    """A sparse matrix times features (sample, vertex, feature), as a sum over its entries."""
+
+    def __init__(self, matrix: csr_array):
+        super().__init__()
+        entries = matrix.tocoo()
+        self.rows = entries.shape[0]
+        for name, values in (("row", entries.row), ("column", entries.col), ("value", entries.data)):
+            dtype = torch.get_default_dtype() if name == "value" else torch.int64
+            self.register_buffer(name, torch.as_tensor(values, dtype=dtype))
+
+    def forward(self, x: Tensor) -> Tensor:
+        out = x.new_zeros(x.shape[0], self.rows, x.shape[2])
+        return out.index_add(1, self.row, x[:, self.column] * self.value[:, None])
+
+
+class GeometricVAE(nn.Module):
+    """The same network from torch-geometric's layers: normalised (sample, vertex, 3) in the hierarchy's order."""
+
+    def __init__(self, hierarchy: Hierarchy, known_weights: bool):
+        super().__init__()
+        self.known_weights, kind = known_weights, KnownWeights if known_weights else ChebConv
+        for level, matrix in enumerate(hierarchy.adjacency[:-1]):
+            laplacian = scaled_laplacian(matrix).tocoo()
+            edges = torch.from_numpy(np.stack([laplacian.row, laplacian.col]).astype(np.int64))
+            self.register_buffer(f"edges{level}", edges)
+            self.register_buffer(f"weights{level}", torch.as_tensor(laplacian.data, dtype=torch.get_default_dtype()))
+        ups = [vstack([eye_array(matrix.shape[1]), matrix]) for matrix in hierarchy.interpolation]
+        self.up = nn.ModuleList(map(Pool, ups))
+        self.down = nn.ModuleList(
+            Pool(eye_array(small, size))
+            for size, small in zip(hierarchy.sizes, hierarchy.sizes[1:], strict=False)
+        )
+        self.down_convolutions = nn.ModuleList(map(kind, ENCODER, ENCODER[1:], [ORDER] * 4))
+        coarsest, hidden = hierarchy.sizes[-1], HIDDEN * LATENT
+        self.to_hidden = nn.Linear(coarsest * ENCODER[-1], hidden)
+        self.to_mean, self.to_log_variance = nn.Linear(hidden, LATENT), nn.Linear(hidden, LATENT)
+        self.from_latent = nn.Linear(LATENT, hidden)
+        self.from_hidden = nn.Linear(hidden, coarsest * DECODER[0])
+        self.up_convolutions = nn.ModuleList(map(kind, DECODER, DECODER[1:], [ORDER] * 4))
+        self.last = kind(DECODER[-1], 3, ORDER, bias=False)
+
+    def convolve(self, convolution: ChebConv, x: Tensor, level: int) -> Tensor:
+        edges = getattr(self, f"edges{level}")
+        if self.known_weights:
+            return convolution(x, edges, getattr(self, f"weights{level}"))
+        return convolution(x, edges, lambda_max=2.0)
+
+    def loss(self, x: Tensor, beta: float) -> tuple[Tensor, Tensor, Tensor]:
+        target = x
+        for level, convolution in enumerate(self.down_convolutions):
+            x = self.down[level](F.relu(self.convolve(convolution, x, level)))
+        hidden = F.relu(self.to_hidden(x.flatten(1)))
+        mean, log_variance = self.to_mean(hidden), self.to_log_variance(hidden)
+        latent = mean + torch.exp(0.5 * log_variance) * torch.randn_like(mean)
+        x = F.relu(self.from_hidden(F.relu(self.from_latent(latent)))).view(len(x), -1, DECODER[0])
+        for level, convolution in zip(reversed(range(len(self.up))), self.up_convolutions, strict=True):
+            x = F.relu(self.convolve(convolution, self.up[level](x), level))
+        error = F.mse_loss(self.convolve(self.last, x, 0), target)
+        divergence = -0.5 * (1.0 + log_variance - mean.square() - log_variance.exp()).mean()
+        return error + beta * divergence, error, divergence
+
+    def take_weights(self, network: MeshVAE) -> None:
+        for name, module in network.named_modules():
+            mine = self.get_submodule(name) if isinstance(module, ChebyshevConvolution | nn.Linear) else None
+            if isinstance(module, ChebyshevConvolution):
+                mine.load_state_dict({f"lins.{k}.weight": w for k, w in enumerate(module.weight)}
+                                     | ({} if module.bias is None else {"bias": module.bias}))  # fmt: skip
+            elif mine is not None:
+                mine.load_state_dict(module.state_dict())
+
+    def gradients(self) -> dict[str, Tensor]:
+        """By the names of `MeshVAE`."""
+        found = {name: value.grad for name, value in self.named_parameters() if ".lins." not in name
+                 and not name.startswith("lins.")}  # fmt: skip
+        for name, module in self.named_modules():
+            if isinstance(module, ChebConv):
+                found[f"{name}.weight"] = torch.stack([linear.weight.grad for linear in module.lins])
+        return found
+
+
+def step_of(network: nn.Module, samples: Tensor) -> Callable[[], None]:
+    """A training step on samples that stay where they are."""
+    on_gpu = samples.is_cuda
+    optimizer = torch.optim.Adam(network.parameters(), 1e-3, fused=on_gpu, capturable=on_gpu)
+
+    def step() -> None:
+        optimizer.zero_grad(set_to_none=True)
+        network.loss(samples, BETA)[0].backward()
+        optimizer.step()
+
+    return step
+
+
+def recorded(step: Callable[[], None]) -> Callable[[], None]:
+    """The step as a CUDA graph."""
+    stream = torch.cuda.Stream()
+    stream.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(stream):
+        for _ in range(WARM_UP):
+            step()
+    torch.cuda.current_stream().wait_stream(stream)
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        step()
+    return graph.replay
+
+
+@dataclass
+class Variants:
+    """The networks, with samples as each takes them."""
+
+    ours: MeshVAE
+    samples: Tensor
+    geometric: dict[str, GeometricVAE]
+    in_order: Tensor
+
+
+def make(hierarchy: Hierarchy, asked: argparse.Namespace, dtype: torch.dtype) -> Variants:
+    torch.set_default_dtype(dtype)
+    torch.manual_seed(0)
+    size = hierarchy.sizes[0]
+    samples = torch.randn(asked.batch, size, 3).to(asked.device)
+    ours = MeshVAE.of_mesh(hierarchy, np.zeros((size, 3)), np.ones((size, 3))).to(asked.device)
+    known = {"torch-geometric": False, "torch-geometric, known weights": True}
+    geometric = {name: GeometricVAE(hierarchy, value).to(asked.device) for name, value in known.items()}
+    for network in geometric.values():
+        network.take_weights(ours)
+    return Variants(ours, samples, geometric, samples[:, ours.order].contiguous())
+
+
+def differences(variants: Variants) -> dict[str, dict[str, float]]:
+    """Of the loss, and of the gradients: the largest, relative to the largest entry of the same parameter.
+
+    Raises `SystemExit` if the networks are not the same.
+    """
+    loss = loss_of(variants.ours, variants.samples)
+    found = {}
+    for name, network in variants.geometric.items():
+        other = loss_of(network, variants.in_order)
+        gradients = network.gradients()
+        largest = max(
+            float((value.grad - gradients[key]).abs().max() / value.grad.abs().max())
+            for key, value in variants.ours.named_parameters()
+        )
+        found[name] = {"loss": abs(loss / other - 1.0), "gradient": largest}
+        print(name, found[name], flush=True)
+        if not max(found[name].values()) < ROUNDING:
+            raise SystemExit(f"{name}: not the same network: {found[name]}, allowed {ROUNDING}")
+    return found
+
+
+def loss_of(network: nn.Module, samples: Tensor) -> float:
+    """With gradients; the latents that are drawn are the same in every call."""
+    torch.manual_seed(1)
+    loss = network.loss(samples, BETA)[0]
+    loss.backward()
+    return loss.item()
+
+
+def waited(device: str) -> float:
+    if device != "cpu":
+        torch.cuda.synchronize()
+    return time.perf_counter()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sensor", default="digit", choices=["digit", "biotac"])
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--batch", type=int, default=8)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--output", type=Path, default=Path("mesh_vae.json"))
+    asked = parser.parse_args()
+
+    with np.load(resource("sensor_models") / asked.sensor / "output.npz") as mesh:
+        hierarchy = build_hierarchy(mesh["vertices"], mesh["tetrahedra"])
+    found = differences(make(hierarchy, asked, torch.float64))
+    variants = make(hierarchy, asked, torch.float32)
+    steps = {name: step_of(network, variants.in_order) for name, network in variants.geometric.items()}
+    steps["ours"] = step_of(variants.ours, variants.samples)
+    if asked.device != "cpu":
+        steps["ours, graph"] = recorded(step_of(variants.ours, variants.samples))
+    rows = timed(steps, asked)
+    plain = {name: str(value) for name, value in vars(asked).items()}
+    written = {"question": __doc__.splitlines()[0], "code": code_version(), "packages": versions(),
+               "machine": machine(asked.device), "asked": plain, "differences": found, "rows": rows}  # fmt: skip
+    asked.output.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
+    print(f"wrote {asked.output}")
+
+
+def timed(steps: dict[str, Callable[[], None]], asked: argparse.Namespace) -> list[dict]:
+    """Median over turns of the time of a step, and the largest memory of each."""
+    spent, memory = {name: [] for name in steps}, dict.fromkeys(steps, 0.0)
+    for turn in range(asked.repeats + 1):
+        for name, step in steps.items():
+            if asked.device != "cpu":
+                torch.cuda.reset_peak_memory_stats()
+            begin = waited(asked.device)
+            for _ in range(WARM_UP if turn == 0 else STEPS):
+                step()
+            if turn:
+                spent[name].append((waited(asked.device) - begin) / STEPS)
+            if asked.device != "cpu":
+                memory[name] = torch.cuda.max_memory_allocated() / 2**30
+    rows = []
+    for name, seconds in spent.items():
+        step = float(np.median(seconds))
+        row = {"variant": name, "batch": asked.batch, "ms_per_step": 1e3 * step, "ms_least": 1e3 * min(seconds),
+               "ms_most": 1e3 * max(seconds), "s_per_epoch": step * math.ceil(SAMPLES / asked.batch),
+               "times_as_fast_as_torch_geometric": float(np.median(spent["torch-geometric"])) / step}  # fmt: skip
+        if memory[name]:
+            row["peak_memory_gib"] = memory[name]  # of all that lies on the device meanwhile
+        rows.append({key: round(value, 3) if isinstance(value, float) else value for key, value in row.items()})
+        print(rows[-1], flush=True)
+    return rows
+
+
+def versions() -> dict[str, str]:
+    return {name: metadata.version(name) for name in ("torch", "torch-geometric", "numpy", "scipy")}
+
+
+def machine(device: str) -> dict[str, str | int]:
+    gpu = {} if device == "cpu" else {"gpu": torch.cuda.get_device_name(device)}
+    return {"processor": platform.processor() or platform.machine(), "threads": torch.get_num_threads(),
+            "device": device, "system": platform.platform(), **gpu}  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
