@@ -31,8 +31,11 @@ class Statistic:
 
     @classmethod
     def of(cls, values: np.ndarray) -> Self:
-        known = values[np.isfinite(values)]
-        return cls(float(known.mean()), float(known.std()), len(known)) if len(known) else cls(np.nan, np.nan, 0)
+        known = values[~np.isnan(values)]
+        if not len(known):
+            return cls(np.nan, np.nan, 0)
+        with np.errstate(invalid="ignore"):  # infinite errors have no deviation
+            return cls(float(known.mean()), float(known.std()), len(known))
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,9 @@ class Errors:
 
 @dataclass(frozen=True)
 class MeshErrors(Errors):
-    """Errors of displacement. The deformation region is where the truth is at least `REGION_M` from rest.
+    """Errors of displacement; infinite where a prediction is not finite.
+
+    The deformation region is where the truth is at least `REGION_M` from rest.
 
     rmse_um : root of the mean over all coordinates (vertex * 3), um (ACROSS)
     med_um : mean Euclidean distance of the vertices, um
@@ -85,9 +90,9 @@ class MeshErrors(Errors):
 
 @dataclass(frozen=True)
 class SignalErrors(Errors):
-    """Errors of electrode signals.
+    """Errors of normalised electrode signals; infinite where a prediction is not finite.
 
-    rmse : root of the mean over the channels, of normalised signals
+    rmse : root of the mean over the channels
     """
 
     rmse: np.ndarray
@@ -123,19 +128,24 @@ def _mesh_errors(
     predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None
 ) -> tuple[Tensor, ...]:
     """The measures of a batch, (n,) each, in the order of `MeshErrors`."""
-    squares = ((predicted.double() - true.double()) * 1e6).square().sum(dim=2)
+    squares = _infinite(((predicted.double() - true.double()) * 1e6).square().sum(dim=2))
     distance = squares.sqrt()
     region = true.double().square().sum(dim=2) >= REGION_M**2
     size = region.sum(dim=1)  # 0 / 0 is NaN
     return (
         (squares.mean(dim=1) / 3).sqrt(),
         distance.mean(dim=1),
-        ((squares * region).sum(dim=1) / (3 * size)).sqrt(),
-        (distance * region).sum(dim=1) / size,
-        distance.quantile(WORST_SHARE, dim=1),
+        (squares.where(region, 0.0).sum(dim=1) / (3 * size)).sqrt(),
+        distance.where(region, 0.0).sum(dim=1) / size,
+        _infinite(distance.quantile(WORST_SHARE, dim=1)),
         distance.amax(dim=1),
         torch.from_numpy(_overlap(predicted, true, rows, touching)),
     )
+
+
+def _infinite(values: Tensor) -> Tensor:
+    """Infinity in place of NaN: what a network that fails predicts must not be left out of a mean."""
+    return values.nan_to_num(nan=torch.inf, posinf=torch.inf)
 
 
 def _overlap(predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None) -> np.ndarray:
@@ -151,4 +161,4 @@ def signal_errors(predict: Predictor, truth: Tensor, rows: Tensor) -> SignalErro
     """Errors of predicted signals at some rows; both normalised, the truth (sample, channel)."""
     batches = rows.split(max(COORDINATES_AT_ONCE // truth.shape[1], 1))
     squares = [(predict(some).double() - truth[some].double()).square().mean(dim=1) for some in batches]
-    return SignalErrors(rows.cpu().numpy(), torch.cat(squares).sqrt().cpu().numpy())
+    return SignalErrors(rows.cpu().numpy(), _infinite(torch.cat(squares)).sqrt().cpu().numpy())
