@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import dijkstra, reverse_cuthill_mckee
 
 from simgen.interpolation import TET_EDGES
 
@@ -47,6 +47,9 @@ def build_hierarchy(vertices: np.ndarray, tetrahedra: np.ndarray, levels: int = 
     for _ in range(levels - 1):
         sizes.append(-(-sizes[-1] // 2))
     order = farthest_point_order(graph, sizes[1])
+    # Within a level, neighbours lie near each other in memory: sparse products then read from caches.
+    place = np.argsort(reverse_cuthill_mckee(graph, symmetric_mode=True))
+    order = np.concatenate([part[np.argsort(place[part])] for part in np.split(order, sizes[:0:-1])])
     graph, points = graph[order][:, order], vertices[order]
     adjacency, interpolation = [touching(graph, np.arange(len(points)))], []
     for finer, size in pairwise(sizes):
