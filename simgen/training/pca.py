@@ -13,6 +13,7 @@ Values = Callable[[Tensor], Tensor]  # row numbers (n,) -> (n, ...) what these s
 
 OVERSAMPLING = 64  # directions carried beside those that are asked for: each makes the others converge faster
 CONVERGED = 1e-6  # relative, of the variance that is left out: its root, the error, then changes by half of that
+ROUNDING = 1e-14  # relative, of the whole variance
 PASSES = 100  # over the data, at most
 VALUES_AT_ONCE = 2**24  # 128 MB in float64
 
@@ -47,7 +48,7 @@ class PCA:
         total = sum((_flat(values, some) - mean).square().sum() for some in batches) / len(rows)
         rank = min(rank, len(rows), size)
         image = _random(size, min(rank + OVERSAMPLING, len(rows), size)).to(mean.device)
-        outside = total
+        outside = torch.inf
         for _ in range(PASSES):
             basis = torch.linalg.qr(image).Q
             image = torch.zeros_like(basis)  # the covariance times the basis

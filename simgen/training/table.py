@@ -1,0 +1,209 @@
+"""How well models do on test samples, beside what the ACROSS paper reports: table.md, metrics.json, metrics.csv."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from rich import box
+from rich.table import Table
+
+from simgen.errors import writing
+from simgen.training.data import TrainingData
+from simgen.training.metrics import Errors, MeshErrors, SignalErrors, Statistic
+from simgen.whole_files import put_in_place, write_aside
+
+# Of its test samples, root mean square errors: of meshes in um, of signals normalised.
+SOURCE = "ACROSS, ICRA 2025 (arXiv:2411.08533)"
+PUBLISHED = {
+    "S2MPN": {"rmse_um": 78.21, "region_rmse_um": 94.07},
+    "MVB": {"rmse_um": 12.28, "region_rmse_um": 16.03},
+    "MVD": {"rmse_um": 9.28, "region_rmse_um": 12.43},
+    "M2MPN": {"rmse_um": 21.57, "region_rmse_um": 27.72},
+    "SVB": {"rmse": 0.060},
+}
+COLUMNS = {  # heading, digits
+    "rmse_um": ("RMSE, um", 2),
+    "region_rmse_um": ("RMSE in region, um", 2),
+    "med_um": ("MED, um", 2),
+    "region_med_um": ("MED in region, um", 2),
+    "p99_um": ("p99, um", 1),
+    "worst_um": ("worst, um", 1),
+    "overlap": ("patch overlap", 3),
+    "rmse": ("RMSE, normalised", 4),
+}
+DEFINED_IN = {"region_rmse_um": "a deformation region", "overlap": "a contact patch"}
+ABSENT = "-"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A model and its errors.
+
+    task : what is made of what, such as "biotac mesh -> digit mesh"; models of one task are compared
+    bar : whether a model that is no better than this one is of no use
+    published : the network of the paper that it stands beside, a key of `PUBLISHED`
+    labels : by what errors are grouped -> (sample,) of all samples of the data, see `labels_of`
+    """
+
+    task: str
+    model: str
+    errors: MeshErrors | SignalErrors
+    parameters: int
+    bar: bool = False
+    published: str | None = None
+    labels: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def labels_of(data: TrainingData) -> dict[str, np.ndarray]:
+    """Of the samples of a dataset: names of indenters, and depths."""
+    return {
+        "indenter": np.array(data.dataset.indenters)[data.indenter],
+        "depth_mm": np.round(data.depth * 1e3, 6),  # without the last digits of binary numbers
+    }
+
+
+def write_tables(folder: Path, entries: Sequence[Entry]) -> None:
+    """Write table.md, metrics.json and metrics.csv into a folder, each whole or not at all.
+
+    Raises `InputError` if it cannot be written.
+    """
+    texts = {"table.md": markdown(entries), "metrics.json": metrics_json(entries), "metrics.csv": metrics_csv(entries)}
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder) as aside:
+            put_in_place(folder, {name: write_aside(Path(aside), text.encode()) for name, text in texts.items()})
+
+
+def note(entry: Entry, entries: Sequence[Entry]) -> str:
+    """How a model compares with the bar of its task."""
+    bar = next((other for other in entries if other.bar and other.task == entry.task), None)
+    if bar is None or bar is entry:
+        return ""
+    own, other = (each.errors.summary()[each.errors.MAIN].mean for each in (entry, bar))
+    if not own < other:
+        return f"worse than {bar.model}" if own > other else f"no better than {bar.model}"
+    return f"{own / other:.2f} of {bar.model}'s RMSE"
+
+
+def markdown(entries: Sequence[Entry]) -> str:
+    """A table for each task."""
+    lines = ["# Errors on test samples", "", *_explanation(), ""]
+    for task, own in _by_task(entries).items():
+        header, *rows = _cells(own)
+        lines += [f"## {task}", "", _samples(own[0].errors), ""]
+        lines += [_row(header), _row(["---", *["---:"] * (len(header) - 2), "---"]), *map(_row, rows), ""]
+    return "\n".join(lines)
+
+
+def console_tables(entries: Sequence[Entry]) -> Iterator[Table]:
+    for task, own in _by_task(entries).items():
+        (first, *numbers, last), *rows = _cells(own)
+        table = Table(first, title=task, caption=_samples(own[0].errors), box=box.SIMPLE_HEAD, pad_edge=False)
+        for heading in numbers:
+            table.add_column(heading, justify="right")
+        table.add_column(last)
+        for row in rows:
+            table.add_row(*row)
+        yield table
+
+
+def metrics_json(entries: Sequence[Entry]) -> str:
+    """All measures, also of each group; null where a measure is not defined."""
+    found = {
+        task: [
+            {
+                "model": entry.model,
+                "parameters": entry.parameters,
+                "bar": entry.bar,
+                "published_as": entry.published,
+                "note": note(entry, own),
+                "all": _plain(entry.errors),
+                **{
+                    f"by_{name}": {str(label): _plain(errors) for label, errors in entry.errors.groups(labels).items()}
+                    for name, labels in entry.labels.items()
+                },
+            }
+            for entry in own
+        ]
+        for task, own in _by_task(entries).items()
+    }
+    whole = {"source_of_published": SOURCE, "published": PUBLISHED, "tasks": found}
+    return json.dumps(whole, indent=1, allow_nan=False) + "\n"
+
+
+def metrics_csv(entries: Sequence[Entry]) -> str:
+    """A line for each model and group; nothing where a measure is not defined."""
+    statistics = [f"{measure}_{key}" for measure in COLUMNS for key in ("mean", "std", "samples")]
+    text = io.StringIO()
+    columns = ["task", "model", "parameters", "group", "value", *statistics]
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    for entry in entries:
+        groups = [("all", "", entry.errors)]
+        for name, labels in entry.labels.items():
+            groups += [(name, label, errors) for label, errors in entry.errors.groups(labels).items()]
+        for group, value, errors in groups:
+            line = {"task": entry.task, "model": entry.model, "parameters": entry.parameters}
+            plain = {f"{m}_{key}": each for m, of_m in _plain(errors).items() for key, each in of_m.items()}
+            writer.writerow({**line, "group": group, "value": value, **plain})
+    return text.getvalue()
+
+
+def _by_task(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
+    return {task: [e for e in entries if e.task == task] for task in dict.fromkeys(entry.task for entry in entries)}
+
+
+def _plain(errors: Errors) -> dict[str, dict[str, float | int | None]]:
+    """For JSON: measure -> mean, std, samples."""
+    return {
+        measure: {key: value if math.isfinite(value) else None for key, value in asdict(statistic).items()}
+        for measure, statistic in errors.summary().items()
+    }
+
+
+def _explanation() -> list[str]:
+    return [
+        "Mean ± standard deviation over samples. RMSE: root of the mean over all coordinates of a sample; MED: mean",
+        "distance of its vertices; region: vertices at least 10 um from rest; p99, worst: of the distances of its",
+        "vertices; patch overlap: intersection over union of the points that touch the indenter, or are in it.",
+        f"Parameters: numbers that were learned. Rows as published: {SOURCE}, on its own data.",
+    ]
+
+
+def _samples(errors: Errors) -> str:
+    """How many, and in how many of them what is not always defined is."""
+    summary = errors.summary()
+    known = {measure: summary[measure].samples for measure in DEFINED_IN if measure in summary}
+    words = [f"{len(errors.rows):,} samples", *(f"{known[measure]:,} with {DEFINED_IN[measure]}" for measure in known)]
+    return f"{', '.join(words)}."
+
+
+def _cells(entries: Sequence[Entry]) -> list[list[str]]:
+    """Of one task: the header and the rows, the paper's under those that they stand beside."""
+    measures = [measure for measure in COLUMNS if measure in entries[0].errors.measures()]
+    lines = [["model", *(COLUMNS[measure][0] for measure in measures), "parameters", "note"]]
+    for entry in entries:
+        summary = entry.errors.summary()
+        numbers = [_number(summary[measure], COLUMNS[measure][1]) for measure in measures]
+        lines.append([entry.model, *numbers, f"{entry.parameters:,}", note(entry, entries)])
+        if entry.published is not None:
+            stated = PUBLISHED[entry.published]
+            numbers = [f"{stated[m]:.{COLUMNS[m][1]}f}" if m in stated else ABSENT for m in measures]
+            lines.append([f"{entry.published} (ACROSS)", *numbers, ABSENT, "as published"])
+    return lines
+
+
+def _number(statistic: Statistic, digits: int) -> str:
+    if not statistic.samples:
+        return ABSENT
+    return f"{statistic.mean:.{digits}f} ± {statistic.std:.{digits}f}"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
