@@ -36,13 +36,13 @@ class ReducedModel(nn.Module):
 
         u = coarse + (1 - Phi^T Phi) S(coarse),   coarse = mean + Phi^T q,   q = Phi (u - mean)
 
-    with principal components Phi (latent, 3 vertices) and convolutions S. The factor before S keeps the coefficients q as
-    they are: a decoded mesh is encoded to what it was decoded from. S is fed with the field over its own root mean
+    with principal components Phi (latent, 3 vertices) and convolutions S. The factor before S keeps the coefficients q
+    as they are: a decoded mesh is encoded to what it was decoded from. S is fed with the field over its own root mean
     square, and is multiplied by that: shallow presses are drawn as finely as deep ones, and rest stays at rest.
 
     Latents are q over `unit`, one length for all of them. As components are orthonormal, an error of latents (Euclidean
-    norm) times ``unit`` is the error of all coordinates that it makes: a network that predicts latents best predicts the
-    coarse mesh best.
+    norm) times ``unit`` is the error of all coordinates that it makes: the network that predicts latents best is the one
+    that predicts the coarse mesh best.
 
     edges : entries of the adjacency of the mesh
     """
