@@ -41,8 +41,8 @@ class ReducedModel(nn.Module):
     square, and is multiplied by that: shallow presses are drawn as finely as deep ones, and rest stays at rest.
 
     Latents are q over `unit`, one length for all of them. As components are orthonormal, an error of latents (Euclidean
-    norm) times ``unit`` is the error of all coordinates that it makes: the network that predicts latents best is the one
-    that predicts the coarse mesh best.
+    norm) times ``unit`` is the error of all coordinates that it makes: the network that predicts latents best is
+    the one that predicts the coarse mesh best.
 
     edges : entries of the adjacency of the mesh
     """
