@@ -6,13 +6,17 @@ Data walks one way: ``job -> sensor, indenter -> tetrahedra, pairing -> fem -> p
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["load_dataset"]
+__all__ = ["load_dataset", "load_network"]
 
 
 def __getattr__(name: str) -> Any:
-    """`simgen.load_dataset`, imported when it is asked for: the command line answers at once."""
+    """`simgen.load_dataset` and `load_network`, imported when asked for: the command line answers at once."""
     if name == "load_dataset":
         from simgen.loading import load_dataset
 
         return load_dataset
+    if name == "load_network":
+        from simgen.training.checkpoint import load_network
+
+        return load_network
     raise AttributeError(f"module 'simgen' has no attribute {name!r}")

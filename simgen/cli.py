@@ -5,6 +5,8 @@ Imports are inside the commands: ``simgen --help`` is quick, and a run never imp
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -78,6 +80,34 @@ def run(
 
     if run_with_progress(checked, output or checked.output(), workers, _address(scheduler, scheduler_file), device):
         raise typer.Exit(1)
+
+
+@app.command()
+def train(
+    job: Annotated[
+        str, typer.Argument(metavar="JOB", help="A training job, or a bundled one: training, training_smoke.")
+    ],
+    overrides: Overrides = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the networks.", show_default="<job name>.networks"),
+    ] = None,
+    device: Annotated[str, typer.Option(help="Where to train: cpu, cuda or cuda:N.")] = "cpu",
+    tensorboard: Annotated[
+        bool, typer.Option("--tensorboard", help="Write what tensorboard shows into the folder, too.")
+    ] = False,
+):
+    """Train a job's networks on a dataset, then measure them on the trajectories that nobody has trained with.
+
+    Stop it at any time: the same command goes on where it stopped. What is trained is not trained again.
+    """
+    with _needs_extra("training"):
+        from simgen.training.console import train_with_progress
+
+    from simgen.training.schema import load_training_job
+
+    checked = load_training_job(job, overrides or ())
+    train_with_progress(checked, output or checked.output_folder(), device, tensorboard)
 
 
 @app.command()
@@ -292,6 +322,17 @@ def bench(
     from simgen.bench import run
 
     run(quick, device, output, typer.echo)
+
+
+@contextmanager
+def _needs_extra(extra: str) -> Iterator[None]:
+    """Raises `InputError` if a package is not there that an extra of simgen brings."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("simgen"):
+            raise
+        raise InputError(f"{error.name} is not installed; allowed: pip install 'simgen[{extra}]'") from None
 
 
 def _write_findings(findings: list, file: Path | None) -> None:

@@ -1,0 +1,79 @@
+"""What `simgen train` prints: a bar per network, then the table."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from simgen.console import INTERRUPTED, console, tracked
+from simgen.errors import InputError
+from simgen.training.checkpoint import NETWORK, read_sidecar
+from simgen.training.evaluation import evaluate
+from simgen.training.fit import Epoch
+from simgen.training.run import TrainingRun
+from simgen.training.schema import TrainingJob
+from simgen.training.table import console_tables
+
+
+def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard: bool) -> None:
+    """Train what is not trained yet, then measure all that is, and write and print the table."""
+    try:
+        run = TrainingRun(job, output, device, tracked)
+        for name in job.in_order():
+            _train(run, name, tensorboard)
+        for table in console_tables(evaluate(run, tracked)):
+            console.print(table)
+    except KeyboardInterrupt:
+        console.print(f"stopped; the same command goes on from {output}")
+        raise SystemExit(INTERRUPTED) from None
+    console.print(f"wrote {output / 'table.md'}, metrics.json, metrics.csv")
+
+
+def _train(run: TrainingRun, name: str, tensorboard: bool) -> None:
+    if not run.is_trained(name):
+        with _bar(name, run) as bar, _tensorboard(run.output / name, tensorboard) as write:
+            for epoch in run.train(name):
+                bar(epoch)
+                write(epoch)
+    about = read_sidecar(run.output / name / NETWORK)
+    loss = about["best"]["validation_loss"]
+    console.print(
+        f"[bold]{name}[/]  {about['parameters']:,} parameters, {about['epochs']} epochs in {about['seconds']:.1f} s, "
+        f"{about['samples_per_second']:,.0f} samples/s; best epoch {about['best_epoch']}, validation loss {loss:.3g}"
+    )
+
+
+@contextmanager
+def _bar(name: str, run: TrainingRun) -> Iterator[Any]:
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("epochs  {task.fields[loss]}"),
+        TimeElapsedColumn(), TextColumn("at most"), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(name, total=run.job.fit_of(name).epochs, loss="")
+
+        def show(epoch: Epoch) -> None:
+            loss = f"loss {epoch.terms['train_loss']:.3g}, validation {epoch.terms['validation_loss']:.3g}"
+            progress.update(task, completed=epoch.number + 1, loss=loss)
+
+        yield show
+
+
+@contextmanager
+def _tensorboard(folder: Path, wanted: bool) -> Iterator[Any]:
+    if not wanted:
+        yield lambda epoch: None
+        return
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ModuleNotFoundError:
+        raise InputError("--tensorboard: tensorboard is not installed; allowed: pip install tensorboard") from None
+    with SummaryWriter(str(folder)) as writer:
+
+        def write(epoch: Epoch) -> None:
+            for term, value in epoch.terms.items():
+                writer.add_scalar(term, value, epoch.number)
+
+        yield write

@@ -1,0 +1,155 @@
+"""A training job on disk: which networks there are, which come next, and from where a killed one goes on.
+
+    <name>.networks/
+      training.json                  the resolved job, the dataset's job, code and packages
+      <network>/network.safetensors  the best epoch, with network.json beside it
+      <network>/epochs.csv           a line per epoch
+      <network>/state.safetensors    while it is trained: weights, moments, history
+      table.md, metrics.json, metrics.csv
+"""
+
+import csv
+import io
+import json
+import platform
+from collections.abc import Iterator
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from simgen.errors import InputError, writing
+from simgen.folder_lock import HeldError, held
+from simgen.provenance import code_version, difference
+from simgen.quiet import check_device_name
+from simgen.training.checkpoint import NETWORK, load_network, save_network, write_whole
+from simgen.training.data import Track, load_training_data
+from simgen.training.fit import Epoch, Training, epoch_seed
+from simgen.training.recipes import Inputs, make_recipe
+from simgen.training.schema import NETWORKS, TrainingJob
+
+RECORD, STATE, LOG = "training.json", "state.safetensors", "epochs.csv"
+PACKAGES = ("torch", "numpy", "scipy", "pyamg", "safetensors")
+
+
+class TrainingRun:
+    """A checked job with its data on a device, and its folder.
+
+    Raises `InputError` for a dataset or a device that is not there, and for a folder that another job has begun.
+    """
+
+    def __init__(self, job: TrainingJob, output: Path, device: str, track: Track = lambda items, about: items):
+        self.job, self.output, self.device = job, output, torch_device(device)
+        data = load_training_data(job.dataset_folder(), (job.source, job.target), self.device, track)
+        record = {
+            "job": job.resolved(),
+            "job_hash": job.hash,
+            "dataset": {"job_hash": data.dataset.attributes["job_hash"], "samples": len(data)},
+        }
+        _claim(output, record)
+        self.inputs = Inputs(job, data, cache(self.trained))
+
+    def trained(self, name: str) -> nn.Module:
+        """A finished network. Raises `InputError` if there is none."""
+        if not self.is_trained(name):
+            raise InputError(f"{self.output}: {name} is needed and not trained yet; allowed: networks that list {name}")
+        return load_network(self.output / name, self.device)
+
+    def is_trained(self, name: str) -> bool:
+        return (self.output / name / NETWORK).with_suffix(".json").exists()
+
+    def trained_names(self) -> list[str]:
+        return [name for name in NETWORKS if self.is_trained(name)]
+
+    def train(self, name: str) -> Iterator[Epoch]:
+        """Train a network to its end, epoch by epoch, from where it was stopped; nothing if it is trained.
+
+        Raises `InputError` if another process is at it.
+        """
+        folder = self.output / name
+        with writing(folder):
+            folder.mkdir(exist_ok=True)
+        try:
+            with held(folder):
+                if not self.is_trained(name):
+                    yield from self._train(name, folder)
+        except HeldError as error:
+            raise InputError(f"{folder}: is being trained by {error}") from None
+
+    def _train(self, name: str, folder: Path) -> Iterator[Epoch]:
+        torch.manual_seed(epoch_seed(self.job.seed, name, -1))  # of the weights
+        recipe = make_recipe(name, self.inputs)
+        network = recipe.network.to(self.device)
+        training = Training(
+            name, network, recipe.terms, recipe.rows, recipe.settings, self.job.seed, folder / STATE
+        )
+        for epoch in training:
+            _write_log(folder / LOG, training.progress.history)
+            yield epoch
+        history, best = training.progress.history, training.progress.best
+        seconds = sum(epoch.seconds for epoch in history)
+        about = {
+            "name": name,
+            "epochs": len(history),
+            "best_epoch": best,
+            "best": history[best].terms,
+            "seconds": round(seconds, 3),
+            "samples_per_second": round(training.samples * len(history) / seconds, 1),
+            "device": device_name(self.device),
+            "job": self.job.resolved(),
+            "dataset": {
+                "job_hash": self.inputs.data.dataset.attributes["job_hash"],
+                "samples": {"train": len(recipe.rows[0]), "validation": len(recipe.rows[1])},
+            },
+            "code": code_version(),
+            "packages": {package: metadata.version(package) for package in PACKAGES},
+        }
+        save_network(folder / NETWORK, network, about)
+        (folder / STATE).unlink(missing_ok=True)
+
+
+def torch_device(name: str) -> torch.device:
+    """Raises `InputError` unless it is cpu, or a GPU that this machine has."""
+    check_device_name(name)
+    device = torch.device(name)
+    count = torch.cuda.device_count()
+    if device.type == "cuda" and (device.index or 0) >= count:
+        gpus = ", ".join(f"cuda:{number}" for number in range(count)) or "no CUDA GPU"
+        raise InputError(f"device {name!r}: torch sees {gpus}; allowed here: cpu{', cuda' * bool(count)}")
+    return device
+
+
+def device_name(device: torch.device) -> str:
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else platform.processor() or "cpu"
+
+
+def _claim(output: Path, record: dict[str, Any]) -> None:
+    """Make the folder of a job, or check that it is this job's. Raises `InputError`."""
+    file = output / RECORD
+    if not file.exists():
+        if output.exists() and (not output.is_dir() or any(output.iterdir())):
+            raise InputError(f"{output}: exists already and is no training; remove it, or choose another --output")
+        with writing(output):
+            output.mkdir(parents=True, exist_ok=True)
+        write_whole(file, json.dumps(record, indent=1).encode())
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+        changes = difference({key: found[key] for key in record}, record)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(f"{file}: not what `simgen train` wrote ({error})") from None
+    changes = [line for line in changes if not line.startswith("job_hash")]
+    if changes:
+        more = f" (and {len(changes) - 1} more)" if len(changes) > 1 else ""
+        raise InputError(f"{output}: was begun with another job: {changes[0]}{more}; choose another --output")
+
+
+def _write_log(file: Path, history: list[Epoch]) -> None:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(history[0].row()))
+    writer.writeheader()
+    writer.writerows(epoch.row() for epoch in history)
+    with writing(file):
+        file.write_text(text.getvalue(), encoding="utf-8")

@@ -1,0 +1,92 @@
+"""Electrode signals for training: synthetic ones of a dataset's samples, or recordings with their own split."""
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from simgen.electrode_files import read_recordings
+from simgen.electrode_model import synthetic_signals
+from simgen.electrodes import Scaling, in_contact, without_drift
+from simgen.errors import InputError
+from simgen.splits import SPLITS, split_by_trajectory
+from simgen.training.data import Meshes, TrainingData
+from simgen.training.schema import Recordings as Recorded
+from simgen.training.schema import Signals
+
+BLOCKS = 100  # of a recording, one after the other: neighbours in time look alike, so a block is in one split
+
+
+@dataclass(frozen=True)
+class SignalData:
+    """Signals with the meshes of the same samples, if there are any."""
+
+    values: Tensor  # (sample, channel) float32, V or as recorded
+    split: np.ndarray  # (sample,) index into SPLITS, or -1
+    meshes: Meshes | None
+
+    def rows(self, split: str) -> Tensor:
+        """Row numbers of a split, on the device of the values. Raises `InputError` if there are none."""
+        rows = np.flatnonzero(self.split == list(SPLITS).index(split))
+        if not len(rows):
+            raise InputError(f"signals: no sample of split {split}, {len(self.split)} in all; allowed: some of each")
+        return torch.from_numpy(rows).to(self.values.device)
+
+    def with_meshes(self) -> Meshes:
+        """The meshes. Raises `InputError` if there are none."""
+        if self.meshes is None:
+            raise InputError("signals.recordings: not all files hold meshes (nodal_res); allowed here: files that do")
+        return self.meshes
+
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """(channel,) least and largest value of each channel in training."""
+        scaling = Scaling.fit(self.values[self.rows("train")].double().cpu().numpy())
+        return torch.tensor(scaling.low), torch.tensor(scaling.high)
+
+
+def read_signals(data: TrainingData, sensor: str, settings: Signals, folder: Path, seed: int) -> SignalData:
+    """Of the recordings of a job, or synthetic ones. Raises `InputError`."""
+    if settings.recordings is not None:
+        return recorded(settings.recordings, folder, seed, data.meshes[sensor])
+    return synthetic(data, sensor, settings)
+
+
+def synthetic(data: TrainingData, sensor: str, settings: Signals) -> SignalData:
+    """Of every sample of a dataset, by the electrode model; its split is the dataset's."""
+    meshes = data.meshes[sensor]
+    device = meshes.steps.device
+    volts = synthetic_signals(data.dataset, sensor, data.press, data.step, settings.synthetic, str(device))
+    return SignalData(torch.from_numpy(volts).float().to(device), data.split, meshes)
+
+
+def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalData:
+    """Of recordings, those in contact: drift taken off, split by blocks of time, with meshes if all files have them.
+
+    ``rest`` is the sensor whose deformed positions the files hold. Raises `InputError` where that is another mesh.
+    """
+    parts, splits, displacements = [], [], []
+    vertices = len(rest.rest)
+    for number, name in enumerate(files.files):
+        path = folder / os.path.expanduser(name)
+        found = read_recordings(path)
+        contact = in_contact(found.force, files.least_force_n)
+        if not contact.any():
+            raise InputError(f"{path}: no sample has a force of {files.least_force_n:g} N; allowed: some contact")
+        signals = without_drift(found.signals, contact) if files.remove_drift else found.signals
+        blocks = split_by_trajectory(BLOCKS, seed + number)
+        parts.append(signals[contact])
+        splits.append(blocks[np.arange(len(found)) * BLOCKS // len(found)][contact])
+        if found.simulated_mesh is not None:
+            if found.simulated_mesh.shape[1] != vertices:
+                shape = found.simulated_mesh.shape
+                raise InputError(f"{path}: nodal_res: {shape[1]} vertices; allowed: {vertices}, as {rest.sensor} has")
+            displacements.append(found.simulated_mesh[contact] - rest.rest.double().cpu().numpy())
+    meshes = None
+    if len(displacements) == len(parts):
+        steps = torch.from_numpy(np.concatenate(displacements)).float().flatten(1)
+        meshes = replace(rest, steps=steps.to(rest.steps.device), scale=1.0)
+    values = torch.from_numpy(np.concatenate(parts)).float().to(rest.steps.device)
+    return SignalData(values, np.concatenate(splits), meshes)

@@ -1,0 +1,28 @@
+"""A dataset with a mesh that networks can learn on, made in a second."""
+
+import fake
+import numpy as np
+import pytest
+import torch
+from scipy.spatial import Delaunay
+
+from simgen.run import run
+from simgen.training.data import load_training_data
+
+
+def make_dataset(path, **changes):
+    """Twelve trajectories on a ball of 642 vertices, whose tetrahedra fill it."""
+    plan = fake.make_plan(fake.make_job(**{"trajectories": {"count": 12}} | changes))
+    for sensor in plan.job.sensors:
+        plan.arrays[f"{sensor}/tetrahedra"] = Delaunay(fake.VERTICES).simplices.astype(np.int32)
+    return run(plan, path, build=fake.failing_presser)
+
+
+@pytest.fixture(scope="session")
+def learnable(tmp_path_factory):
+    return make_dataset(tmp_path_factory.mktemp("training") / "learnable.zarr")
+
+
+@pytest.fixture(scope="session")
+def data(learnable):
+    return load_training_data(learnable.path, ("biotac", "digit"), torch.device("cpu"), lambda items, about: items)
