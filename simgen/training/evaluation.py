@@ -12,7 +12,7 @@ from simgen.training.metrics import Predictor, Touching, contact_of, mesh_errors
 from simgen.training.pca import PCA
 from simgen.training.run import TrainingRun
 from simgen.training.table import PUBLISHED, Entry, labels_of, write_tables
-from simgen.training.translation import Chain, translation
+from simgen.training.chain import Chain, make_chain
 
 # As the table calls them; the paper's go by their own names.
 NAMES = {"svb": "SVB", "mvb": "MVB", "mvd": "MVD", "s2mpn": "S2MPN", "m2mpn": "M2MPN", "s2mpn m2mpn": "S2MPN, M2MPN",
@@ -75,7 +75,7 @@ class _Evaluation:
             task, meshes = f"electrode signals -> {self.run.job.source} mesh", self.inputs.signals.with_meshes()
             yield from self._bars(task, self._from_signals(meshes), meshes)
         for name in names:
-            chain = translation((name,), self.inputs.trained)
+            chain = make_chain((name,), self.inputs.trained)
             yield self._entry(task, name, self._of_signals(chain), chain.parameters, meshes)
 
     def source_to_target(self) -> Iterator[Entry]:
@@ -88,7 +88,7 @@ class _Evaluation:
             rows = self.rows["train"], self.rows["validation"]
             yield from self._bars(task, projection_baselines(inputs, target, *rows, self._pca(target)), target)
         for name in names:
-            chain = translation((name,), self.inputs.trained)
+            chain = make_chain((name,), self.inputs.trained)
             predict = lambda rows, chain=chain: chain(source.displacement(rows))  # noqa: E731
             yield self._entry(task, name, predict, chain.parameters, target)
 
@@ -101,7 +101,7 @@ class _Evaluation:
             return
         yield from self._bars(task, self._from_signals(target), target)
         for pair in pairs:
-            chain = translation(pair, self.inputs.trained)
+            chain = make_chain(pair, self.inputs.trained)
             yield self._entry(task, " ".join(pair), self._of_signals(chain), chain.parameters, target)
 
     def _from_signals(self, meshes: Meshes) -> list[Baseline]:

@@ -31,7 +31,7 @@ class Chain:
 ENDS = {"s2mpn": ("svb", "mvb"), "m2mpn": ("mvb", "mvd"), "s2rm": (None, "rmb"), "rm2rm": ("rmb", "rmd")}
 
 
-def translation(names: tuple[str, ...], trained: Callable[[str], nn.Module]) -> Chain:
+def make_chain(names: tuple[str, ...], trained: Callable[[str], nn.Module]) -> Chain:
     """Projections one after the other, from what the first is made for (signals, or displacements of the source, m) to
     displacements, m.
 
