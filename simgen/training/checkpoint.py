@@ -16,8 +16,8 @@ from simgen.errors import InputError, shown, writing
 from simgen.training.mesh_vae import MeshVAE
 from simgen.training.projection import Projection
 from simgen.training.reduced_model import ReducedModel
-from simgen.training.regression import Regression
 from simgen.training.signal_vae import SignalVAE
+from simgen.training.translation import Translation
 from simgen.whole_files import put_in_place, write_aside
 
 
@@ -34,7 +34,7 @@ class Network(Protocol):
 
 NETWORK = "network.safetensors"
 KINDS: dict[str, type[nn.Module]] = {
-    kind.kind: kind for kind in (MeshVAE, SignalVAE, Projection, ReducedModel, Regression)
+    kind.kind: kind for kind in (MeshVAE, SignalVAE, Projection, ReducedModel, Translation)
 }
 
 

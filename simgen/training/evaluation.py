@@ -6,13 +6,13 @@ import torch
 from torch import Tensor
 
 from simgen.training.baselines import RANK, Baseline, coefficients, mesh_baselines, projection_baselines
+from simgen.training.chain import Chain, make_chain
 from simgen.training.checkpoint import count_parameters
 from simgen.training.data import Meshes, Track
 from simgen.training.metrics import Predictor, Touching, contact_of, mesh_errors, signal_errors
 from simgen.training.pca import PCA
 from simgen.training.run import TrainingRun
 from simgen.training.table import PUBLISHED, Entry, labels_of, write_tables
-from simgen.training.chain import Chain, make_chain
 
 # As the table calls them; the paper's go by their own names.
 NAMES = {"svb": "SVB", "mvb": "MVB", "mvd": "MVD", "s2mpn": "S2MPN", "m2mpn": "M2MPN", "s2mpn m2mpn": "S2MPN, M2MPN",

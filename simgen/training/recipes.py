@@ -13,10 +13,10 @@ from simgen.training.hierarchy import build_hierarchy
 from simgen.training.mesh_vae import MeshVAE
 from simgen.training.projection import Projection
 from simgen.training.reduced_model import ReducedModel
-from simgen.training.regression import Regression
-from simgen.training.schema import Fit, ProjectionSettings, RegressionSettings, TrainingJob
+from simgen.training.schema import Fit, ProjectionSettings, TrainingJob, TranslationSettings
 from simgen.training.signal_vae import SignalVAE
 from simgen.training.signals import SignalData, read_signals
+from simgen.training.translation import Translation
 
 BATCH = 512  # of what is computed once for all samples
 
@@ -131,12 +131,12 @@ def reduced_model(inputs: Inputs, meshes: Meshes) -> Recipe:
     return Recipe(network, terms, settings, rows)
 
 
-def regression(
-    source: Tensor, target: Tensor, settings: RegressionSettings, rows: tuple[Tensor, Tensor]
+def translation(
+    source: Tensor, target: Tensor, settings: TranslationSettings, rows: tuple[Tensor, Tensor]
 ) -> Recipe:
     """S2RM, RM2RM: ours, from inputs (sample, inputs) to latents (sample, outputs)."""
-    network = Regression.of_samples(
-        source[rows[0]], target.shape[1], settings.width, settings.blocks, settings.dropout
+    network = Translation.of_samples(
+        source[rows[0]], target.shape[1], width=settings.width, blocks=settings.blocks, noise=settings.noise
     )
 
     def terms(batch: Tensor) -> dict[str, Tensor]:
@@ -145,18 +145,18 @@ def regression(
     return Recipe(network, terms, settings, rows)
 
 
-def signal_regression(inputs: Inputs) -> Recipe:
+def signal_translation(inputs: Inputs) -> Recipe:
     """S2RM. Raises `InputError` for recordings without meshes."""
     signals = inputs.signals
     target = latents(inputs.trained("rmb"), signals.with_meshes().displacement, len(signals.values))
-    return regression(signals.values, target, inputs.job.signal_regression, inputs.signal_rows)
+    return translation(signals.values, target, inputs.job.signal_translation, inputs.signal_rows)
 
 
-def mesh_regression(inputs: Inputs) -> Recipe:
+def mesh_translation(inputs: Inputs) -> Recipe:
     """RM2RM."""
     source = latents(inputs.trained("rmb"), inputs.source.displacement, len(inputs.data))
     target = latents(inputs.trained("rmd"), inputs.target.displacement, len(inputs.data))
-    return regression(source, target, inputs.job.mesh_regression, inputs.rows)
+    return translation(source, target, inputs.job.mesh_translation, inputs.rows)
 
 
 @torch.no_grad()
@@ -184,6 +184,6 @@ RECIPES: dict[str, Callable[[Inputs], Recipe]] = {
     "m2mpn": mesh_projection,
     "rmb": lambda inputs: reduced_model(inputs, inputs.source),
     "rmd": lambda inputs: reduced_model(inputs, inputs.target),
-    "s2rm": signal_regression,
-    "rm2rm": mesh_regression,
+    "s2rm": signal_translation,
+    "rm2rm": mesh_translation,
 }

@@ -24,7 +24,7 @@ Share = Annotated[float, Field(ge=0.0, lt=1.0)]
 NETWORKS = ("svb", "mvb", "mvd", "s2mpn", "m2mpn", "rmb", "rmd", "s2rm", "rm2rm")
 SETTINGS = {
     "svb": "signal_vae", "mvb": "mesh_vae", "mvd": "mesh_vae", "s2mpn": "signal_projection", "m2mpn": "mesh_projection",
-    "rmb": "reduced_model", "rmd": "reduced_model", "s2rm": "signal_regression", "rm2rm": "mesh_regression",
+    "rmb": "reduced_model", "rmd": "reduced_model", "s2rm": "signal_translation", "rm2rm": "mesh_translation",
 }  # fmt: skip
 
 
@@ -104,7 +104,7 @@ class ReducedModelSettings(Fit):
     width: Width = Field(16, description="1 to 65536")
 
 
-class RegressionSettings(Fit):
+class TranslationSettings(Fit):
     """S2RM and RM2RM, ours."""
 
     epochs: int = Field(300, ge=1, le=100_000, description="at most so many, 1 to 100000")
@@ -114,8 +114,8 @@ class RegressionSettings(Fit):
     )
     weight_decay: float = Field(0.01, ge=0.0, le=1.0, description="of AdamW, 0 to 1")
     width: Width = Field(512, description="1 to 65536")
-    blocks: int = Field(3, ge=0, le=100, description="0 to 100")
-    dropout: Share = Field(0.1, description="0 to below 1")
+    blocks: int = Field(2, ge=0, le=100, description="0 to 100")
+    noise: float = Field(0.1, ge=0.0, le=10.0, description="of the inputs, in their root mean square, 0 to 10")
 
 
 class Recordings(Section):
@@ -150,8 +150,8 @@ class TrainingJob(Section):
     signal_projection: SignalProjectionSettings = SignalProjectionSettings()
     mesh_projection: ProjectionSettings = ProjectionSettings()
     reduced_model: ReducedModelSettings = ReducedModelSettings()
-    signal_regression: RegressionSettings = RegressionSettings()
-    mesh_regression: RegressionSettings = RegressionSettings()
+    signal_translation: TranslationSettings = TranslationSettings()
+    mesh_translation: TranslationSettings = TranslationSettings()
     output: str | None = Field(None, description="a folder; by default <name>.networks in the current one")
     _folder: Path = PrivateAttr(default=Path())
 
