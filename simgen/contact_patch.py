@@ -53,7 +53,11 @@ class ContactPatches:
         )
 
     def touching(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-        """(sample, point) whether each touches, in samples of these presses and depths, indices (sample,) each.
+        """(sample, point) whether each touches; arguments as in `gap`."""
+        return self.gap(press, step, displacement) <= FACET_M
+
+    def gap(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+        """(sample, point) signed distance from the indenter, m, in samples of these presses and depths, (sample,) each.
 
         displacement : (sample, point, 3) m, of `points` alone
         """
@@ -68,4 +72,4 @@ class ContactPatches:
         inputs = [wp.array(np.ascontiguousarray(values), dtype=kind, device="cpu") for values, kind in arrays]
         found = wp.empty((len(pose), len(self.points)), dtype=wp.float64, device="cpu")
         wp.launch(_distance_kernel, dim=found.shape, inputs=[self._shapes, *inputs], outputs=[found], device="cpu")
-        return found.numpy() <= FACET_M * 1e3
+        return found.numpy() * 1e-3

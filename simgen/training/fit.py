@@ -65,17 +65,18 @@ class Training:
     terms : what to minimise, of row numbers; it asks ``network``
     rows : row numbers of training and of validation, on the network's device
     state : file from which a training goes on, and into which it is saved
+    coarse : see `simgen.training.step.Step`
     """
 
     def __init__(
         self, name: str, network: nn.Module, terms: Terms, rows: tuple[Tensor, Tensor], settings: Fit, seed: int,
-        state: Path,
+        state: Path, coarse: bool = False,
     ):  # fmt: skip
         self.name, self.network, self.terms, self.settings, self.seed = name, network, terms, settings, seed
         self.train_rows, self.validation_rows = rows
         self.state, self.progress = state, Progress()
         self.batch = min(settings.batch, len(self.train_rows))
-        self.step = Step(network, terms, settings, self.batch, self.train_rows.device)
+        self.step = Step(network, terms, settings, self.batch, self.train_rows.device, coarse)
         self.best = _copy(network)
         if state.exists():
             self._read()

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from simgen.contact_patch import ContactPatches
 from simgen.errors import InputError
+from simgen.touch_audit import FACET_M
 from simgen.training.data import Meshes, TrainingData
 
 Predictor = Callable[[Tensor], Tensor]  # row numbers (n,) int64 -> (n, vertex, 3) m, or (n, channel)
@@ -74,8 +75,8 @@ class MeshErrors(Errors):
     med_um : mean Euclidean distance of the vertices, um
     region_rmse_um, region_med_um : the same in the deformation region; NaN if no vertex is in it
     p99_um, worst_um : 99th percentile of the distances of the vertices, and the largest, um
-    overlap : intersection over union of the points that touch the indenter, predicted and true; NaN if none touches
-        in either, or if the dataset does not say where the indenter is
+    overlap : intersection over union of the points at most `FACET_M` from the indenter's surface, predicted and true;
+        NaN if none is in either, or if the dataset does not say where the indenter is
     """
 
     rmse_um: np.ndarray
@@ -108,7 +109,8 @@ def contact_of(data: TrainingData, sensor: str) -> Touching | None:
 
     def touching(rows: Tensor, displacement: Tensor) -> np.ndarray:
         at, points = rows.cpu().numpy(), torch.from_numpy(patches.points).to(displacement.device)
-        return patches.touching(data.press[at], data.step[at], displacement[:, points].cpu().numpy())
+        gap = patches.gap(data.press[at], data.step[at], displacement[:, points].cpu().numpy())
+        return np.abs(gap) <= FACET_M  # a point that is predicted deep inside the indenter does not touch its surface
 
     return touching
 

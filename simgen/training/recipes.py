@@ -27,12 +27,14 @@ class Recipe:
 
     terms : of row numbers; what is minimised is the first
     rows : row numbers of training and of validation
+    coarse : whether products may be made in TF32: noise far below that of a latent that is drawn, but 1 um of 2 mm
     """
 
     network: nn.Module
     terms: Terms
     settings: Fit
     rows: tuple[Tensor, Tensor]
+    coarse: bool = False
 
 
 @dataclass
@@ -91,7 +93,7 @@ def mesh_vae(inputs: Inputs, meshes: Meshes) -> Recipe:
         loss, mse, kl = network.loss(meshes.displacement(batch), settings.beta)
         return {"loss": loss, "mse": mse, "kl": kl}
 
-    return Recipe(network, terms, settings, rows)
+    return Recipe(network, terms, settings, rows, coarse=True)
 
 
 def projection(source: Tensor, target: Tensor, settings: ProjectionSettings, rows: tuple[Tensor, Tensor]) -> Recipe:

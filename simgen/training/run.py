@@ -43,6 +43,8 @@ class TrainingRun:
 
     def __init__(self, job: TrainingJob, output: Path, device: str, track: Track = lambda items, about: items):
         self.job, self.output, self.device = job, output, torch_device(device)
+        if self.device.type == "cuda":
+            torch.cuda.set_device(self.device)  # what is recorded as a graph runs on the current one
         data = load_training_data(job.dataset_folder(), (job.source, job.target), self.device, track)
         record = {
             "job": job.resolved(),
@@ -84,7 +86,7 @@ class TrainingRun:
         recipe = make_recipe(name, self.inputs)
         network = recipe.network.to(self.device)
         training = Training(
-            name, network, recipe.terms, recipe.rows, recipe.settings, self.job.seed, folder / STATE
+            name, network, recipe.terms, recipe.rows, recipe.settings, self.job.seed, folder / STATE, recipe.coarse
         )
         for epoch in training:
             _write_log(folder / LOG, training.progress.history)

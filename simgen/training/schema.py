@@ -100,7 +100,8 @@ class ReducedModelSettings(Fit):
     schedule: Literal["exponential", "cosine"] = Field(
         "cosine", description="exponential: times `decay` after each epoch; cosine: to 0 at the last epoch"
     )
-    latent: Width = Field(128, description="1 to 65536")
+    # With what the convolutions learn, fewer numbers than PCA with 128 components.
+    latent: Width = Field(127, description="1 to 65536")
     width: Width = Field(16, description="1 to 65536")
 
 

@@ -171,7 +171,7 @@ def _explanation() -> list[str]:
     return [
         "Mean ± standard deviation over samples. RMSE: root of the mean over all coordinates of a sample; MED: mean",
         "distance of its vertices; region: vertices at least 10 um from rest; p99, worst: of the distances of its",
-        "vertices; patch overlap: intersection over union of the points that touch the indenter, or are in it.",
+        "vertices; patch overlap: intersection over union of the points within 50 um of the indenter's surface.",
         f"Parameters: numbers that were learned. Rows as published: {SOURCE}, on its own data.",
     ]
 
