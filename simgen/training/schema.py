@@ -96,7 +96,8 @@ class SignalProjectionSettings(ProjectionSettings):
 class ReducedModelSettings(Fit):
     """RMB and RMD, ours."""
 
-    epochs: int = Field(60, ge=1, le=100_000, description="at most so many, 1 to 100000")
+    epochs: int = Field(40, ge=1, le=100_000, description="at most so many, 1 to 100000")
+    learning_rate: float = Field(3e-3, gt=0.0, le=1.0, description="above 0, to 1")
     schedule: Literal["exponential", "cosine"] = Field(
         "cosine", description="exponential: times `decay` after each epoch; cosine: to 0 at the last epoch"
     )
@@ -114,6 +115,7 @@ class TranslationSettings(Fit):
         "cosine", description="exponential: times `decay` after each epoch; cosine: to 0 at the last epoch"
     )
     weight_decay: float = Field(0.01, ge=0.0, le=1.0, description="of AdamW, 0 to 1")
+    patience: int = Field(300, ge=1, le=100_000, description="epochs without a new best that end it, 1 to 100000")
     width: Width = Field(512, description="1 to 65536")
     blocks: int = Field(2, ge=0, le=100, description="0 to 100")
     noise: float = Field(0.1, ge=0.0, le=10.0, description="of the inputs, in their root mean square, 0 to 10")
