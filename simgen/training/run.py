@@ -13,6 +13,7 @@ import io
 import json
 import platform
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -25,11 +26,12 @@ from simgen.errors import InputError, writing
 from simgen.folder_lock import HeldError, held
 from simgen.provenance import code_version, difference
 from simgen.quiet import check_device_name
-from simgen.training.checkpoint import NETWORK, load_network, save_network, write_whole
+from simgen.training.checkpoint import NETWORK, load_network, save_network
 from simgen.training.data import Track, load_training_data
 from simgen.training.fit import Epoch, Training, epoch_seed
 from simgen.training.recipes import Inputs, make_recipe
 from simgen.training.schema import NETWORKS, TrainingJob
+from simgen.whole_files import whole_folder
 
 RECORD, STATE, LOG = "training.json", "state.safetensors", "epochs.csv"
 PACKAGES = ("torch", "numpy", "scipy", "pyamg", "safetensors")
@@ -132,11 +134,12 @@ def _claim(output: Path, record: dict[str, Any]) -> None:
     """Make the folder of a job, or check that it is this job's. Raises `InputError`."""
     file = output / RECORD
     if not file.exists():
-        if output.exists() and (not output.is_dir() or any(output.iterdir())):
-            raise InputError(f"{output}: exists already and is no training; remove it, or choose another --output")
-        with writing(output):
-            output.mkdir(parents=True, exist_ok=True)
-        write_whole(file, json.dumps(record, indent=1).encode())
+        with writing(output), suppress(FileExistsError):  # another process may begin the same job
+            output.parent.mkdir(parents=True, exist_ok=True)
+            with whole_folder(output) as folder:
+                (folder / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
+    if not file.exists():
+        raise InputError(f"{output}: exists already and is no training; remove it, or choose another --output")
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
         changes = difference({key: found[key] for key in record}, record)
