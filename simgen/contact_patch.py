@@ -35,31 +35,32 @@ class ContactPatches:
     """A point touches if it is at most `FACET_M` from the indenter, or in it.
 
     points : (point,) vertices of the touchable surface
+    device : where distances are found, cpu or cuda:N
 
     Raises `InputError` if the dataset was imported, and does not say what may touch, or if an indenter is no more what
     it was.
     """
 
-    def __init__(self, dataset: Dataset, sensor: str):
+    def __init__(self, dataset: Dataset, sensor: str, device: str = "cpu"):
         if dataset.imported:
             raise InputError(f"{dataset.path}: the files that were imported do not say what touches the indenter")
         start_warp()
-        self.points = touchable_points(dataset, sensor)
+        self.device, self.points = device, touchable_points(dataset, sensor)
         self._rest = dataset[f"{sensor}/rest_positions"][self.points]
-        self._shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)])
+        self._shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)], device)
         self._indenter, self._depth = dataset["press/indenter"], dataset["depth"]
         self._first_touch = advanced(
             np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"], dataset[f"{sensor}/touch"]
         )
 
-    def touching(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    def touching(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
         """(sample, point) whether each touches; arguments as in `gap`."""
         return self.gap(press, step, displacement) <= FACET_M
 
-    def gap(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    def gap(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
         """(sample, point) signed distance from the indenter, m, in samples of these presses and depths, (sample,) each.
 
-        displacement : (sample, point, 3) m, of `points` alone
+        displacement : (sample, point, 3) m, of `points` alone; or (sample, point) of ``wp.vec3d`` on the device
         """
         pose = advanced(self._first_touch[press], self._depth[step])
         arrays = [
@@ -67,9 +68,11 @@ class ContactPatches:
             (pose[:, :3, :3], wp.mat33d),
             (pose[:, :3, 3], wp.vec3d),
             (self._rest, wp.vec3d),
-            (np.asarray(displacement, np.float64), wp.vec3d),
         ]
-        inputs = [wp.array(np.ascontiguousarray(values), dtype=kind, device="cpu") for values, kind in arrays]
-        found = wp.empty((len(pose), len(self.points)), dtype=wp.float64, device="cpu")
-        wp.launch(_distance_kernel, dim=found.shape, inputs=[self._shapes, *inputs], outputs=[found], device="cpu")
+        inputs = [wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device) for values, kind in arrays]
+        if not isinstance(displacement, wp.array):
+            displacement = wp.array(np.asarray(displacement, np.float64), dtype=wp.vec3d, device=self.device)
+        found = wp.empty(displacement.shape, dtype=wp.float64, device=self.device)
+        inputs = [self._shapes, *inputs, displacement]
+        wp.launch(_distance_kernel, dim=found.shape, inputs=inputs, outputs=[found], device=self.device)
         return found.numpy() * 1e-3

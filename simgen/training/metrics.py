@@ -6,6 +6,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 import torch
+import warp as wp
 from torch import Tensor
 
 from simgen.contact_patch import ContactPatches
@@ -102,14 +103,17 @@ class SignalErrors(Errors):
 
 def contact_of(data: TrainingData, sensor: str) -> Touching | None:
     """What touches on a sensor; None if the dataset does not say, or an indenter is no more what it was."""
+    device = data.meshes[sensor].steps.device
     try:
-        patches = ContactPatches(data.dataset, sensor)
+        patches = ContactPatches(data.dataset, sensor, str(device))
     except InputError:
         return None
+    points = torch.from_numpy(patches.points).to(device)
 
     def touching(rows: Tensor, displacement: Tensor) -> np.ndarray:
-        at, points = rows.cpu().numpy(), torch.from_numpy(patches.points).to(displacement.device)
-        gap = patches.gap(data.press[at], data.step[at], displacement[:, points].cpu().numpy())
+        at = rows.cpu().numpy()
+        moved = wp.from_torch(displacement[:, points].double().contiguous(), dtype=wp.vec3d)
+        gap = patches.gap(data.press[at], data.step[at], moved)
         return np.abs(gap) <= FACET_M  # a point that is predicted deep inside the indenter does not touch its surface
 
     return touching
