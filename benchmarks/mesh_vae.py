@@ -152,7 +152,11 @@ def recorded(step: Callable[[], None]) -> Callable[[], None]:
     graph = torch.cuda.CUDAGraph()
     with torch.cuda.graph(graph):
         step()
-    return graph.replay
+
+    def replay(of: Callable[[], None] = step) -> None:  # a graph keeps alive neither moments nor weights
+        graph.replay()
+
+    return replay
 
 
 @dataclass

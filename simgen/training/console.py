@@ -28,7 +28,7 @@ def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard
     except KeyboardInterrupt:
         console.print(f"stopped; the same command goes on from {output}")
         raise SystemExit(INTERRUPTED) from None
-    console.print(f"wrote {output / 'table.md'}, metrics.json, metrics.csv")
+    console.print(f"wrote {output / 'table.md'}, metrics.json, metrics.csv, errors.png")
 
 
 def _train(run: TrainingRun, name: str, tensorboard: bool) -> None:

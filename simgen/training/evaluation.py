@@ -1,6 +1,7 @@
 """Everything that is trained, and what it must beat, measured on the test's trajectories."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -9,11 +10,13 @@ from simgen.training.baselines import RANK, Baseline, coefficients, mesh_baselin
 from simgen.training.chain import Chain, make_chain
 from simgen.training.checkpoint import count_parameters
 from simgen.training.data import Meshes, Track
+from simgen.training.figure import write_figure
 from simgen.training.metrics import Predictor, Touching, contact_of, mesh_errors, signal_errors
 from simgen.training.pca import PCA
 from simgen.training.run import TrainingRun
 from simgen.training.table import PUBLISHED, Entry, labels_of, write_tables
 
+FIGURE = "errors.png"
 # As the table calls them; the paper's go by their own names.
 NAMES = {"svb": "SVB", "mvb": "MVB", "mvd": "MVD", "s2mpn": "S2MPN", "m2mpn": "M2MPN", "s2mpn m2mpn": "S2MPN, M2MPN",
          "rmb": "RMB (ours)", "rmd": "RMD (ours)", "s2rm": "S2RM (ours)", "rm2rm": "RM2RM (ours)",
@@ -27,6 +30,7 @@ def evaluate(run: TrainingRun, track: Track) -> list[Entry]:
              found.signals_to_target]  # fmt: skip
     entries = [entry for task in track(tasks, "measuring") for entry in task()]
     write_tables(run.output, entries)
+    write_figure(run.output / FIGURE, entries)
     return entries
 
 
@@ -128,16 +132,16 @@ class _Evaluation:
 
     def _bars(self, task: str, baselines: list[Baseline], meshes: Meshes) -> Iterator[Entry]:
         for each in baselines:
-            yield self._entry(task, each.name, each.predict, each.parameters, meshes, each.bar)
+            entry = self._entry(task, each.name, each.predict, each.parameters, meshes)
+            yield replace(entry, baseline=True, bar=each.bar)
 
-    def _entry(
-        self, task: str, name: str, predict: Predictor, parameters: int, truth: Meshes, bar: bool = False
-    ) -> Entry:
+    def _entry(self, task: str, name: str, predict: Predictor, parameters: int, truth: Meshes) -> Entry:
         own = truth is self.inputs.data.meshes.get(truth.sensor)  # and not that of recordings
         rows = self.rows["test"] if own else self.inputs.signals.rows("test")
         errors = mesh_errors(predict, truth, rows, self._touching(truth.sensor) if own else None)
         published = name.upper() if name.upper() in PUBLISHED else None
-        return Entry(task, NAMES.get(name, name), errors, parameters, bar, published, self.labels if own else {})
+        labels = self.labels if own else {}
+        return Entry(task, NAMES.get(name, name), errors, parameters, published=published, labels=labels)
 
     def _touching(self, sensor: str) -> Touching | None:
         if sensor not in self._contacts:

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from simgen.training.chebyshev import INITIAL, ChebyshevConvolution, scaled_laplacian
 from simgen.training.hierarchy import Hierarchy
 from simgen.training.sparse import SparseMatrix, interpolate
+from simgen.training.variational import divergence, sample
 
 ENCODER = (3, 16, 16, 16, 32)  # features before and after each convolution, each on the next level
 DECODER = (32, 32, 16, 16, 16)  # likewise upwards; then 3, once more on the finest level
@@ -102,7 +103,7 @@ class MeshVAE(nn.Module):
 
     def forward(self, displacement: Tensor) -> Tensor:
         """Displacements (n, vertex, 3), m, there and back; by the mean latent, or in training by one that is drawn."""
-        return self.decode(self._draw(*self.encode(displacement)))
+        return self.decode(self._latent(*self.encode(displacement)))
 
     def loss(self, displacement: Tensor, beta: float) -> tuple[Tensor, Tensor, Tensor]:
         """Loss, reconstruction error and KL divergence of displacements (n, vertex, 3), m: loss = error + beta * KL.
@@ -112,19 +113,17 @@ class MeshVAE(nn.Module):
         """
         x = self._normalised(displacement)
         mean, log_variance = self._encode(x)
-        error = F.mse_loss(self._decode(self._draw(mean, log_variance)), x)
-        divergence = 0.5 * (mean.square() + log_variance.exp() - log_variance - 1.0).mean()
-        return error + beta * divergence, error, divergence
+        error = F.mse_loss(self._decode(self._latent(mean, log_variance)), x)
+        kl = divergence(mean, log_variance)
+        return error + beta * kl, error, kl
 
     def _normalised(self, displacement: Tensor) -> Tensor:
         """(vertex, 3, n), without unit, the coarsest level's vertices first."""
         x = (displacement - self.mean) / self.deviation
         return x.index_select(1, self.order).permute(1, 2, 0).contiguous()
 
-    def _draw(self, mean: Tensor, log_variance: Tensor) -> Tensor:
-        if not self.training:
-            return mean
-        return mean + torch.exp(0.5 * log_variance) * torch.randn_like(mean)
+    def _latent(self, mean: Tensor, log_variance: Tensor) -> Tensor:
+        return sample(mean, log_variance) if self.training else mean
 
     def _encode(self, x: Tensor) -> tuple[Tensor, Tensor]:
         for level, convolution in enumerate(self.down_convolutions):

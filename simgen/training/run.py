@@ -5,7 +5,7 @@
       <network>/network.safetensors  the best epoch, with network.json beside it
       <network>/epochs.csv           a line per epoch
       <network>/state.safetensors    while it is trained: weights, moments, history
-      table.md, metrics.json, metrics.csv
+      table.md, metrics.json, metrics.csv, errors.png
 """
 
 import csv

@@ -46,6 +46,7 @@ class Entry:
     """A model and its errors.
 
     task : what is made of what, such as "biotac mesh -> digit mesh"; models of one task are compared
+    baseline : whether it is there only to be beaten
     bar : whether a model that is no better than this one is of no use
     published : the network of the paper that it stands beside, a key of `PUBLISHED`
     labels : by what errors are grouped -> (sample,) of all samples of the data, see `labels_of`
@@ -55,6 +56,7 @@ class Entry:
     model: str
     errors: MeshErrors | SignalErrors
     parameters: int
+    baseline: bool = False
     bar: bool = False
     published: str | None = None
     labels: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -120,6 +122,7 @@ def metrics_json(entries: Sequence[Entry]) -> str:
             {
                 "model": entry.model,
                 "parameters": entry.parameters,
+                "baseline": entry.baseline,
                 "bar": entry.bar,
                 "published_as": entry.published,
                 "note": note(entry, own),
