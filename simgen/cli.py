@@ -87,7 +87,9 @@ def train(
     job: Annotated[
         str, typer.Argument(metavar="JOB", help="A training job, or a bundled one: training, training_smoke.")
     ],
-    overrides: Overrides = None,
+    overrides: Annotated[
+        list[str] | None, typer.Argument(metavar="KEY=VALUE", help='Keys to replace: "networks=[rmb, rmd]"')
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder of the networks.", show_default="<job name>.networks"),

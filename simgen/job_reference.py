@@ -1,16 +1,11 @@
-"""The reference of job files, from the schema itself: ``python -m simgen.job_reference > docs/job.md``.
+"""The reference of job files: ``python -m simgen.job_reference > docs/job.md``.
 
-Types, defaults and what is allowed are the schema's, what a constant of the solver or of the contacts does is said
-where it is used; the rest is said here. A test compares the page with what this prints.
+What a constant of the solver or of the contacts does is said where it is used; the rest is said here. A test compares
+the page with what this prints.
 """
 
 import inspect
 import re
-import types
-from collections.abc import Iterator
-from typing import Any, Literal, Union, get_args, get_origin
-
-from pydantic.fields import FieldInfo
 
 from simgen.fem.newton import SolverSettings
 from simgen.job_schema import (
@@ -19,15 +14,27 @@ from simgen.job_schema import (
     Depths,
     Job,
     MaterialChoice,
-    Section,
     SensorChoice,
     Solver,
     Trajectories,
 )
 from simgen.pairing import ContactSettings
+from simgen.reference_page import ReferencePage
+from simgen.section import Section
 
-UNITS = {"_mm": "mm", "_deg": "degrees", "_pa": "Pa"}
-WORDS = {str: "text", int: "whole number", float: "number"}
+
+def solver_meanings() -> dict[str, str]:
+    """What the docstring of `SolverSettings` says: lines ``key, key : meaning``, and indented ones that go on."""
+    text = re.sub(r"\n {4,}", " ", inspect.cleandoc(SolverSettings.__doc__))
+    text = re.sub(r"see (\w+\.py)", r"see [\1](../simgen/fem/\1)", text)
+    found = (re.fullmatch(r"([\w, ]+) : (.+)", line) for line in text.splitlines())
+    return {key: match[2] for match in found if match for key in match[1].split(", ")}
+
+
+def contact_meanings() -> dict[str, str]:
+    """What the comments of `ContactSettings` say."""
+    return dict(re.findall(r"^ +(\w+): .*?  # (.+)$", inspect.getsource(ContactSettings), re.MULTILINE))
+
 
 # Headings with their sections, in the order of the page; NAME is what the user calls a sensor.
 SECTIONS: dict[str, type[Section]] = {
@@ -40,7 +47,7 @@ SECTIONS: dict[str, type[Section]] = {
     "dataset": DatasetSettings,
 }
 
-# What a key does, where neither `SolverSettings` nor `ContactSettings` says it.
+# What a key does.
 MEANINGS: dict[type[Section], dict[str, str]] = {
     Job: {
         "name": "names the dataset, `<name>.zarr`, and its report",
@@ -64,7 +71,10 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         "poisson_ratio": "replaces the preset's ratio at small strains",
         "friction": "replaces the preset's friction between sensor and indenter",
     },
-    Trajectories: {"count": "contact poses; each is pressed with every indenter into every sensor"},
+    Trajectories: {
+        "count": "contact poses; each is pressed with every indenter into every sensor",
+        **contact_meanings(),
+    },
     Depths: {
         "first": "the least depth, counted from true first touch on each sensor",
         "last": "the deepest; contacts are sampled where there is room for it, and "
@@ -72,7 +82,10 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         "count": "so many, evenly spaced, both ends included. From one to the next is a load step, or "
                  "several where one fails",
     },
-    Solver: {"element": "P2-P1: quadratic displacement, linear pressure. P1: linear tetrahedra, which lock"},
+    Solver: {
+        "element": "P2-P1: quadratic displacement, linear pressure. P1: linear tetrahedra, which lock",
+        **solver_meanings(),
+    },
     DatasetSettings: {
         "displacement": "of what numbers displacements are stored as; int16 rounds to 0.1 um",
         "presses_per_shard": "what one task solves and writes, and what a kill may cost",
@@ -82,7 +95,6 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
     },
 }  # fmt: skip
 
-# The first is a whole job; the others replace its keys of the same name.
 EXAMPLES: dict[str, str] = {
     "The job": """\
 name: my_touch
@@ -138,81 +150,8 @@ line, which names the file, the key, the value and what is allowed.
 Each example below replaces the keys of the same name in the first one. A default of `-` is none.
 """
 
-
-def job_reference() -> str:
-    """The whole page, in Markdown."""
-    return "\n".join([HEAD, *(_section(heading, section) for heading, section in SECTIONS.items())])
-
-
-def meaning(section: type[Section], key: str) -> str:
-    """What a key does. Raises KeyError if nobody says it."""
-    of_class = {Solver: solver_meanings, Trajectories: contact_meanings}.get(section, dict)()
-    return MEANINGS[section].get(key) or of_class[key]
-
-
-def solver_meanings() -> dict[str, str]:
-    """What the docstring of `SolverSettings` says: lines ``key, key : meaning``, and indented ones that go on."""
-    lines = re.sub(r"\n {4,}", " ", inspect.cleandoc(SolverSettings.__doc__)).splitlines()
-    found = (re.fullmatch(r"([\w, ]+) : (.+)", line) for line in lines)
-    return {key: match[2] for match in found if match for key in match[1].split(", ")}
-
-
-def contact_meanings() -> dict[str, str]:
-    """What the comments of `ContactSettings` say."""
-    return dict(re.findall(r"^ +(\w+): .*?  # (.+)$", inspect.getsource(ContactSettings), re.MULTILINE))
-
-
-def _section(heading: str, section: type[Section]) -> str:
-    rows = [_row(section, key, field, heading) for key, field in section.model_fields.items()]
-    head = ["| key | type | allowed | default | what it does |", "|---|---|---|---|---|"]
-    about = inspect.cleandoc(section.__doc__).splitlines()[0]
-    title = heading if section is Job else f"`{heading}`"
-    about = re.sub(r"`(simgen[\w.]*)\.\w+` \(.*\)", r"the settings of `\1`", about)
-    about = "Everything at the top level." if section is Job else about
-    return "\n".join([f"## {title}\n", about.replace("``", "`") + "\n", *head, *rows,
-                      f"\n```yaml\n{EXAMPLES[heading]}```\n"])  # fmt: skip
-
-
-def _row(section: type[Section], key: str, field: FieldInfo, heading: str) -> str:
-    unit = next((unit for suffix, unit in UNITS.items() if key.endswith(suffix) or heading.endswith(suffix)), "")
-    counts = field.annotation is int or any(_sections(field.annotation))
-    kind = _kind(field.annotation) + (f", {unit}" if unit and not counts else "")
-    allowed = (field.description or "its keys, see below").replace("<", "\\<")
-    about = re.sub(r"see (\w+\.py)", r"see [\1](../simgen/fem/\1)", meaning(section, key))
-    return f"| `{key}` | {kind} | {allowed} | {_default(field)} | {about} |"
-
-
-def _kind(annotation: Any) -> str:
-    """A type in words."""
-    origin, inner = get_origin(annotation), get_args(annotation)
-    if origin is Literal:
-        return "one of " + ", ".join(f"`{value}`" for value in inner)
-    if origin in (Union, types.UnionType):
-        return _kind(next(each for each in inner if each is not type(None)))
-    if origin is tuple:
-        return "list of text" if Ellipsis in inner else "list of two numbers"
-    if any(_sections(annotation)):
-        return "mapping of names to sections" if origin is dict else "section"
-    return WORDS[annotation]
-
-
-def _sections(annotation: Any) -> Iterator[type[Section]]:
-    for each in (annotation, *get_args(annotation)):
-        if isinstance(each, type) and issubclass(each, Section):
-            yield each
-
-
-def _default(field: FieldInfo) -> str:
-    if field.is_required():
-        return "required"
-    if field.default is None:
-        return "-"
-    if isinstance(field.default, Section):
-        return "its defaults"
-    values = field.default if isinstance(field.default, tuple) else (field.default,)
-    texts = [f"{value:g}" if isinstance(value, int | float) else value for value in values]
-    return f"`[{', '.join(texts)}]`" if isinstance(field.default, tuple) else f"`{texts[0]}`"
+PAGE = ReferencePage(HEAD, SECTIONS, MEANINGS, EXAMPLES)
 
 
 if __name__ == "__main__":
-    print(job_reference(), end="")
+    print(PAGE.markdown(), end="")

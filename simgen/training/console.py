@@ -51,7 +51,7 @@ def _bar(name: str, run: TrainingRun) -> Iterator[Any]:
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("epochs  {task.fields[loss]}"),
         TimeElapsedColumn(), TextColumn("at most"), TimeRemainingColumn(),
     )  # fmt: skip
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(name, total=run.job.fit_of(name).epochs, loss="")
 
         def show(epoch: Epoch) -> None:

@@ -1,8 +1,9 @@
 """A training job on disk: which networks there are, which come next, and from where a killed one goes on.
 
     <name>.networks/
-      training.json                  the resolved job, the dataset's job, code and packages
-      <network>/network.safetensors  the best epoch, with network.json beside it
+      training.json                  the resolved job, the hash of the dataset's job, how many samples there are
+      <network>/network.safetensors  the best epoch
+      <network>/network.json         what it is, its job, dataset, code and packages; written last
       <network>/epochs.csv           a line per epoch
       <network>/state.safetensors    while it is trained: weights, moments, history
       table.md, metrics.json, metrics.csv, errors.png

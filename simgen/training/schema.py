@@ -31,15 +31,13 @@ SETTINGS = {
 class Fit(Section):
     """How a network is trained: by Adam; what is kept is the epoch with the least validation loss."""
 
-    epochs: int = Field(300, ge=1, le=100_000, description="at most so many, 1 to 100000")
-    batch: int = Field(128, ge=1, le=1_000_000, description="samples a step, 1 to 1000000")
+    epochs: int = Field(300, ge=1, le=100_000, description="1 to 100000")
+    batch: int = Field(128, ge=1, le=1_000_000, description="1 to 1000000")
     learning_rate: float = Field(1e-3, gt=0.0, le=1.0, description="above 0, to 1")
-    schedule: Literal["exponential", "cosine"] = Field(
-        "exponential", description="exponential: times `decay` after each epoch; cosine: to 0 at the last epoch"
-    )
+    schedule: Literal["exponential", "cosine"] = Field("exponential", description="exponential or cosine")
     decay: float = Field(1.0, gt=0.0, le=1.0, description="above 0, to 1")
-    weight_decay: float = Field(0.0, ge=0.0, le=1.0, description="of AdamW, 0 to 1")
-    patience: int = Field(50, ge=1, le=100_000, description="epochs without a new best that end it, 1 to 100000")
+    weight_decay: float = Field(0.0, ge=0.0, le=1.0, description="0 to 1")
+    patience: int = Field(50, ge=1, le=100_000, description="1 to 100000")
 
     def learning_rate_in(self, epoch: int) -> float:
         if self.schedule == "cosine":
@@ -52,27 +50,29 @@ class MeshVAESettings(Fit):
 
     decay: float = Field(0.99, gt=0.0, le=1.0, description="above 0, to 1")
     latent: Width = Field(128, description="1 to 65536")
-    beta: float = Field(0.005, ge=0.0, le=100.0, description="weight of the KL divergence, 0 to 100")
+    beta: float = Field(0.005, ge=0.0, le=100.0, description="0 to 100")
 
 
 class SignalVAESettings(Fit):
     """SVB."""
 
-    epochs: int = Field(1000, ge=1, le=100_000, description="at most so many, 1 to 100000")
-    batch: int = Field(256, ge=1, le=1_000_000, description="samples a step, 1 to 1000000")
+    epochs: int = Field(1000, ge=1, le=100_000, description="1 to 100000")
+    batch: int = Field(256, ge=1, le=1_000_000, description="1 to 1000000")
     learning_rate: float = Field(1e-4, gt=0.0, le=1.0, description="above 0, to 1")
-    widths: tuple[Width, ...] = Field((256, 128, 64), min_length=1, max_length=20, description="a list of widths")
+    widths: tuple[Width, ...] = Field(
+        (256, 128, 64), min_length=1, max_length=20, description="a list of widths, 1 to 65536 each, 20 at most"
+    )
     latent: Width = Field(8, description="1 to 65536")
-    beta: float = Field(0.005, ge=0.0, le=100.0, description="weight of the KL divergence, 0 to 100")
+    beta: float = Field(0.005, ge=0.0, le=100.0, description="0 to 100")
 
 
 class ProjectionSettings(Fit):
     """M2MPN; S2MPN with other values."""
 
-    epochs: int = Field(1000, ge=1, le=100_000, description="at most so many, 1 to 100000")
-    batch: int = Field(1024, ge=1, le=1_000_000, description="samples a step, 1 to 1000000")
+    epochs: int = Field(1000, ge=1, le=100_000, description="1 to 100000")
+    batch: int = Field(1024, ge=1, le=1_000_000, description="1 to 1000000")
     widths: tuple[Width, ...] = Field(
-        (512, 1024, 1024, 256), min_length=1, max_length=20, description="a list of widths of hidden layers"
+        (512, 1024, 1024, 256), min_length=1, max_length=20, description="a list of widths, 1 to 65536 each, 20 at most"
     )
     dropout: tuple[Share, ...] = Field((0.2, 0.4, 0.0, 0.0), description="a list, one per width, 0 to below 1")
 
@@ -88,7 +88,7 @@ class SignalProjectionSettings(ProjectionSettings):
 
     learning_rate: float = Field(5e-4, gt=0.0, le=1.0, description="above 0, to 1")
     widths: tuple[Width, ...] = Field(
-        (512, 128, 256, 256), min_length=1, max_length=20, description="a list of widths of hidden layers"
+        (512, 128, 256, 256), min_length=1, max_length=20, description="a list of widths, 1 to 65536 each, 20 at most"
     )
     dropout: tuple[Share, ...] = Field((0.4, 0.3, 0.2, 0.5), description="a list, one per width, 0 to below 1")
 
@@ -96,11 +96,9 @@ class SignalProjectionSettings(ProjectionSettings):
 class ReducedModelSettings(Fit):
     """RMB and RMD, ours."""
 
-    epochs: int = Field(40, ge=1, le=100_000, description="at most so many, 1 to 100000")
+    epochs: int = Field(40, ge=1, le=100_000, description="1 to 100000")
     learning_rate: float = Field(3e-3, gt=0.0, le=1.0, description="above 0, to 1")
-    schedule: Literal["exponential", "cosine"] = Field(
-        "cosine", description="exponential: times `decay` after each epoch; cosine: to 0 at the last epoch"
-    )
+    schedule: Literal["exponential", "cosine"] = Field("cosine", description="exponential or cosine")
     # With what the convolutions learn, fewer numbers than PCA with 128 components.
     latent: Width = Field(127, description="1 to 65536")
     width: Width = Field(16, description="1 to 65536")
@@ -109,23 +107,21 @@ class ReducedModelSettings(Fit):
 class TranslationSettings(Fit):
     """S2RM and RM2RM, ours."""
 
-    epochs: int = Field(300, ge=1, le=100_000, description="at most so many, 1 to 100000")
-    batch: int = Field(1024, ge=1, le=1_000_000, description="samples a step, 1 to 1000000")
-    schedule: Literal["exponential", "cosine"] = Field(
-        "cosine", description="exponential: times `decay` after each epoch; cosine: to 0 at the last epoch"
-    )
-    weight_decay: float = Field(0.01, ge=0.0, le=1.0, description="of AdamW, 0 to 1")
-    patience: int = Field(300, ge=1, le=100_000, description="epochs without a new best that end it, 1 to 100000")
+    epochs: int = Field(300, ge=1, le=100_000, description="1 to 100000")
+    batch: int = Field(1024, ge=1, le=1_000_000, description="1 to 1000000")
+    schedule: Literal["exponential", "cosine"] = Field("cosine", description="exponential or cosine")
+    weight_decay: float = Field(0.01, ge=0.0, le=1.0, description="0 to 1")
+    patience: int = Field(300, ge=1, le=100_000, description="1 to 100000")
     width: Width = Field(512, description="1 to 65536")
     blocks: int = Field(2, ge=0, le=100, description="0 to 100")
-    noise: float = Field(0.1, ge=0.0, le=10.0, description="of the inputs, in their root mean square, 0 to 10")
+    noise: float = Field(0.1, ge=0.0, le=10.0, description="0 to 10")
 
 
 class Recordings(Section):
     """Electrode files in the published layout, in place of synthetic signals."""
 
     files: tuple[str, ...] = Field(min_length=1, description="a list of HDF5 files")
-    least_force_n: float = Field(0.1, ge=0.0, le=100.0, description="what counts as contact, 0 to 100 N")
+    least_force_n: float = Field(0.1, ge=0.0, le=100.0, description="0 to 100 N")
     remove_drift: bool = Field(False, description="true or false")
 
 
