@@ -100,8 +100,14 @@ JOBS = [
     *[
         (f"wrong type of {key}", job(**{key: value}), DRY, f"{key}: {said} is not allowed; allowed: ")
         for key, value, said in [
-            ("seed", "one", '"one"'), ("sensors", [], "[]"), ("sensors", {}, "{}"), ("indenters", {}, "{}"),
-            ("indenters", [], "[]"), ("trajectories", 3, "3"), ("depths_mm", [], "[]"), ("solver", "fast", '"fast"'),
+            ("seed", "one", '"one"'),
+            ("sensors", [], "[]"),
+            ("sensors", {}, "{}"),
+            ("indenters", {}, "{}"),
+            ("indenters", [], "[]"),
+            ("trajectories", 3, "3"),
+            ("depths_mm", [], "[]"),
+            ("solver", "fast", '"fast"'),
             ("dataset", "int16", '"int16"'),
         ]
     ],
