@@ -1,0 +1,83 @@
+"""A dataset whose BioTac has a skin around its electrodes: all that `simgen train` can train, on few vertices."""
+
+from pathlib import Path
+
+import fake
+import numpy as np
+import trimesh
+from scipy.spatial import Delaunay
+
+from simgen.dataset import Dataset
+from simgen.run import run
+from simgen.section import section_from_dict
+from simgen.sensor import load_geometry
+from simgen.training.schema import TrainingJob
+
+WIDTH_M = 5e-3  # of a dent: as far as vertices of the skin are from each other
+LAYERS = 2  # of the skin: its inside, and its outside
+
+
+def skin() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices (v, 3), tetrahedra (t, 4) and surface triangles (f, 3) of a skin around the BioTac's core."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    low, high = load_geometry("biotac").core.bounds
+    inside = (low + high) / 2 + ball.vertices * (high - low) / 2 * 1.1
+    outside = inside + 1e-3 * ball.vertices
+    count = len(ball.vertices)
+    a, b, c = np.sort(ball.faces, axis=1).T  # so that prisms that meet are cut along one diagonal
+    tetrahedra = np.concatenate([
+        np.stack(corners, axis=1)
+        for corners in ((a, b, c, c + count), (a, b, b + count, c + count), (a, a + count, b + count, c + count))
+    ])  # fmt: skip
+    vertices = np.concatenate([inside, outside])
+    corners = vertices[tetrahedra]
+    turned = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
+    tetrahedra[turned] = tetrahedra[turned][:, [1, 0, 2, 3]]
+    return vertices, tetrahedra.astype(np.int32), np.concatenate([ball.faces[:, ::-1], ball.faces + count])
+
+
+SKIN = skin()
+
+
+def presser(job, sensor, device):
+    """As the fake one, but where the skin of the BioTac is."""
+
+    def press(indenters, poses, depths):
+        results = fake.failing_presser(job, sensor, device)(indenters, poses, depths)
+        if sensor == "biotac":
+            for indenter, pose, result in zip(indenters, poses, results, strict=True):
+                near = np.exp(-np.sum((SKIN[0] - pose[:3, 3]) ** 2, axis=1) / (WIDTH_M * (1 + indenter)) ** 2)
+                moved = depths[:, None, None] * near[:, None] * pose[:3, 1]
+                result.displacement = np.where((result.status == 0)[:, None, None], moved, np.nan)
+        return results
+
+    return press
+
+
+def make(path, **changes) -> Dataset:
+    """Twelve trajectories, three indenters, four depths of 0.1 to 0.4 mm; the ring stalls from the third depth on."""
+    plan = fake.make_plan(fake.make_job(**{"trajectories": {"count": 12}} | changes))
+    plan.arrays["digit/tetrahedra"] = Delaunay(fake.VERTICES).simplices.astype(np.int32)
+    vertices, tetrahedra, triangles = SKIN
+    free = np.ones(len(vertices), bool)
+    own = {"rest_positions": vertices, "tetrahedra": tetrahedra, "surface_triangles": triangles, "held": ~free,
+           "touchable": free}  # fmt: skip
+    plan.arrays.update({f"biotac/{key}": values for key, values in own.items()})
+    return run(plan, path, build=presser)
+
+
+FITS = {
+    "signal_vae": {"epochs": 3, "batch": 32, "learning_rate": 1e-2, "widths": [8, 6], "latent": 3},
+    "mesh_vae": {"epochs": 2, "batch": 32, "latent": 3},
+    "signal_projection": {"epochs": 3, "batch": 32, "widths": [8, 8], "dropout": [0.2, 0.0]},
+    "mesh_projection": {"epochs": 3, "batch": 32, "widths": [8, 8], "dropout": [0.2, 0.0]},
+    "reduced_model": {"epochs": 2, "batch": 32, "latent": 3, "width": 4},
+    "signal_translation": {"epochs": 3, "batch": 32, "width": 8},
+    "mesh_translation": {"epochs": 3, "batch": 32, "width": 8},
+}
+
+
+def job(dataset: Path, **changes) -> TrainingJob:
+    """Everything, tiny; other values at its top."""
+    plain = {"name": "tiny", "seed": 1, "dataset": str(dataset), **FITS} | changes
+    return section_from_dict(TrainingJob, plain, "job")
