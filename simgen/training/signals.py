@@ -38,7 +38,10 @@ class SignalData:
     def with_meshes(self) -> Meshes:
         """The meshes. Raises `InputError` if there are none."""
         if self.meshes is None:
-            raise InputError("signals.recordings: not all files hold meshes (nodal_res); allowed here: files that do")
+            raise InputError(
+                "signals.recordings: not all files hold meshes (nodal_res), which s2mpn and s2rm need; allowed: files "
+                "that do, or networks without these two"
+            )
         return self.meshes
 
     def bounds(self) -> tuple[Tensor, Tensor]:
