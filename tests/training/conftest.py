@@ -8,6 +8,9 @@ from scipy.spatial import Delaunay
 
 from simgen.run import run
 from simgen.training.data import load_training_data
+from simgen.training.run import TrainingRun
+
+from . import touched
 
 
 def make_dataset(path, **changes):
@@ -26,3 +29,15 @@ def learnable(tmp_path_factory):
 @pytest.fixture(scope="session")
 def data(learnable):
     return load_training_data(learnable.path, ("biotac", "digit"), torch.device("cpu"), lambda items, about: items)
+
+
+@pytest.fixture(scope="session")
+def with_electrodes(tmp_path_factory):
+    """A dataset on which everything can be trained."""
+    return touched.make(tmp_path_factory.mktemp("touched") / "d.zarr")
+
+
+@pytest.fixture(scope="session")
+def trained(with_electrodes, tmp_path_factory) -> TrainingRun:
+    """Everything, trained on it."""
+    return touched.train(touched.job(with_electrodes.path), tmp_path_factory.mktemp("trained") / "networks")

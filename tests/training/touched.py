@@ -11,10 +11,10 @@ from simgen.dataset import Dataset
 from simgen.run import run
 from simgen.section import section_from_dict
 from simgen.sensor import load_geometry
-from simgen.training.schema import TrainingJob
+from simgen.training.run import TrainingRun
+from simgen.training.schema import NETWORKS, TrainingJob
 
 WIDTH_M = 5e-3  # of a dent: as far as vertices of the skin are from each other
-LAYERS = 2  # of the skin: its inside, and its outside
 
 
 def skin() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -81,3 +81,17 @@ def job(dataset: Path, **changes) -> TrainingJob:
     """Everything, tiny; other values at its top."""
     plain = {"name": "tiny", "seed": 1, "dataset": str(dataset), **FITS} | changes
     return section_from_dict(TrainingJob, plain, "job")
+
+
+def train(job: TrainingJob, output: Path) -> TrainingRun:
+    """All of its networks, on this thread."""
+    run = TrainingRun(job, output, "cpu")
+    for name in job.in_order():
+        list(run.train(name))
+    return run
+
+
+def weights(output: Path) -> dict[str, bytes]:
+    """Network -> its file, of those that are trained."""
+    files = {name: output / name / "network.safetensors" for name in NETWORKS}
+    return {name: file.read_bytes() for name, file in files.items() if file.exists()}
