@@ -72,7 +72,7 @@ def test_what_is_stopped_in_an_epoch_goes_on_to_the_same_bytes(with_electrodes, 
     done = start(tmp_path, with_electrodes.path, ending)
     output = tmp_path / "networks"
     assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
+    assert not done.stderr
     assert (ending == "SIGINT") == ("stopped; the same command goes on from networks" in done.stdout)
     assert (output / "mvd" / STATE).exists() and not touched.weights(output)
     assert epochs(output / "mvd") == epochs(undisturbed / "mvd")[:2]
