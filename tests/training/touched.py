@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import fake
+import h5py
 import numpy as np
 import trimesh
 from scipy.spatial import Delaunay
@@ -95,3 +96,18 @@ def weights(output: Path) -> dict[str, bytes]:
     """Network -> its file, of those that are trained."""
     files = {name: output / name / "network.safetensors" for name in NETWORKS}
     return {name: file.read_bytes() for name, file in files.items() if file.exists()}
+
+
+def record(path: Path, count: int = 300, meshes: bool = True, seed: int = 0) -> Path:
+    """A recording in the published layout: presses of a skin by electrodes that drift, every fifth one free."""
+    random = np.random.default_rng(seed)
+    depth = np.where(np.arange(count) % 5 == 4, 0.0, random.uniform(0.1e-3, 1e-3, count))
+    drift = np.linspace(0.0, 50.0, count)[:, None] * np.arange(19)
+    near = np.exp(-np.sum((SKIN[0] - SKIN[0][200]) ** 2, axis=1) / WIDTH_M**2)
+    with h5py.File(path, "w") as file:
+        file["electrode_vals/data"] = 2000.0 + drift + 1e6 * depth[:, None] * random.uniform(0.9, 1.1, 19)
+        file["contact_loc/data"] = random.normal(size=(count, 3))
+        file["force_vec/data"] = depth[:, None] * [0.0, 0.0, 2e3]
+        if meshes:
+            file["nodal_res"] = SKIN[0] + depth[:, None, None] * near[:, None] * [0.0, 0.0, 1.0]
+    return path
