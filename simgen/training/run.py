@@ -56,7 +56,7 @@ class TrainingRun:
             "job_hash": job.hash,
             "dataset": {"job_hash": data.dataset.attributes["job_hash"], "samples": len(data)},
         }
-        if (output / RECORD).exists():
+        if not _is_free(output):
             _check_begun(output, record)  # before signals are made, which may take minutes
         self.inputs = Inputs(job, data, cache(self.trained))
         self.inputs.check(job.networks)
@@ -146,12 +146,16 @@ def device_name(device: torch.device) -> str:
 
 def _claim(output: Path, record: dict[str, Any]) -> None:
     """Make the folder of a job, or check that it is this job's. Raises `InputError`."""
-    if output.name and not (output / RECORD).exists():  # nothing is put in the place of the current folder
-        with writing(output), suppress(FileExistsError):  # another process may begin the same job
+    if output.name and _is_free(output):  # nothing is put in the place of the current folder
+        with writing(output):
             output.parent.mkdir(parents=True, exist_ok=True)
-            with whole_folder(output) as folder:
+            with suppress(FileExistsError), whole_folder(output) as folder:  # another process may begin the same job
                 (folder / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
     _check_begun(output, record)
+
+
+def _is_free(output: Path) -> bool:
+    return not output.exists() or (output.is_dir() and not any(output.iterdir()))
 
 
 def _check_begun(output: Path, record: dict[str, Any]) -> None:

@@ -188,6 +188,11 @@ def test_two_processes_do_not_train_one_network(with_electrodes, tmp_path):
     assert len(list(run.train("svb"))) == touched.FITS["signal_vae"]["epochs"]
 
 
+def test_an_empty_folder_is_taken(with_electrodes, tmp_path):
+    run = TrainingRun(touched.job(with_electrodes.path, networks=["mvd"]), tmp_path, "cpu")
+    assert (run.output / "training.json").exists()
+
+
 def test_the_current_folder_is_no_training(with_electrodes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="exists already and is no training"):
