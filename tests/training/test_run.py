@@ -3,20 +3,23 @@
 import csv
 import hashlib
 import json
+import shutil
 import signal
 import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
 
+import fake
 import pytest
 import torch
 import yaml
 
 import simgen
-from simgen import splits
+from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.folder_lock import held
+from simgen.splits import IN_NONE, SPLITS
 from simgen.training.run import STATE, TrainingRun, torch_device
 from simgen.training.schema import NETWORKS
 
@@ -98,8 +101,8 @@ def test_networks_do_not_depend_on_what_was_trained_beside_them(trained, with_el
 
 
 def test_another_seed_is_another_network(trained, with_electrodes, tmp_path):
-    touched.train(touched.job(with_electrodes.path, networks=["svb"], seed=2), tmp_path / "other")
-    assert touched.weights(tmp_path / "other")["svb"] != touched.weights(trained.output)["svb"]
+    touched.train(touched.job(with_electrodes.path, networks=["mvd"], seed=2), tmp_path / "other")
+    assert touched.weights(tmp_path / "other")["mvd"] != touched.weights(trained.output)["mvd"]
 
 
 def test_the_sidecar_says_what_trained_it(trained):
@@ -151,7 +154,7 @@ def test_a_folder_of_another_dataset_is_one_line(trained, tmp_path):
 
 def test_a_dataset_may_move_and_more_networks_may_come(trained, with_electrodes, tmp_path):
     (tmp_path / "link.zarr").symlink_to(with_electrodes.path)
-    job = touched.job(tmp_path / "link.zarr", networks=["svb"])
+    job = touched.job(tmp_path / "link.zarr", networks=["mvd"])
     assert TrainingRun(job, trained.output, "cpu").is_trained("mvb")
 
 
@@ -169,23 +172,22 @@ def test_a_network_that_is_needed_and_gone_is_one_line(with_electrodes, tmp_path
         next(run.train("rm2rm"))
 
 
-@pytest.mark.parametrize("split", list(splits.SPLITS))
-def test_a_split_without_samples_is_missed_before_anything_is_trained(with_electrodes, tmp_path, monkeypatch, split):
-    shares = {name: 0.0 if name == split else 0.5 for name in splits.SPLITS}
-    monkeypatch.setattr(splits, "SPLITS", shares)
-    few = touched.make(tmp_path / "few.zarr")
-    monkeypatch.undo()
+@pytest.mark.parametrize("split", list(SPLITS))
+def test_a_split_without_samples_is_missed_before_anything_is_trained(with_electrodes, tmp_path, split):
+    few = Dataset(shutil.copytree(with_electrodes.path, tmp_path / "few.zarr"))
+    split_of = few["press/split"]
+    fake.change(few, "press/split", split_of == list(SPLITS).index(split), IN_NONE)
     with pytest.raises(InputError, match=f"few.zarr: no sample of split {split}; samples: "):
         TrainingRun(touched.job(few.path, networks=["mvd"]), tmp_path / "networks", "cpu")
     assert not (tmp_path / "networks").exists()
 
 
 def test_two_processes_do_not_train_one_network(with_electrodes, tmp_path):
-    run = TrainingRun(touched.job(with_electrodes.path, networks=["svb"]), tmp_path / "networks", "cpu")
-    (run.output / "svb").mkdir()
-    with held(run.output / "svb"), pytest.raises(InputError, match="svb: is being trained by process"):
-        next(run.train("svb"))
-    assert len(list(run.train("svb"))) == touched.FITS["signal_vae"]["epochs"]
+    run = TrainingRun(touched.job(with_electrodes.path, networks=["mvd"]), tmp_path / "networks", "cpu")
+    (run.output / "mvd").mkdir()
+    with held(run.output / "mvd"), pytest.raises(InputError, match="mvd: is being trained by process"):
+        next(run.train("mvd"))
+    assert len(list(run.train("mvd"))) == touched.FITS["mesh_vae"]["epochs"]
 
 
 def test_an_empty_folder_is_taken(with_electrodes, tmp_path):
