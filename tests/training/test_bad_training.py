@@ -99,7 +99,7 @@ def test_bad_input_is_one_line_and_writes_nothing(folder, monkeypatch, capfd, ch
 
 def test_a_loss_without_a_number_is_one_line(folder, monkeypatch, capfd):
     """Of a rate at which training diverges."""
-    write(folder, networks=["mvd"], mesh_vae=touched.FITS["mesh_vae"] | {"learning_rate": 1.0, "batch": 4})
+    write(folder, networks=["mvd"], mesh_vae=touched.FITS["mesh_vae"] | {"learning_rate": 1.0, "batch": 16})
     refused(JOB, "mvd: train_loss is nan in epoch 0; a smaller learning_rate may help", monkeypatch, capfd)
     assert not list(folder.rglob("network.*"))
 

@@ -10,6 +10,7 @@ import pytest
 from simgen.dataset import Dataset
 from simgen.splits import SPLITS
 from simgen.training.evaluation import evaluate
+from simgen.training.run import TrainingRun
 from simgen.training.schema import NETWORKS
 
 from . import touched
@@ -39,8 +40,13 @@ def histories(output: Path) -> dict[str, list[list[str]]]:
 
 
 @pytest.fixture(scope="module")
-def output(with_electrodes, tmp_path_factory) -> Path:
-    return touched.train(job(with_electrodes), tmp_path_factory.mktemp("as it is") / "networks").output
+def as_it_is(with_electrodes, tmp_path_factory) -> TrainingRun:
+    return touched.train(job(with_electrodes), tmp_path_factory.mktemp("as it is") / "networks")
+
+
+@pytest.fixture(scope="module")
+def output(as_it_is) -> Path:
+    return as_it_is.output
 
 
 def job(dataset: Dataset):
@@ -48,8 +54,8 @@ def job(dataset: Dataset):
 
 
 @pytest.fixture(scope="module")
-def other_test(with_electrodes, tmp_path_factory):
-    """All trained, and the folder of it, where the test's presses have moved otherwise."""
+def other_test(with_electrodes, tmp_path_factory) -> TrainingRun:
+    """All trained where the test's presses have moved otherwise."""
     folder = tmp_path_factory.mktemp("other test")
     return touched.train(job(with_other(with_electrodes, "test", folder / "d.zarr")), folder / "networks")
 
@@ -65,9 +71,9 @@ def test_the_test_does_not_decide_when_to_stop(output, other_test):
     assert any(len(lines) - 1 < 5 for lines in found.values())  # some did stop early
 
 
-def test_the_test_is_what_is_measured(with_electrodes, output, other_test):
+def test_the_test_is_what_is_measured(as_it_is, other_test):
     """What is compared above does differ: errors of the same networks change with the test."""
-    before = evaluate(touched.train(job(with_electrodes), output), lambda items, about: items)
+    before = evaluate(as_it_is, lambda items, about: items)
     after = evaluate(other_test, lambda items, about: items)
     own = {(entry.task, entry.model): entry.errors.summary()[entry.errors.MAIN].mean for entry in before}
     changed = {(entry.task, entry.model): entry.errors.summary()[entry.errors.MAIN].mean for entry in after}

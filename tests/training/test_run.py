@@ -198,7 +198,7 @@ def test_an_empty_folder_is_taken(with_electrodes, tmp_path):
 def test_the_current_folder_is_no_training(with_electrodes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="exists already and is no training"):
-        TrainingRun(touched.job(with_electrodes.path), Path(), "cpu")
+        TrainingRun(touched.job(with_electrodes.path, networks=["mvd"]), Path(), "cpu")
 
 
 def test_a_device_that_is_not_there_is_one_line():
