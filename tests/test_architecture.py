@@ -65,9 +65,7 @@ def imports(path: Path) -> set[str]:
 
 def own_imports(module: str) -> set[str]:
     names = {name for file in module_files()[module] for name in imports(file)}
-    return {name.split(".")[1] for name in names if name.startswith("simgen.")} & set(module_files()) - {
-        module
-    }
+    return {name.split(".")[1] for name in names if name.startswith("simgen.")} & set(module_files()) - {module}
 
 
 def third_party(module: str) -> set[str]:

@@ -30,8 +30,9 @@ from bad_files import (
     truncated,
     write,
 )
+from refusal import check_refusal, contents, rows, simgen
 
-from simgen import cli, workers
+from simgen import workers
 from simgen.run import run
 
 DRY = "run job.yaml --dry-run"
@@ -100,8 +101,14 @@ JOBS = [
     *[
         (f"wrong type of {key}", job(**{key: value}), DRY, f"{key}: {said} is not allowed; allowed: ")
         for key, value, said in [
-            ("seed", "one", '"one"'), ("sensors", [], "[]"), ("sensors", {}, "{}"), ("indenters", {}, "{}"),
-            ("indenters", [], "[]"), ("trajectories", 3, "3"), ("depths_mm", [], "[]"), ("solver", "fast", '"fast"'),
+            ("seed", "one", '"one"'),
+            ("sensors", [], "[]"),
+            ("sensors", {}, "{}"),
+            ("indenters", {}, "{}"),
+            ("indenters", [], "[]"),
+            ("trajectories", 3, "3"),
+            ("depths_mm", [], "[]"),
+            ("solver", "fast", '"fast"'),
             ("dataset", "int16", '"int16"'),
         ]
     ],
@@ -271,10 +278,6 @@ def folder(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def contents(folder: Path) -> dict[str, bytes | None]:
-    return {str(path): path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))}
-
-
 def prepare(folder: Path, preparation) -> dict[str, bytes | None]:
     preparation(folder) if callable(preparation) else write(folder, preparation)
     return contents(folder)
@@ -288,25 +291,6 @@ def prepare_dataset(folder: Path, dataset: Path, change) -> dict[str, bytes | No
         if change is not None:
             change(folder / "d.zarr")
     return contents(folder)
-
-
-def simgen(command: str | list[str], monkeypatch, capfd) -> tuple[int, str, str]:
-    """The command line in this very process: its exit code and what it says."""
-    monkeypatch.setattr(sys, "argv", ["simgen", *(command.split() if isinstance(command, str) else command)])
-    capfd.readouterr()
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    return end.value.code or 0, *capfd.readouterr()
-
-
-def check_refusal(code: int, output: str, errors: str, words: str) -> None:
-    assert code == 2, output + errors
-    assert errors.startswith("simgen: ") and len(errors.splitlines()) == 1, errors
-    assert words in errors and "Traceback" not in output + errors
-
-
-def rows(table: list[tuple]) -> list:
-    return [pytest.param(*row[1:], id=f"{row[0]} {number}") for number, row in enumerate(table)]
 
 
 @pytest.mark.parametrize("preparation, command, words", rows([*JOBS, *SENSORS, *LINES]))

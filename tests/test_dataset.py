@@ -94,9 +94,7 @@ def test_samples_that_were_not_reached_hold_the_fill_value(dataset):
     assert (dataset["digit/status"][2:] == -1).all()
 
 
-@pytest.mark.parametrize(
-    "steps, fits", [(32767.4, True), (-32767.4, True), (32767.6, False), (65536.0, False)]
-)
+@pytest.mark.parametrize("steps, fits", [(32767.4, True), (-32767.4, True), (32767.6, False), (65536.0, False)])
 def test_int16_rounds_or_refuses_but_never_wraps(dataset, steps, fits):
     values = shard_values(dataset, 0)
     values["digit/displacement"][0, 0, 0, 0] = steps * DISPLACEMENT_STEP_M

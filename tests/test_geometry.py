@@ -104,7 +104,5 @@ def test_held_regions_have_their_measured_area():
     regions = load_geometry("biotac")
     area = {n: regions.true.surface.area_faces[f].sum() / MM**2 for n, f in regions.held_regions.items()}
     assert area["nail_plate"] == pytest.approx(17.0 * 6.84, rel=0.03)  # x -17..0, |z| <= 3.42
-    assert area["rear_plate"] == pytest.approx(
-        7.0 * 6.6, rel=0.15
-    )  # the round face clips the corners of the box
+    assert area["rear_plate"] == pytest.approx(7.0 * 6.6, rel=0.15)  # the round face clips the corners of the box
     assert load_geometry("digit").true.area(HELD) / MM**2 == pytest.approx(422.5, rel=0.005)

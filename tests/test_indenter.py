@@ -177,9 +177,7 @@ def test_a_closed_mesh_is_an_indenter(tmp_path):
     indenter = load_indenter("block", tmp_path / "mine.yaml")
     np.testing.assert_allclose(indenter.extent * 1e3, [[-2, -6, -2], [2, 0, 2]], atol=1e-6)
     heights = np.array([-0.4, 0.0, 0.1, 0.5, 1.0])
-    distance, normal, _ = signed_distance(
-        indenter.shape(), np.column_stack([0 * heights, heights, 0 * heights])
-    )
+    distance, normal, _ = signed_distance(indenter.shape(), np.column_stack([0 * heights, heights, 0 * heights]))
     np.testing.assert_allclose(distance, heights, atol=1e-3)
     np.testing.assert_allclose(normal, np.tile([0.0, 1.0, 0.0], (5, 1)), atol=1e-2)
 

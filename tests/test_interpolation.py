@@ -14,9 +14,7 @@ from simgen.tetrahedra import SimulationMesh, interpolation_matrix, signed_volum
 
 
 def straight_mesh(vertices, tetrahedra) -> SimulationMesh:
-    edges, number = np.unique(
-        np.sort(tetrahedra[:, TET_EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True
-    )
+    edges, number = np.unique(np.sort(tetrahedra[:, TET_EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     nodes = np.concatenate([vertices, vertices[edges].mean(axis=1)])
     ten = np.concatenate([tetrahedra, len(vertices) + number.reshape(-1, 6)], axis=1)
     none = np.zeros((0, 6), dtype=np.int32)

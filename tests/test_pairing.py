@@ -62,9 +62,7 @@ def test_contact_points_coincide_and_normals_align(digit, biotac, contacts):
 
 def test_partners_lie_on_the_surface(biotac, contacts):
     points, _ = partners(biotac, contacts)
-    assert (
-        np.abs(mesh_distance(biotac.surface, points * 1e3)).max() < 1e-5
-    )  # mm, the distance's single precision
+    assert np.abs(mesh_distance(biotac.surface, points * 1e3)).max() < 1e-5  # mm, the distance's single precision
 
 
 def test_partners_lie_on_touchable_skin(biotac, contacts):
@@ -124,9 +122,7 @@ def test_indenters_stand_on_their_contacts(contacts):
 
 def test_roll_turns_the_indenter_about_its_axis(contacts):
     """Two poses that differ by a roll of 30 degrees differ by that turn about +y."""
-    turned = Contacts(
-        contacts.points, contacts.normals, contacts.axes, contacts.rolls + np.pi / 6, contacts.arcs
-    )
+    turned = Contacts(contacts.points, contacts.normals, contacts.axes, contacts.rolls + np.pi / 6, contacts.arcs)
     a, b = indenter_poses(contacts)[:, :3, :3], indenter_poses(turned)[:, :3, :3]
     expected = trimesh.transformations.rotation_matrix(np.pi / 6, [0.0, 1.0, 0.0])[:3, :3]
     np.testing.assert_allclose(a.transpose(0, 2, 1) @ b, np.tile(expected, (COUNT, 1, 1)), atol=1e-12)

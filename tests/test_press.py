@@ -214,9 +214,7 @@ def test_core_contact_stops_the_skin(block):
     faces = box((4, 2, 4), (10.0, 4.0, 10.0))[3]
     below = faces[(mesh.nodes[faces][:, :, 1] > 4e-3 - 1e-9).all(axis=1)]
     output = replace(block.output_mesh, held=edges[: mesh.n_corners])
-    skin = replace(
-        block, simulation_mesh=replace(mesh, held=edges, facing_core=below), output_mesh=output, core=slab
-    )
+    skin = replace(block, simulation_mesh=replace(mesh, held=edges, facing_core=below), output_mesh=output, core=slab)
     depths = np.array([0.4e-3, 0.8e-3])
     free = press(Scene(replace(skin, core=None), GEL), [SPHERE], pose(), depths)[0]
     stopped = press(Scene(skin, GEL), [SPHERE], pose(), depths)[0]

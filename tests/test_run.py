@@ -183,9 +183,7 @@ def test_poses_are_at_first_touch_of_the_reference_sensor(whole):
     dataset = Dataset(whole)
     moved = dataset["press/pose"] - dataset["press/contact_pose"]
     travel = 1e-5 * (dataset["press/indenter"] + 1)
-    np.testing.assert_allclose(
-        moved[:, :3, 3], travel[:, None] * dataset["press/contact_pose"][:, :3, 1], atol=1e-15
-    )
+    np.testing.assert_allclose(moved[:, :3, 3], travel[:, None] * dataset["press/contact_pose"][:, :3, 1], atol=1e-15)
     assert not moved[:, :3, :3].any()
     np.testing.assert_array_equal(dataset["biotac/touch"], 0.0)
 

@@ -57,9 +57,7 @@ def test_the_outer_wall_of_a_shell():
 
 def test_normals_stop_at_a_crease():
     box = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
-    np.testing.assert_allclose(
-        corner_normals(box), np.repeat(box.face_normals[:, None], 3, axis=1), atol=1e-12
-    )
+    np.testing.assert_allclose(corner_normals(box), np.repeat(box.face_normals[:, None], 3, axis=1), atol=1e-12)
 
 
 def test_normals_of_a_sphere():

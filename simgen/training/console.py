@@ -1,10 +1,11 @@
 """What `simgen train` prints: a bar per network, then the table."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from simgen.console import INTERRUPTED, console, tracked
@@ -25,6 +26,8 @@ def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard
             _train(run, name, tensorboard)
         for table in console_tables(evaluate(run, tracked)):
             console.print(table)
+    except torch.OutOfMemoryError:
+        raise InputError(f"{device}: too little memory for this job; allowed: a smaller batch") from None
     except KeyboardInterrupt:
         console.print(f"stopped; the same command goes on from {output}")
         raise SystemExit(INTERRUPTED) from None
@@ -37,11 +40,19 @@ def _train(run: TrainingRun, name: str, tensorboard: bool) -> None:
             for epoch in run.train(name):
                 bar(epoch)
                 write(epoch)
-    about = read_sidecar(run.output / name / NETWORK)
-    loss = about["best"]["validation_loss"]
-    console.print(
-        f"[bold]{name}[/]  {about['parameters']:,} parameters, {about['epochs']} epochs in {about['seconds']:.1f} s, "
-        f"{about['samples_per_second']:,.0f} samples/s; best epoch {about['best_epoch']}, validation loss {loss:.3g}"
+    file = run.output / name / NETWORK
+    about = read_sidecar(file)
+    try:
+        console.print(f"[bold]{name}[/]  {_summary(about)}")
+    except (LookupError, TypeError, ValueError) as error:
+        raise InputError(f"{file.with_suffix('.json')}: not what `simgen train` wrote ({error})") from None
+
+
+def _summary(about: Mapping[str, Any]) -> str:
+    return (
+        f"{about['parameters']:,} parameters, {about['epochs']} epochs in {about['seconds']:.1f} s, "
+        f"{about['samples_per_second']:,.0f} samples/s; best epoch {about['best_epoch']}, "
+        f"validation loss {about['best']['validation_loss']:.3g}"
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from simgen.errors import InputError
+from simgen.errors import InputError, shown
 from simgen.training.checkpoint import read_state, write_state
 from simgen.training.schema import Fit
 from simgen.training.step import Step
@@ -139,13 +139,19 @@ class Training:
     def _read(self) -> None:
         tensors, progress = read_state(self.state)
         groups: dict[str, dict[str, Tensor]] = {"network": {}, "best": {}, "optimizer": {}}
-        for name, value in tensors.items():
-            group, _, rest = name.partition(".")
-            groups[group][rest] = value.to(self.train_rows.device)
-        self.network.load_state_dict(groups["network"])
+        try:
+            for name, value in tensors.items():
+                group, _, rest = name.partition(".")
+                groups[group][rest] = value.to(self.train_rows.device)
+            self.network.load_state_dict(groups["best"])
+            self.network.load_state_dict(groups["network"])
+            self.step.load_optimizer_state(groups["optimizer"])
+            self.progress = Progress.from_json(progress)
+            self.progress.loss(self.progress.best)
+        except (LookupError, TypeError, ValueError, RuntimeError) as error:
+            what = shown(str(error), 200)
+            raise InputError(f"{self.state}: not a state of this training ({what}); remove it") from None
         self.best = groups["best"]
-        self.step.load_optimizer_state(groups["optimizer"])
-        self.progress = Progress.from_json(progress)
 
 
 def epoch_seed(seed: int, name: str, epoch: int) -> int:

@@ -1,12 +1,13 @@
 """What each network is made of and what it learns from: the paper's five, and ours."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 
 import torch
 from torch import Tensor, nn
 
+from simgen.splits import SPLITS
 from simgen.training.data import Meshes, TrainingData
 from simgen.training.fit import Terms
 from simgen.training.hierarchy import build_hierarchy
@@ -49,6 +50,15 @@ class Inputs:
     def signals(self) -> SignalData:
         job = self.job
         return read_signals(self.data, job.source, job.signals, job.folder, job.seed)
+
+    def check(self, networks: Collection[str]) -> None:
+        """Raises `InputError` if samples are missing that these networks, or their tests, need."""
+        for split in SPLITS:
+            self.data.rows(split)
+            if {"svb", "s2mpn", "s2rm"} & {*networks}:
+                self.signals.rows(split)
+        if {"s2mpn", "s2rm"} & {*networks}:
+            self.signals.with_meshes()
 
     @property
     def source(self) -> Meshes:

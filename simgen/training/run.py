@@ -27,6 +27,7 @@ from simgen.errors import InputError, writing
 from simgen.folder_lock import HeldError, held
 from simgen.provenance import code_version, difference
 from simgen.quiet import check_device_name
+from simgen.training.chain import ENDS
 from simgen.training.checkpoint import NETWORK, load_network, save_network
 from simgen.training.data import Track, load_training_data
 from simgen.training.fit import Epoch, Training, epoch_seed
@@ -41,27 +42,40 @@ PACKAGES = ("torch", "numpy", "scipy", "pyamg", "safetensors")
 class TrainingRun:
     """A checked job with its data on a device, and its folder.
 
-    Raises `InputError` for a dataset or a device that is not there, and for a folder that another job has begun.
+    Raises `InputError` for a dataset or a device that is not there, for a folder that another job has begun, and for
+    what a network would miss after hours: another network, samples of a split, meshes of the recordings.
     """
 
     def __init__(self, job: TrainingJob, output: Path, device: str, track: Track = lambda items, about: items):
         self.job, self.output, self.device = job, output, torch_device(device)
         if self.device.type == "cuda":
             torch.cuda.set_device(self.device)  # what is recorded as a graph runs on the current one
+        self._check_needed()
         data = load_training_data(job.dataset_folder(), (job.source, job.target), self.device, track)
         record = {
             "job": job.resolved(),
             "job_hash": job.hash,
             "dataset": {"job_hash": data.dataset.attributes["job_hash"], "samples": len(data)},
         }
-        _claim(output, record)
+        if not _is_free(output):
+            _check_begun(output, record)  # before signals are made, which may take minutes
         self.inputs = Inputs(job, data, cache(self.trained))
+        self.inputs.check(job.networks)
+        _claim(output, record)
 
     def trained(self, name: str) -> nn.Module:
         """A finished network. Raises `InputError` if there is none."""
         if not self.is_trained(name):
             raise InputError(f"{self.output}: {name} is needed and not trained yet; allowed: networks that list {name}")
         return load_network(self.output / name, self.device)
+
+    def _check_needed(self) -> None:
+        for name in self.job.in_order():
+            for needed in filter(None, ENDS.get(name, ())):
+                if needed not in self.job.networks and not self.is_trained(needed):
+                    raise InputError(
+                        f"networks: {name} needs {needed}, which {self.output} does not hold; allowed: to list both"
+                    )
 
     def is_trained(self, name: str) -> bool:
         return (self.output / name / NETWORK).with_suffix(".json").exists()
@@ -133,12 +147,20 @@ def device_name(device: torch.device) -> str:
 
 def _claim(output: Path, record: dict[str, Any]) -> None:
     """Make the folder of a job, or check that it is this job's. Raises `InputError`."""
-    file = output / RECORD
-    if not file.exists():
-        with writing(output), suppress(FileExistsError):  # another process may begin the same job
+    if output.name and _is_free(output):  # nothing is put in the place of the current folder
+        with writing(output):
             output.parent.mkdir(parents=True, exist_ok=True)
-            with whole_folder(output) as folder:
+            with suppress(FileExistsError), whole_folder(output) as folder:  # another process may begin the same job
                 (folder / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
+    _check_begun(output, record)
+
+
+def _is_free(output: Path) -> bool:
+    return not output.exists() or (output.is_dir() and not any(output.iterdir()))
+
+
+def _check_begun(output: Path, record: dict[str, Any]) -> None:
+    file = output / RECORD
     if not file.exists():
         raise InputError(f"{output}: exists already and is no training; remove it, or choose another --output")
     try:

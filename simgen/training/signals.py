@@ -38,7 +38,10 @@ class SignalData:
     def with_meshes(self) -> Meshes:
         """The meshes. Raises `InputError` if there are none."""
         if self.meshes is None:
-            raise InputError("signals.recordings: not all files hold meshes (nodal_res); allowed here: files that do")
+            raise InputError(
+                "signals.recordings: not all files hold meshes (nodal_res), which s2mpn and s2rm need; allowed: files "
+                "that do, or networks without these two"
+            )
         return self.meshes
 
     def bounds(self) -> tuple[Tensor, Tensor]:
@@ -75,7 +78,7 @@ def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalDa
         contact = in_contact(found.force, files.least_force_n)
         if not contact.any():
             raise InputError(f"{path}: no sample has a force of {files.least_force_n:g} N; allowed: some contact")
-        signals = without_drift(found.signals, contact) if files.remove_drift else found.signals
+        signals = _without_drift(path, found.signals, contact) if files.remove_drift else found.signals
         blocks = split_by_trajectory(BLOCKS, seed + number)
         parts.append(signals[contact])
         splits.append(blocks[np.arange(len(found)) * BLOCKS // len(found)][contact])
@@ -90,3 +93,10 @@ def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalDa
         meshes = replace(rest, steps=steps.to(rest.steps.device), scale=1.0)
     values = torch.from_numpy(np.concatenate(parts)).float().to(rest.steps.device)
     return SignalData(values, np.concatenate(splits), meshes)
+
+
+def _without_drift(path: Path, signals: np.ndarray, contact: np.ndarray) -> np.ndarray:
+    try:
+        return without_drift(signals, contact)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

@@ -37,6 +37,10 @@ COLUMNS = {  # heading, digits
     "overlap": ("patch overlap", 3),
     "rmse": ("RMSE, normalised", 4),
 }
+SHORT = {  # heading, digits on the console
+    "rmse_um": ("RMSE", 2), "region_rmse_um": ("region", 1), "med_um": ("MED", 1), "p99_um": ("p99", 1),
+    "overlap": ("overlap", 3), "rmse": ("RMSE", 4),
+}  # fmt: skip
 DEFINED_IN = {"region_rmse_um": "a deformation region", "overlap": "a contact patch"}
 ABSENT = "-"
 
@@ -84,10 +88,10 @@ def write_tables(folder: Path, entries: Sequence[Entry]) -> None:
 
 def note(entry: Entry, entries: Sequence[Entry]) -> str:
     """How a model compares with the bar of its task."""
-    bar = next((other for other in entries if other.bar and other.task == entry.task), None)
-    if bar is None or bar is entry:
+    bar = _bar(entry, entries)
+    if bar is None:
         return ""
-    own, other = (each.errors.summary()[each.errors.MAIN].mean for each in (entry, bar))
+    own, other = _main(entry), _main(bar)
     if not own < other:
         return f"worse than {bar.model}" if own > other else f"no better than {bar.model}"
     return f"{own / other:.2f} of {bar.model}'s RMSE"
@@ -104,14 +108,24 @@ def markdown(entries: Sequence[Entry]) -> str:
 
 
 def console_tables(entries: Sequence[Entry]) -> Iterator[Table]:
+    """A table for each task that 80 columns hold: means of the main measures, and a short note."""
     for task, own in _by_task(entries).items():
-        (first, *numbers, last), *rows = _cells(own)
-        table = Table(first, title=task, caption=_samples(own[0].errors), box=box.SIMPLE_HEAD, pad_edge=False)
-        for heading in numbers:
-            table.add_column(heading, justify="right")
-        table.add_column(last)
-        for row in rows:
-            table.add_row(*row)
+        measures = [measure for measure in SHORT if measure in own[0].errors.measures()]
+        unit = "um" if "rmse_um" in measures else "normalised"
+        bars = [f"Note: RMSE over that of {entry.model}." for entry in own if entry.bar]
+        table = Table(
+            "model", title=f"{task}, {unit}", caption=" ".join([f"Means over {_samples(own[0].errors)}", *bars]),
+            box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0),
+        )  # fmt: skip
+        for heading in (*(SHORT[measure][0] for measure in measures), "params"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        table.add_column("note", no_wrap=True)
+        for entry in own:
+            means = {measure: statistic.mean for measure, statistic in entry.errors.summary().items()}
+            table.add_row(entry.model, *_short(means, measures), _count(entry.parameters), _short_note(entry, own))
+            if entry.published is not None:
+                stated = _short(PUBLISHED[entry.published], measures)
+                table.add_row(f"{entry.published} (ACROSS)", *stated, ABSENT, "published")
         yield table
 
 
@@ -206,6 +220,40 @@ def _number(statistic: Statistic, digits: int) -> str:
     if not statistic.samples:
         return ABSENT
     return f"{statistic.mean:.{digits}f} ± {statistic.std:.{digits}f}"
+
+
+def _count(parameters: int) -> str:
+    """In three or four digits: 642, 81.3k, 1.2M."""
+    for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if parameters >= size:
+            return f"{parameters / size:.1f}{letter}"
+    return str(parameters)
+
+
+def _bar(entry: Entry, entries: Sequence[Entry]) -> Entry | None:
+    """What a model is compared with; None if there is none, or if it is the bar itself."""
+    bar = next((other for other in entries if other.bar and other.task == entry.task), None)
+    return None if bar is entry else bar
+
+
+def _main(entry: Entry) -> float:
+    """The mean of what models are compared by."""
+    return entry.errors.summary()[entry.errors.MAIN].mean
+
+
+def _short(means: Mapping[str, float], measures: Sequence[str]) -> list[str]:
+    found = [(means.get(measure, math.nan), SHORT[measure][1]) for measure in measures]
+    return [ABSENT if math.isnan(mean) else f"{mean:.{digits}f}" for mean, digits in found]
+
+
+def _short_note(entry: Entry, entries: Sequence[Entry]) -> str:
+    bar = _bar(entry, entries)
+    if bar is None:
+        return "the bar" if entry.bar else ""
+    own, other = _main(entry), _main(bar)
+    if not own < other:
+        return f"{own / other:.3g} worse" if own > other > 0.0 else "no better"
+    return f"{own / other:.2f}"
 
 
 def _row(cells: Sequence[str]) -> str:

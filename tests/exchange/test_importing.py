@@ -84,9 +84,10 @@ def test_what_is_imported_can_be_exported_again(dataset, tmp_path):
     assert set(imported["press/trajectory"]) == {1, 2}
     for name in ("across", "npy", "vtk"):
         export(imported, name, tmp_path / name)
-    with h5py.File(tmp_path / "out/results_digit_fake.hdf5") as first, h5py.File(
-        tmp_path / "across/results_digit_fake.hdf5"
-    ) as second:
+    with (
+        h5py.File(tmp_path / "out/results_digit_fake.hdf5") as first,
+        h5py.File(tmp_path / "across/results_digit_fake.hdf5") as second,
+    ):
         key = "trial_2/step_3/nodal_coords_digit/env_0"
         assert np.abs(first[key][:] - second[key][:]).max() <= storage_error(dataset, "digit")
 

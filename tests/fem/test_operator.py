@@ -107,7 +107,7 @@ def test_elements_inverted_at_some_points_are_counted():
     """u = -x^2 / 2.2 along x: det F = 1 - x / 1.1, which a quadratic element has exactly."""
     nodes, term = body(P2P1, n_env=2)
     bent = np.zeros((term.n_displacements + term.n_pressures, 2))
-    bent[: term.n_displacements : 3, 1] = -nodes[:, 0] ** 2 / 2.2
+    bent[: term.n_displacements : 3, 1] = -(nodes[:, 0] ** 2) / 2.2
     points = wp.array(CUBIC_LATTICE, dtype=wp.vec4d, device="cpu")
     count = term.inverted_elements(wp.array(bent, dtype=wp.float64, device="cpu"), points)
     x = np.einsum("qn,en->eq", shape_functions(CUBIC_LATTICE), nodes[term.host_tetrahedra][:, :, 0])

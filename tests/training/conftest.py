@@ -1,13 +1,19 @@
 """A dataset with a mesh that networks can learn on, made in a second."""
 
+from functools import cache
+
 import fake
 import numpy as np
 import pytest
 import torch
 from scipy.spatial import Delaunay
 
+from simgen import electrode_gaps
 from simgen.run import run
 from simgen.training.data import load_training_data
+from simgen.training.run import TrainingRun
+
+from . import touched
 
 
 def make_dataset(path, **changes):
@@ -26,3 +32,23 @@ def learnable(tmp_path_factory):
 @pytest.fixture(scope="session")
 def data(learnable):
     return load_training_data(learnable.path, ("biotac", "digit"), torch.device("cpu"), lambda items, about: items)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_model():
+    """The BioTac's model is read once, and not for each of a dozen trainings: 2 s each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(electrode_gaps, "load_geometry", cache(electrode_gaps.load_geometry))
+        yield
+
+
+@pytest.fixture(scope="session")
+def with_electrodes(tmp_path_factory):
+    """A dataset on which everything can be trained."""
+    return touched.make(tmp_path_factory.mktemp("touched") / "d.zarr")
+
+
+@pytest.fixture(scope="session")
+def trained(with_electrodes, tmp_path_factory) -> TrainingRun:
+    """Everything, trained on it."""
+    return touched.train(touched.job(with_electrodes.path), tmp_path_factory.mktemp("trained") / "networks")

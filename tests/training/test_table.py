@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -110,12 +111,36 @@ def test_the_csv_has_a_line_for_each_model_and_group(entries):
     assert float(own["SVB", "all", ""]["rmse_mean"]) == pytest.approx(0.06)
 
 
-def test_the_console_shows_the_same_cells(entries):
-    console = Console(width=250, record=True, file=io.StringIO())
+def printed(entries, width: int) -> list[str]:
+    """The lines of the console's tables."""
+    console = Console(width=width, record=True, file=io.StringIO())
     for each in console_tables(entries):
         console.print(each)
-    text = console.export_text()
-    assert all(cell in text for cells in rows(markdown(entries)).values() for cell in cells if "--" not in cell)
+    return console.export_text().splitlines()
+
+
+def test_the_console_shows_means_and_what_they_are_beside_the_bar(entries):
+    split = [line.strip().split("  ") for line in printed(entries, 80)]
+    lines = {cells[0]: " ".join(cells).split() for cells in reversed(split)}  # the first of each
+    assert lines["model"] == ["model", "RMSE", "region", "MED", "p99", "overlap", "params", "note"]
+    assert lines["PCA-128"][1:] == ["20.00", "19.5", "20.0", "60.0", "-", "1.2k", "the", "bar"]
+    assert lines["MVD"][1:] == ["30.00", "29.5", "30.0", "90.0", "-", "1.2k", "1.5", "worse"]
+    assert lines["MVD (ACROSS)"][2:] == ["9.28", "12.4", "-", "-", "-", "-", "published"]
+    assert lines["ours"][-1] == "0.50"
+    assert lines["SVB"][1:] == ["0.0600", "99"]
+    assert any("Note: RMSE over that of PCA-128." in line for line in printed(entries, 80))
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_longest_names_and_errors_of_a_millimetre_fit_on_the_console(width):
+    names = {"rest": 0, "ridge to PCA-128": 123_456, "S2MPN, M2MPN": 98_765_432, "S2RM, RM2RM (ours)": 1_234_567_890}
+    own = {name: entry(name, 312.0, bar=name.startswith("ridge")) for name in names}
+    entries = [replace(own[name], parameters=count, errors=errors(312.0, 0.5)) for name, count in names.items()]
+    lines = [line for line in printed(entries, width) if line.strip()]
+    assert all(len(line.rstrip()) <= width for line in lines)
+    rows = [line for line in lines if "312.00" in line]
+    assert [line[:20].strip() for line in rows] == list(names)  # a row each, no name in two lines
+    assert [line.split("0.500")[1].split()[0] for line in rows] == ["0", "123.5k", "98.8M", "1.2G"]
 
 
 def test_three_files_are_written_and_nothing_beside_them(entries, tmp_path):

@@ -115,8 +115,7 @@ def anonymous(source: Path, target: Path) -> None:
     motion, world = Rotation.from_euler("xyz", [10.0, -20.0, 30.0], degrees=True), np.array([0.0, 0.05, 0.0])
     with ResultFile(source) as file:
         samples = [
-            Sample(s.trial, 1, s.step, world + motion.apply(s.nodal_coordinates), motion.apply(s.force))
-            for s in file
+            Sample(s.trial, 1, s.step, world + motion.apply(s.nodal_coordinates), motion.apply(s.force)) for s in file
         ]
     write(target, "across", "digit", samples, {})
     with h5py.File(target, "a") as file:

@@ -84,9 +84,7 @@ def test_the_cases_are_long_and_a_process_can_be_handed_them():
 
 def test_the_stored_table_belongs_to_the_meshes_of_today():
     stored = json.loads(STORED.read_text(encoding="utf-8"))
-    hashes = {
-        (model, mesh): load_sensor(model, mesh).simulation_mesh.hash[:12] for model in SENSORS for mesh in MESHES
-    }
+    hashes = {(model, mesh): load_sensor(model, mesh).simulation_mesh.hash[:12] for model in SENSORS for mesh in MESHES}
     names = ("sphere_7mm", "ring_7mm", "texture_14mm")
     least = {f"sensors-{model}-centre-{name}" for model in SENSORS for name in names}
     assert least <= {case["case"] for case in stored["cases"]}
