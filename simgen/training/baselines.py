@@ -19,15 +19,11 @@ ROWS_AT_ONCE = 256  # of which the distances to all training samples are held: 2
 
 @dataclass(frozen=True)
 class Baseline:
-    """A predictor, and how many numbers it has learned.
-
-    bar : whether a network that is no better than this one is of no use
-    """
+    """A predictor, and how many numbers it has learned."""
 
     name: str
     predict: Predictor
     parameters: int
-    bar: bool = False
 
 
 def mesh_baselines(meshes: Meshes, train: Tensor, pca: PCA) -> list[Baseline]:
@@ -35,7 +31,7 @@ def mesh_baselines(meshes: Meshes, train: Tensor, pca: PCA) -> list[Baseline]:
     return [
         Baseline("rest", at_rest(meshes), 0),
         nearest_sample(coefficients(meshes, pca), meshes, train),
-        Baseline(f"PCA-{pca.rank}", reconstruction(meshes, pca), pca.parameters, bar=True),
+        Baseline(f"PCA-{pca.rank}", reconstruction(meshes, pca), pca.parameters),
     ]
 
 
@@ -51,9 +47,8 @@ def projection_baselines(
     return [
         Baseline("rest", at_rest(target), 0),
         nearest_sample(inputs, target, train),
-        Baseline(f"ridge to PCA-{pca.rank}", regression(inputs, target, ridge, pca), ridge.parameters + pca.parameters,
-                 bar=True),
-    ]  # fmt: skip
+        Baseline(f"ridge to PCA-{pca.rank}", regression(inputs, target, ridge, pca), ridge.parameters + pca.parameters),
+    ]
 
 
 def coefficients(meshes: Meshes, pca: PCA) -> Values:

@@ -133,7 +133,7 @@ class _Evaluation:
     def _bars(self, task: str, baselines: list[Baseline], meshes: Meshes) -> Iterator[Entry]:
         for each in baselines:
             entry = self._entry(task, each.name, each.predict, each.parameters, meshes)
-            yield replace(entry, baseline=True, bar=each.bar)
+            yield replace(entry, baseline=True)
 
     def _entry(self, task: str, name: str, predict: Predictor, parameters: int, truth: Meshes) -> Entry:
         own = truth is self.inputs.data.meshes.get(truth.sensor)  # and not that of recordings

@@ -51,7 +51,6 @@ class Entry:
 
     task : what is made of what, such as "biotac mesh -> digit mesh"; models of one task are compared
     baseline : whether it is there only to be beaten
-    bar : whether a model that is no better than this one is of no use
     published : the network of the paper that it stands beside, a key of `PUBLISHED`
     labels : by what errors are grouped -> (sample,) of all samples of the data, see `labels_of`
     """
@@ -61,7 +60,6 @@ class Entry:
     errors: MeshErrors | SignalErrors
     parameters: int
     baseline: bool = False
-    bar: bool = False
     published: str | None = None
     labels: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -87,9 +85,9 @@ def write_tables(folder: Path, entries: Sequence[Entry]) -> None:
 
 
 def note(entry: Entry, entries: Sequence[Entry]) -> str:
-    """How a model compares with the bar of its task."""
+    """How a model compares with the bar of its task, which is the best of its baselines: no better is of no use."""
     bar = _bar(entry, entries)
-    if bar is None:
+    if bar is None or bar is entry:
         return ""
     own, other = _main(entry), _main(bar)
     if not own < other:
@@ -112,7 +110,8 @@ def console_tables(entries: Sequence[Entry]) -> Iterator[Table]:
     for task, own in _by_task(entries).items():
         measures = [measure for measure in SHORT if measure in own[0].errors.measures()]
         unit = "um" if "rmse_um" in measures else "normalised"
-        bars = [f"Note: RMSE over that of {entry.model}." for entry in own if entry.bar]
+        bar = _bar(own[0], own)
+        bars = [] if bar is None else [f"Note: RMSE over that of {bar.model}."]
         table = Table(
             "model", title=f"{task}, {unit}", caption=" ".join([f"Means over {_samples(own[0].errors)}", *bars]),
             box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0),
@@ -137,7 +136,7 @@ def metrics_json(entries: Sequence[Entry]) -> str:
                 "model": entry.model,
                 "parameters": entry.parameters,
                 "baseline": entry.baseline,
-                "bar": entry.bar,
+                "bar": entry is _bar(entry, own),
                 "published_as": entry.published,
                 "note": note(entry, own),
                 "all": _plain(entry.errors),
@@ -231,9 +230,9 @@ def _count(parameters: int) -> str:
 
 
 def _bar(entry: Entry, entries: Sequence[Entry]) -> Entry | None:
-    """What a model is compared with; None if there is none, or if it is the bar itself."""
-    bar = next((other for other in entries if other.bar and other.task == entry.task), None)
-    return None if bar is entry else bar
+    """What a model is compared with: the best baseline of its task, which it may be itself; None if there is none."""
+    baselines = [other for other in entries if other.baseline and other.task == entry.task]
+    return min(baselines, key=_main, default=None)
 
 
 def _main(entry: Entry) -> float:
@@ -248,8 +247,8 @@ def _short(means: Mapping[str, float], measures: Sequence[str]) -> list[str]:
 
 def _short_note(entry: Entry, entries: Sequence[Entry]) -> str:
     bar = _bar(entry, entries)
-    if bar is None:
-        return "the bar" if entry.bar else ""
+    if bar is None or bar is entry:
+        return "" if bar is None else "the bar"
     own, other = _main(entry), _main(bar)
     if not own < other:
         return f"{own / other:.3g} worse" if own > other > 0.0 else "no better"

@@ -81,7 +81,7 @@ def test_a_linear_map_is_found(truth):
     target = plain.meshes(steps.reshape(60, 12, 3))
     found = projection_baselines(signals.__getitem__, target, TRAIN, VALIDATION, fitted(target))
     bar = found[-1]
-    assert [each.bar for each in found] == [False, False, True] and bar.name == "ridge to PCA-5"
+    assert [each.name for each in found] == ["rest", "nearest sample", "ridge to PCA-5"]
     assert mesh_errors(bar.predict, target, TEST).worst_um.max() < 1.0  # rounding to 0.1 um; the smallest penalty
     assert mesh_errors(found[0].predict, target, TEST).rmse_um.min() > 50.0
     assert bar.parameters == (5 + 1 + 5 * 5 + 5) + (5 + 1) * 36

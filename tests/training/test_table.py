@@ -34,7 +34,8 @@ def entry(model: str, rmse: float, **rest) -> Entry:
 def entries() -> list[Entry]:
     signals = SignalErrors(np.arange(2), np.array([0.05, 0.07]))
     return [
-        entry("PCA-128", 20.0, bar=True),
+        entry("rest", 90.0, baseline=True),
+        entry("PCA-128", 20.0, baseline=True),
         entry("MVD", 30.0, published="MVD"),
         entry("ours", 10.0),
         entry("MVB", 30.0, task="biotac mesh", published="MVB"),
@@ -74,7 +75,7 @@ def test_the_figures_of_the_paper_stand_below_those_of_the_network(entries):
 
 def test_a_cell_is_the_mean_and_the_standard_deviation(entries):
     spread = np.std([-1.0, 0.0, 1.0])
-    found = rows(markdown(entries[:3]))
+    found = rows(markdown(entries[:4]))
     cells = dict(zip(found["model"], found["ours"], strict=True))
     assert cells["RMSE, um"] == f"10.00 ± {spread:.2f}"
     assert cells["MED in region, um"] == "9.50 ± 0.50"
@@ -93,7 +94,8 @@ def test_every_measure_has_a_column():
 
 def test_the_json_holds_every_group_and_no_nan(entries):
     found = json.loads(metrics_json(entries), parse_constant=pytest.fail)
-    pca, mvd, _ = found["tasks"]["digit mesh"]
+    rest, pca, mvd, _ = found["tasks"]["digit mesh"]
+    assert (rest["bar"], rest["note"]) == (False, "worse than PCA-128")
     assert (pca["bar"], mvd["note"], mvd["published_as"]) == (True, "worse than PCA-128", "MVD")
     assert mvd["all"]["rmse_um"] == {"mean": 30.0, "std": pytest.approx(np.sqrt(2 / 3)), "samples": 3}
     assert mvd["by_indenter"]["ball"]["rmse_um"]["mean"] == 30.0
@@ -104,7 +106,7 @@ def test_the_json_holds_every_group_and_no_nan(entries):
 
 def test_the_csv_has_a_line_for_each_model_and_group(entries):
     lines = list(csv.DictReader(io.StringIO(metrics_csv(entries))))
-    assert len(lines) == 4 * (1 + 2 + 2) + 1
+    assert len(lines) == 5 * (1 + 2 + 2) + 1
     own = {(line["model"], line["group"], line["value"]): line for line in lines}
     line = own["ours", "depth_mm", "0.2"]
     assert (float(line["rmse_um_mean"]), int(line["rmse_um_samples"]), line["overlap_mean"]) == (9.5, 2, "")
@@ -134,7 +136,7 @@ def test_the_console_shows_means_and_what_they_are_beside_the_bar(entries):
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_longest_names_and_errors_of_a_millimetre_fit_on_the_console(width):
     names = {"rest": 0, "ridge to PCA-128": 123_456, "S2MPN, M2MPN": 98_765_432, "S2RM, RM2RM (ours)": 1_234_567_890}
-    own = {name: entry(name, 312.0, bar=name.startswith("ridge")) for name in names}
+    own = {name: entry(name, 312.0, baseline=name.startswith("ridge")) for name in names}
     entries = [replace(own[name], parameters=count, errors=errors(312.0, 0.5)) for name, count in names.items()]
     lines = [line for line in printed(entries, width) if line.strip()]
     assert all(len(line.rstrip()) <= width for line in lines)
