@@ -51,7 +51,7 @@ ROWS = [
     ("no device", {}, f"{JOB} --device gpu", "device 'gpu' is not allowed; allowed: cpu, cuda, cuda:N"),
     ("output a file", {}, f"{MVD} --output file", "file: exists already and is no training; remove it, or"),
     ("output below a file", {}, f"{MVD} --output file/deep", "file/deep: cannot be written: "),
-    ("output a dataset", {}, f"{MVD} --output few.zarr", "few.zarr: exists already and is no training; remove it, or"),
+    ("output another folder", {}, f"{MVD} --output full", "full: exists already and is no training; remove it, or"),
     ("output here", {}, f"{MVD} --output .", ".: exists already and is no training; remove it, or choose another"),
     ("no job", {}, "gone.yaml", "gone.yaml: no such training job file; bundled training jobs: training.yaml"),
     ("a job of a simulation", {}, "smoke", "smoke: no such training job file; bundled training jobs: training.yaml"),
@@ -71,11 +71,13 @@ def others(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch, with_electrodes, others) -> Path:
-    """The current folder, with datasets and a file."""
+    """The current folder, with datasets, a file, and a folder with a file."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "d.zarr").symlink_to(with_electrodes.path)
-    shutil.copytree(others, tmp_path, dirs_exist_ok=True)
+    for dataset in (with_electrodes.path, *others.iterdir()):
+        (tmp_path / dataset.name).symlink_to(dataset)
     (tmp_path / "file").write_text("anything")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").write_text("anything")
     write(tmp_path)
     return tmp_path
 
