@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import fake
 import pytest
+import refusal
 import torch
 import yaml
 
@@ -20,41 +22,35 @@ from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.folder_lock import held
 from simgen.splits import IN_NONE, SPLITS
+from simgen.training import fit
 from simgen.training.run import STATE, TrainingRun, torch_device
 from simgen.training.schema import NETWORKS
+from simgen.training.step import Step
 
 from . import touched
 
-# The command line, but that a state is saved after each epoch, and that a signal comes in the middle of the third.
-CHILD = """
-import os, signal
-from simgen.cli import main
-from simgen.training import fit
-from simgen.training.step import Step
-
-step, steps = Step._step, []
-
-def stopped(self):
-    step(self)
-    steps.append(1)
-    if len(steps) == {steps}:
-        os.kill(os.getpid(), signal.{signal})
-
-Step._step = stopped
-fit.SAVE_EVERY_S = 0.0
-main()
-"""
 STEPS_AN_EPOCH = 2  # of 90 training samples, 32 a step
 JOB = {"networks": ["mvd"], "mesh_vae": {"epochs": 4, "batch": 32, "latent": 3}}
+COMMAND = "train job.yaml --output networks"
 
 
-def start(folder: Path, dataset: Path, ending: str) -> subprocess.CompletedProcess:
-    """`simgen train`, which gets a signal in the middle of its third epoch; networks go to ``folder / networks``."""
+def stop_in_the_third_epoch(ending: signal.Signals, patch: pytest.MonkeyPatch) -> None:
+    """From now on a state is saved after each epoch, and this process gets a signal in the middle of the third."""
+    step, steps = Step._step, []
+
+    def stopped(self):
+        step(self)
+        steps.append(1)
+        if len(steps) == 2 * STEPS_AN_EPOCH + 1:
+            os.kill(os.getpid(), ending)
+
+    patch.setattr(Step, "_step", stopped)
+    patch.setattr(fit, "SAVE_EVERY_S", 0.0)
+
+
+def write_job(folder: Path, dataset: Path) -> None:
     job = {"name": "tiny", "seed": 1, "dataset": str(dataset), **touched.FITS} | JOB
     (folder / "job.yaml").write_text(yaml.safe_dump(job))
-    code = CHILD.format(signal=ending, steps=2 * STEPS_AN_EPOCH + 1)
-    command = [sys.executable, "-c", code, "train", "job.yaml", "--output", "networks"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
 
 
 def epochs(folder: Path) -> list[dict[str, str]]:
@@ -70,21 +66,42 @@ def undisturbed(with_electrodes, tmp_path_factory) -> Path:
     return output
 
 
-@pytest.mark.parametrize(("ending", "code"), [("SIGKILL", -signal.SIGKILL), ("SIGINT", 130)])
-def test_what_is_stopped_in_an_epoch_goes_on_to_the_same_bytes(with_electrodes, undisturbed, tmp_path, ending, code):
-    done = start(tmp_path, with_electrodes.path, ending)
-    output = tmp_path / "networks"
-    assert done.returncode == code, done.stderr
-    assert not done.stderr
-    assert (ending == "SIGINT") == ("stopped; the same command goes on from networks" in done.stdout)
+def check_it_goes_on(dataset: Path, folder: Path, undisturbed: Path) -> None:
+    """What was stopped in its third epoch ends with the bytes of what was not."""
+    output = folder / "networks"
     assert (output / "mvd" / STATE).exists() and not touched.weights(output)
     assert epochs(output / "mvd") == epochs(undisturbed / "mvd")[:2]
-
-    run = TrainingRun(touched.job(with_electrodes.path, **JOB), output, "cpu")
+    run = TrainingRun(touched.job(dataset, **JOB), output, "cpu")
     assert [epoch.number for epoch in run.train("mvd")] == [2, 3]
     assert touched.weights(output) == touched.weights(undisturbed)
     assert epochs(output / "mvd") == epochs(undisturbed / "mvd")
     assert not (output / "mvd" / STATE).exists()
+
+
+def test_kill_9_in_an_epoch_and_a_second_run_give_the_same_bytes(with_electrodes, undisturbed, tmp_path):
+    write_job(tmp_path, with_electrodes.path)
+    code = (
+        "import signal, pytest; from simgen.cli import main; from training import test_run; "
+        "test_run.stop_in_the_third_epoch(signal.SIGKILL, pytest.MonkeyPatch()); main()"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-c", code, *COMMAND.split()]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (-signal.SIGKILL, "")
+    check_it_goes_on(with_electrodes.path, tmp_path, undisturbed)
+
+
+def test_an_interrupt_ends_with_130_and_the_same_command_goes_on(
+    with_electrodes, undisturbed, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    write_job(tmp_path, with_electrodes.path)
+    with monkeypatch.context() as patch:
+        stop_in_the_third_epoch(signal.SIGINT, patch)
+        code, output, errors = refusal.simgen(COMMAND, patch, capfd)
+    assert (code, errors) == (130, "")
+    assert "stopped; the same command goes on from networks" in output
+    check_it_goes_on(with_electrodes.path, tmp_path, undisturbed)
 
 
 def test_what_is_trained_is_not_trained_again(trained):
@@ -146,10 +163,13 @@ def test_a_folder_of_another_job_is_one_line(trained, with_electrodes):
         TrainingRun(other, trained.output, "cpu")
 
 
-def test_a_folder_of_another_dataset_is_one_line(trained, tmp_path):
-    other = touched.make(tmp_path / "other.zarr", seed=4)
-    with pytest.raises(InputError, match=r"was begun with another job: dataset.job_hash: "):
-        TrainingRun(touched.job(other.path), trained.output, "cpu")
+@pytest.mark.parametrize(("key", "value"), [("job_hash", "0" * 64), ("samples", 121)])
+def test_a_folder_of_another_dataset_is_one_line(trained, tmp_path, key, value):
+    record = json.loads((trained.output / "training.json").read_text())
+    record["dataset"][key] = value
+    (tmp_path / "training.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match=f"was begun with another job: dataset.{key}: {value} -> "):
+        TrainingRun(trained.job, tmp_path, "cpu")
 
 
 def test_a_dataset_may_move_and_more_networks_may_come(trained, with_electrodes, tmp_path):
