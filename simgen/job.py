@@ -35,8 +35,13 @@ def find_job(path: str | Path) -> Path:
     return find_file(path, bundled, "job")
 
 
-def job_from_dict(data: Mapping[str, Any], source: str = "job", folder: Path = Path()) -> Job:
-    """Check plain data (as from YAML) and make a `Job` of it. Raises `InputError`."""
-    job = section_from_dict(Job, data, source)
+def job_from_dict(
+    data: Mapping[str, Any], source: str = "job", sources: Mapping[str, str] | None = None, *, folder: Path = Path()
+) -> Job:
+    """Check plain data (as from YAML) and make a `Job` of it. `sources` tells which key came from where.
+
+    Raises `InputError`.
+    """
+    job = section_from_dict(Job, data, source, sources)
     job._folder = folder
     return job
