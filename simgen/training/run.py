@@ -109,6 +109,7 @@ class TrainingRun:
             _write_log(folder / LOG, training.progress.history)
             yield epoch
         history, best = training.progress.history, training.progress.best
+        _write_log(folder / LOG, history)  # once more: a kill may have come between the last state and its line
         seconds = sum(epoch.seconds for epoch in history)
         about = {
             "name": name,

@@ -23,6 +23,7 @@ from simgen.errors import InputError
 from simgen.folder_lock import held
 from simgen.splits import IN_NONE, SPLITS
 from simgen.training import fit
+from simgen.training import run as runs
 from simgen.training.run import STATE, TrainingRun, torch_device
 from simgen.training.schema import NETWORKS
 from simgen.training.step import Step
@@ -102,6 +103,22 @@ def test_an_interrupt_ends_with_130_and_the_same_command_goes_on(
     assert (code, errors) == (130, "")
     assert "stopped; the same command goes on from networks" in output
     check_it_goes_on(with_electrodes.path, tmp_path, undisturbed)
+
+
+def test_a_kill_before_the_last_line_of_the_log_leaves_a_whole_log(with_electrodes, undisturbed, tmp_path, monkeypatch):
+    """The state of the last epoch is on disk by then, and nothing is left to train."""
+    training, write = touched.job(with_electrodes.path, **JOB), runs._write_log
+
+    def killed(file, history):
+        if len(history) == JOB["mesh_vae"]["epochs"]:
+            raise KeyboardInterrupt
+        write(file, history)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(runs, "_write_log", killed)
+        touched.train(training, tmp_path / "networks")
+    touched.train(training, tmp_path / "networks")
+    assert epochs(tmp_path / "networks" / "mvd") == epochs(undisturbed / "mvd")
 
 
 def test_what_is_trained_is_not_trained_again(trained):
