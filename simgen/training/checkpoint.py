@@ -69,7 +69,7 @@ def load_network(path: str | Path, device: str | torch.device = "cpu") -> nn.Mod
     try:
         network = KINDS[about["kind"]].empty(about["settings"])
         network.load_state_dict(safetensors.torch.load(data))
-    except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (SafetensorError, LookupError, TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{file}: not a network of this version ({shown(str(error), 200)})") from None
     return network.to(device).eval()
 

@@ -78,6 +78,14 @@ def replace(file, old, new):
     sidecar.write_text(text.replace(old, new))
 
 
+def test_a_mesh_without_levels_is_one_line(file):
+    about = json.loads(file.with_suffix(".json").read_text())
+    about |= {"kind": "mesh_vae", "settings": {"sizes": [], "edges": [], "weights": []}}
+    file.with_suffix(".json").write_text(json.dumps(about))
+    with pytest.raises(InputError, match="not a network of this version"):
+        load_network(file)
+
+
 def test_a_state_comes_back(tmp_path):
     tensors = {"a.b": torch.randn(3, 2), "step": torch.tensor(7.0), "order": torch.arange(4)}
     write_state(tmp_path / "state", tensors, {"epoch": 3, "loss": [0.1, 0.2]})
