@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from simgen.console import INTERRUPTED, console, tracked
 from simgen.errors import InputError
 from simgen.training.checkpoint import NETWORK, read_sidecar
-from simgen.training.evaluation import evaluate
+from simgen.training.evaluation import FIGURE, evaluate
 from simgen.training.fit import Epoch
 from simgen.training.run import TrainingRun
 from simgen.training.schema import TrainingJob
@@ -31,7 +31,7 @@ def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard
     except KeyboardInterrupt:
         console.print(f"stopped; the same command goes on from {output}")
         raise SystemExit(INTERRUPTED) from None
-    console.print(f"wrote {output / 'table.md'}, metrics.json, metrics.csv, errors.png")
+    console.print(f"wrote {output / 'table.md'}, metrics.json, metrics.csv{f', {FIGURE}' * (output / FIGURE).exists()}")
 
 
 def _train(run: TrainingRun, name: str, tensorboard: bool) -> None:
