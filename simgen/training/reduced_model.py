@@ -38,7 +38,8 @@ class ReducedModel(nn.Module):
 
     with principal components Phi (latent, 3 vertices) and convolutions S. The factor before S keeps the coefficients q
     as they are: a decoded mesh is encoded to what it was decoded from. S is fed with the field over its own root mean
-    square, and is multiplied by that: shallow presses are drawn as finely as deep ones, and rest stays at rest.
+    square, and is multiplied by that: shallow presses are drawn as finely as deep ones, and to a field of nought S adds
+    nothing.
 
     Latents are q over `unit`, one length for all of them. As components are orthonormal, an error of latents (Euclidean
     norm) times ``unit`` is the error of all coordinates that it makes: the network that predicts latents best is
