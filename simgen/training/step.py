@@ -112,9 +112,13 @@ class Step:
         return {f"{number}.{name}": value for number, own in state.items() for name, value in own.items()}
 
     def load_optimizer_state(self, tensors: dict[str, Tensor]) -> None:
-        """What `optimizer_state` gave."""
+        """What `optimizer_state` gave. Raises `LookupError` or `ValueError` if moments are missing, or do not fit."""
         state: dict[int, dict[str, Tensor]] = {}
         for key, value in tensors.items():
             number, _, name = key.partition(".")
             state.setdefault(int(number), {})[name] = value
+        for number, parameter in enumerate(self.parameters):
+            for name, shape in (("step", ()), ("exp_avg", parameter.shape), ("exp_avg_sq", parameter.shape)):
+                if (found := state[number][name].shape) != shape:
+                    raise ValueError(f"optimizer.{number}.{name}: shape {tuple(found)}; allowed: {tuple(shape)}")
         self.optimizer.load_state_dict({"state": state, "param_groups": self.optimizer.state_dict()["param_groups"]})

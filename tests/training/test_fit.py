@@ -6,6 +6,7 @@ from torch import nn
 
 from simgen.errors import InputError
 from simgen.training import fit
+from simgen.training.checkpoint import read_state, write_state
 from simgen.training.fit import Training, epoch_seed
 from simgen.training.schema import Fit
 
@@ -98,6 +99,15 @@ def test_a_loss_that_is_no_number_is_one_line(tmp_path):
     toy.targets[3] = torch.nan
     with pytest.raises(InputError, match=r"toy: train_loss is nan in epoch 0; a smaller learning_rate"):
         list(toy.training(tmp_path / "state"))
+
+
+def test_a_state_without_its_moments_is_one_line(tmp_path):
+    next(iter(Regression().training(tmp_path / "state")))
+    tensors, progress = read_state(tmp_path / "state")
+    del tensors["optimizer.0.exp_avg"]
+    write_state(tmp_path / "state", tensors, progress)
+    with pytest.raises(InputError, match=r"state: not a state of this training .*exp_avg.*; remove it"):
+        Regression().training(tmp_path / "state")
 
 
 def test_a_state_that_is_none_is_one_line(tmp_path):

@@ -80,6 +80,18 @@ def test_it_goes_on_from_a_state():
     assert torch.equal(second.w, whole.w)
 
 
+@pytest.mark.parametrize("change", [lambda state: state.pop("0.exp_avg"), lambda state: state.clear(),
+                                    lambda state: state.update({"0.exp_avg_sq": torch.zeros(3)})])  # fmt: skip
+def test_moments_that_do_not_fit_are_no_state(change):
+    line = Line()
+    step = line.step()
+    step.over(torch.tensor([0, 1]), 0.1)
+    state = step.optimizer_state()
+    change(state)
+    with pytest.raises((LookupError, ValueError)):
+        Line().step().load_optimizer_state(state)
+
+
 def test_a_new_step_has_no_state():
     assert Line().step().optimizer_state() == {}
 
