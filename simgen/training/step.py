@@ -81,13 +81,14 @@ class Step:
         self.sums += torch.stack([value.detach().double() for value in terms.values()])
 
     def _record(self, rows: Tensor) -> None:
-        """Record a step; network and optimiser are afterwards what they were before."""
+        """Record a step; network, optimiser and random numbers are afterwards what they were before."""
         weights = [parameter.detach().clone() for parameter in self.parameters]
         buffers = [buffer.detach().clone() for buffer in self.network.buffers()]
         moments = {name: value.clone() for name, value in self.optimizer_state().items()}
         self.rows.copy_(rows)
         graph = torch.cuda.CUDAGraph()
-        with self.products():
+        # Else the first epoch of a process would draw other numbers than the same epoch of a process that began before.
+        with torch.random.fork_rng([self.rows.device]), self.products():
             stream = torch.cuda.Stream()
             stream.wait_stream(torch.cuda.current_stream())
             with torch.cuda.stream(stream):
