@@ -68,12 +68,16 @@ def synthetic(data: TrainingData, sensor: str, settings: Signals) -> SignalData:
 def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalData:
     """Of recordings, those in contact: drift taken off, split by blocks of time, with meshes if all files have them.
 
-    ``rest`` is the sensor whose deformed positions the files hold. Raises `InputError` where that is another mesh.
+    ``rest`` is the sensor whose deformed positions the files hold. Raises `InputError` where that is another mesh, and
+    for a file that is listed twice: each time it would be split otherwise, and what is tested would be trained with.
     """
     parts, splits, displacements = [], [], []
-    vertices = len(rest.rest)
+    vertices, known = len(rest.rest), set()
     for number, name in enumerate(files.files):
         path = folder / os.path.expanduser(name)
+        if (own := os.path.realpath(path)) in known:
+            raise InputError(f"signals.recordings.files: {name} is listed twice; allowed: each file once")
+        known.add(own)
         found = read_recordings(path)
         contact = in_contact(found.force, files.least_force_n)
         if not contact.any():

@@ -1,5 +1,6 @@
 """Electrode signals: synthetic ones are the model's, recordings are split by blocks of time, bad ones are one line."""
 
+import re
 from dataclasses import replace
 
 import h5py
@@ -69,6 +70,15 @@ def test_two_recordings_are_one_after_the_other_each_with_its_split(tmp_path, bi
     assert torch.equal(both.values[:count], a.values) and np.array_equal(both.split[:count], a.split)
     assert not np.array_equal(both.split[count:][:100], a.split[:100])
     assert len(both.values) == len(both.meshes.steps) > count
+
+
+@pytest.mark.parametrize("again", ["a.h5", "./a.h5", "link.h5"])
+def test_a_recording_that_is_listed_twice_is_one_line(tmp_path, biotac, again):
+    """The second time its blocks would be in other splits."""
+    touched.record(tmp_path / "a.h5")
+    (tmp_path / "link.h5").symlink_to("a.h5")
+    with pytest.raises(InputError, match=f"signals.recordings.files: {re.escape(again)} is listed twice; allowed: "):
+        read(tmp_path, biotac, "a.h5", again)
 
 
 def test_drift_is_taken_off_where_it_is_asked_for(tmp_path, biotac):
