@@ -132,14 +132,16 @@ class TrainingRun:
 
 
 def torch_device(name: str) -> torch.device:
-    """Raises `InputError` unless it is cpu, or a GPU that this machine has."""
+    """cpu or cuda:N, of which ``cuda`` is the first. Raises `InputError` unless this machine has it."""
     check_device_name(name)
     device = torch.device(name)
-    count = torch.cuda.device_count()
-    if device.type == "cuda" and (device.index or 0) >= count:
+    if device.type != "cuda":
+        return device
+    number, count = device.index or 0, torch.cuda.device_count()
+    if number >= count:
         gpus = ", ".join(f"cuda:{number}" for number in range(count)) or "no CUDA GPU"
         raise InputError(f"device {name!r}: torch sees {gpus}; allowed here: cpu{', cuda' * bool(count)}")
-    return device
+    return torch.device("cuda", number)  # `torch.cuda.set_device` takes none without a number
 
 
 def device_name(device: torch.device) -> str:

@@ -244,3 +244,13 @@ def test_a_device_that_is_not_there_is_one_line():
         torch_device(f"cuda:{count}")
     with pytest.raises(InputError, match="device 'gpu' is not allowed"):
         torch_device("gpu")
+
+
+def test_a_gpu_has_a_number_that_it_can_be_chosen_by(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    chosen = []
+    monkeypatch.setattr(torch._C, "_cuda_setDevice", chosen.append, raising=False)
+    for name in ("cuda", "cuda:0", "cuda:1"):
+        torch.cuda.set_device(torch_device(name))
+    assert chosen == [0, 0, 1]
+    assert torch_device("cpu") == torch.device("cpu")
