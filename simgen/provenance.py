@@ -20,6 +20,12 @@ def code_version() -> dict[str, str | bool | None]:
     return {"version": simgen.__version__, "source": source_hash(), "commit": commit, "dirty": dirty}
 
 
+def file_hash(path: Path) -> str:
+    """sha256 of a file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def source_hash(package: Path = PACKAGE) -> str:
     """sha256 of the names and contents of a package's own .py files: the same in a checkout and in a wheel."""
     digest = hashlib.sha256()

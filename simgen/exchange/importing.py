@@ -6,7 +6,6 @@ job has no keys for it, and the attribute ``source`` says where all came from. `
 holds the depths of the files, m, which need not be the even ones of the dataset.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -26,6 +25,7 @@ from simgen.exchange.result_files import ResultFile, Sample
 from simgen.exchange.selection import Track, untracked
 from simgen.job import job_from_dict
 from simgen.job_schema import Job, hash_of
+from simgen.provenance import file_hash
 from simgen.splits import SPLITS, leave_out, split_by_trajectory
 from simgen.whole_files import check_new, put_in_place, whole_folder
 
@@ -105,11 +105,11 @@ def _attributes(found: Catalogue, rest: Mapping[str, RestMesh], job: Job, left_o
         "splits": list(SPLITS),
         "status": STATUS,
         "source": {
-            "files": [{"name": path.name, **about, "sha256": _sha256(path)} for path, about in found.files.items()],
+            "files": [{"name": path.name, **about, "sha256": file_hash(path)} for path, about in found.files.items()],
             "meshes": {
                 sensor: {
                     "name": mesh.path.name,
-                    "sha256": _sha256(mesh.path),
+                    "sha256": file_hash(mesh.path),
                     "origin_mm": (1e3 * mesh.origin).tolist(),
                     "rounding_m": mesh.rounding,
                 }
@@ -121,11 +121,6 @@ def _attributes(found: Catalogue, rest: Mapping[str, RestMesh], job: Job, left_o
             "not_stated": "contacts, materials, solver, moments and certificates; poses and depths that are NaN",
         },
     }
-
-
-def _sha256(path: Path) -> str:
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _planned(

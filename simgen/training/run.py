@@ -25,7 +25,7 @@ from torch import nn
 
 from simgen.errors import InputError, writing
 from simgen.folder_lock import HeldError, held
-from simgen.provenance import code_version, difference
+from simgen.provenance import code_version, difference, file_hash
 from simgen.quiet import check_device_name
 from simgen.training.chain import ENDS
 from simgen.training.checkpoint import NETWORK, load_network, save_network
@@ -33,6 +33,7 @@ from simgen.training.data import Track, load_training_data
 from simgen.training.fit import Epoch, Training, epoch_seed
 from simgen.training.recipes import Inputs, make_recipe
 from simgen.training.schema import NETWORKS, TrainingJob
+from simgen.training.signals import recording_paths
 from simgen.whole_files import whole_folder
 
 RECORD, STATE, LOG = "training.json", "state.safetensors", "epochs.csv"
@@ -56,6 +57,7 @@ class TrainingRun:
             "job": job.resolved(),
             "job_hash": job.hash,
             "dataset": {"job_hash": data.dataset.attributes["job_hash"], "samples": len(data)},
+            "recordings": _recordings(job),
         }
         if not _is_free(output):
             _check_begun(output, record)  # before signals are made, which may take minutes
@@ -95,6 +97,7 @@ class TrainingRun:
             with held(folder):
                 if not self.is_trained(name):
                     yield from self._train(name, folder)
+                (folder / STATE).unlink(missing_ok=True)
         except HeldError as error:
             raise InputError(f"{folder}: is being trained by {error}") from None
 
@@ -128,7 +131,6 @@ class TrainingRun:
             "packages": {package: metadata.version(package) for package in PACKAGES},
         }
         save_network(folder / NETWORK, network, about)
-        (folder / STATE).unlink(missing_ok=True)
 
 
 def torch_device(name: str) -> torch.device:
@@ -146,6 +148,18 @@ def torch_device(name: str) -> torch.device:
 
 def device_name(device: torch.device) -> str:
     return torch.cuda.get_device_name(device) if device.type == "cuda" else platform.processor() or "cpu"
+
+
+def _recordings(job: TrainingJob) -> dict[str, str]:
+    """sha256 of each file. Raises `InputError`."""
+    recordings = job.signals.recordings
+    if recordings is None:
+        return {}
+    paths = recording_paths(recordings, job.folder)
+    try:
+        return {name: file_hash(path) for name, path in zip(recordings.files, paths, strict=True)}
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from None
 
 
 def _claim(output: Path, record: dict[str, Any]) -> None:

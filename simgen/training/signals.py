@@ -68,16 +68,11 @@ def synthetic(data: TrainingData, sensor: str, settings: Signals) -> SignalData:
 def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalData:
     """Of recordings, those in contact: drift taken off, split by blocks of time, with meshes if all files have them.
 
-    ``rest`` is the sensor whose deformed positions the files hold. Raises `InputError` where that is another mesh, and
-    for a file that is listed twice: each time it would be split otherwise, and what is tested would be trained with.
+    ``rest`` is the sensor whose deformed positions the files hold. Raises `InputError` where that is another mesh.
     """
     parts, splits, displacements = [], [], []
-    vertices, known = len(rest.rest), set()
-    for number, name in enumerate(files.files):
-        path = folder / os.path.expanduser(name)
-        if (own := os.path.realpath(path)) in known:
-            raise InputError(f"signals.recordings.files: {name} is listed twice; allowed: each file once")
-        known.add(own)
+    vertices = len(rest.rest)
+    for number, path in enumerate(recording_paths(files, folder)):
         found = read_recordings(path)
         contact = in_contact(found.force, files.least_force_n)
         if not contact.any():
@@ -97,6 +92,21 @@ def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalDa
         meshes = replace(rest, steps=steps.to(rest.steps.device), scale=1.0)
     values = torch.from_numpy(np.concatenate(parts)).float().to(rest.steps.device)
     return SignalData(values, np.concatenate(splits), meshes)
+
+
+def recording_paths(files: Recorded, folder: Path) -> list[Path]:
+    """Of the files of a job in ``folder``.
+
+    Raises `InputError` for one that is listed twice: each time it would be split otherwise, and what is tested would be
+    trained with.
+    """
+    paths = {}
+    for name in files.files:
+        path = folder / os.path.expanduser(name)
+        if os.path.realpath(path) in paths:
+            raise InputError(f"signals.recordings.files: {name} is listed twice; allowed: each file once")
+        paths[os.path.realpath(path)] = path
+    return list(paths.values())
 
 
 def _without_drift(path: Path, signals: np.ndarray, contact: np.ndarray) -> np.ndarray:

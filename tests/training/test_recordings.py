@@ -66,6 +66,15 @@ def test_no_network_sees_the_test_of_a_recording(with_meshes, with_electrodes, t
     assert touched.weights(other.output) == touched.weights(with_meshes.output)
 
 
+def test_a_recording_that_has_changed_is_another_job(with_electrodes, tmp_path):
+    own = job(with_electrodes, touched.record(tmp_path / "a.h5"), networks=["svb"])
+    TrainingRun(own, tmp_path / "networks", "cpu")
+    (tmp_path / "a.h5").unlink()
+    touched.record(tmp_path / "a.h5", meshes=False)
+    with pytest.raises(InputError, match=r"was begun with another job: recordings\."):
+        TrainingRun(own, tmp_path / "networks", "cpu")
+
+
 def test_files_are_found_beside_the_job(with_electrodes, tmp_path):
     touched.record(tmp_path / "a.h5")
     beside = job(with_electrodes, "a.h5")
