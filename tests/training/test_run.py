@@ -97,9 +97,13 @@ def test_an_interrupt_ends_with_130_and_the_same_command_goes_on(
 ):
     monkeypatch.chdir(tmp_path)
     write_job(tmp_path, with_electrodes.path)
-    with monkeypatch.context() as patch:
-        stop_in_the_third_epoch(signal.SIGINT, patch)
-        code, output, errors = refusal.simgen(COMMAND, patch, capfd)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts others that ignore it
+    try:
+        with monkeypatch.context() as patch:
+            stop_in_the_third_epoch(signal.SIGINT, patch)
+            code, output, errors = refusal.simgen(COMMAND, patch, capfd)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert (code, errors) == (130, "")
     assert "stopped; the same command goes on from networks" in output
     check_it_goes_on(with_electrodes.path, tmp_path, undisturbed)
