@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from simgen import cli_images
 from simgen.errors import InputError, check_output_file
 
 app = typer.Typer(
@@ -355,6 +356,10 @@ def _address(scheduler: str | None, file: Path | None) -> str | None:
     if scheduler is not None:
         raise InputError(f"--scheduler {scheduler} and --scheduler-file {file}: allowed: one of them")
     return scheduler_address(file)
+
+
+app.command()(cli_images.render)
+app.command("calibrate-optics")(cli_images.calibrate_optics)
 
 
 def main() -> None:

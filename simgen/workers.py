@@ -138,7 +138,7 @@ def start_workers(
         return
     gpus = visible_gpus(device) if device != "cpu" else []
     there = "cuda" if gpus else device
-    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (count or _cores())
+    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (count or cores())
     environments = environments[: min(count or job.shards, job.shards)]
     with ExitStack() as stack:
 
@@ -206,7 +206,8 @@ def scheduler_address(file: Path) -> str:
     return address
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Those that this process may use."""
     from dask.system import CPU_COUNT  # respects cgroup limits and affinity
 
     return CPU_COUNT

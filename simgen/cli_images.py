@@ -1,0 +1,106 @@
+"""The commands that make images; see `simgen.cli`, which parses them."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simgen.errors import InputError
+
+
+def render(
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="A folder that `simgen run` wrote.")],
+    sensor: Annotated[str, typer.Option(metavar="NAME", help="A sensor with a camera.")] = "digit",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the images.",
+                     show_default="<dataset name>.images"),
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A table as Taxim has it.", show_default="the sensor's own")
+    ] = None,
+    background: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The image of nothing.", show_default="the sensor's own")
+    ] = None,
+    size: Annotated[
+        str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, such as 480x640.", show_default="the camera's")
+    ] = None,
+    blur: Annotated[bool, typer.Option(help="Smooth the height maps by Gaussian kernels.")] = True,
+    shadows: Annotated[
+        bool, typer.Option("--shadows", help="Dim what the lights do not reach: takes ten times as long.")
+    ] = False,
+    gif: Annotated[bool, typer.Option("--gif", help="Write every press in motion, too.")] = False,
+    trajectories: Annotated[
+        str | None, typer.Option(help="0:10 (the end excluded), or 3,7.", show_default="all")
+    ] = None,
+    split: Annotated[str | None, typer.Option(help="train, validation or test.", show_default="all")] = None,
+    device: Annotated[str, typer.Option(help="Where to render: cpu, cuda or cuda:N.")] = "cpu",
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes.", show_default="one per core, or one GPU")
+    ] = None,
+):
+    """Write the images that a sensor's camera takes of every sample, and pictures of many of them.
+
+    Stop it at any time: the same command goes on where it stopped.
+    """
+    from simgen.dataset import Dataset
+    from simgen.dataset_layout import checked
+    from simgen.exchange.selection import select
+    from simgen.optics.console import render_with_progress
+    from simgen.optics.images import Images
+    from simgen.optics.renderer import Look
+    from simgen.workers import cores
+
+    opened = checked(Dataset(dataset))
+    folder = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.images")
+    look = Look(calibration, background, *_height_and_width(size), blur, shadows)
+    images = Images(dataset, sensor, folder, look, device)
+    processes = workers or (cores() if device == "cpu" else 1)
+    render_with_progress(images, select(opened, (sensor,), trajectories, split), processes, gif)
+
+
+def calibrate_optics(
+    pictures: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="PICTURE...", help="Images of a sphere that touches.", show_default="spheres under the model"
+        ),
+    ] = None,
+    background: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The image of nothing, of the same size.")
+    ] = None,
+    radius_mm: Annotated[float | None, typer.Option(metavar="R", help="The sphere's radius.")] = None,
+    sensor: Annotated[str, typer.Option(metavar="SENSOR", help="digit, or a folder with a sensor.yaml.")] = "digit",
+    circles: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="CSV of file,column,row,radius in pixels: where it touches.", show_default="searched"
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="PATH", help="The table; without pictures, a folder for both files.",
+                     show_default="the sensor's folder"),
+    ] = None,
+):  # fmt: skip
+    """Fit the table that colours come from: to pictures of a sphere, or to a photometric model of the sensor.
+
+    With pictures: simgen calibrate-optics a.png b.png --background nothing.png --radius-mm 2 -o table.npz.
+
+    Without: spheres touch the sensor's true surface under its lights; writes optics.npz and background.png.
+    """
+    from simgen.optics.fitting import calibrate
+
+    for line in calibrate(pictures or [], background, radius_mm, sensor, circles, output):
+        typer.echo(line)
+
+
+def _height_and_width(size: str | None) -> tuple[int | None, int | None]:
+    """Raises `InputError` unless it is as 480x640."""
+    if size is None:
+        return None, None
+    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", size)
+    if match is None:
+        raise InputError(f"--size {size!r}: write it as WIDTHxHEIGHT, such as 480x640")
+    return int(match[2]), int(match[1])

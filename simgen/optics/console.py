@@ -1,0 +1,59 @@
+"""What `simgen render` prints: how far it is, how fast, and what there is to look at."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from simgen.console import INTERRUPTED, console, tracked
+from simgen.exchange.selection import Selection
+from simgen.optics.album import STAGES, write_gif, write_montages, write_stages
+from simgen.optics.images import Images, render, unmade
+from simgen.optics.renderer import Renderer
+
+
+def render_with_progress(images: Images, selection: Selection, workers: int, gif: bool) -> None:
+    """Make what is missing of the images, then the pictures of them. Raises `InputError`."""
+    dataset = selection.dataset
+    renderer = Renderer.of_dataset(dataset, images.sensor, images.look, images.device)
+    before = len(unmade(images, selection))
+    begin = time.perf_counter()
+    try:
+        made = sum(tracked(_Counted(render(images, selection, renderer, workers), before), "rendering"))
+        seconds = time.perf_counter() - begin
+        rate = f", {made / seconds:.1f} a second" if made else ""
+        console.print(f"{images.folder}: {made} images made{rate}; {selection.paired.sum() - made} were there")
+        for file in _pictures(images, selection, renderer, gif):
+            console.print(f"wrote {file}")
+    except KeyboardInterrupt:
+        console.print(f"stopped; the same command goes on from {images.folder}")
+        raise SystemExit(INTERRUPTED) from None
+
+
+def _pictures(images: Images, selection: Selection, renderer: Renderer, gif: bool) -> Iterator[Path]:
+    yield from write_montages(images, selection)
+    dataset = selection.dataset
+    reached = selection.paired.sum(axis=1)
+    row = int(reached.argmax())
+    press, step = int(selection.presses[row]), int(np.flatnonzero(selection.paired[row])[-1])
+    title = f"{images.of_press(dataset, press).name}, {dataset['depth'][step] * 1e3:g} mm"
+    write_stages(images.folder / STAGES, renderer, dataset.displacement(images.sensor, press)[step], title)
+    yield images.folder / STAGES
+    if gif:
+        made = [write_gif(images.of_press(dataset, press), renderer.background)
+                for press in tracked(selection.presses[reached > 0], "in motion")]  # fmt: skip
+        yield made[0].parent.parent / f"*/{made[0].name}"
+
+
+class _Counted:
+    """An iterator whose length is known, for a bar."""
+
+    def __init__(self, items: Iterator[int], count: int):
+        self.items, self.count = items, count
+
+    def __iter__(self) -> Iterator[int]:
+        return self.items
+
+    def __len__(self) -> int:
+        return self.count

@@ -1,0 +1,143 @@
+"""`simgen calibrate-optics`: a table fitted to pictures of a sphere, or to the photometric model.
+
+Both ways write whole files, and yield lines that say what was done.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from simgen.errors import InputError, check_output_file, writing
+from simgen.optics.at_rest import at_rest, camera_of, table_size
+from simgen.optics.calibration import Observations, explained, fit_response, observe
+from simgen.optics.contacts import find_circle, read_circles
+from simgen.optics.rendered import RADIUS_M, SPHERES, Rendered, photometry_of
+from simgen.optics.renderer import BACKGROUND, TABLE, read_image
+from simgen.optics.response import Response
+from simgen.optics.spheres import sphere_in
+from simgen.sensor import load_geometry, sensor_folder
+from simgen.whole_files import put_in_place, write_aside
+
+PICTURES, MODEL = "pictures of a sphere", "photometric model"  # what a table says it was fitted to
+LARGEST_MM = 1e3  # radius of a sphere
+OTHERS = 2**6  # spheres that a table was not fitted to
+
+
+def calibrate(
+    pictures: Sequence[Path],
+    background: Path | None,
+    radius_mm: float | None,
+    model: str,
+    circles: Path | None,
+    output: Path | None,
+) -> Iterator[str]:
+    """What the command does: pictures want all options, but ``circles``; the model none. Raises `InputError`."""
+    given = {"--background": background, "--radius-mm": radius_mm, "--output": output, "--circles": circles}
+    if not pictures:
+        for option in ("--background", "--radius-mm", "--circles"):
+            if given[option] is not None:
+                raise InputError(f"{option} {given[option]}: no PICTURE; allowed: with pictures")
+        return fit_to_model(model, output)
+    for option in ("--background", "--radius-mm", "--output"):
+        if given[option] is None:
+            raise InputError(
+                f"{option} is missing; allowed with pictures: --background FILE --radius-mm R --output FILE"
+            )
+    if not 0.0 < radius_mm <= LARGEST_MM:
+        raise InputError(f"--radius-mm {radius_mm:g}: allowed: more than 0, at most {LARGEST_MM:g}")
+    return fit_to_pictures(pictures, background, 1e-3 * radius_mm, model, circles, output)
+
+
+def fit_to_pictures(
+    pictures: Sequence[Path], background: Path, radius_m: float, model: str, circles: Path | None, output: Path
+) -> Iterator[str]:
+    """A table of pictures in which a sphere touches a sensor. Raises `InputError`.
+
+    background : the picture of nothing, of the same size
+    circles : where the sphere touches, see `read_circles`; pictures that are not in it are searched
+    """
+    check_output_file(output)
+    check_replaceable(output, PICTURES)
+    known = read_circles(circles) if circles else {}
+    if strangers := known.keys() - {picture.resolve() for picture in pictures}:
+        raise InputError(f"{circles}: {min(strangers)} is none of the pictures; allowed: their names, from its folder")
+    nothing = read_image(background)
+    gel = at_rest(load_geometry(model), *nothing.shape[:2])
+    observed: list[Observations] = []
+    for picture in pictures:
+        image = read_image(picture)
+        if image.shape != nothing.shape:
+            size, own = ("{1} x {0}".format(*each.shape) for each in (image, nothing))
+            raise InputError(f"{picture}: {size} pixels: allowed: those of {background}, {own}")
+        try:
+            circle = known.get(picture.resolve()) or find_circle(image, nothing)
+            patch = sphere_in(circle, radius_m, gel.depth, gel.pinhole)
+        except InputError as error:
+            raise InputError(f"{picture}: {error}") from None
+        observed.append(observe(patch, gel.depth, gel.pinhole.focal, image - nothing.astype(float)))
+        yield (
+            f"{picture}: circle of {circle.radius:.1f} pixels at column {circle.column:.1f}, row {circle.row:.1f}; "
+            f"{len(observed[-1].x)} pixels with a known tilt"
+        )
+    response = fit_response(observed, source=PICTURES)
+    _write(output.parent, {output.name: response.data()})
+    yield f"{output}: of {len(pictures)} pictures; {_sentence(response, observed)}"
+
+
+def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
+    """A table of spheres under the photometric model, and the background that goes with it. Raises `InputError`."""
+    folder = output or sensor_folder(model)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; allowed: the folder of {TABLE} and {BACKGROUND}")
+    check_output_file(folder / TABLE)
+    check_replaceable(folder / TABLE, MODEL)
+    if not (folder / TABLE).exists() and (folder / BACKGROUND).exists():
+        raise InputError(
+            f"{folder / BACKGROUND}: exists already, without a table of ours; remove it or choose another --output"
+        )
+    geometry = load_geometry(model)
+    gel = at_rest(geometry, *table_size(camera_of(geometry)))
+    try:
+        rendered = Rendered(gel.depth, gel.pinhole, photometry_of(gel.camera))
+    except InputError as error:
+        raise InputError(f"{geometry.folder / 'sensor.yaml'}: {error}") from None
+    response = fit_response((rendered.of_patch(patch) for patch in rendered.spheres()), source=MODEL)
+    others = [rendered.of_patch(patch) for patch in rendered.spheres(OTHERS, seed=1)]
+    background = np.rint(rendered.background).astype(np.uint8)
+    _write(folder, {BACKGROUND: png(background), TABLE: response.data()})
+    yield (
+        f"{folder / TABLE}: of {SPHERES} spheres of {1e3 * RADIUS_M:g} mm under the photometric model; "
+        f"of {len(others)} others {_sentence(response, others)}"
+    )
+    yield f"{folder / BACKGROUND}: {background.shape[1]} x {background.shape[0]} pixels"
+
+
+def check_replaceable(file: Path, source: str) -> None:
+    """Raises `InputError` if something is there that was not fitted to ``source``."""
+    if not file.exists():
+        return
+    try:
+        found = Response.load(file).source
+    except InputError:
+        found = ""
+    if found != source:
+        raise InputError(
+            f"{file}: exists already, and was not fitted to {source}; remove it or choose another --output"
+        )
+
+
+def _write(folder: Path, files: dict[str, bytes]) -> None:
+    with writing(folder / next(iter(files))):
+        put_in_place(folder, {name: write_aside(folder, data) for name, data in files.items()})
+
+
+def png(image: np.ndarray) -> bytes:
+    """Of an image (height, width, 3) uint8, red first."""
+    return cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
+
+
+def _sentence(response: Response, observed: Sequence[Observations]) -> str:
+    found = explained(response, observed)
+    return f"colours change by {found.change:.2f} grey levels on average, and the table is {found.left:.2f} off"

@@ -1,0 +1,60 @@
+"""What a camera behind a gel would see of it: three coloured lights, a matt coat, nothing else.
+
+A point of the coat sends to the camera
+
+    albedo * (ambient + power * sum over lights of colour * max(n . l, 0) / |d|^2),   l = d / |d|
+
+with d from the point to a light and n the coat's normal on the camera's side (Lambert's cosine law, inverse squares).
+Lights are small, the gel is clear, and light that other parts of the coat send on is part of the ambient one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgen.errors import InputError
+
+COLOURS = ("red", "green", "blue")
+
+
+@dataclass(frozen=True)
+class Photometry:
+    """Lights and coat of a sensor; what is not measured is assumed, and said so.
+
+    lights : (3, 3) m, positions of the red, green and blue one, in the sensor's frame
+    crosstalk : share of each light's power that the camera's other two channels see; assumed
+    albedo : share of light that the coat, of grey paint, sends back; assumed
+    ambient : of a channel, where the brightest place of an untouched gel is 1; assumed
+    brightest : of 0 to 255, that the camera's exposure gives this place
+    """
+
+    lights: np.ndarray
+    crosstalk: float = 0.1
+    albedo: float = 0.6
+    ambient: float = 0.15
+    brightest: float = 180.0
+
+    def radiance(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(..., 3) red, green, blue in any unit, of points (..., 3) m with unit normals (..., 3), without ambient."""
+        colour = np.full((3, 3), self.crosstalk) + (1.0 - self.crosstalk) * np.eye(3)
+        total = np.zeros(points.shape)
+        for light, own in zip(self.lights, colour, strict=True):
+            away = light - points
+            square = np.einsum("...i,...i->...", away, away)
+            cosine = np.einsum("...i,...i->...", away, normals) / np.sqrt(square)
+            total += (np.maximum(cosine, 0.0) / square)[..., None] * own
+        return self.albedo * total
+
+    def exposure(self, untouched: np.ndarray) -> float:
+        """Grey levels per radiance, so that the brightest pixel of ``untouched`` (..., 3) is ``brightest``.
+
+        Raises `InputError` if all of it is dark.
+        """
+        most = float(np.nanmax(untouched))
+        if most <= 0.0:
+            raise InputError("camera: no light shines on the gel; allowed: lights on the camera's side of it")
+        return self.brightest * (1.0 - self.ambient) / most
+
+    def image(self, radiance: np.ndarray, exposure: float) -> np.ndarray:
+        """Grey levels (..., 3) float, 0 to 255."""
+        return np.clip(self.brightest * self.ambient + exposure * radiance, 0.0, 255.0)

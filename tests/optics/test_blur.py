@@ -1,0 +1,52 @@
+"""The pyramid of Gaussian kernels is OpenCV's, on a GPU, too, where it is one product of matrices."""
+
+import cv2
+import numpy as np
+import pytest
+import warp as wp
+
+from simgen.optics.blur import KERNELS, Blur, blur_matrix, scaled_kernels
+from simgen.quiet import start_warp
+
+SINGLE = 2e-6  # of values up to 1: four convolutions of up to 51 numbers in single precision
+
+
+@pytest.fixture
+def maps() -> np.ndarray:
+    start_warp()
+    return np.random.default_rng(0).random((2, 120, 90)).astype(np.float32)
+
+
+def by_opencv(image: np.ndarray) -> np.ndarray:
+    for size in KERNELS:
+        image = cv2.GaussianBlur(image, (size, size), 0)
+    return image
+
+
+def test_kernels_follow_each_other_as_in_opencv(maps):
+    expected = np.stack([by_opencv(one) for one in maps])
+    np.testing.assert_array_equal(Blur(120, 90, KERNELS)(wp.array(maps, device="cpu")).numpy(), expected)
+
+
+def test_matrices_do_the_same_with_the_same_borders(maps):
+    rows, columns = (blur_matrix(size, KERNELS) for size in (120, 90))
+    np.testing.assert_allclose(rows @ maps[0] @ columns.T, by_opencv(maps[0].astype(np.float64)), atol=1e-12)
+    blur = Blur(120, 90, KERNELS, "cpu")
+    np.testing.assert_allclose(
+        blur.by_matrices(wp.array(maps, device="cpu")).numpy(), [by_opencv(one) for one in maps], atol=SINGLE
+    )
+
+
+def test_what_is_even_stays_even():
+    np.testing.assert_allclose(blur_matrix(33, KERNELS).sum(axis=1), 1.0, atol=1e-14)
+
+
+def test_no_kernels_change_nothing(maps):
+    np.testing.assert_array_equal(Blur(120, 90, ())(wp.array(maps, device="cpu")).numpy(), maps)
+
+
+def test_kernels_are_a_share_of_the_image():
+    assert scaled_kernels(480) == KERNELS
+    assert scaled_kernels(240) == (25, 11, 5, 3)
+    assert scaled_kernels(48) == (5, 3)
+    assert all(size % 2 for size in scaled_kernels(1000))
