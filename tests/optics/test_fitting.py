@@ -99,7 +99,7 @@ def test_circles_of_a_file_count(folder, pictures, truth, tmp_path):
     assert "circle of 12.2 pixels" in found[0] and "circle of 12.2 pixels" not in found[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_digit_s_own_files_are_what_the_command_makes(tmp_path):
     """To a grey level: the files are of another machine, and rounded."""
     lines = list(calibrate([], None, None, "digit", None, tmp_path))
