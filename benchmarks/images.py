@@ -20,7 +20,7 @@ import record
 import warp as wp
 
 from simgen.dataset import Dataset
-from simgen.optics.images import write_image
+from simgen.optics.image_files import write_image
 from simgen.optics.renderer import Look, Renderer
 
 LOOK = Look(height=640, width=480)

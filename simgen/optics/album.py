@@ -10,8 +10,9 @@ from PIL import Image
 
 from simgen.errors import writing
 from simgen.exchange.selection import Selection
-from simgen.optics.images import Images, write_image
-from simgen.optics.renderer import Renderer, read_image
+from simgen.optics.image_files import read_image, write_image
+from simgen.optics.images import Images
+from simgen.optics.renderer import Renderer
 
 ACROSS, DOWN = 5, 3  # depths and trajectories of a montage
 TILE_PX = 320  # the longer side of an image in it

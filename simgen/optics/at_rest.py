@@ -7,10 +7,10 @@ from scipy.ndimage import gaussian_filter
 
 from simgen.errors import InputError
 from simgen.optics.height_map import HeightMaps
-from simgen.optics.pinhole import Pinhole
+from simgen.optics.pinhole import Pinhole, placed_camera
 from simgen.optics.renderer import coat
 from simgen.optics.response import PUBLISHED_SIZE
-from simgen.sensor import Camera, SensorGeometry, place_camera
+from simgen.sensor import Camera, SensorGeometry
 
 SMOOTH = 0.0125  # of the image's shorter side: 6 of 480 pixels, 0.2 mm of a DIGIT whose triangles are of 0.5 mm
 BEYOND = 4.0  # standard deviations of the smoothing that are looked at around the image
@@ -27,7 +27,7 @@ class AtRest:
 
 def at_rest(geometry: SensorGeometry, height: int, width: int) -> AtRest:
     """Of a sensor, for images of this size. Raises `InputError` if its camera has another aspect, or none is there."""
-    camera = camera_of(geometry)
+    camera = placed_camera(geometry.description, geometry.folder)
     if abs(height * camera.width_px / (width * camera.height_px) - 1.0) > 0.01:
         own = f"{camera.width_px} x {camera.height_px}"
         raise InputError(f"picture of {width} x {height} pixels: allowed: sides in the ratio of the camera's {own}")
@@ -41,14 +41,6 @@ def at_rest(geometry: SensorGeometry, height: int, width: int) -> AtRest:
     if not maps.seen[inside].any():
         raise InputError(f"{geometry.folder / 'sensor.yaml'}: camera: the gel is out of its sight")
     return AtRest(camera, pinhole, smooth(maps.rest_depth, sigma)[inside])
-
-
-def camera_of(geometry: SensorGeometry) -> Camera:
-    """Raises `InputError` if the sensor has none."""
-    settings = geometry.description.camera
-    if settings is None:
-        raise InputError(f"{geometry.folder / 'sensor.yaml'}: no camera; allowed: a sensor with one, as digit")
-    return place_camera(settings)
 
 
 def table_size(camera: Camera) -> tuple[int, int]:

@@ -6,15 +6,16 @@ Both ways write whole files, and yield lines that say what was done.
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from simgen.errors import InputError, check_output_file, writing
-from simgen.optics.at_rest import at_rest, camera_of, table_size
+from simgen.optics.at_rest import at_rest, table_size
 from simgen.optics.calibration import Observations, explained, fit_response, observe
 from simgen.optics.contacts import find_circle, read_circles
+from simgen.optics.image_files import png, read_image
+from simgen.optics.pinhole import placed_camera
 from simgen.optics.rendered import RADIUS_M, SPHERES, Rendered, photometry_of
-from simgen.optics.renderer import BACKGROUND, TABLE, read_image
+from simgen.optics.renderer import BACKGROUND, TABLE
 from simgen.optics.response import Response
 from simgen.optics.spheres import sphere_in
 from simgen.sensor import load_geometry, sensor_folder
@@ -98,7 +99,7 @@ def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
             f"{folder / BACKGROUND}: exists already, without a table of ours; remove it or choose another --output"
         )
     geometry = load_geometry(model)
-    gel = at_rest(geometry, *table_size(camera_of(geometry)))
+    gel = at_rest(geometry, *table_size(placed_camera(geometry.description, geometry.folder)))
     try:
         rendered = Rendered(gel.depth, gel.pinhole, photometry_of(gel.camera))
     except InputError as error:
@@ -131,11 +132,6 @@ def check_replaceable(file: Path, source: str) -> None:
 def _write(folder: Path, files: dict[str, bytes]) -> None:
     with writing(folder / next(iter(files))):
         put_in_place(folder, {name: write_aside(folder, data) for name, data in files.items()})
-
-
-def png(image: np.ndarray) -> bytes:
-    """Of an image (height, width, 3) uint8, red first."""
-    return cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def _sentence(response: Response, observed: Sequence[Observations]) -> str:

@@ -26,12 +26,12 @@ from simgen.dataset import Dataset
 from simgen.errors import InputError, writing
 from simgen.exchange.selection import Selection
 from simgen.folder_lock import LOCK, HeldError, held
+from simgen.optics.image_files import write_image
 from simgen.optics.renderer import Look, Renderer
 from simgen.provenance import difference, source_hash
 from simgen.whole_files import whole_folder
 
 RECORD = "render.json"
-COMPRESSION = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # a third of the time of 3, a tenth more bytes
 
 
 @dataclass(frozen=True)
@@ -135,8 +135,3 @@ def _start(images: Images) -> None:
 
 def _render(press: int) -> int:
     return _WORKER.render(press)
-
-
-def write_image(file: Path, image: np.ndarray) -> None:
-    """PNG of (height, width, 3) uint8, red first."""
-    file.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), COMPRESSION)[1])

@@ -1,12 +1,14 @@
 """A sensor's camera at some image size: which ray each pixel looks along."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 import numpy as np
 
 from simgen.errors import InputError
-from simgen.sensor import Camera
+from simgen.sensor import Camera, place_camera
+from simgen.sensor_schema import SensorDescription
 
 MOST_PIXELS = 8192  # across an image
 
@@ -47,3 +49,10 @@ class Pinhole:
     def across(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far right and up the middles of pixels are at a depth of 1."""
         return (columns + 0.5 - 0.5 * self.width) / self.focal, (0.5 * self.height - rows - 0.5) / self.focal
+
+
+def placed_camera(description: SensorDescription, folder: Path) -> Camera:
+    """Of a sensor whose model lies in ``folder``. Raises `InputError` if it has none."""
+    if description.camera is None:
+        raise InputError(f"{folder / 'sensor.yaml'}: no camera; allowed: a sensor with one, as digit")
+    return place_camera(description.camera)

@@ -12,13 +12,14 @@ from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.optics.blur import KERNELS, Blur, scaled_kernels
 from simgen.optics.height_map import HeightMaps
-from simgen.optics.pinhole import Pinhole
+from simgen.optics.image_files import read_image
+from simgen.optics.pinhole import Pinhole, placed_camera
 from simgen.optics.rendered import photometry_of
 from simgen.optics.response import Response
 from simgen.optics.shading import Shading
 from simgen.optics.shadows import Shadows
 from simgen.quiet import check_device
-from simgen.sensor import Camera, place_camera, sensor_folder
+from simgen.sensor import Camera, sensor_folder
 from simgen.sensor_schema import read_description
 
 TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.yaml
@@ -108,19 +109,4 @@ def camera_of(dataset: Dataset, sensor: str) -> tuple[Camera, Path]:
     if sensor not in dataset.sensors:
         raise InputError(f"{dataset.path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
     folder = sensor_folder(dataset.job.locate(dataset.job.sensors[sensor].model))
-    settings = read_description(folder / "sensor.yaml").camera
-    if settings is None:
-        raise InputError(f"{sensor}: {folder / 'sensor.yaml'} has no camera; allowed: a sensor with one, as digit")
-    return place_camera(settings), folder
-
-
-def read_image(file: str | Path) -> np.ndarray:
-    """(height, width, 3) uint8, red first. Raises `InputError`."""
-    try:
-        data = np.fromfile(file, np.uint8)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    if image is None:
-        raise InputError(f"{file}: not an image; allowed: PNG, JPEG and what else OpenCV reads")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    return placed_camera(read_description(folder / "sensor.yaml"), folder), folder

@@ -37,7 +37,7 @@ from simgen.training.signals import recording_paths
 from simgen.whole_files import whole_folder
 
 RECORD, STATE, LOG = "training.json", "state.safetensors", "epochs.csv"
-PACKAGES = ("torch", "numpy", "scipy", "pyamg", "safetensors")
+PACKAGES = ("torch", "numpy", "scipy", "safetensors")
 
 
 class TrainingRun:

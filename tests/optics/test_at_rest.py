@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
-from simgen.optics.at_rest import at_rest, camera_of, smooth, table_size
+from simgen.optics.at_rest import at_rest, smooth, table_size
 from simgen.optics.height_map import HeightMaps
 from simgen.optics.renderer import coat
 from simgen.sensor import load_geometry
@@ -72,4 +72,4 @@ def test_another_aspect_is_one_line(geometry):
 
 def test_a_sensor_without_a_camera_is_one_line():
     with pytest.raises(InputError, match=r"biotac/sensor\.yaml: no camera; allowed: a sensor with one, as digit"):
-        camera_of(load_geometry("biotac"))
+        at_rest(load_geometry("biotac"), 64, 48)

@@ -8,9 +8,10 @@ import pytest
 from refusal import check_refusal, contents, rows, simgen
 
 from simgen.optics.calibration import Observations, explained
-from simgen.optics.fitting import MODEL, PICTURES, calibrate, png
+from simgen.optics.fitting import MODEL, PICTURES, calibrate
+from simgen.optics.image_files import png, read_image
 from simgen.optics.rendered import Rendered
-from simgen.optics.renderer import BACKGROUND, TABLE, read_image
+from simgen.optics.renderer import BACKGROUND, TABLE
 from simgen.optics.response import Response
 from simgen.optics.spheres import Circle, sphere_in
 from simgen.resources import resource

@@ -11,8 +11,9 @@ from simgen.errors import InputError
 from simgen.exchange.selection import select
 from simgen.folder_lock import held
 from simgen.optics.album import write_gif, write_montages, write_stages
+from simgen.optics.image_files import read_image
 from simgen.optics.images import Images, render, unmade
-from simgen.optics.renderer import Look, Renderer, read_image
+from simgen.optics.renderer import Look, Renderer
 
 SMALL = Look(height=64, width=48)
 

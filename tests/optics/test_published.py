@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from simgen.optics.blur import scaled_kernels
+from simgen.optics.image_files import read_image
 from simgen.optics.pinhole import Pinhole
-from simgen.optics.renderer import BACKGROUND, TABLE, Renderer, read_image
+from simgen.optics.renderer import BACKGROUND, TABLE, Renderer
 from simgen.optics.response import Response
 from simgen.resources import resource
 from simgen.sensor import load_geometry, place_camera

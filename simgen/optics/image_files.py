@@ -1,0 +1,32 @@
+"""Images as files: (height, width, 3) uint8, red first."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from simgen.errors import InputError
+
+COMPRESSION = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # a third of the time of 3, a tenth more bytes
+
+
+def read_image(file: str | Path) -> np.ndarray:
+    """Raises `InputError`."""
+    try:
+        data = np.fromfile(file, np.uint8)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    if image is None:
+        raise InputError(f"{file}: not an image; allowed: PNG, JPEG and what else OpenCV reads")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def png(image: np.ndarray) -> bytes:
+    """What a PNG file of an image holds."""
+    return cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), COMPRESSION)[1].tobytes()
+
+
+def write_image(file: Path, image: np.ndarray) -> None:
+    """As PNG."""
+    file.write_bytes(png(image))
