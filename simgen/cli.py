@@ -5,15 +5,14 @@ Imports are inside the commands: ``simgen --help`` is quick, and a run never imp
 
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from simgen import cli_images
-from simgen.errors import InputError, check_output_file
+from simgen.errors import InputError, check_output_file, needs_extra
 
 app = typer.Typer(
     name="simgen",
@@ -104,7 +103,7 @@ def train(
 
     Stop it at any time: the same command goes on where it stopped. What is trained is not trained again.
     """
-    with _needs_extra("training"):
+    with needs_extra("training"):
         from simgen.training.console import train_with_progress
 
     from simgen.training.schema import load_training_job
@@ -182,6 +181,9 @@ def report(
         Path | None,
         typer.Option("--output", "-o", help="The page to write.", show_default="<dataset name>.html"),
     ] = None,
+    networks: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="What `simgen train` wrote: shows a press translated by it.")
+    ] = None,
 ):
     """Write one HTML page that needs no network: coverage, failures, a press in motion and in 3-D, patches, forces."""
     from simgen.dataset import Dataset
@@ -194,7 +196,12 @@ def report(
     checked(opened)
     page = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.html")
     check_output_file(page)
-    write_report(opened, page)
+    more = {}
+    if networks is not None:
+        with needs_extra("training"):
+            from simgen.translate.section import TITLE, translated_section
+        more[TITLE] = partial(translated_section, networks=networks)
+    write_report(opened, page, more)
     typer.echo(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)")
 
 
@@ -327,17 +334,6 @@ def bench(
     run(quick, device, output, typer.echo)
 
 
-@contextmanager
-def _needs_extra(extra: str) -> Iterator[None]:
-    """Raises `InputError` if a package is not there that an extra of simgen brings."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if (error.name or "").startswith("simgen"):
-            raise
-        raise InputError(f"{error.name} is not installed; allowed: pip install 'simgen[{extra}]'") from None
-
-
 def _write_findings(findings: list, file: Path | None) -> None:
     from simgen.errors import writing
     from simgen.finding import as_json
@@ -359,6 +355,7 @@ def _address(scheduler: str | None, file: Path | None) -> str | None:
 
 
 app.command()(cli_images.render)
+app.command()(cli_images.translate)
 app.command("calibrate-optics")(cli_images.calibrate_optics)
 
 

@@ -6,7 +6,21 @@ from typing import Annotated
 
 import typer
 
-from simgen.errors import InputError
+from simgen.errors import InputError, needs_extra
+
+Calibration = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="A table as Taxim has it.", show_default="the sensor's own")
+]
+Background = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="The image of nothing.", show_default="the sensor's own")
+]
+Size = Annotated[
+    str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, such as 480x640.", show_default="the camera's")
+]
+Smoothed = Annotated[bool, typer.Option(help="Smooth the height maps by Gaussian kernels.")]
+Shaded = Annotated[
+    bool, typer.Option("--shadows", help="Dim what the lights do not reach: takes ten times as long.")
+]
 
 
 def render(
@@ -17,19 +31,11 @@ def render(
         typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the images.",
                      show_default="<dataset name>.images"),
     ] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A table as Taxim has it.", show_default="the sensor's own")
-    ] = None,
-    background: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The image of nothing.", show_default="the sensor's own")
-    ] = None,
-    size: Annotated[
-        str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, such as 480x640.", show_default="the camera's")
-    ] = None,
-    blur: Annotated[bool, typer.Option(help="Smooth the height maps by Gaussian kernels.")] = True,
-    shadows: Annotated[
-        bool, typer.Option("--shadows", help="Dim what the lights do not reach: takes ten times as long.")
-    ] = False,
+    calibration: Calibration = None,
+    background: Background = None,
+    size: Size = None,
+    blur: Smoothed = True,
+    shadows: Shaded = False,
     gif: Annotated[bool, typer.Option("--gif", help="Write every press in motion, too.")] = False,
     trajectories: Annotated[
         str | None, typer.Option(help="0:10 (the end excluded), or 3,7.", show_default="all")
@@ -58,6 +64,86 @@ def render(
     images = Images(dataset, sensor, folder, look, device)
     processes = workers or (cores() if device == "cpu" else 1)
     render_with_progress(images, select(opened, (sensor,), trajectories, split), processes, gif)
+
+
+def translate(
+    networks: Annotated[Path, typer.Argument(metavar="NETWORKS", help="A folder that `simgen train` wrote.")],
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="A dataset of the sensors that they know.")],
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Electrodes as published (HDF5), instead; may repeat.",
+                     show_default="synthetic signals of the dataset"),
+    ] = None,
+    samples: Annotated[
+        str | None, typer.Option(metavar="FIRST:END", help="Of each recording.", show_default="all in contact")
+    ] = None,
+    way: Annotated[
+        str | None,
+        typer.Option(help="ours or paper: which networks.", show_default="ours if it is trained, else paper"),
+    ] = None,
+    steps: Annotated[
+        bool, typer.Option("--steps", help="Write what lies between, too: signals, latents, both meshes.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the images.",
+                     show_default="<dataset name>.translated"),
+    ] = None,
+    calibration: Calibration = None,
+    background: Background = None,
+    size: Size = None,
+    blur: Smoothed = True,
+    shadows: Shaded = False,
+    gif: Annotated[bool, typer.Option("--gif", help="Write what chain.png shows in motion, too.")] = False,
+    trajectories: Annotated[
+        str | None, typer.Option(help="0:10 (the end excluded), or 3,7.", show_default="all of the split")
+    ] = None,
+    split: Annotated[
+        str | None,
+        typer.Option(help="train, validation or test.", show_default="test; with --trajectories, all"),
+    ] = None,
+    device: Annotated[str, typer.Option(help="Where to compute: cpu, cuda or cuda:N.")] = "cpu",
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes.", show_default="one per core, or one GPU")
+    ] = None,
+):
+    """From electrode signals to images: what the other sensor's camera would see of what this one felt.
+
+    Signals are synthetic ones of a dataset's presses, and the truth is known: its image stands beside, and a table says
+    how near the contacts are. Or they are recordings.
+
+    Stop it at any time: the same command goes on where it stopped.
+    """
+    with needs_extra("training"):
+        from simgen.translate.console import translate_files, translate_presses
+
+    from simgen.dataset import Dataset
+    from simgen.dataset_layout import checked
+    from simgen.exchange.selection import select
+    from simgen.optics.console import interruptible
+    from simgen.optics.renderer import Look
+    from simgen.training.translator import choose_way, read_job
+    from simgen.translate.presses import TranslatedImages
+    from simgen.workers import cores
+
+    job, opened = read_job(networks), checked(Dataset(dataset))
+    if opened.imported:
+        raise InputError(f"{dataset}: imported, without what may touch and the sensors' models; allowed: a dataset of "
+                         "`simgen run`")  # fmt: skip
+    if samples is not None and not recordings:
+        raise InputError(f"--samples {samples}: is of --recordings; of a dataset there are --trajectories and --split")
+    folder = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.translated")
+    look = Look(calibration, background, *_height_and_width(size), blur, shadows)
+    images = TranslatedImages(
+        dataset, job.target, folder, look, device, networks=networks, way=choose_way(networks, way), keep=steps
+    )
+    both = job.source, job.target
+    with interruptible(folder):
+        if recordings:
+            translate_files(images, select(opened, both), recordings, _range(samples), gif)
+            return
+        chosen = select(opened, both, trajectories, split or (None if trajectories else "test"))
+        translate_presses(images, chosen, workers or (cores() if device == "cpu" else 1), gif)
 
 
 def calibrate_optics(
@@ -104,3 +190,13 @@ def _height_and_width(size: str | None) -> tuple[int | None, int | None]:
     if match is None:
         raise InputError(f"--size {size!r}: write it as WIDTHxHEIGHT, such as 480x640")
     return int(match[2]), int(match[1])
+
+
+def _range(samples: str | None) -> range | None:
+    """Raises `InputError` unless it is as 0:200."""
+    if samples is None:
+        return None
+    match = re.fullmatch(r"(\d{1,9}):(\d{1,9})", samples)
+    if match is None or int(match[1]) >= int(match[2]):
+        raise InputError(f"--samples {samples!r}: write it as 0:200 (the end excluded)")
+    return range(int(match[1]), int(match[2]))

@@ -162,14 +162,19 @@ def outward_normals(core: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
     return normals[:, 0]
 
 
-def gaps(dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray, device: str = "cpu") -> np.ndarray:
+def gaps(
+    dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray, device: str = "cpu",
+    gauge: GapGauge | None = None,
+) -> np.ndarray:
     """Gaps (sample, electrode), m, of samples given by press and index of the depth, each (sample,) of integers.
+
+    ``gauge`` is `gauge_of` this sensor, if it was made before: that takes a second or two.
 
     Raises `InputError` as `gauge_of` does, for a sample that is not there or did not converge, and where the skin
     has left the ray of an electrode.
     """
     press, step = _checked_samples(dataset, sensor, press, step)
-    gauge = gauge_of(dataset, sensor, device)
+    gauge = gauge or gauge_of(dataset, sensor, device)
     found = np.full((len(press), gauge.electrodes), np.nan)
     for rows, displacement in _displacements(dataset, sensor, press, step):
         found[rows] = gauge(displacement)

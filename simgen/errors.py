@@ -63,3 +63,14 @@ def check_output_file(file: Path) -> None:
         raise InputError(f"{file}: is a folder; allowed: a file")
     if not os.access(file.parent, os.W_OK):
         raise InputError(cannot_write(file, errno.EACCES))
+
+
+@contextmanager
+def needs_extra(extra: str) -> Iterator[None]:
+    """Raises `InputError` if a package is not there that an extra of simgen brings."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("simgen"):
+            raise
+        raise InputError(f"{error.name} is not installed; allowed: pip install 'simgen[{extra}]'") from None

@@ -210,14 +210,14 @@ def nearest_on_surface(
     best = distance.argmin(axis=1)
     row = np.arange(len(points))
     nearest = corners[near[row, best]]
-    normals = _vertex_normals(vertices, triangles)[triangles[near[row, best]]]
+    normals = vertex_normals(vertices, triangles)[triangles[near[row, best]]]
     smoothed = np.einsum("nk,nki->ni", _barycentric(nearest, closest[row, best]), normals)
     facet = np.cross(nearest[:, 1] - nearest[:, 0], nearest[:, 2] - nearest[:, 0])
     both = np.stack([smoothed, facet], axis=1)
     return distance[row, best], both / np.linalg.norm(both, axis=2, keepdims=True)
 
 
-def _vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Area-weighted, not normalised to one where no triangle meets the vertex."""
     a, b, c = np.swapaxes(vertices[triangles], 0, 1)
     facet = np.cross(b - a, c - a)

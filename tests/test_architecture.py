@@ -23,8 +23,9 @@ HOUSE = {
     "fem": ["fem"],
     "press": ["press", "march", "samples", "scene", "first_touch", "capacity"],
     "dataset": ["dataset", "dataset_layout", "dataset_writer", "chunk_files", "whole_files", "folder_lock", "finding",
-                "audit", "touch_audit", "contact_patch", "run_status", "splits", "card", "loading", "torch_samples",
-                "exchange", "hdf5_files", "electrode_files", "electrodes", "electrode_gaps", "electrode_model"],
+                "audit", "touch_audit", "touchable", "contact_patch", "run_status", "splits", "card", "loading",
+                "torch_samples", "exchange", "hdf5_files", "electrode_files", "electrodes", "electrode_gaps",
+                "electrode_model"],
     "run": ["plan", "shard_writer", "shard", "workers", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console", "reference_page",
               "job_reference"],
@@ -32,6 +33,7 @@ HOUSE = {
     "validate": ["validate"],
     "bench": ["bench"],
     "training": ["training"],
+    "translate": ["translate"],
     "cli": ["cli", "cli_images"],
 }  # fmt: skip
 ROOM = {module: number for number, modules in enumerate(HOUSE.values()) for module in modules}
@@ -97,7 +99,7 @@ def test_only_workers_import_dask():
 
 def test_only_the_command_line_imports_views():
     views = set(HOUSE["views"])
-    for module in set(module_files()) - views - {"validate", "training", "optics", "cli", "cli_images"}:
+    for module in set(module_files()) - views - {"validate", "training", "optics", "translate", "cli", "cli_images"}:
         assert not own_imports(module) & views, module
 
 

@@ -18,8 +18,8 @@ from simgen.report.motion import animated_press
 from simgen.report.outcomes import endings, survival
 from simgen.report.patches import Patches, patches_section
 from simgen.report.solid_view import solid_view
-from simgen.report.touchable import touchable_surface
 from simgen.run import run
+from simgen.touchable import touchable_surface
 
 
 def made(path, build) -> Dataset:

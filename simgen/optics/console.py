@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +16,31 @@ from simgen.optics.renderer import Renderer
 
 def render_with_progress(images: Images, selection: Selection, workers: int, gif: bool) -> None:
     """Make what is missing of the images, then the pictures of them. Raises `InputError`."""
-    dataset = selection.dataset
-    renderer = Renderer.of_dataset(dataset, images.sensor, images.look, images.device)
-    before = len(unmade(images, selection))
-    begin = time.perf_counter()
-    try:
-        made = sum(tracked(_Counted(render(images, selection, renderer, workers), before), "rendering"))
-        seconds = time.perf_counter() - begin
-        rate = f", {made / seconds:.1f} a second" if made else ""
-        console.print(f"{images.folder}: {made} images made{rate}; {selection.paired.sum() - made} were there")
+    renderer = Renderer.of_dataset(selection.dataset, images.sensor, images.look, images.device)
+    missing = len(unmade(images, selection))
+    made = render(images, selection, renderer, workers)
+    with interruptible(images.folder):
+        print_made(images.folder, made, missing, int(selection.paired.sum()), "rendering")
         for file in _pictures(images, selection, renderer, gif):
             console.print(f"wrote {file}")
+
+
+@contextmanager
+def interruptible(folder: Path) -> Iterator[None]:
+    """Ctrl-C ends the command with a line that says how to go on."""
+    try:
+        yield
     except KeyboardInterrupt:
-        console.print(f"stopped; the same command goes on from {images.folder}")
+        console.print(f"stopped; the same command goes on from {folder}")
         raise SystemExit(INTERRUPTED) from None
+
+
+def print_made(folder: Path, made: Iterator[int], steps: int, samples: int, doing: str) -> None:
+    """Make images, ``steps`` times some, behind a bar; then say how many of ``samples``, and how fast."""
+    begin = time.perf_counter()
+    count = sum(tracked(_Counted(made, steps), doing))
+    rate = f", {count / (time.perf_counter() - begin):.1f} a second" if count else ""
+    console.print(f"{folder}: {count} images made{rate}; {samples - count} were there")
 
 
 def _pictures(images: Images, selection: Selection, renderer: Renderer, gif: bool) -> Iterator[Path]:

@@ -13,11 +13,12 @@ import hashlib
 import json
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -48,22 +49,59 @@ class Images:
         trajectory, indenter = dataset["press/trajectory"][press], dataset["press/indenter"][press]
         return self.folder / f"t{trajectory:04d}_{dataset.indenters[indenter]}"
 
+    def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
+        """What decides the images, for JSON."""
+        return {
+            "dataset": dataset.attributes["job_hash"],
+            "sensor": self.sensor,
+            "size": [renderer.pinhole.width, renderer.pinhole.height],
+            "background": hashlib.sha256(renderer.background.tobytes()).hexdigest(),
+            "response": renderer.shading.response.hash,
+            "kernels": list(renderer.blur.sizes),
+            "shadows": renderer.shadows is not None,
+            "code": source_hash(Path(__file__).parent),
+        }
 
-def claim(images: Images, dataset: Dataset, renderer: Renderer) -> None:
-    """Make the folder, or check that it holds images of the same kind. Raises `InputError`."""
-    record = {
-        "dataset": dataset.attributes["job_hash"],
-        "sensor": images.sensor,
-        "size": [renderer.pinhole.width, renderer.pinhole.height],
-        "background": hashlib.sha256(renderer.background.tobytes()).hexdigest(),
-        "response": renderer.shading.response.hash,
-        "kernels": list(renderer.blur.sizes),
-        "shadows": renderer.shadows is not None,
-        "code": source_hash(Path(__file__).parent),
-    }
-    file = images.folder / RECORD
-    if not images.folder.exists():
-        with writing(images.folder), whole_folder(images.folder) as aside:
+    def meshes(self, dataset: Dataset) -> "Meshes":
+        """What the images show; asked once by each process."""
+        return StoredMeshes(dataset, self.sensor)
+
+
+class Meshes(Protocol):
+    """Displacements of the sensor, press by press."""
+
+    def steps(self, press: int) -> np.ndarray:
+        """(n,) indices of the depths that get an image."""
+
+    def displacement(self, press: int, steps: np.ndarray) -> np.ndarray:
+        """(n, vertex, 3) m."""
+
+    def files(self, press: int, steps: np.ndarray) -> dict[str, bytes]:
+        """What else belongs into the folder of a press whose displacements were asked for last, by name."""
+
+
+@dataclass(frozen=True)
+class StoredMeshes:
+    """Those of the dataset itself."""
+
+    dataset: Dataset
+    sensor: str
+
+    def steps(self, press: int) -> np.ndarray:
+        return np.flatnonzero(self.dataset[f"{self.sensor}/status"][press] == 0)
+
+    def displacement(self, press: int, steps: np.ndarray) -> np.ndarray:
+        return self.dataset.displacement(self.sensor, press)[steps]
+
+    def files(self, press: int, steps: np.ndarray) -> dict[str, bytes]:
+        return {}
+
+
+def claim(folder: Path, record: Mapping[str, Any]) -> None:
+    """Make the folder of images, or check that it holds some of the same kind. Raises `InputError`."""
+    file = folder / RECORD
+    if not folder.exists():
+        with writing(folder), whole_folder(folder) as aside:
             (aside / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
         return
     try:
@@ -71,9 +109,9 @@ def claim(images: Images, dataset: Dataset, renderer: Renderer) -> None:
         changes = difference(found, record)
     except (OSError, ValueError, TypeError, AttributeError):
         sentence = "exists already and holds no images of simgen; choose another --output"
-        raise InputError(f"{images.folder}: {sentence}") from None
+        raise InputError(f"{folder}: {sentence}") from None
     if changes:
-        raise InputError(f"{images.folder}: holds other images: {changes[0]}; choose another --output")
+        raise InputError(f"{folder}: holds other images: {changes[0]}; choose another --output")
 
 
 def unmade(images: Images, selection: Selection) -> list[int]:
@@ -85,7 +123,7 @@ def unmade(images: Images, selection: Selection) -> list[int]:
 def render(images: Images, selection: Selection, renderer: Renderer, workers: int) -> Iterator[int]:
     """Make what is missing, and say press by press how many images it has got. Raises `InputError`."""
     dataset = selection.dataset
-    claim(images, dataset, renderer)
+    claim(images.folder, images.record(dataset, renderer))
     missing = unmade(images, selection)
     try:
         with held(images.folder):
@@ -111,16 +149,19 @@ class _Worker:
 
     def __init__(self, images: Images, dataset: Dataset, renderer: Renderer):
         self.images, self.dataset, self.renderer = images, dataset, renderer
+        self.meshes = images.meshes(dataset)
         self.threads = os.cpu_count() if images.device != "cpu" else 1
 
     def render(self, press: int) -> int:
-        steps = np.flatnonzero(self.dataset[f"{self.images.sensor}/status"][press] == 0)
-        pictures = self.renderer(self.dataset.displacement(self.images.sensor, press)[steps])
+        steps = self.meshes.steps(press)
+        pictures = self.renderer(self.meshes.displacement(press, steps))
         folder = self.images.of_press(self.dataset, press)
         files = [f"{step:02d}_{self.dataset['depth'][step] * 1e3:.4g}mm.png" for step in steps]
         with writing(folder), whole_folder(folder) as aside, ThreadPoolExecutor(self.threads) as threads:
             for _ in threads.map(write_image, [aside / file for file in files], pictures):
                 pass
+            for name, data in self.meshes.files(press, steps).items():
+                (aside / name).write_bytes(data)
         (folder / LOCK).unlink(missing_ok=True)
         return len(steps)
 

@@ -4,6 +4,7 @@ A section is a function of the dataset that yields lines of HTML, none where the
 which a dataset can have a terabyte, are read of a bounded number of presses alone.
 """
 
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from simgen.dataset import Dataset
@@ -19,7 +20,8 @@ from .overview import audit_section, head, job_section
 from .patches import patches_section
 from .solid_view import solid_view_section
 
-SECTIONS = {
+Section = Callable[[Dataset], Iterable[str]]
+SECTIONS: dict[str, Section] = {
     "Audit": audit_section,
     "Contacts and coverage": coverage_section,
     "How presses end": outcomes_section,
@@ -34,9 +36,12 @@ SECTIONS = {
 }
 
 
-def write_report(dataset: Dataset, output: Path) -> None:
-    """Write the page; raises nothing on an unfinished dataset, which is shown as far as it got."""
-    sections = {title: list(section(dataset)) for title, section in SECTIONS.items()}
+def write_report(dataset: Dataset, output: Path, more: Mapping[str, Section] | None = None) -> None:
+    """Write the page, with ``more`` sections before the last one; raises nothing of its own on an unfinished dataset,
+    which is shown as far as it got.
+    """
+    *most, last = SECTIONS.items()
+    sections = {title: list(section(dataset)) for title, section in (*most, *(more or {}).items(), last)}
     sections = {title: lines for title, lines in sections.items() if lines}
     lines = [*head(dataset), contents(sections)]
     for title, own in sections.items():

@@ -8,9 +8,10 @@ from scipy.spatial import cKDTree
 
 from simgen.dataset import Dataset
 from simgen.page import picture, table, tiles
+from simgen.touchable import TouchableSurface, touchable_surface
 
 from .choice import NOTHING_YET, depths_reached
-from .touchable import TouchableSurface, draw_map, touchable_surface
+from .maps import draw_map
 
 
 @dataclass(frozen=True)

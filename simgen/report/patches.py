@@ -12,9 +12,10 @@ from simgen.drawing import camera, draw_surface
 from simgen.errors import InputError
 from simgen.page import picture, tiles
 from simgen.touch_audit import FACET_M
+from simgen.touchable import touchable_surface
 
 from .choice import NOTHING_YET, depths_reached, drawn_presses, furthest_press
-from .touchable import draw_map, touchable_surface
+from .maps import draw_map
 
 PRESSES = 180  # at most, per sensor: of nine indenters twenty presses each
 CLOSE_UP_M = 9e-3  # half the width of what a close-up shows

@@ -76,6 +76,10 @@ class MeshVAE(nn.Module):
         network.deviation.copy_(torch.as_tensor(deviation).clamp_min(LEAST_DEVIATION))
         return network
 
+    @property
+    def vertices(self) -> int:
+        return self.sizes[0]
+
     def settings(self) -> dict[str, Any]:
         """What `empty` needs."""
         edges = [len(matrix.values) for matrix in self.laplacians]

@@ -93,11 +93,14 @@ class ReducedModel(nn.Module):
         network.left_out.copy_((error / coordinates).sqrt().clamp_min(ROUNDING))
         return network
 
+    @property
+    def vertices(self) -> int:
+        return len(self.position)
+
     def settings(self) -> dict[str, Any]:
         """What `empty` needs."""
-        latent, coordinates = self.components.shape
-        width = self.last.weight.shape[2]
-        return {"vertices": coordinates // 3, "edges": len(self.laplacian.values), "latent": latent, "width": width}
+        edges, width = len(self.laplacian.values), self.last.weight.shape[2]
+        return {"vertices": self.vertices, "edges": edges, "latent": len(self.components), "width": width}
 
     @classmethod
     def empty(cls, settings: Mapping[str, Any]) -> Self:

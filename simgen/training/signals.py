@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from simgen.electrode_files import read_recordings
+from simgen.electrode_files import Recordings, read_recordings
 from simgen.electrode_model import synthetic_signals
 from simgen.electrodes import Scaling, in_contact, without_drift
 from simgen.errors import InputError
@@ -74,10 +74,7 @@ def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalDa
     vertices = len(rest.rest)
     for number, path in enumerate(recording_paths(files, folder)):
         found = read_recordings(path)
-        contact = in_contact(found.force, files.least_force_n)
-        if not contact.any():
-            raise InputError(f"{path}: no sample has a force of {files.least_force_n:g} N; allowed: some contact")
-        signals = _without_drift(path, found.signals, contact) if files.remove_drift else found.signals
+        signals, contact = felt(path, found, files)
         blocks = split_by_trajectory(BLOCKS, seed + number)
         parts.append(signals[contact])
         splits.append(blocks[np.arange(len(found)) * BLOCKS // len(found)][contact])
@@ -92,6 +89,17 @@ def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalDa
         meshes = replace(rest, steps=steps.to(rest.steps.device), scale=1.0)
     values = torch.from_numpy(np.concatenate(parts)).float().to(rest.steps.device)
     return SignalData(values, np.concatenate(splits), meshes)
+
+
+def felt(path: Path, found: Recordings, settings: Recorded) -> tuple[np.ndarray, np.ndarray]:
+    """Signals (n, channel), of which drift is taken off if it is asked for, and which are in contact, (n,) bool.
+
+    Raises `InputError` if none is.
+    """
+    contact = in_contact(found.force, settings.least_force_n)
+    if not contact.any():
+        raise InputError(f"{path}: no sample has a force of {settings.least_force_n:g} N; allowed: some contact")
+    return _without_drift(path, found.signals, contact) if settings.remove_drift else found.signals, contact
 
 
 def recording_paths(files: Recorded, folder: Path) -> list[Path]:

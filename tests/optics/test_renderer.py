@@ -5,6 +5,7 @@ import fake
 import numpy as np
 import pytest
 import trimesh
+import warp as wp
 
 from simgen.errors import InputError
 from simgen.optics.image_files import read_image
@@ -104,3 +105,11 @@ def test_gel_out_of_sight_is_one_line(tmp_path):
     dataset = run(plan, tmp_path / "behind.zarr", build=fake.fake_presser)
     with pytest.raises(InputError, match="camera: the gel is out of its sight"):
         Renderer.of_dataset(dataset, "digit", SMALL)
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_a_gpu_makes_the_same_images(seen):
+    """But for what lies between two grey levels: single precision, in another order."""
+    moved = seen.displacement("digit", 3)
+    own, other = (Renderer.of_dataset(seen, "digit", SMALL, device)(moved).astype(int) for device in ("cpu", "cuda"))
+    assert np.abs(own - other).max() <= 1 and np.mean(own != other) < 1e-3

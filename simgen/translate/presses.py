@@ -1,0 +1,132 @@
+"""Presses of a dataset, translated: images as `simgen.optics.images` writes them, of meshes that networks predict.
+
+    <dataset>.translated/
+      render.json                    what decides the images: the networks' hashes, too
+      t0003_sphere_7mm/
+        02_0.3mm.png                 of what the electrodes felt at depth 2
+        contact.csv                  how far each sample is from the truth
+        steps.npz                    if asked for: signals, latents and both meshes
+      contact.json                   the same over all of them
+      chain.png                      some samples from the electrodes to the image
+"""
+
+import csv
+import io
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgen.dataset import Dataset
+from simgen.electrode_gaps import gauge_of
+from simgen.electrode_model import synthetic_signals, voltage
+from simgen.errors import InputError
+from simgen.optics.images import Images
+from simgen.optics.renderer import Renderer
+from simgen.training.translator import Translated, Translator, hashes, read_job
+from simgen.translate.contact import ContactGauge
+
+CONTACT, STEPS = "contact.csv", "steps.npz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TranslatedImages(Images):
+    """Images of a dataset's presses, felt by the networks' source and seen by their target.
+
+    networks : folder that `simgen train` wrote
+    way : one of `simgen.training.translator.WAYS`
+    keep : whether what lies between signals and image is written, too
+    """
+
+    networks: Path
+    way: str
+    keep: bool = False
+
+    def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
+        own = {"way": self.way, "networks": hashes(self.networks, self.way), "steps": self.keep}
+        return super().record(dataset, renderer) | own
+
+    def meshes(self, dataset: Dataset) -> "TranslatedMeshes":
+        return TranslatedMeshes(dataset, self.networks, self.way, self.device, self.keep)
+
+
+class TranslatedMeshes:
+    """What networks make of the synthetic signals of a dataset's presses.
+
+    Raises `InputError` where networks and dataset do not fit each other.
+    """
+
+    def __init__(self, dataset: Dataset, networks: Path, way: str, device: str = "cpu", keep: bool = False):
+        self.job, self.dataset, self.device, self.keep = read_job(networks), dataset, device, keep
+        if self.job.signals.recordings is not None:
+            raise InputError(f"{networks}: was trained on recordings, in their unit; allowed: --recordings FILE")
+        self.translator = Translator.load(networks, way, device)
+        check_meshes(self.translator, dataset, self.job.source, self.job.target)
+        self.contact = ContactGauge.of_dataset(dataset, self.job.target)
+
+    @cached_property
+    def _gauge(self):
+        return gauge_of(self.dataset, self.job.source, self.device)
+
+    @property
+    def signals_at_rest(self) -> np.ndarray:
+        """(channel,) V."""
+        return voltage(self._gauge.rest_gap, self.job.signals.synthetic)
+
+    def steps(self, press: int) -> np.ndarray:
+        """Depths that converged on both sensors: what is felt on one has its truth on the other."""
+        both = [self.dataset[f"{sensor}/status"][press] == 0 for sensor in (self.job.source, self.job.target)]
+        return np.flatnonzero(np.logical_and(*both))
+
+    def translated(self, press: int, steps: np.ndarray) -> Translated:
+        """The samples at these depths of a press."""
+        settings, at = self.job.signals.synthetic, np.full(len(steps), press)
+        return self.translator(
+            synthetic_signals(self.dataset, self.job.source, at, steps, settings, self.device, self._gauge)
+        )
+
+    def displacement(self, press: int, steps: np.ndarray) -> np.ndarray:
+        self._last = self.translated(press, steps)
+        return self._last.target
+
+    def files(self, press: int, steps: np.ndarray) -> dict[str, bytes]:
+        found = {CONTACT: self._contact(press, steps)}
+        return found | ({STEPS: stages(self._last)} if self.keep else {})
+
+    def _contact(self, press: int, steps: np.ndarray) -> bytes:
+        """A line for each sample: how far its mesh, its contact and its depth are from the truth."""
+        guess, truth = self._last.target, self.dataset.displacement(self.job.target, press)[steps]
+        columns = {
+            "depth_mm": 1e3 * self.dataset["depth"][steps],
+            "rmse_um": 1e6 * np.sqrt(np.square(guess - truth).mean(axis=(1, 2))),
+            "off_mm": 1e3 * np.linalg.norm(self.contact.centroid(guess) - self.contact.centroid(truth), axis=1),
+            "deepest_mm": 1e3 * self.contact.depth(guess),
+            "true_deepest_mm": 1e3 * self.contact.depth(truth),
+        }
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([f"{value:.6g}" for value in line] for line in zip(*columns.values(), strict=True))
+        return text.getvalue().encode()
+
+
+def check_meshes(translator: Translator, dataset: Dataset, source: str, target: str) -> None:
+    """Raises `InputError` unless the networks' meshes have as many vertices as those of the dataset."""
+    for sensor, vertices in zip((source, target), translator.vertices, strict=True):
+        if sensor not in dataset.sensors:
+            raise InputError(f"{dataset.path}: no sensor {sensor}, which the networks know; "
+                             f"it has {', '.join(dataset.sensors)}")  # fmt: skip
+        own = len(dataset[f"{sensor}/rest_positions"])
+        if own != vertices:
+            raise InputError(f"{dataset.path}: {sensor}: {own} vertices; allowed: {vertices}, as the networks know it")
+
+
+def stages(translated: Translated) -> bytes:
+    """What ``steps.npz`` holds: signals, latent_<network>, source_displacement and target_displacement (m)."""
+    latents = {f"latent_{name}": values for name, values in translated.latents.items()}
+    meshes = {"source_displacement": translated.source, "target_displacement": translated.target}
+    data = io.BytesIO()
+    np.savez(data, signals=translated.signals, **latents, **meshes)
+    return data.getvalue()

@@ -1,0 +1,51 @@
+"""A translated press for the report: what networks make of the electrodes, beside the truth."""
+
+import html
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from simgen.dataset import Dataset
+from simgen.exchange.selection import Selection
+from simgen.optics.renderer import Look, Renderer
+from simgen.page import image, picture
+from simgen.splits import SPLITS
+from simgen.training.translator import choose_way, networks_of, read_job
+from simgen.translate.picture import ChainPainter
+from simgen.translate.presses import TranslatedMeshes
+from simgen.translate.showing import press_steps, shown_presses, spread
+
+TITLE = "From electrodes to an image"
+LOOK = Look(height=320, width=240)
+DEPTHS = 5
+
+
+def translated_section(dataset: Dataset, networks: Path) -> Iterator[str]:
+    """Of the press that goes furthest, of those that nobody has trained with if there is one.
+
+    Raises `InputError` where networks and dataset do not fit each other.
+    """
+    way, job = choose_way(networks, None), read_job(networks)
+    meshes = TranslatedMeshes(dataset, networks, way)
+    renderer = Renderer.of_dataset(dataset, job.target, LOOK)
+    split = dataset["press/split"]
+    of_test = split == list(SPLITS).index("test")
+    for presses in (np.flatnonzero(of_test), np.flatnonzero(~of_test)):
+        shown = shown_presses(Selection(dataset, (job.source, job.target), presses))
+        if shown:
+            break
+    else:
+        yield "<p>No press has converged on both sensors yet.</p>"
+        return
+    steps = press_steps(meshes, renderer, shown[0])
+    painter = ChainPainter(dataset, job.source, job.target, meshes.signals_at_rest)
+    known = dict(enumerate(SPLITS)).get(int(split[shown[0]]), "none")
+    about = f"press {shown[0]}, {dataset.indenters[dataset['press/indenter'][shown[0]]]}"
+    yield (
+        f"<p>{html.escape(about.capitalize())}, split {known}: synthetic signals of the {html.escape(job.source)}'s "
+        f"electrodes through {', '.join(networks_of(way))} to the mesh of the {html.escape(job.target)} and to what "
+        "its camera sees; last the image of the simulated mesh itself.</p>"
+    )
+    yield image(painter.motion(steps), "gif", f"{about}, translated")
+    yield picture(painter.figure([steps[i] for i in spread(len(steps), DEPTHS)]), f"{about}, translated, by depth")

@@ -1,0 +1,57 @@
+"""Maps of a sensor's skin, rolled out flat: position along the finger across the lateral arc (see `simgen.skin`)."""
+
+import numpy as np
+import trimesh
+from scipy.ndimage import zoom
+from scipy.spatial import cKDTree
+
+from simgen.skin import Skin
+from simgen.surface import ClosestPoint
+
+GRID_M = 5e-4  # between points that are found on the skin
+FINER = 2  # points of a map between two of those
+
+
+class UnfoldedSkin:
+    """A closed surface (vertex, 3) m with triangles (triangle, 3); of its vertices ``shown`` (vertex,) bool are drawn.
+
+    extent : left, right, bottom, top of a map, mm: lateral arc and position along the finger, its tip above
+    """
+
+    def __init__(self, vertices: np.ndarray, triangles: np.ndarray, shown: np.ndarray):
+        skin = Skin(trimesh.Trimesh(vertices, triangles, process=False))
+        self.vertices = len(vertices)
+        drawn = vertices[shown]
+        half = np.pi * np.abs(drawn[:, 1:]).max()  # no section is longer
+        along = np.arange(drawn[:, 0].min(), drawn[:, 0].max() + GRID_M, GRID_M)
+        arc = np.arange(-half, half + GRID_M, GRID_M)
+        found = [[skin.point(x, s) for s in arc] for x in along]
+        points = np.array([[(np.nan,) * 3 if one is None else one[0] for one in line] for line in found])
+        points = zoom(points, (FINER, FINER, 1), order=1, grid_mode=False)
+        known = np.isfinite(points).all(axis=2)
+        on, _, face = ClosestPoint(vertices, triangles)(points[known])
+        self._corners = triangles[face]
+        self._weights = trimesh.triangles.points_to_barycentric(vertices[self._corners], on)
+        drawn_here = shown[self._corners].all(axis=1)
+        known[known] = drawn_here
+        self._corners, self._weights = self._corners[drawn_here], self._weights[drawn_here]
+        self._points, self._known = points[known], known
+        grid = np.meshgrid(
+            np.linspace(arc[0], arc[-1], known.shape[1]), np.linspace(along[0], along[-1], known.shape[0])
+        )
+        self._flat = np.stack(grid, axis=-1)[known] * 1e3
+        rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        self._box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        left, right = (grid[0][0, columns[i]] * 1e3 for i in (0, -1))
+        top, bottom = (grid[1][rows[i], 0] * 1e3 for i in (0, -1))
+        self.extent = left, right, bottom, top
+
+    def map(self, values: np.ndarray) -> np.ndarray:
+        """(row, column) of values (vertex,); NaN where no skin is shown."""
+        image = np.full(self._known.shape, np.nan)
+        image[self._known] = np.einsum("pk,pk->p", values[self._corners], self._weights)
+        return image[self._box]
+
+    def place(self, points: np.ndarray) -> np.ndarray:
+        """(n, 2) mm on a map: where the shown skin is nearest to points (n, 3) m."""
+        return self._flat[cKDTree(self._points).query(points)[1]]
