@@ -162,29 +162,29 @@ def outward_normals(core: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
     return normals[:, 0]
 
 
-def gaps(
-    dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray, device: str = "cpu",
-    gauge: GapGauge | None = None,
-) -> np.ndarray:
+def gaps(dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray, device: str = "cpu") -> np.ndarray:
     """Gaps (sample, electrode), m, of samples given by press and index of the depth, each (sample,) of integers.
-
-    ``gauge`` is `gauge_of` this sensor, if it was made before: that takes a second or two.
 
     Raises `InputError` as `gauge_of` does, for a sample that is not there or did not converge, and where the skin
     has left the ray of an electrode.
     """
     press, step = _checked_samples(dataset, sensor, press, step)
-    gauge = gauge or gauge_of(dataset, sensor, device)
+    gauge = gauge_of(dataset, sensor, device)
     found = np.full((len(press), gauge.electrodes), np.nan)
     for rows, displacement in _displacements(dataset, sensor, press, step):
         found[rows] = gauge(displacement)
-    if not np.isfinite(found).all():
-        sample, electrode = np.argwhere(~np.isfinite(found))[0]
+    return checked_gaps(found, f"{dataset.path}/{sensor}", press, step)
+
+
+def checked_gaps(gap: np.ndarray, where: str, press: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """The gaps (sample, electrode) themselves. Raises `InputError` where the skin has left the ray of an electrode."""
+    if not np.isfinite(gap).all():
+        sample, electrode = np.argwhere(~np.isfinite(gap))[0]
         raise InputError(
-            f"{dataset.path}/{sensor}: press {press[sample]}, depth {step[sample]}: no skin within "
-            f"{1e3 * REACH_M:g} mm of where it is at rest above electrode {electrode + 1}; `simgen check` says more"
+            f"{where}: press {press[sample]}, depth {step[sample]}: no skin within {1e3 * REACH_M:g} mm of where it is "
+            f"at rest above electrode {electrode + 1}; `simgen check` says more"
         )
-    return found
+    return gap
 
 
 def _displacements(

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from simgen.dataset import Dataset
-from simgen.electrode_gaps import GapGauge, gaps
+from simgen.electrode_gaps import gaps
 from simgen.job_schema import Section
 
 OF_DRIFT = 1  # keys of random numbers beside the seed: the slopes of the electrodes,
@@ -100,18 +100,16 @@ def synthetic_signals(
     step: np.ndarray,
     settings: ElectrodeSettings | None = None,
     device: str = "cpu",
-    gauge: GapGauge | None = None,
 ) -> np.ndarray:
     """Readings (sample, electrode), V, of converged samples of a dataset, by the model of this page.
 
     press, step : (sample,) integers, the press and the index of its depth; in any order, also twice
     device : cpu, cuda or cuda:N, where rays are cast
-    gauge : that of the sensor, if it was made before
 
     The same dataset, samples and settings give the same readings. Raises `InputError` for a sensor without electrodes,
     samples that are not there or did not converge, and a device that this machine lacks.
     """
     settings = settings or ElectrodeSettings()
     press, step = np.asarray(press), np.asarray(step)
-    found = gaps(dataset, sensor, press, step, device, gauge)
+    found = gaps(dataset, sensor, press, step, device)
     return measured(voltage(found, settings), press, step, len(dataset["depth"]), settings)

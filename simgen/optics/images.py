@@ -16,6 +16,7 @@ import signal
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Protocol
@@ -46,8 +47,7 @@ class Images:
     device: str = "cpu"
 
     def of_press(self, dataset: Dataset, press: int) -> Path:
-        trajectory, indenter = dataset["press/trajectory"][press], dataset["press/indenter"][press]
-        return self.folder / f"t{trajectory:04d}_{dataset.indenters[indenter]}"
+        return self.folder / _press_names(dataset)[press]
 
     def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
         """What decides the images, for JSON."""
@@ -67,6 +67,13 @@ class Images:
         return StoredMeshes(dataset, self.sensor)
 
 
+@lru_cache(maxsize=2)
+def _press_names(dataset: Dataset) -> list[str]:
+    """Of all presses; an array is read from a file for each shard, so once and not for each press."""
+    trajectories, indenters = dataset["press/trajectory"], dataset["press/indenter"]
+    return [f"t{t:04d}_{dataset.indenters[i]}" for t, i in zip(trajectories, indenters, strict=True)]
+
+
 class Meshes(Protocol):
     """Displacements of the sensor, press by press."""
 
@@ -80,15 +87,14 @@ class Meshes(Protocol):
         """What else belongs into the folder of a press whose displacements were asked for last, by name."""
 
 
-@dataclass(frozen=True)
 class StoredMeshes:
     """Those of the dataset itself."""
 
-    dataset: Dataset
-    sensor: str
+    def __init__(self, dataset: Dataset, sensor: str):
+        self.dataset, self.sensor, self._converged = dataset, sensor, dataset[f"{sensor}/status"] == 0
 
     def steps(self, press: int) -> np.ndarray:
-        return np.flatnonzero(self.dataset[f"{self.sensor}/status"][press] == 0)
+        return np.flatnonzero(self._converged[press])
 
     def displacement(self, press: int, steps: np.ndarray) -> np.ndarray:
         return self.dataset.displacement(self.sensor, press)[steps]
@@ -150,13 +156,14 @@ class _Worker:
     def __init__(self, images: Images, dataset: Dataset, renderer: Renderer):
         self.images, self.dataset, self.renderer = images, dataset, renderer
         self.meshes = images.meshes(dataset)
+        self.depths_mm = 1e3 * dataset["depth"]
         self.threads = os.cpu_count() if images.device != "cpu" else 1
 
     def render(self, press: int) -> int:
         steps = self.meshes.steps(press)
         pictures = self.renderer(self.meshes.displacement(press, steps))
         folder = self.images.of_press(self.dataset, press)
-        files = [f"{step:02d}_{self.dataset['depth'][step] * 1e3:.4g}mm.png" for step in steps]
+        files = [f"{step:02d}_{self.depths_mm[step]:.4g}mm.png" for step in steps]
         with writing(folder), whole_folder(folder) as aside, ThreadPoolExecutor(self.threads) as threads:
             for _ in threads.map(write_image, [aside / file for file in files], pictures):
                 pass

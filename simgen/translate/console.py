@@ -92,10 +92,9 @@ def accuracy_table(summary: Mapping[str, Accuracy]) -> Table:
 def _contact_files(images: TranslatedImages, selection: Selection) -> dict[str, list[Path]]:
     """Indenter -> files of its presses."""
     dataset = selection.dataset
-    found: dict[str, list[Path]] = {name: [] for name in dataset.indenters}
+    indenter, found = dataset["press/indenter"], {name: [] for name in dataset.indenters}
     for press in selection.presses[selection.paired.any(axis=1)].tolist():
-        name = dataset.indenters[dataset["press/indenter"][press]]
-        found[name].append(images.of_press(dataset, press) / CONTACT)
+        found[dataset.indenters[indenter[press]]].append(images.of_press(dataset, press) / CONTACT)
     return found
 
 

@@ -13,15 +13,14 @@
 import csv
 import io
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from simgen.dataset import Dataset
-from simgen.electrode_gaps import gauge_of
-from simgen.electrode_model import synthetic_signals, voltage
+from simgen.electrode_gaps import checked_gaps, gauge_of
+from simgen.electrode_model import measured, voltage
 from simgen.errors import InputError
 from simgen.optics.images import Images
 from simgen.optics.renderer import Renderer
@@ -65,10 +64,11 @@ class TranslatedMeshes:
         self.translator = Translator.load(networks, way, device)
         check_meshes(self.translator, dataset, self.job.source, self.job.target)
         self.contact = ContactGauge.of_dataset(dataset, self.job.target)
-
-    @cached_property
-    def _gauge(self):
-        return gauge_of(self.dataset, self.job.source, self.device)
+        self._gauge = gauge_of(dataset, self.job.source, device)
+        # Depths that converged on both sensors: what is felt on one has its truth on the other.
+        both = self.job.source, self.job.target
+        self._converged = np.all([dataset[f"{sensor}/status"] == 0 for sensor in both], axis=0)
+        self._depths = dataset["depth"]
 
     @property
     def signals_at_rest(self) -> np.ndarray:
@@ -76,16 +76,18 @@ class TranslatedMeshes:
         return voltage(self._gauge.rest_gap, self.job.signals.synthetic)
 
     def steps(self, press: int) -> np.ndarray:
-        """Depths that converged on both sensors: what is felt on one has its truth on the other."""
-        both = [self.dataset[f"{sensor}/status"][press] == 0 for sensor in (self.job.source, self.job.target)]
-        return np.flatnonzero(np.logical_and(*both))
+        return np.flatnonzero(self._converged[press])
+
+    def signals(self, press: int, steps: np.ndarray) -> np.ndarray:
+        """(n, channel) V, of these depths of a press. Raises `InputError` as `simgen.electrode_gaps.gaps` does."""
+        settings, at = self.job.signals.synthetic, np.full(len(steps), press)
+        gap = self._gauge(self.dataset.displacement(self.job.source, press)[steps])
+        checked_gaps(gap, f"{self.dataset.path}/{self.job.source}", at, steps)
+        return measured(voltage(gap, settings), at, steps, self._converged.shape[1], settings)
 
     def translated(self, press: int, steps: np.ndarray) -> Translated:
         """The samples at these depths of a press."""
-        settings, at = self.job.signals.synthetic, np.full(len(steps), press)
-        return self.translator(
-            synthetic_signals(self.dataset, self.job.source, at, steps, settings, self.device, self._gauge)
-        )
+        return self.translator(self.signals(press, steps))
 
     def displacement(self, press: int, steps: np.ndarray) -> np.ndarray:
         self._last = self.translated(press, steps)
@@ -99,7 +101,7 @@ class TranslatedMeshes:
         """A line for each sample: how far its mesh, its contact and its depth are from the truth."""
         guess, truth = self._last.target, self.dataset.displacement(self.job.target, press)[steps]
         columns = {
-            "depth_mm": 1e3 * self.dataset["depth"][steps],
+            "depth_mm": 1e3 * self._depths[steps],
             "rmse_um": 1e6 * np.sqrt(np.square(guess - truth).mean(axis=(1, 2))),
             "off_mm": 1e3 * np.linalg.norm(self.contact.centroid(guess) - self.contact.centroid(truth), axis=1),
             "deepest_mm": 1e3 * self.contact.depth(guess),

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simgen.dataset import Dataset
 from simgen.exchange.selection import Selection
 from simgen.optics.renderer import Renderer
 from simgen.training.translator import Translator
@@ -34,7 +33,8 @@ def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_o
     found = meshes.translated(press, steps)
     images = renderer(found.target)
     truth = renderer(dataset.displacement(meshes.job.target, press)[steps])
-    titles = [title(dataset, press, step) for step in steps]
+    name = dataset.indenters[dataset["press/indenter"][press]]
+    titles = [f"{name}, {depth * 1e3:g} mm" for depth in dataset["depth"][steps]]
     samples = zip(titles, found.signals, found.source, found.target, images, truth, strict=True)
     return [Step(*sample) for sample in samples]
 
@@ -53,8 +53,3 @@ def recording_steps(
 def spread(count: int, most: int) -> np.ndarray:
     """At most ``most`` of ``count`` rows, evenly, the first and the last among them."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
-
-
-def title(dataset: Dataset, press: int, step: int) -> str:
-    """Such as sphere_7mm, 0.9 mm."""
-    return f"{dataset.indenters[dataset['press/indenter'][press]]}, {dataset['depth'][step] * 1e3:g} mm"
