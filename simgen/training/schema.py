@@ -105,7 +105,7 @@ class ReducedModelSettings(Fit):
 
 
 class TranslationSettings(Fit):
-    """S2RM and RM2RM, ours."""
+    """S2RM, ours; RM2RM with another value."""
 
     epochs: int = Field(300, ge=1, le=100_000, description="1 to 100000")
     batch: int = Field(1024, ge=1, le=1_000_000, description="1 to 1000000")
@@ -114,7 +114,13 @@ class TranslationSettings(Fit):
     patience: int = Field(300, ge=1, le=100_000, description="1 to 100000")
     width: Width = Field(512, description="1 to 65536")
     blocks: int = Field(2, ge=0, le=100, description="0 to 100")
-    noise: float = Field(0.1, ge=0.0, le=10.0, description="0 to 10")
+    noise: float = Field(0.0, ge=0.0, le=10.0, description="0 to 10")
+
+
+class MeshTranslationSettings(TranslationSettings):
+    """RM2RM, ours."""
+
+    noise: float = Field(0.03, ge=0.0, le=10.0, description="0 to 10")
 
 
 class Recordings(Section):
@@ -150,7 +156,7 @@ class TrainingJob(Section):
     mesh_projection: ProjectionSettings = ProjectionSettings()
     reduced_model: ReducedModelSettings = ReducedModelSettings()
     signal_translation: TranslationSettings = TranslationSettings()
-    mesh_translation: TranslationSettings = TranslationSettings()
+    mesh_translation: MeshTranslationSettings = MeshTranslationSettings()
     output: str | None = Field(None, description="a folder; by default <name>.networks in the current one")
     _folder: Path = PrivateAttr(default=Path())
 
