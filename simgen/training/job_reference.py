@@ -8,6 +8,7 @@ from simgen.reference_page import ReferencePage
 from simgen.section import Section
 from simgen.training.schema import (
     Fit,
+    MeshTranslationSettings,
     MeshVAESettings,
     ProjectionSettings,
     Recordings,
@@ -30,7 +31,8 @@ SECTIONS: dict[str, type[Section]] = {
     "signal_projection": SignalProjectionSettings,
     "mesh_projection": ProjectionSettings,
     "reduced_model": ReducedModelSettings,
-    "signal_translation, mesh_translation": TranslationSettings,
+    "signal_translation": TranslationSettings,
+    "mesh_translation": MeshTranslationSettings,
 }
 
 # What a key does; those of `Fit` are said once for all networks.
@@ -143,8 +145,11 @@ mesh_projection: {schedule: cosine, patience: 1000}   # to the last epoch
     "reduced_model": """\
 reduced_model: {latent: 63, width: 32}   # less of PCA, more of the convolutions
 """,
-    "signal_translation, mesh_translation": """\
-signal_translation: {width: 256, noise: 0.2}
+    "signal_translation": """\
+signal_translation: {width: 256, noise: 0.01}
+""",
+    "mesh_translation": """\
+mesh_translation: {noise: 0}   # if it will be given latents of RMB itself, and not those of S2RM
 """,
 }
 

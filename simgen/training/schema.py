@@ -105,7 +105,7 @@ class ReducedModelSettings(Fit):
 
 
 class TranslationSettings(Fit):
-    """S2RM, ours; RM2RM with another value."""
+    """S2RM, ours."""
 
     epochs: int = Field(300, ge=1, le=100_000, description="1 to 100000")
     batch: int = Field(1024, ge=1, le=1_000_000, description="1 to 1000000")
