@@ -7,10 +7,11 @@ timed one by one in one process; then all of them, with PNG files written and wi
 """
 
 import argparse
+import os
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -79,12 +80,14 @@ def work(asked: argparse.Namespace, number: int, write: bool) -> float:
     renderer = Renderer.of_dataset(dataset, asked.sensor, LOOK, asked.device)
     displacement = samples(dataset, asked.sensor, asked.images)
     renderer(displacement[: asked.batch])
-    with tempfile.TemporaryDirectory() as folder:
+    threads = 1 if asked.device == "cpu" else os.cpu_count()  # as `simgen render` writes files
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(threads) as pool:
         begin = time.perf_counter()
         for first in range(0, len(displacement), asked.batch):
             images = renderer(displacement[first : first + asked.batch])
-            for i, one in enumerate(images if write else ()):
-                write_image(Path(folder, f"{number}_{first + i}.png"), one)
+            files = [Path(folder, f"{number}_{first + i}.png") for i in range(len(images))]
+            for _ in pool.map(write_image, files, images) if write else ():
+                pass
         return time.perf_counter() - begin
 
 
