@@ -35,7 +35,7 @@ class UnfoldedSkin:
         drawn_here = shown[self._corners].all(axis=1)
         known[known] = drawn_here
         self._corners, self._weights = self._corners[drawn_here], self._weights[drawn_here]
-        self._points, self._known = points[known], known
+        self._points, self._known = on[drawn_here], known
         grid = np.meshgrid(
             np.linspace(arc[0], arc[-1], known.shape[1]), np.linspace(along[0], along[-1], known.shape[0])
         )
