@@ -121,10 +121,10 @@ def test_what_slides_is_not_pressed_in(pad):
 
 def test_nothing_pressed_has_no_place_and_no_depth(pad):
     dent, none = inwards(sphere(pad.position, np.zeros(3))), np.zeros((1, len(pad.position), 3))
-    samples = np.concatenate([none, dent, -dent])
+    samples = np.concatenate([none, dent, -dent, -dent - inwards(np.full(len(pad.position), DEPTH))])
     depth, centroid = pad.depth(samples), pad.centroid(samples)
-    assert depth[0] == 0.0 and depth[2] == 0.0 and depth[1] > 0.0
-    assert np.isnan(centroid[[0, 2]]).all() and np.isfinite(centroid[1]).all()
+    assert (depth[[0, 2, 3]] == 0.0).all() and depth[1] > 0.0
+    assert np.isnan(centroid[[0, 2, 3]]).all() and np.isfinite(centroid[1]).all()
 
 
 def test_of_two_dents_the_deeper_is_the_contact(pad):
@@ -133,6 +133,15 @@ def test_of_two_dents_the_deeper_is_the_contact(pad):
     one, other = sphere(pad.position, here), sphere(pad.position, there)
     np.testing.assert_allclose(pad.centroid(inwards(one + 0.49 * other))[0], here, atol=1e-12)
     np.testing.assert_allclose(pad.centroid(inwards(one + other))[0], 0.0, atol=1e-12)
+
+
+def test_points_count_by_how_far_they_are_pressed_in(pad):
+    """A ramp that ends 32 points from where it begins: of its deeper half, 16 to 32, the mean of k weighted by k is
+    10200 / 408 = 25; unweighted it would be 24.
+    """
+    x, _, z = np.rint(pad.position.T / SPACING)
+    ramp = np.where((x > 0) & (x <= 32) & (np.abs(z) <= 8), x, 0.0) * 2.0**-17  # m: halves are exact
+    np.testing.assert_allclose(pad.centroid(inwards(ramp))[0], [25.0 * SPACING, 0.0, 0.0], atol=1e-12)
 
 
 def test_points_count_by_their_area():

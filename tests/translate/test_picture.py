@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from simgen.electrode_gaps import outward_normals
-from simgen.sensor import load_geometry, place_electrodes
+from simgen.sensor import place_electrodes
+from simgen.translate import picture
 from simgen.translate.picture import FRAME_MS, HOLD_MS, SKIN_M, Step
 
 ROWS = ["biotac\nelectrodes", "biotac\nskin, unfolded", "digit\ngel", "digit\nimage, from within", "digit\ntrue image"]
@@ -20,7 +21,7 @@ def steps_of(painter, count: int, truth: bool) -> list[Step]:
     steps = []
     for i in range(count):
         signals, meshes = painter.at_rest + random.normal(size=19), [1e-4 * random.normal(size=each) for each in shapes]
-        images = random.integers(0, 256, (1 + truth, 64, 48, 3), np.uint8)
+        images = random.integers(0, 256, (1 + truth, 8, 6, 3), np.uint8)
         steps.append(Step(f"sample {i}", signals, *meshes, *images))
     return steps
 
@@ -67,7 +68,7 @@ def test_colour_bars_say_what_and_in_which_unit(painter):
 
 def test_electrodes_are_drawn_where_the_skin_above_them_is(painter, with_electrodes):
     """The pixel at each place shows the point of the skin that is nearest to what is just above the electrode."""
-    model = load_geometry("biotac")
+    model = picture.load_geometry("biotac")  # which the fixtures have read
     electrodes = place_electrodes(model.description.electrodes, model.core)
     above = electrodes + SKIN_M * outward_normals(model.core, electrodes)
     shown = np.stack([painter._skin.map(axis) for axis in with_electrodes["biotac/rest_positions"].T], axis=-1)

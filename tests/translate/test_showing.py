@@ -7,7 +7,7 @@ from training import touched
 from simgen.exchange.selection import Selection
 from simgen.training.schema import Recordings as Settings
 from simgen.translate.recordings import Recording
-from simgen.translate.showing import COLUMNS, press_steps, recording_steps, shown_presses, spread, title
+from simgen.translate.showing import COLUMNS, press_steps, recording_steps, shown_presses, spread
 
 
 def selection(indenters: list[int], reached: list[int], presses: list[int] | None = None, depths: int = 6) -> Selection:
@@ -49,10 +49,6 @@ def test_presses_are_those_of_the_dataset():
 )
 def test_rows_are_spread_from_first_to_last(count, most, rows):
     assert spread(count, most).tolist() == rows
-
-
-def test_a_title_says_indenter_and_depth(with_electrodes):
-    assert title(with_electrodes, 7, 2) == "ring_7mm, 0.3 mm"
 
 
 def test_steps_of_a_press_stand_beside_the_truth(with_electrodes, meshes, renderer):
