@@ -123,7 +123,7 @@ def translate(
     from simgen.optics.console import interruptible
     from simgen.optics.renderer import Look
     from simgen.training.translator import choose_way, read_job
-    from simgen.translate.presses import TranslatedImages
+    from simgen.translate.presses import TranslatedImages, check_sensors
     from simgen.workers import cores
 
     job, opened = read_job(networks), checked(Dataset(dataset))
@@ -132,6 +132,10 @@ def translate(
                          "`simgen run`")  # fmt: skip
     if samples is not None and not recordings:
         raise InputError(f"--samples {samples}: is of --recordings; of a dataset there are --trajectories and --split")
+    for option, value in (("--trajectories", trajectories), ("--split", split)):
+        if value is not None and recordings:
+            raise InputError(f"{option} {value}: is of a dataset; of --recordings there is --samples")
+    check_sensors(opened, job.source, job.target)
     folder = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.translated")
     look = Look(calibration, background, *_height_and_width(size), blur, shadows)
     images = TranslatedImages(

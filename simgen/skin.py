@@ -4,6 +4,8 @@ Shared frame, metres: x along the finger, pad side -y, z lateral. The centre lin
 meets the pad side; the arc length counts from it along the cross-section x = const, positive towards +z.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 import trimesh
 
@@ -51,28 +53,21 @@ class Skin:
 
         None where there is no such section, or where the arc would pass z = 0 again, opposite the pad.
         """
+        return self.points(x, (arc,))[0]
+
+    def points(self, x: float, arcs: Iterable[float]) -> list[tuple[np.ndarray, np.ndarray] | None]:
+        """The same at many arc lengths of one cross-section, which is found once."""
         ends, points, normals = self._section(x)
         start = _centre(points)
         if start is None:
-            return None
-        segment, fraction = start
+            return [None for _ in arcs]
         neighbour = _neighbours(ends)
-        side = int((points[segment, 1, 2] > points[segment, 0, 2]) == (arc >= 0.0))
         length = np.linalg.norm(points[:, 1] - points[:, 0], axis=1)
-        # The walk starts inside a segment: count from that segment's near end.
-        target = abs(arc) + length[segment] * (fraction if side == 1 else 1.0 - fraction)
-        first = segment
-        while target > length[segment]:
-            target -= length[segment]
-            segment, entered = neighbour[segment, side]
-            side = 1 - entered
-            if segment == first or (points[segment, 0, 2] >= 0.0) != (points[segment, 1, 2] >= 0.0):
-                return None
-        t = target / length[segment]
-        if side == 0:
-            t = 1.0 - t
-        normal = (1.0 - t) * normals[segment, 0] + t * normals[segment, 1]
-        return (1.0 - t) * points[segment, 0] + t * points[segment, 1], normal / np.linalg.norm(normal)
+        found = []
+        for arc in arcs:
+            end = _walk(arc, *start, points, length, neighbour)
+            found.append(None if end is None else _between(*end, points, normals))
+        return found
 
     def _section(self, x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Segments of the plane's cut: ids (s, 2) of the edges that each joins, points and normals (s, 2, 3).
@@ -110,6 +105,30 @@ def _centre(points: np.ndarray) -> tuple[int, float] | None:
     y = (1.0 - t) * points[crossing, 0, 1] + t * points[crossing, 1, 1]
     lowest = int(y.argmin())
     return int(crossing[lowest]), float(t[lowest])
+
+
+def _walk(
+    arc: float, segment: int, fraction: float, points: np.ndarray, length: np.ndarray, neighbour: np.ndarray
+) -> tuple[int, float] | None:
+    """Segment and fraction at an arc length from those of the centre; None if z = 0 is passed opposite the pad."""
+    side = int((points[segment, 1, 2] > points[segment, 0, 2]) == (arc >= 0.0))
+    # The walk starts inside a segment: count from that segment's near end.
+    target = abs(arc) + length[segment] * (fraction if side == 1 else 1.0 - fraction)
+    first = segment
+    while target > length[segment]:
+        target -= length[segment]
+        segment, entered = neighbour[segment, side]
+        side = 1 - entered
+        if segment == first or (points[segment, 0, 2] >= 0.0) != (points[segment, 1, 2] >= 0.0):
+            return None
+    t = target / length[segment]
+    return segment, t if side == 1 else 1.0 - t
+
+
+def _between(segment: int, t: float, points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Point and unit normal at a fraction of a segment."""
+    normal = (1.0 - t) * normals[segment, 0] + t * normals[segment, 1]
+    return (1.0 - t) * points[segment, 0] + t * points[segment, 1], normal / np.linalg.norm(normal)
 
 
 def _neighbours(ends: np.ndarray) -> np.ndarray:

@@ -14,3 +14,19 @@ def reference() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no reference data at {folder} (set SIMGEN_REFERENCE)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def with_electrodes(tmp_path_factory):
+    """A dataset on which everything can be trained."""
+    from training import touched  # torch, which other tests do not wait for
+
+    return touched.make(tmp_path_factory.mktemp("touched") / "d.zarr")
+
+
+@pytest.fixture(scope="session")
+def trained(with_electrodes, tmp_path_factory):
+    """Everything, trained on it: a `simgen.training.run.TrainingRun`."""
+    from training import touched
+
+    return touched.train(touched.job(with_electrodes.path), tmp_path_factory.mktemp("trained") / "networks")

@@ -64,3 +64,17 @@ def test_normals_of_a_sphere():
     """Averaged over the faces around: the sphere's normal, within the square of the edge angle (0.08)."""
     ball = trimesh.creation.icosphere(subdivisions=4)
     np.testing.assert_allclose(corner_normals(ball), ball.vertices[ball.faces], atol=5e-3)
+
+
+def test_many_arcs_of_a_section_are_the_same_as_one_by_one():
+    """On a shape whose sections differ from each other, both inside and outside of what there is."""
+    mesh = trimesh.creation.icosphere(subdivisions=3)
+    mesh.apply_transform(np.diag([0.020, 0.008, 0.011, 1.0]))
+    skin, arcs = Skin(mesh), np.linspace(-0.04, 0.04, 33)
+    for x in (-0.021, -0.0199, 0.0, 0.0071, 0.021):
+        for many, arc in zip(skin.points(x, arcs), arcs, strict=True):
+            one = skin.point(x, arc)
+            assert (many is None) == (one is None)
+            assert one is None or np.array_equal(many, one)
+    assert all(each is None for each in skin.points(0.021, arcs))
+    assert 0 < sum(each is None for each in skin.points(0.0, arcs)) < len(arcs)

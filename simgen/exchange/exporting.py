@@ -49,8 +49,7 @@ def export(
     selection = select(dataset, sensors, trajectories, split)
     if format == "vtk" and trajectories is None:
         selection = next(iter(selection.by_trajectory().values()))
-    if not selection.paired.any():
-        raise InputError(f"{dataset.path}: of what is chosen no sample is there on {' and '.join(selection.sensors)}")
+    selection.check()
     with writing(folder), whole_folder(folder.resolve()) as aside:
         FORMATS[format](selection, aside, track)
     (folder / LOCK).unlink(missing_ok=True)

@@ -41,6 +41,12 @@ class Selection:
         """(n, depth) bool: samples that are there on all of the sensors."""
         return np.all([self.dataset[f"{sensor}/status"][self.presses] == 0 for sensor in self.sensors], axis=0)
 
+    def check(self) -> None:
+        """Raises `InputError` unless there is a sample."""
+        if not self.paired.any():
+            on = " and ".join(self.sensors)
+            raise InputError(f"{self.dataset.path}: of what is chosen no sample is there on {on}")
+
     def by_trajectory(self) -> dict[int, "Selection"]:
         """The same, a trajectory at a time."""
         of = self.dataset["press/trajectory"][self.presses]

@@ -16,6 +16,7 @@ from simgen.optics.renderer import Renderer
 
 def render_with_progress(images: Images, selection: Selection, workers: int, gif: bool) -> None:
     """Make what is missing of the images, then the pictures of them. Raises `InputError`."""
+    selection.check()
     renderer = Renderer.of_dataset(selection.dataset, images.sensor, images.look, images.device)
     missing = len(unmade(images, selection))
     made = render(images, selection, renderer, workers)

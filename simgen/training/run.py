@@ -80,7 +80,7 @@ class TrainingRun:
                     )
 
     def is_trained(self, name: str) -> bool:
-        return (self.output / name / NETWORK).with_suffix(".json").exists()
+        return is_trained(self.output, name)
 
     def trained_names(self) -> list[str]:
         return [name for name in NETWORKS if self.is_trained(name)]
@@ -131,6 +131,11 @@ class TrainingRun:
             "packages": {package: metadata.version(package) for package in PACKAGES},
         }
         save_network(folder / NETWORK, network, about)
+
+
+def is_trained(output: Path, name: str) -> bool:
+    """Whether a folder of networks holds one, whole."""
+    return (output / name / NETWORK).with_suffix(".json").exists()
 
 
 def torch_device(name: str) -> torch.device:

@@ -15,7 +15,7 @@ from simgen.provenance import file_hash
 from simgen.section import section_from_dict
 from simgen.training.chain import ENDS
 from simgen.training.checkpoint import NETWORK, load_network
-from simgen.training.run import RECORD, torch_device
+from simgen.training.run import RECORD, is_trained, torch_device
 from simgen.training.schema import TrainingJob
 
 # Way -> the projections that it takes: signals to the source's latents, these to the target's.
@@ -100,7 +100,7 @@ def choose_way(folder: Path, way: str | None) -> str:
     read_job(folder)
     missing = {}
     for each in WAYS if way is None else (way,):
-        missing[each] = [name for name in networks_of(each) if not (folder / name / NETWORK).exists()]
+        missing[each] = [name for name in networks_of(each) if not is_trained(folder, name)]
         if not missing[each]:
             return each
     lacks = "; ".join(f"{each} lacks {', '.join(names)}" for each, names in missing.items())
@@ -111,10 +111,10 @@ def read_job(folder: Path) -> TrainingJob:
     """The job that a folder of networks was trained by. Raises `InputError` unless `simgen train` wrote it."""
     file = folder / RECORD
     try:
-        job = json.loads(file.read_text(encoding="utf-8"))["job"]
+        job = {**json.loads(file.read_text(encoding="utf-8"))["job"], "dataset": "unknown"}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{folder}: no folder of networks; allowed: one that `simgen train` wrote") from None
-    return section_from_dict(TrainingJob, {**job, "dataset": "unknown"}, str(file))
+    return section_from_dict(TrainingJob, job, str(file))
 
 
 def hashes(folder: Path, way: str) -> dict[str, str]:

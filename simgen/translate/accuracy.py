@@ -57,10 +57,10 @@ def read_contact(file: Path) -> dict[str, np.ndarray]:
             header, *lines = csv.reader(text)
         values = np.array(lines, dtype=float).reshape(-1, len(header)).T
         found = dict(zip(header, values, strict=True))
-        found["off_mm"], found["deepest_mm"], found["rmse_um"]
+        found["off_mm"][0], found["deepest_mm"], found["rmse_um"]
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}; remove its folder to make it again") from None
-    except (ValueError, KeyError) as error:
+    except (ValueError, LookupError, csv.Error) as error:
         raise InputError(f"{file}: not what `simgen translate` wrote ({error}); remove its folder") from None
     return found
 

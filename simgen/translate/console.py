@@ -27,6 +27,7 @@ CHAIN, DPI = "chain.png", 130
 
 def translate_presses(images: TranslatedImages, selection: Selection, workers: int, gif: bool) -> None:
     """Make what is missing of the images, then say how good they are and draw some. Raises `InputError`."""
+    selection.check()
     dataset = selection.dataset
     meshes = images.meshes(dataset)
     renderer = Renderer.of_dataset(dataset, images.sensor, images.look, images.device)

@@ -116,13 +116,19 @@ class TranslatedMeshes:
 
 def check_meshes(translator: Translator, dataset: Dataset, source: str, target: str) -> None:
     """Raises `InputError` unless the networks' meshes have as many vertices as those of the dataset."""
+    check_sensors(dataset, source, target)
     for sensor, vertices in zip((source, target), translator.vertices, strict=True):
-        if sensor not in dataset.sensors:
-            raise InputError(f"{dataset.path}: no sensor {sensor}, which the networks know; "
-                             f"it has {', '.join(dataset.sensors)}")  # fmt: skip
         own = len(dataset[f"{sensor}/rest_positions"])
         if own != vertices:
             raise InputError(f"{dataset.path}: {sensor}: {own} vertices; allowed: {vertices}, as the networks know it")
+
+
+def check_sensors(dataset: Dataset, source: str, target: str) -> None:
+    """Raises `InputError` unless the dataset has the sensors of the networks."""
+    for sensor in (source, target):
+        if sensor not in dataset.sensors:
+            raise InputError(f"{dataset.path}: no sensor {sensor}, which the networks know; "
+                             f"it has {', '.join(dataset.sensors)}")  # fmt: skip
 
 
 def stages(translated: Translated) -> bytes:

@@ -49,7 +49,7 @@ class Recording:
         signals, contact = felt(path, found, settings)
         samples = np.flatnonzero(contact)
         if chosen is not None:
-            samples = samples[np.isin(samples, chosen)]
+            samples = samples[(samples >= chosen.start) & (samples < chosen.stop)]
             if not len(samples):
                 raise InputError(f"{path}: --samples {chosen.start}:{chosen.stop}: none of them is in contact; "
                                  f"the file has {len(found)}")  # fmt: skip

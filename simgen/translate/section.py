@@ -41,9 +41,9 @@ def translated_section(dataset: Dataset, networks: Path) -> Iterator[str]:
     steps = press_steps(meshes, renderer, shown[0])
     painter = ChainPainter(dataset, job.source, job.target, meshes.signals_at_rest)
     known = dict(enumerate(SPLITS)).get(int(split[shown[0]]), "none")
-    about = f"press {shown[0]}, {dataset.indenters[dataset['press/indenter'][shown[0]]]}"
+    about = f"{dataset.indenters[dataset['press/indenter'][shown[0]]]}, press {shown[0]}"
     yield (
-        f"<p>{html.escape(about.capitalize())}, split {known}: synthetic signals of the {html.escape(job.source)}'s "
+        f"<p>{html.escape(about)}, split {known}: synthetic signals of the {html.escape(job.source)}'s "
         f"electrodes through {', '.join(networks_of(way))} to the mesh of the {html.escape(job.target)} and to what "
         "its camera sees; last the image of the simulated mesh itself.</p>"
     )

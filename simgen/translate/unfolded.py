@@ -15,7 +15,7 @@ FINER = 2  # points of a map between two of those
 class UnfoldedSkin:
     """A closed surface (vertex, 3) m with triangles (triangle, 3); of its vertices ``shown`` (vertex,) bool are drawn.
 
-    extent : left, right, bottom, top of a map, mm: lateral arc and position along the finger, its tip above
+    extent : left, right, bottom, top of a map's edges, mm: lateral arc and position along the finger, its tip above
     """
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray, shown: np.ndarray):
@@ -25,7 +25,7 @@ class UnfoldedSkin:
         half = np.pi * np.abs(drawn[:, 1:]).max()  # no section is longer
         along = np.arange(drawn[:, 0].min(), drawn[:, 0].max() + GRID_M, GRID_M)
         arc = np.arange(-half, half + GRID_M, GRID_M)
-        found = [[skin.point(x, s) for s in arc] for x in along]
+        found = [skin.points(x, arc) for x in along]
         points = np.array([[(np.nan,) * 3 if one is None else one[0] for one in line] for line in found])
         points = zoom(points, (FINER, FINER, 1), order=1, grid_mode=False)
         known = np.isfinite(points).all(axis=2)
@@ -35,15 +35,15 @@ class UnfoldedSkin:
         drawn_here = shown[self._corners].all(axis=1)
         known[known] = drawn_here
         self._corners, self._weights = self._corners[drawn_here], self._weights[drawn_here]
-        self._points, self._known = points[known], known
+        self._points, self._known = on[drawn_here], known
         grid = np.meshgrid(
             np.linspace(arc[0], arc[-1], known.shape[1]), np.linspace(along[0], along[-1], known.shape[0])
         )
         self._flat = np.stack(grid, axis=-1)[known] * 1e3
         rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         self._box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-        left, right = (grid[0][0, columns[i]] * 1e3 for i in (0, -1))
-        top, bottom = (grid[1][rows[i], 0] * 1e3 for i in (0, -1))
+        left, right = _edges(grid[0][0] * 1e3, self._box[1])
+        top, bottom = _edges(grid[1][:, 0] * 1e3, self._box[0])
         self.extent = left, right, bottom, top
 
     def map(self, values: np.ndarray) -> np.ndarray:
@@ -55,3 +55,9 @@ class UnfoldedSkin:
     def place(self, points: np.ndarray) -> np.ndarray:
         """(n, 2) mm on a map: where the shown skin is nearest to points (n, 3) m."""
         return self._flat[cKDTree(self._points).query(points)[1]]
+
+
+def _edges(middles: np.ndarray, part: slice) -> tuple[float, float]:
+    """Where a part of a line of pixels begins and ends."""
+    half = 0.5 * (middles[1] - middles[0])
+    return middles[part][0] - half, middles[part][-1] + half

@@ -11,9 +11,6 @@ from scipy.spatial import Delaunay
 from simgen import electrode_gaps
 from simgen.run import run
 from simgen.training.data import load_training_data
-from simgen.training.run import TrainingRun
-
-from . import touched
 
 
 def make_dataset(path, **changes):
@@ -40,15 +37,3 @@ def one_model():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(electrode_gaps, "load_geometry", cache(electrode_gaps.load_geometry))
         yield
-
-
-@pytest.fixture(scope="session")
-def with_electrodes(tmp_path_factory):
-    """A dataset on which everything can be trained."""
-    return touched.make(tmp_path_factory.mktemp("touched") / "d.zarr")
-
-
-@pytest.fixture(scope="session")
-def trained(with_electrodes, tmp_path_factory) -> TrainingRun:
-    """Everything, trained on it."""
-    return touched.train(touched.job(with_electrodes.path), tmp_path_factory.mktemp("trained") / "networks")

@@ -1,0 +1,45 @@
+"""Networks and the dataset that they were trained on, as the tests of training make them, and what is drawn of both."""
+
+from functools import cache
+
+import pytest
+
+from simgen import electrode_gaps
+from simgen.optics.renderer import Look, Renderer
+from simgen.sensor import load_geometry
+from simgen.translate import picture
+from simgen.translate.picture import ChainPainter
+from simgen.translate.presses import TranslatedMeshes
+
+SMALL = Look(height=64, width=48)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_model():
+    """The BioTac's model is read once: 2 s each."""
+    with pytest.MonkeyPatch.context() as patch:
+        once = cache(load_geometry)
+        for module in (electrode_gaps, picture):
+            patch.setattr(module, "load_geometry", once)
+        yield
+
+
+@pytest.fixture(scope="session")
+def networks(trained):
+    """The folder of all networks."""
+    return trained.output
+
+
+@pytest.fixture(scope="session")
+def meshes(with_electrodes, networks):
+    return TranslatedMeshes(with_electrodes, networks, "ours")
+
+
+@pytest.fixture(scope="session")
+def renderer(with_electrodes):
+    return Renderer.of_dataset(with_electrodes, "digit", SMALL)
+
+
+@pytest.fixture(scope="session")
+def painter(with_electrodes, meshes):
+    return ChainPainter(with_electrodes, "biotac", "digit", meshes.signals_at_rest)

@@ -1,0 +1,81 @@
+"""Which samples are shown, and what is shown of them."""
+
+import numpy as np
+import pytest
+from training import touched
+
+from simgen.exchange.selection import Selection
+from simgen.training.schema import Recordings as Settings
+from simgen.translate.recordings import Recording
+from simgen.translate.showing import COLUMNS, press_steps, recording_steps, shown_presses, spread
+
+
+def selection(indenters: list[int], reached: list[int], presses: list[int] | None = None, depths: int = 6) -> Selection:
+    """Presses of these indenters, each of which has converged to this depth on one sensor, on the other further."""
+    status = np.arange(depths) >= np.array(reached)[:, None]
+    dataset = {
+        "a/status": status.astype(int),
+        "b/status": np.zeros_like(status, int),
+        "press/indenter": np.array(indenters),
+    }
+    return Selection(dataset, ("a", "b"), np.arange(len(indenters)) if presses is None else np.array(presses))
+
+
+@pytest.mark.parametrize(
+    ("indenters", "reached", "shown"),
+    [
+        ([0, 1, 2], [3, 3, 3], [0, 1, 2]),
+        ([0, 1, 2], [3, 0, 3], [0, 2]),  # one that never converged
+        ([0, 1, 2], [0, 0, 0], []),
+        (list(range(8)), [1] * 8, [0, 1, 2, 3, 4, 5]),
+        ([0, 0, 0, 1, 1, 1, 2, 2, 2], [1, 2, 3, 3, 2, 1, 1, 3, 2], [1, 2, 3, 4, 7, 8]),  # two of each, those that go on
+        ([0, 0, 0, 0, 0, 0, 0, 1], [6, 6, 6, 6, 6, 6, 6, 1], [0, 1, 2, 3, 4, 7]),  # the other indenter, little as it is
+        ([0, 0], [2, 2], [0, 1]),
+    ],
+)
+def test_of_each_indenter_those_that_go_furthest(indenters, reached, shown):
+    assert shown_presses(selection(indenters, reached)) == shown and len(shown) <= COLUMNS
+
+
+def test_presses_are_those_of_the_dataset():
+    """Not rows of the selection."""
+    assert shown_presses(selection([0, 1, 0, 1, 0, 1], [1, 2, 3, 4, 5, 6], presses=[1, 4])) == [1, 4]
+    assert shown_presses(selection([0, 1, 0, 1, 0, 1], [0, 2, 3, 4, 5, 6], presses=[0, 5])) == [5]
+
+
+@pytest.mark.parametrize(
+    ("count", "most", "rows"),
+    [(1, 6, [0]), (4, 6, [0, 1, 2, 3]), (6, 6, [0, 1, 2, 3, 4, 5]), (11, 6, [0, 2, 4, 6, 8, 10]), (100, 2, [0, 99])],
+)
+def test_rows_are_spread_from_first_to_last(count, most, rows):
+    assert spread(count, most).tolist() == rows
+
+
+def test_steps_of_a_press_stand_beside_the_truth(with_electrodes, meshes, renderer):
+    ring = 7  # stalls from the third depth on
+    steps = press_steps(meshes, renderer, ring)
+    found = meshes.translated(ring, np.array([0, 1]))
+    truth = renderer(with_electrodes.displacement("digit", ring)[:2])
+    assert [step.title for step in steps] == ["ring_7mm, 0.1 mm", "ring_7mm, 0.2 mm"]
+    for i, (step, image) in enumerate(zip(steps, renderer(found.target), strict=True)):
+        assert np.array_equal(step.signals, found.signals[i])
+        assert np.array_equal(step.source, found.source[i]) and np.array_equal(step.target, found.target[i])
+        assert np.array_equal(step.image, image) and np.array_equal(step.truth, truth[i])
+    assert not np.array_equal(steps[0].truth, steps[1].truth)
+
+
+def test_the_last_step_is_the_deepest_that_there_is(meshes, renderer):
+    (last,) = press_steps(meshes, renderer, 7, last_only=True)
+    assert last.title == "ring_7mm, 0.2 mm"
+
+
+def test_steps_of_a_recording_have_no_truth(meshes, renderer, tmp_path):
+    path = touched.record(tmp_path / "monday.h5", 20, meshes=False)
+    recording = Recording.read(path, Settings(files=("any",)))
+    steps = list(recording_steps(recording, np.array([0, 5]), meshes.translator, renderer))
+    assert [step.title for step in steps] == ["monday, 0", "monday, 6"]  # number 4 is free
+    found = meshes.translator(recording.signals[[0, 5]])
+    for i, step in enumerate(steps):
+        assert step.truth is None and np.array_equal(step.signals, recording.signals[[0, 5][i]])
+        assert np.array_equal(step.target, found.target[i])
+        assert np.array_equal(step.image, renderer(found.target)[i])
