@@ -132,9 +132,9 @@ def translate(
                          "`simgen run`")  # fmt: skip
     if samples is not None and not recordings:
         raise InputError(f"--samples {samples}: is of --recordings; of a dataset there are --trajectories and --split")
-    for option, value in (("--trajectories", trajectories), ("--split", split)):
+    for option, value in (("--trajectories", trajectories), ("--split", split), ("--workers", workers)):
         if value is not None and recordings:
-            raise InputError(f"{option} {value}: is of a dataset; of --recordings there is --samples")
+            raise InputError(f"{option} {value}: is of a dataset's presses; of --recordings there is --samples")
     check_sensors(opened, job.source, job.target)
     folder = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.translated")
     look = Look(calibration, background, *_height_and_width(size), blur, shadows)

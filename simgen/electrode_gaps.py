@@ -139,21 +139,31 @@ def gauge_of(dataset: Dataset, sensor: str, device: str = "cpu") -> GapGauge:
     Raises `InputError` if there is no such sensor, its model is gone or has neither core nor electrodes, or the
     dataset's mesh of it has no cavity.
     """
-    if sensor not in dataset.sensors:
-        raise InputError(f"{dataset.path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
+    electrodes, normals = electrodes_of(dataset, sensor)
     where = f"{dataset.path}: sensor {sensor}"
-    model = load_geometry(dataset.job.locate(dataset.job.sensors[sensor].model))
-    if model.core is None or model.description.electrodes is None:
-        raise InputError(f"{where}: its model has no electrodes; allowed: a model with core and electrodes")
     rest, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
     inner = triangles[cavity_faces(trimesh.Trimesh(rest, triangles, process=False))]
     if not len(inner):
         raise InputError(f"{where}: its mesh has no cavity; electrodes measure a gap between skin and core")
-    electrodes = place_electrodes(model.description.electrodes, model.core)
     try:
-        return GapGauge(rest, inner, electrodes, outward_normals(model.core, electrodes), device)
+        return GapGauge(rest, inner, electrodes, normals, device)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def electrodes_of(dataset: Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray]:
+    """Electrodes (electrode, 3), m, on the core of a dataset's sensor, and the core's outward unit normals there.
+
+    Raises `InputError` if there is no such sensor, or its model is gone or has neither core nor electrodes.
+    """
+    if sensor not in dataset.sensors:
+        raise InputError(f"{dataset.path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
+    model = load_geometry(dataset.job.locate(dataset.job.sensors[sensor].model))
+    if model.core is None or model.description.electrodes is None:
+        where = f"{dataset.path}: sensor {sensor}"
+        raise InputError(f"{where}: its model has no electrodes; allowed: a model with core and electrodes")
+    electrodes = place_electrodes(model.description.electrodes, model.core)
+    return electrodes, outward_normals(model.core, electrodes)
 
 
 def outward_normals(core: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:

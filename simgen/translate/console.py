@@ -62,12 +62,12 @@ def translate_files(
     hashes = {str(path): file_hash(path) for path in paths}
     own = {"recordings": hashes, "settings": settings.model_dump(exclude={"files"}, mode="json"),
            "samples": [chosen.start, chosen.stop] if chosen is not None else None}  # fmt: skip
+    first = recordings[0]
+    painter = ChainPainter(dataset, job.source, job.target, first.at_rest, "as recorded")
     claim(images.folder, images.record(dataset, renderer) | own)
     blocks = sum(len(recording.blocks(images.folder)) for recording in recordings)
     made = translate_recordings(recordings, images.folder, translator, renderer, images.keep)
     print_made(images.folder, made, blocks, sum(len(recording.samples) for recording in recordings), "translating")
-    first = recordings[0]
-    painter = ChainPainter(dataset, job.source, job.target, first.at_rest, "as recorded")
     rows = spread(len(first.samples), COLUMNS)
     files = [_write_figure(painter, list(recording_steps(first, rows, translator, renderer)), images.folder)]
     for recording in tracked(recordings if gif else [], "in motion"):

@@ -13,8 +13,7 @@ from PIL import Image
 
 from simgen.dataset import Dataset
 from simgen.drawing import COLOURS, PLAIN, camera, draw_surface
-from simgen.electrode_gaps import outward_normals
-from simgen.sensor import load_geometry, place_electrodes
+from simgen.electrode_gaps import electrodes_of
 from simgen.translate.unfolded import UnfoldedSkin
 
 SKIN_M = 2e-3  # thickness: an electrode is drawn where the skin is that far above it
@@ -50,12 +49,11 @@ class ChainPainter:
 
     def __init__(self, dataset: Dataset, source: str, target: str, signals_at_rest: np.ndarray, unit: str = "V"):
         self.names, self.at_rest, self.unit = (source, target), signals_at_rest, unit
+        electrodes, normals = electrodes_of(dataset, source)
         rest, triangles = dataset[f"{source}/rest_positions"], dataset[f"{source}/surface_triangles"]
         self._skin = UnfoldedSkin(rest, triangles, ~dataset[f"{source}/held"])
         self._gel = dataset[f"{target}/rest_positions"], dataset[f"{target}/surface_triangles"]
-        model = load_geometry(dataset.job.locate(dataset.job.sensors[source].model))
-        electrodes = place_electrodes(model.description.electrodes, model.core)
-        self._electrodes = self._skin.place(electrodes + SKIN_M * outward_normals(model.core, electrodes))
+        self._electrodes = self._skin.place(electrodes + SKIN_M * normals)
 
     def figure(self, steps: Sequence[Step]) -> Figure:
         """A column for each sample: electrodes, source, target, image, and the true image where it is known."""

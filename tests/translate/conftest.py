@@ -6,8 +6,6 @@ import pytest
 
 from simgen import electrode_gaps
 from simgen.optics.renderer import Look, Renderer
-from simgen.sensor import load_geometry
-from simgen.translate import picture
 from simgen.translate.picture import ChainPainter
 from simgen.translate.presses import TranslatedMeshes
 
@@ -18,9 +16,7 @@ SMALL = Look(height=64, width=48)
 def one_model():
     """The BioTac's model is read once: 2 s each."""
     with pytest.MonkeyPatch.context() as patch:
-        once = cache(load_geometry)
-        for module in (electrode_gaps, picture):
-            patch.setattr(module, "load_geometry", once)
+        patch.setattr(electrode_gaps, "load_geometry", cache(electrode_gaps.load_geometry))
         yield
 
 

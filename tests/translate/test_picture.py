@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from simgen.electrode_gaps import outward_normals
-from simgen.sensor import place_electrodes
-from simgen.translate import picture
+from simgen.electrode_gaps import electrodes_of
 from simgen.translate.picture import FRAME_MS, HOLD_MS, SKIN_M, Step
 
 ROWS = ["biotac\nelectrodes", "biotac\nskin, unfolded", "digit\ngel", "digit\nimage, from within", "digit\ntrue image"]
@@ -68,9 +66,8 @@ def test_colour_bars_say_what_and_in_which_unit(painter):
 
 def test_electrodes_are_drawn_where_the_skin_above_them_is(painter, with_electrodes):
     """The pixel at each place shows the point of the skin that is nearest to what is just above the electrode."""
-    model = picture.load_geometry("biotac")  # which the fixtures have read
-    electrodes = place_electrodes(model.description.electrodes, model.core)
-    above = electrodes + SKIN_M * outward_normals(model.core, electrodes)
+    electrodes, normals = electrodes_of(with_electrodes, "biotac")
+    above = electrodes + SKIN_M * normals
     shown = np.stack([painter._skin.map(axis) for axis in with_electrodes["biotac/rest_positions"].T], axis=-1)
     left, right, bottom, top = painter._skin.extent
     rows, columns = shown.shape[:2]
