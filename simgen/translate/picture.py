@@ -20,8 +20,10 @@ SKIN_M = 2e-3  # thickness: an electrode is drawn where the skin is that far abo
 FRAME_MS, HOLD_MS = 180, 1200  # of each depth, of the last
 # The tip above and +z to the right, as on the unfolded skin; a little from the tip, so that depth shows.
 FROM_PAD = camera(np.array([-0.35, -1.0, 0.0]), up=np.array([-1.0, 0.0, 0.0]))
+MARGIN_MM = 1.0  # around a gel, which bulges
 INCHES = 1.75  # width of a column
 HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3  # of its parts
+WIDTHS = 1.25, 1.25, 0.95, 0.95, 0.95  # of a frame's parts, in columns
 ON_PAPER = COLOURS.with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
 
 
@@ -53,6 +55,8 @@ class ChainPainter:
         rest, triangles = dataset[f"{source}/rest_positions"], dataset[f"{source}/surface_triangles"]
         self._skin = UnfoldedSkin(rest, triangles, ~dataset[f"{source}/held"])
         self._gel = dataset[f"{target}/rest_positions"], dataset[f"{target}/surface_triangles"]
+        seen = self._gel[0] @ FROM_PAD[:2].T * 1e3
+        self._box = np.stack([seen.min(axis=0) - MARGIN_MM, seen.max(axis=0) + MARGIN_MM])
         self._electrodes = self._skin.place(electrodes + SKIN_M * normals)
 
     def figure(self, steps: Sequence[Step]) -> Figure:
@@ -73,23 +77,26 @@ class ChainPainter:
     def motion(self, steps: Sequence[Step]) -> bytes:
         """A GIF: a frame for each of the samples, side by side what they pass through."""
         labels, limits = self._labels(steps[0]), self._limits(steps)
-        figure = Figure(figsize=(INCHES * len(labels) + 0.2, 3.0), dpi=100, layout="constrained")
+        widths = WIDTHS[: len(labels)]
+        figure = Figure(figsize=(INCHES * sum(widths), 3.3), dpi=100, layout="constrained")
         canvas, frames = FigureCanvasAgg(figure), []
-        grid = figure.subplots(1, len(labels), squeeze=False)
+        grid = figure.subplots(1, len(labels), squeeze=False, width_ratios=widths)
         for step in steps:
             for axes in grid[0]:
                 axes.clear()
             scales = self._draw(grid, [step], *limits)
             for axes, label in zip(grid[0], labels, strict=True):
                 axes.set_title(label, fontsize=9)
-            figure.suptitle(step.title, fontsize=10)
+            figure.suptitle(step.title, fontsize=10, x=0.01, ha="left")
             if not frames:
                 self._colour_bars(figure, grid.T, scales, "horizontal")
                 canvas.draw()
                 figure.set_layout_engine("none")  # nothing moves from frame to frame
             canvas.draw()
             frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
-        first, *others = (frame.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2) for frame in frames)
+        # One palette for all, of what has most colours, and dots where it lacks one: images are smooth.
+        palette = frames[-1].quantize(256)
+        first, *others = (frame.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for frame in frames)
         data, durations = io.BytesIO(), [FRAME_MS] * len(others) + [HOLD_MS]
         first.save(data, "GIF", save_all=True, append_images=others, duration=durations, loop=0, optimize=True)
         return data.getvalue()
@@ -113,6 +120,7 @@ class ChainPainter:
             rest, triangles = self._gel
             length = np.linalg.norm(step.target, axis=1) * 1e3
             draw_surface(axes[2], rest + step.target, triangles, length, largest=moved, view=FROM_PAD)
+            axes[2].set(xlim=self._box[:, 0], ylim=self._box[:, 1])  # the same in all frames and columns
             for own, image in zip(axes[3:], (step.image, step.truth), strict=False):
                 own.imshow(image)
                 own.set_axis_off()

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from simgen.translate.contact import ContactGauge
+from simgen.translate.contact import SHARE, ContactGauge
 
 MM = 1e-3
 SPACING = 0.25 * MM  # of a grid's points
-DEPTH = 0.41 * MM  # no point of the grid lies just where a dent is half as deep
+DEPTH = 0.41 * MM  # no point of the grid lies just where a dent's contact ends
 SPHERE = 5.0 * MM  # radius of what is pressed in: a contact of 2 mm
 
 
@@ -98,7 +98,7 @@ def test_a_dent_of_a_ball(dent):
         found = gauge.centroid(displacement)[0]
         across = found - (found @ normals[vertex]) * normals[vertex]
         assert np.linalg.norm(across) < edge
-        reach = np.linalg.norm(mesh.vertices - centre, axis=1)[pressed >= 0.4 * DEPTH].max()
+        reach = np.linalg.norm(mesh.vertices - centre, axis=1)[pressed >= 0.8 * SHARE * DEPTH].max()
         assert radius - reach**2 / (2.0 * radius) <= found @ normals[vertex] < radius
 
 
@@ -128,20 +128,20 @@ def test_nothing_pressed_has_no_place_and_no_depth(pad):
 
 
 def test_of_two_dents_the_deeper_is_the_contact(pad):
-    """The other is less than half as deep."""
+    """The other is less deep than what belongs to it."""
     here, there = np.array([4.0, 0.0, 4.0]) * MM, np.array([-4.0, 0.0, -4.0]) * MM
     one, other = sphere(pad.position, here), sphere(pad.position, there)
-    np.testing.assert_allclose(pad.centroid(inwards(one + 0.49 * other))[0], here, atol=1e-12)
+    np.testing.assert_allclose(pad.centroid(inwards(one + 0.98 * SHARE * other))[0], here, atol=1e-12)
     np.testing.assert_allclose(pad.centroid(inwards(one + other))[0], 0.0, atol=1e-12)
 
 
 def test_points_count_by_how_far_they_are_pressed_in(pad):
-    """A ramp that ends 32 points from where it begins: of its deeper half, 16 to 32, the mean of k weighted by k is
-    10200 / 408 = 25; unweighted it would be 24.
+    """A ramp that ends 32 points from where it begins: of those that are a tenth as deep, 4 to 32, the mean of k
+    weighted by k is 11426 / 522; unweighted it would be 18.
     """
     x, _, z = np.rint(pad.position.T / SPACING)
-    ramp = np.where((x > 0) & (x <= 32) & (np.abs(z) <= 8), x, 0.0) * 2.0**-17  # m: halves are exact
-    np.testing.assert_allclose(pad.centroid(inwards(ramp))[0], [25.0 * SPACING, 0.0, 0.0], atol=1e-12)
+    ramp = np.where((x > 0) & (x <= 32) & (np.abs(z) <= 8), x, 0.0) * 1e-5  # m
+    np.testing.assert_allclose(pad.centroid(inwards(ramp))[0], [11426 / 522 * SPACING, 0.0, 0.0], atol=1e-12)
 
 
 def test_points_count_by_their_area():
@@ -150,7 +150,7 @@ def test_points_count_by_their_area():
     line = np.concatenate([coarse, fine])
     gauge = gauge_of(*grid(line, np.arange(-20, 21) * 2.0 * SPACING))
     pressed = sphere(gauge.position, np.zeros(3))
-    belongs = pressed >= DEPTH / 2.0
+    belongs = pressed >= SHARE * DEPTH
     plain = pressed[belongs] @ gauge.position[belongs] / pressed[belongs].sum()
     assert np.linalg.norm(gauge.centroid(inwards(pressed))[0]) < SPACING  # half of the coarse side's
     assert np.linalg.norm(plain) > SPACING
