@@ -109,8 +109,8 @@ def translate(
 ):
     """From electrode signals to images: what the other sensor's camera would see of what this one felt.
 
-    Signals are synthetic ones of a dataset's presses, and the truth is known: its image stands beside, and a table says
-    how near the contacts are. Or they are recordings.
+    Signals are synthetic ones of a dataset's presses, whose truth is known: a table says how near the contacts are.
+    Or they are recordings.
 
     Stop it at any time: the same command goes on where it stopped.
     """
