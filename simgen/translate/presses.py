@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from simgen.dataset import Dataset
 from simgen.electrode_gaps import checked_gaps, gauge_of
@@ -24,6 +25,7 @@ from simgen.electrode_model import measured, voltage
 from simgen.errors import InputError
 from simgen.optics.images import Images
 from simgen.optics.renderer import Renderer
+from simgen.provenance import source_hash
 from simgen.training.translator import Translated, Translator, hashes, read_job
 from simgen.translate.contact import ContactGauge
 
@@ -44,11 +46,22 @@ class TranslatedImages(Images):
     keep: bool = False
 
     def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
-        own = {"way": self.way, "networks": hashes(self.networks, self.way), "steps": self.keep}
-        return super().record(dataset, renderer) | own
+        record = super().record(dataset, renderer)
+        del record["code"]  # of optics alone
+        return record | {
+            "way": self.way,
+            "networks": hashes(self.networks, self.way),
+            "synthetic": read_job(self.networks).signals.synthetic.model_dump(mode="json"),
+            "steps": self.keep,
+            "code": source_hash(),
+        }
 
     def meshes(self, dataset: Dataset) -> "TranslatedMeshes":
         return TranslatedMeshes(dataset, self.networks, self.way, self.device, self.keep)
+
+    def keep_to_one_core(self) -> None:
+        super().keep_to_one_core()
+        torch.set_num_threads(1)
 
 
 class TranslatedMeshes:
