@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from simgen.dataset import Dataset
 from simgen.electrode_gaps import checked_gaps, gauge_of
@@ -26,7 +25,7 @@ from simgen.errors import InputError
 from simgen.optics.images import Images
 from simgen.optics.renderer import Renderer
 from simgen.provenance import source_hash
-from simgen.training.translator import Translated, Translator, hashes, read_job
+from simgen.training.translator import Translated, Translator, hashes, keep_to_one_core, read_job
 from simgen.translate.contact import ContactGauge
 
 CONTACT, STEPS = "contact.csv", "steps.npz"
@@ -61,7 +60,7 @@ class TranslatedImages(Images):
 
     def keep_to_one_core(self) -> None:
         super().keep_to_one_core()
-        torch.set_num_threads(1)
+        keep_to_one_core()
 
 
 class TranslatedMeshes:
