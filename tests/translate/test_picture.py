@@ -8,7 +8,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from simgen.electrode_gaps import electrodes_of
-from simgen.translate import picture
 from simgen.translate.picture import FRAME_MS, HOLD_MS, SKIN_M, ChainPainter, Step
 
 ROWS = ["biotac\nelectrodes", "biotac\nskin, unfolded", "digit\ngel", "digit\nimage, from within", "digit\ntrue image"]
