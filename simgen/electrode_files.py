@@ -57,10 +57,11 @@ class Recordings:
         return len(self.signals)
 
 
-def read_recordings(path: str | Path, simulated: str | Path | None = None) -> Recordings:
+def read_recordings(path: str | Path, simulated: str | Path | None = None, *, meshes: bool = True) -> Recordings:
     """The recordings of a file, with what ``simulated`` holds of them simulated again: its meshes at least.
 
-    By default that is the same file, which need not hold any.
+    By default that is the same file, which need not hold any. Without ``meshes`` nothing simulated is read: a million
+    meshes are more than a machine's memory.
 
     Raises `InputError` of one line, with the file and the key, if a file is none of HDF5, or if what it holds is
     missing, of another shape, or no finite numbers.
@@ -69,7 +70,8 @@ def read_recordings(path: str | Path, simulated: str | Path | None = None) -> Re
     beside = path if simulated is None else Path(simulated)
     found = _read(path, RECORDED, {"indenter_type"})
     count = len(found["electrode_vals"])
-    found |= _read(beside, SIMULATED, {*SIMULATED} - ({"nodal_res"} if simulated else set()), count)
+    needed = {"nodal_res"} if simulated else set()
+    found |= _read(beside, SIMULATED, {*SIMULATED} - needed, count) if meshes else dict.fromkeys(SIMULATED)
     return Recordings(
         signals=found["electrode_vals"],
         contact=found["contact_loc"],

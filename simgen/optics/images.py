@@ -15,6 +15,7 @@ import os
 import signal
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import get_context
@@ -65,6 +66,10 @@ class Images:
     def meshes(self, dataset: Dataset) -> "Meshes":
         """What the images show; asked once by each process."""
         return StoredMeshes(dataset, self.sensor)
+
+    def keep_to_one_core(self) -> None:
+        """Said by each process that has others beside it."""
+        cv2.setNumThreads(1)
 
 
 @lru_cache(maxsize=2)
@@ -120,6 +125,16 @@ def claim(folder: Path, record: Mapping[str, Any]) -> None:
         raise InputError(f"{folder}: holds other images: {changes[0]}; choose another --output")
 
 
+@contextmanager
+def written_by_one(folder: Path) -> Iterator[None]:
+    """Hold a folder of images. Raises `InputError` if another process does."""
+    try:
+        with held(folder):
+            yield
+    except HeldError as error:
+        raise InputError(f"{folder}: is being written by {error}") from None
+
+
 def unmade(images: Images, selection: Selection) -> list[int]:
     """Presses that have samples and no images yet."""
     has_samples = selection.presses[selection.paired.any(axis=1)].tolist()
@@ -131,14 +146,11 @@ def render(images: Images, selection: Selection, renderer: Renderer, workers: in
     dataset = selection.dataset
     claim(images.folder, images.record(dataset, renderer))
     missing = unmade(images, selection)
-    try:
-        with held(images.folder):
-            if workers == 1 or len(missing) <= 1:
-                yield from map(_Worker(images, dataset, renderer).render, missing)
-            else:
-                yield from _side_by_side(images, missing, workers)
-    except HeldError as error:
-        raise InputError(f"{images.folder}: is being written by {error}") from None
+    with written_by_one(images.folder):
+        if workers == 1 or len(missing) <= 1:
+            yield from map(_Worker(images, dataset, renderer).render, missing)
+        else:
+            yield from _side_by_side(images, missing, workers)
 
 
 def _side_by_side(images: Images, presses: list[int], workers: int) -> Iterator[int]:
@@ -175,7 +187,7 @@ class _Worker:
 
 def _start(images: Images) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts all; the parent answers
-    cv2.setNumThreads(1)
+    images.keep_to_one_core()
     dataset = Dataset(images.dataset)
     global _WORKER
     _WORKER = _Worker(images, dataset, Renderer.of_dataset(dataset, images.sensor, images.look, images.device))

@@ -33,7 +33,8 @@ class Pinhole:
     @classmethod
     def of(cls, camera: Camera, height: int | None = None, width: int | None = None) -> Self:
         """At the camera's own size or another one, with its vertical field of view. Raises `InputError`."""
-        height, width = height or camera.height_px, width or camera.width_px
+        height = camera.height_px if height is None else height
+        width = camera.width_px if width is None else width
         if not (0 < height <= MOST_PIXELS and 0 < width <= MOST_PIXELS):
             raise InputError(f"image of {width} x {height} pixels: allowed: 1 to {MOST_PIXELS} each way")
         right = np.cross(camera.looks_along, camera.up)

@@ -120,3 +120,8 @@ def read_job(folder: Path) -> TrainingJob:
 def hashes(folder: Path, way: str) -> dict[str, str]:
     """Network -> sha256 of its weights."""
     return {name: file_hash(folder / name / NETWORK) for name in networks_of(way)}
+
+
+def keep_to_one_core() -> None:
+    """Said by each process that has others beside it: torch would take all cores for each."""
+    torch.set_num_threads(1)

@@ -139,12 +139,12 @@ class ChainPainter:
         axes.imshow(plain, extent=self._skin.extent, cmap=ListedColormap([PLAIN]), interpolation="nearest")
         return axes.scatter(
             *self._electrodes.T, c=signals - self.at_rest, s=42.0, cmap="coolwarm", vmin=-change, vmax=change,
-            edgecolors="#24292f", linewidths=0.6,
+            edgecolors="#24292f", linewidths=0.6, clip_on=False,
         )  # fmt: skip
 
     def _colour_bars(self, figure: Figure, grid: np.ndarray, scales: list, orientation: str) -> None:
         felt, moved = scales
-        of_rows = [(felt, grid[0], f"change of signal, {self.unit}"), (moved, grid[1:3].ravel(), "displacement, mm")]
+        of_rows = [(felt, grid[0], f"change of signal,\n{self.unit}"), (moved, grid[1:3].ravel(), "displacement, mm")]
         for drawn, axes, label in of_rows:
             bar = figure.colorbar(drawn, ax=list(axes), orientation=orientation, shrink=0.6, aspect=14)
             bar.set_label(label, fontsize=8)

@@ -24,7 +24,8 @@ from simgen.electrode_model import measured, voltage
 from simgen.errors import InputError
 from simgen.optics.images import Images
 from simgen.optics.renderer import Renderer
-from simgen.training.translator import Translated, Translator, hashes, read_job
+from simgen.provenance import source_hash
+from simgen.training.translator import Translated, Translator, hashes, keep_to_one_core, read_job
 from simgen.translate.contact import ContactGauge
 
 CONTACT, STEPS = "contact.csv", "steps.npz"
@@ -44,11 +45,22 @@ class TranslatedImages(Images):
     keep: bool = False
 
     def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
-        own = {"way": self.way, "networks": hashes(self.networks, self.way), "steps": self.keep}
-        return super().record(dataset, renderer) | own
+        record = super().record(dataset, renderer)
+        del record["code"]  # of optics alone
+        return record | {
+            "way": self.way,
+            "networks": hashes(self.networks, self.way),
+            "synthetic": read_job(self.networks).signals.synthetic.model_dump(mode="json"),
+            "steps": self.keep,
+            "code": source_hash(),
+        }
 
     def meshes(self, dataset: Dataset) -> "TranslatedMeshes":
         return TranslatedMeshes(dataset, self.networks, self.way, self.device, self.keep)
+
+    def keep_to_one_core(self) -> None:
+        super().keep_to_one_core()
+        keep_to_one_core()
 
 
 class TranslatedMeshes:

@@ -18,6 +18,7 @@ from simgen.electrode_files import read_recordings
 from simgen.errors import InputError, writing
 from simgen.folder_lock import LOCK
 from simgen.optics.image_files import write_image
+from simgen.optics.images import written_by_one
 from simgen.optics.renderer import Renderer
 from simgen.training.schema import Recordings as Settings
 from simgen.training.signals import felt
@@ -45,7 +46,7 @@ class Recording:
     @classmethod
     def read(cls, path: Path, settings: Settings, chosen: range | None = None) -> "Recording":
         """The samples in contact, of those chosen. Raises `InputError` if there are none."""
-        found = read_recordings(path)
+        found = read_recordings(path, meshes=False)
         signals, contact = felt(path, found, settings)
         samples = np.flatnonzero(contact)
         if chosen is not None:
@@ -58,9 +59,10 @@ class Recording:
 
     def blocks(self, folder: Path) -> dict[Path, np.ndarray]:
         """Folder -> rows of the samples that belong there."""
-        block = self.samples // AT_ONCE
-        return {folder / self.path.stem / f"{AT_ONCE * one:06d}": np.flatnonzero(block == one)
-                for one in np.unique(block)}  # fmt: skip
+        blocks, first = np.unique(self.samples // AT_ONCE, return_index=True)  # samples rise
+        rows = np.split(np.arange(len(self.samples)), first[1:])
+        names = [f"{AT_ONCE * block:06d}" for block in blocks]
+        return {folder / self.path.stem / name: own for name, own in zip(names, rows, strict=True)}
 
 
 def translate_block(
@@ -85,6 +87,7 @@ def translate_recordings(
     recordings: list[Recording], folder: Path, translator: Translator, renderer: Renderer, keep: bool
 ) -> Iterator[int]:
     """Write what is missing, a hundred samples at a time. Raises `InputError`."""
-    for recording in recordings:
-        for block, rows in recording.blocks(folder).items():
-            yield translate_block(recording, rows, block, translator, renderer, keep)
+    with written_by_one(folder):
+        for recording in recordings:
+            for block, rows in recording.blocks(folder).items():
+                yield translate_block(recording, rows, block, translator, renderer, keep)

@@ -15,16 +15,16 @@ COLUMNS = 6
 FRAMES = 60  # at most, of a recording's GIF
 
 
-def shown_presses(selection: Selection) -> list[int]:
-    """Up to `COLUMNS` presses that reach furthest on all sensors, of different indenters as far as there are some."""
+def shown_presses(selection: Selection, most: int = COLUMNS) -> list[int]:
+    """Up to ``most`` presses that reach furthest on all sensors, of different indenters as far as there are some."""
     dataset, reached = selection.dataset, selection.paired.sum(axis=1)
     indenter = dataset["press/indenter"][selection.presses]
     rank = np.zeros(len(reached), int)  # of a press among those of its indenter, the furthest first
     for one in np.unique(indenter):
         own = np.flatnonzero(indenter == one)
         rank[own[np.argsort(-reached[own], kind="stable")]] = np.arange(len(own))
-    order = [row for row in np.lexsort((indenter, rank)) if reached[row]]
-    return selection.presses[sorted(order[:COLUMNS])].tolist()
+    order = [row for row in np.lexsort((-reached, rank)) if reached[row]]
+    return selection.presses[sorted(order[:most])].tolist()
 
 
 def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_only: bool = False) -> list[Step]:

@@ -4,10 +4,11 @@ import io
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from simgen.electrode_gaps import electrodes_of
-from simgen.translate.picture import FRAME_MS, HOLD_MS, SKIN_M, Step
+from simgen.translate.picture import FRAME_MS, HOLD_MS, SKIN_M, ChainPainter, Step
 
 ROWS = ["biotac\nelectrodes", "biotac\nskin, unfolded", "digit\ngel", "digit\nimage, from within", "digit\ntrue image"]
 
@@ -61,7 +62,26 @@ def test_each_column_shows_its_own_sample(painter):
 def test_colour_bars_say_what_and_in_which_unit(painter):
     figure = painter.figure(steps_of(painter, 1, truth=False))
     bars = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
-    assert [bar.get_ylabel() for bar in bars] == ["change of signal, V", "displacement, mm"]
+    assert [bar.get_ylabel() for bar in bars] == ["change of signal,\nV", "displacement, mm"]
+
+
+def test_labels_are_whole(painter, with_electrodes):
+    """Recordings have the longer unit and the figure with fewer parts."""
+    recorded = ChainPainter(with_electrodes, "biotac", "digit", painter.at_rest, "as recorded")
+    figure = recorded.figure(steps_of(recorded, 1, truth=False))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    labels = [axes.yaxis.label for axes in figure.axes] + [text for axes in figure.axes for text in axes.texts]
+    for text in labels + [axes.title for axes in figure.axes]:
+        box = text.get_window_extent(canvas.get_renderer())
+        assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1, text
+
+
+def test_an_electrode_at_the_tip_is_whole(painter):
+    """The tip's lie at the edge of the map."""
+    figure = painter.figure(steps_of(painter, 1, truth=True))
+    (dots,) = figure.axes[0].collections
+    assert not dots.get_clip_on()
 
 
 def test_electrodes_are_drawn_where_the_skin_above_them_is(painter, with_electrodes):

@@ -12,12 +12,12 @@ import pytest
 import torch
 
 from simgen.dataset import Dataset
-from simgen.electrode_model import synthetic_signals
+from simgen.electrode_model import ElectrodeSettings, synthetic_signals
 from simgen.errors import InputError
 from simgen.exchange.selection import Selection, select
 from simgen.optics.images import Images, render, unmade
 from simgen.optics.renderer import Look, Renderer
-from simgen.provenance import file_hash
+from simgen.provenance import file_hash, source_hash
 from simgen.training.checkpoint import load_network, save_network
 from simgen.training.translator import Translated, Translator
 from simgen.translate import presses
@@ -182,6 +182,13 @@ def test_the_record_says_which_networks(networks, made):
     assert (record["way"], record["steps"], record["size"]) == ("ours", True, [48, 64])
 
 
+def test_the_record_says_what_made_signals_and_numbers(networks, made):
+    """All code, and not that of optics alone."""
+    images, _ = made
+    record = json.loads((images.folder / "render.json").read_text())
+    assert record["code"] == source_hash() and record["synthetic"] == ElectrodeSettings().model_dump(mode="json")
+
+
 def changed(networks, folder, name: str):
     """The same networks, but for one, which says something else."""
     shutil.copytree(networks, folder)
@@ -196,10 +203,12 @@ def test_other_networks_do_not_write_into_the_same_folder(with_electrodes, netwo
     images, _ = made
     before = fake.contents(images.folder)
     others = changed(networks, tmp_path / "others", "rm2rm")
+    noisy = of_job(networks, tmp_path / "noisy", signals={"synthetic": {"noise_v": 0.01}})
     for other, words in (
         (images_in(images.folder, with_electrodes, others, keep=True), r"networks\.rm2rm: \w+ -> \w+; choose another"),
         (images_in(images.folder, with_electrodes, networks, "paper", keep=True), "way: ours -> paper"),
         (images_in(images.folder, with_electrodes, networks), "steps: True -> False"),
+        (images_in(images.folder, with_electrodes, noisy, keep=True), r"synthetic\.noise_v: 0\.0 -> 0\.01"),
         (Images(with_electrodes.path, "digit", images.folder, SMALL), r"way: ours -> \(absent\)"),
     ):
         with pytest.raises(InputError, match=f"holds other images: {words}"):
@@ -252,7 +261,7 @@ def test_signals_are_made_as_the_networks_were_trained(with_electrodes, networks
 def test_signals_at_rest_are_those_of_no_displacement(with_electrodes, meshes):
     """The gauge of the mesh at rest, by the gauge itself."""
     from simgen.electrode_gaps import gauge_of
-    from simgen.electrode_model import ElectrodeSettings, voltage
+    from simgen.electrode_model import voltage
 
     gauge = gauge_of(with_electrodes, "biotac")
     none = np.zeros((1, *with_electrodes["biotac/rest_positions"].shape))

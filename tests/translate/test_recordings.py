@@ -1,11 +1,14 @@
 """Recordings translated: which samples, from which signals, into which files."""
 
+import time
+
 import h5py
 import numpy as np
 import pytest
 from training import touched
 
 from simgen.errors import InputError
+from simgen.folder_lock import held
 from simgen.optics.image_files import read_image
 from simgen.training.schema import Recordings as Settings
 from simgen.training.translator import Translator
@@ -96,7 +99,7 @@ def test_a_file_without_contact_is_one_line(file):
 def test_a_folder_for_each_hundred_samples(made):
     folder, counts = made
     assert AT_ONCE == 100 and counts == [80, 80, 24]
-    names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - {".lock"}
     blocks = ("000000", "000100", "000200")
     images = {f"monday/{sample // 100 * 100:06d}/{sample:06d}.png" for sample in FELT}
     assert names == images | {f"monday/{block}/{STEPS}" for block in blocks}
@@ -136,6 +139,32 @@ def test_blocks_that_are_there_are_not_made_again(file, translator, renderer, tm
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.png")}
     assert list(translate_recordings([recording], tmp_path, translator, renderer, False)) == [0, 80, 24]
     assert len(before) == 80 and all(path.stat().st_mtime_ns == when for path, when in before.items())
+
+
+def test_one_process_at_a_time(file, translator, renderer, tmp_path):
+    recording = Recording.read(file, PLAIN, range(0, 10))
+    with held(tmp_path), pytest.raises(InputError, match="is being written by process "):
+        list(translate_recordings([recording], tmp_path, translator, renderer, False))
+    assert not (tmp_path / "monday").exists()
+
+
+def test_meshes_beside_the_signals_are_not_read(tmp_path):
+    """A recording may hold more of them than memory does."""
+    path = touched.record(tmp_path / "meshes.h5", 10)
+    plain = Recording.read(path, PLAIN)
+    with h5py.File(path, "a") as opened:
+        del opened["nodal_res"]
+        opened["nodal_res"] = np.zeros(3)  # which would be one line
+    assert np.array_equal(Recording.read(path, PLAIN).signals, plain.signals)
+
+
+def test_a_million_samples_are_shared_out_at_once(tmp_path):
+    recording = Recording(tmp_path / "long.h5", np.zeros((0, 19)), np.arange(7, 10**6 + 7), np.zeros(19))
+    begin = time.perf_counter()
+    blocks = recording.blocks(tmp_path)
+    assert time.perf_counter() - begin < 1.0  # one look at all samples for each block takes 4 s and more
+    assert len(blocks) == 10_001 and np.array_equal(np.concatenate(list(blocks.values())), np.arange(10**6))
+    assert len(blocks[tmp_path / "long" / "000000"]) == 93
 
 
 def test_files_do_not_mix(file, translator, renderer, tmp_path):

@@ -37,6 +37,14 @@ def test_of_each_indenter_those_that_go_furthest(indenters, reached, shown):
     assert shown_presses(selection(indenters, reached)) == shown and len(shown) <= COLUMNS
 
 
+@pytest.mark.parametrize(
+    ("reached", "most", "shown"),
+    [([1, 2, 6, 3], 1, [2]), ([1, 2, 6, 3], 2, [2, 3]), ([1, 2, 3, 4, 5, 6, 1, 6], COLUMNS, [1, 2, 3, 4, 5, 7])],
+)
+def test_of_more_indenters_than_are_shown_those_that_go_furthest(reached, most, shown):
+    assert shown_presses(selection(list(range(len(reached))), reached), most) == shown
+
+
 def test_presses_are_those_of_the_dataset():
     """Not rows of the selection."""
     assert shown_presses(selection([0, 1, 0, 1, 0, 1], [1, 2, 3, 4, 5, 6], presses=[1, 4])) == [1, 4]
