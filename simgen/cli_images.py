@@ -122,6 +122,7 @@ def translate(
     from simgen.exchange.selection import select
     from simgen.optics.console import interruptible
     from simgen.optics.renderer import Look
+    from simgen.splits import split_names
     from simgen.training.translator import choose_way, read_job
     from simgen.translate.presses import TranslatedImages, check_sensors
     from simgen.workers import cores
@@ -146,6 +147,8 @@ def translate(
         if recordings:
             translate_files(images, select(opened, both), recordings, _range(samples), gif)
             return
+        if trajectories is None and split is None and "test" not in split_names(opened["press/split"]):
+            raise InputError(f"{dataset}: has no trajectory of the test; allowed: --trajectories or --split")
         chosen = select(opened, both, trajectories, split or (None if trajectories else "test"))
         translate_presses(images, chosen, workers or (cores() if device == "cpu" else 1), gif)
 

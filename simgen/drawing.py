@@ -3,10 +3,14 @@
 Faces are projected in parallel, those that look away are dropped, the rest drawn from far to near.
 """
 
+import io
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
+from PIL import Image
 
 AMBIENT = 0.45
 PLAIN = "#d9d4c7"
@@ -65,6 +69,19 @@ def draw_surface(
     axes.autoscale_view()
     axes.set_axis_off()
     return faces
+
+
+def gif(frames: Sequence[np.ndarray], frame_ms: int, hold_ms: int) -> bytes:
+    """Pictures (height, width, 3 or 4) uint8 in motion, ``hold_ms`` for the last one, then again from the first.
+
+    They have one palette, that of the last, and dots where it lacks a colour: what is smooth gets no edges.
+    """
+    pictures = [Image.fromarray(frame).convert("RGB") for frame in frames]
+    palette = pictures[-1].quantize(256)
+    first, *others = (each.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for each in pictures)
+    data, durations = io.BytesIO(), [frame_ms] * len(others) + [hold_ms]
+    first.save(data, "GIF", save_all=True, append_images=others, duration=durations, loop=0, optimize=True)
+    return data.getvalue()
 
 
 def draw_points(

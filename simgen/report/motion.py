@@ -1,7 +1,6 @@
 """An animated press: all sensors side by side in the shared frame, and the outline of the indenter."""
 
 import html
-import io
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,11 +10,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from PIL import Image
 from scipy.spatial import ConvexHull
 
 from simgen.dataset import Dataset
-from simgen.drawing import camera, draw_surface
+from simgen.drawing import camera, draw_surface, gif
 from simgen.errors import InputError
 from simgen.page import image
 from simgen.quiet import start_warp
@@ -60,12 +58,8 @@ def animated_press(dataset: Dataset, press: int, reached: int) -> bytes:
             canvas.draw()
             figure.set_layout_engine("none")  # nothing moves from frame to frame
         canvas.draw()
-        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
-    # Palettes by the range of colours, not by their frequency: most of a frame is pale gel.
-    first, *others = (frame.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2) for frame in frames)
-    data, durations = io.BytesIO(), [FRAME_MS] * reached + [HOLD_MS]
-    first.save(data, "GIF", save_all=True, append_images=others, duration=durations, loop=0, optimize=True)
-    return data.getvalue()
+        frames.append(np.array(canvas.buffer_rgba()))
+    return gif(frames, FRAME_MS, HOLD_MS)
 
 
 class _Side:

@@ -20,7 +20,7 @@ class Accuracy:
 
     samples : all of them
     near : share whose centroid of the contact is at most `NEAR_MM` from the true one
-    off_mm : median distance of the two; NaN if none is known
+    off_mm : median distance of the two, where a contact that is not found is infinitely far
     followed : samples that have a shallower one before them in their press
     in_order : share of those that are deeper than the one before; NaN if there are none
     rmse_um : mean root mean square error of the mesh
@@ -39,11 +39,10 @@ class Accuracy:
         presses = list(presses)
         off = np.concatenate([press["off_mm"] for press in presses])
         deeper = np.concatenate([np.diff(press["deepest_mm"]) > 0.0 for press in presses])
-        known = off[np.isfinite(off)]
         return cls(
             samples=len(off),
             near=float(np.mean(off <= NEAR_MM)),  # a contact that is not found is not near
-            off_mm=float(np.median(known)) if len(known) else np.nan,
+            off_mm=float(np.median(np.where(np.isnan(off), np.inf, off))),
             followed=len(deeper),
             in_order=float(deeper.mean()) if len(deeper) else np.nan,
             rmse_um=float(np.concatenate([press["rmse_um"] for press in presses]).mean()),

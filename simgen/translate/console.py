@@ -56,10 +56,12 @@ def translate_files(
     recordings = [Recording.read(path, settings, chosen) for path in paths]
     if len({recording.path.stem for recording in recordings}) < len(recordings):
         raise InputError("--recordings: two files of one name; allowed: different ones, as folders are named by them")
+    if job.signals.recordings is None:
+        console.print(f"{images.networks} learned from synthetic volts: of recordings they make what these would mean")
     translator = Translator.load(images.networks, images.way, images.device)
     check_meshes(translator, dataset, job.source, job.target)
     renderer = Renderer.of_dataset(dataset, images.sensor, images.look, images.device)
-    hashes = {str(path): file_hash(path) for path in paths}
+    hashes = {path.name: file_hash(path) for path in paths}
     own = {"recordings": hashes, "settings": settings.model_dump(exclude={"files"}, mode="json"),
            "samples": [chosen.start, chosen.stop] if chosen is not None else None}  # fmt: skip
     first = recordings[0]

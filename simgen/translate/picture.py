@@ -1,6 +1,5 @@
 """The way from electrodes to image, drawn: a column for each sample, or a press in motion."""
 
-import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -9,10 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from PIL import Image
 
 from simgen.dataset import Dataset
-from simgen.drawing import COLOURS, PLAIN, camera, draw_surface
+from simgen.drawing import COLOURS, PLAIN, camera, draw_surface, gif
 from simgen.electrode_gaps import electrodes_of
 from simgen.translate.unfolded import UnfoldedSkin
 
@@ -87,23 +85,19 @@ class ChainPainter:
             scales = self._draw(grid, [step], *limits)
             for axes, label in zip(grid[0], labels, strict=True):
                 axes.set_title(label, fontsize=9)
-            figure.suptitle(step.title, fontsize=10, x=0.01, ha="left")
+            figure.suptitle(step.title.replace("\n", ", "), fontsize=10, x=0.01, ha="left")
             if not frames:
                 self._colour_bars(figure, grid.T, scales, "horizontal")
                 canvas.draw()
                 figure.set_layout_engine("none")  # nothing moves from frame to frame
             canvas.draw()
-            frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
-        # One palette for all, of what has most colours, and dots where it lacks one: images are smooth.
-        palette = frames[-1].quantize(256)
-        first, *others = (frame.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for frame in frames)
-        data, durations = io.BytesIO(), [FRAME_MS] * len(others) + [HOLD_MS]
-        first.save(data, "GIF", save_all=True, append_images=others, duration=durations, loop=0, optimize=True)
-        return data.getvalue()
+            frames.append(np.array(canvas.buffer_rgba()))
+        return gif(frames, FRAME_MS, HOLD_MS)
 
     def _labels(self, step: Step) -> list[str]:
         source, target = self.names
-        made = [f"{source}\nelectrodes", f"{source}\nskin, unfolded", f"{target}\ngel", f"{target}\nimage, from within"]
+        seen = f"{target} image\nfrom within: mirrored"
+        made = [f"{source}\nelectrodes", f"{source}\nskin, unfolded", f"{target}\ngel", seen]
         return made if step.truth is None else [*made, f"{target}\ntrue image"]
 
     def _limits(self, steps: Iterable[Step]) -> tuple[float, float]:

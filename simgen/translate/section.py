@@ -10,11 +10,11 @@ from simgen.dataset import Dataset
 from simgen.exchange.selection import Selection
 from simgen.optics.renderer import Look, Renderer
 from simgen.page import image, picture
-from simgen.splits import SPLITS
+from simgen.splits import split_names
 from simgen.training.translator import choose_way, networks_of, read_job
 from simgen.translate.picture import ChainPainter
 from simgen.translate.presses import TranslatedMeshes
-from simgen.translate.showing import press_steps, shown_presses, spread
+from simgen.translate.showing import furthest_press, press_steps, spread
 
 TITLE = "From electrodes to an image"
 LOOK = Look(height=320, width=240)
@@ -30,18 +30,18 @@ def translated_section(dataset: Dataset, networks: Path) -> Iterator[str]:
     meshes = TranslatedMeshes(dataset, networks, way)
     renderer = Renderer.of_dataset(dataset, job.target, LOOK)
     split = dataset["press/split"]
-    of_test = split == list(SPLITS).index("test")
+    of_test = split_names(split) == "test"
     for presses in (np.flatnonzero(of_test), np.flatnonzero(~of_test)):
-        shown = shown_presses(Selection(dataset, (job.source, job.target), presses), most=1)
-        if shown:
+        press = furthest_press(Selection(dataset, (job.source, job.target), presses))
+        if press is not None:
             break
     else:
         yield "<p>No press has converged on both sensors yet.</p>"
         return
-    steps = press_steps(meshes, renderer, shown[0])
+    steps = press_steps(meshes, renderer, press)
     painter = ChainPainter(dataset, job.source, job.target, meshes.signals_at_rest)
-    known = dict(enumerate(SPLITS)).get(int(split[shown[0]]), "none")
-    about = f"{dataset.indenters[dataset['press/indenter'][shown[0]]]}, press {shown[0]}"
+    known = split_names(split[press])
+    about = f"{dataset.indenters[dataset['press/indenter'][press]]}, press {press}"
     yield (
         f"<p>{html.escape(about)}, split {known}: synthetic signals of the {html.escape(job.source)}'s "
         f"electrodes through {', '.join(networks_of(way))} to the mesh of the {html.escape(job.target)} and to what "

@@ -1,6 +1,7 @@
 """Which samples a picture shows, and what is drawn of them."""
 
 from collections.abc import Iterator
+from itertools import zip_longest
 
 import numpy as np
 
@@ -15,16 +16,26 @@ COLUMNS = 6
 FRAMES = 60  # at most, of a recording's GIF
 
 
-def shown_presses(selection: Selection, most: int = COLUMNS) -> list[int]:
-    """Up to ``most`` presses that reach furthest on all sensors, of different indenters as far as there are some."""
-    dataset, reached = selection.dataset, selection.paired.sum(axis=1)
-    indenter = dataset["press/indenter"][selection.presses]
-    rank = np.zeros(len(reached), int)  # of a press among those of its indenter, the furthest first
-    for one in np.unique(indenter):
-        own = np.flatnonzero(indenter == one)
-        rank[own[np.argsort(-reached[own], kind="stable")]] = np.arange(len(own))
-    order = [row for row in np.lexsort((-reached, rank)) if reached[row]]
-    return selection.presses[sorted(order[:most])].tolist()
+def shown_presses(selection: Selection) -> list[int]:
+    """Up to `COLUMNS` presses, of indenters that are spread over all there are: of each the one that reaches furthest
+    on all sensors, then the next one; of several that do, another place for each indenter.
+    """
+    reached, queues = selection.paired.sum(axis=1), []
+    indenter = selection.dataset["press/indenter"][selection.presses]
+    there = np.unique(indenter[reached > 0])
+    for k, one in enumerate(there[spread(len(there), COLUMNS)]):
+        own = np.flatnonzero((indenter == one) & (reached > 0))
+        own = own[np.argsort(-reached[own], kind="stable")]
+        furthest = np.count_nonzero(reached[own] == reached[own[0]])
+        queues.append([*np.roll(own[:furthest], -k), *own[furthest:]])
+    rows = [row for nth in zip_longest(*queues) for row in nth if row is not None]
+    return selection.presses[rows[:COLUMNS]].tolist()
+
+
+def furthest_press(selection: Selection) -> int | None:
+    """The first press of those that reach furthest on all sensors; None if none has converged."""
+    reached = selection.paired.sum(axis=1)
+    return int(selection.presses[reached.argmax()]) if reached.any() else None
 
 
 def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_only: bool = False) -> list[Step]:
@@ -34,7 +45,7 @@ def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_o
     images = renderer(found.target)
     truth = renderer(dataset.displacement(meshes.job.target, press)[steps])
     name = dataset.indenters[dataset["press/indenter"][press]]
-    titles = [f"{name}, {depth * 1e3:g} mm" for depth in dataset["depth"][steps]]
+    titles = [f"{name}\n{depth * 1e3:g} mm" for depth in dataset["depth"][steps]]
     samples = zip(titles, found.signals, found.source, found.target, images, truth, strict=True)
     return [Step(*sample) for sample in samples]
 
@@ -46,7 +57,7 @@ def recording_steps(
     found = translator(recording.signals[rows])
     images = renderer(found.target)
     for i, row in enumerate(rows):
-        name = f"{recording.path.stem}, {recording.samples[row]}"
+        name = f"{recording.path.stem}\n{recording.samples[row]}"
         yield Step(name, found.signals[i], found.source[i], found.target[i], images[i])
 
 

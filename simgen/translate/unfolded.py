@@ -2,9 +2,10 @@
 
 import numpy as np
 import trimesh
-from scipy.ndimage import zoom
+from scipy.ndimage import label, zoom
 from scipy.spatial import cKDTree
 
+from simgen.errors import InputError
 from simgen.skin import Skin
 from simgen.surface import ClosestPoint
 
@@ -32,8 +33,14 @@ class UnfoldedSkin:
         on, _, face = ClosestPoint(vertices, triangles)(points[known])
         self._corners = triangles[face]
         self._weights = trimesh.triangles.points_to_barycentric(vertices[self._corners], on)
-        drawn_here = shown[self._corners].all(axis=1)
+        # As a field on the surface its outline is smooth; what is apart from the rest are slivers of a rim.
+        inside = np.zeros(known.shape, bool)
+        inside[known] = np.einsum("pk,pk->p", shown[self._corners], self._weights) >= 0.5
+        parts, _ = label(inside)
+        drawn_here = (parts == _largest(parts))[known]
         known[known] = drawn_here
+        if not known.any():
+            raise InputError("a skin that cannot be unfolded: nothing of it is around the plane z = 0")
         self._corners, self._weights = self._corners[drawn_here], self._weights[drawn_here]
         self._points, self._known = on[drawn_here], known
         grid = np.meshgrid(
@@ -61,3 +68,9 @@ def _edges(middles: np.ndarray, part: slice) -> tuple[float, float]:
     """Where a part of a line of pixels begins and ends."""
     half = 0.5 * (middles[1] - middles[0])
     return middles[part][0] - half, middles[part][-1] + half
+
+
+def _largest(parts: np.ndarray) -> int:
+    """The label that most pixels have, but for 0; -1, which none has, if there is no other."""
+    count = np.bincount(parts.ravel())[1:]
+    return 1 + int(count.argmax()) if len(count) else -1

@@ -23,19 +23,21 @@ ALONE = press([3.0], [0.5], [6.0])
 
 
 def test_shares_of_all_samples():
-    """Of seven: 0.2, 1.0, 0.4 and 0.8 are near; of four that follow another in a press, two are deeper than that."""
+    """Of seven: 0.2, 1.0, 0.4 and 0.8 are near, and 1.0 lies in the middle; of four that follow another in a press, two
+    are deeper than that.
+    """
     found = Accuracy.of([ONE, OTHER, ALONE])
-    assert found == Accuracy(samples=7, near=4 / 7, off_mm=0.9, followed=4, in_order=2 / 4, rmse_um=30 / 7)
+    assert found == Accuracy(samples=7, near=4 / 7, off_mm=1.0, followed=4, in_order=2 / 4, rmse_um=30 / 7)
 
 
 def test_a_contact_that_is_not_found_is_not_near():
     found = Accuracy.of([OTHER])
-    assert (found.near, found.off_mm) == (1 / 2, 0.8)  # the median is of those that are found
+    assert (found.near, found.off_mm) == (1 / 2, np.inf)  # the middle of 0.8 and infinitely far
 
 
 def test_no_contact_is_found():
     found = Accuracy.of([press([NAN, NAN], [0.0, 0.0], [1.0, 1.0])])
-    assert found.near == 0.0 and np.isnan(found.off_mm) and found.in_order == 0.0
+    assert found.near == 0.0 and np.isinf(found.off_mm) and found.in_order == 0.0
 
 
 def test_a_press_of_one_sample_has_no_order():
@@ -71,12 +73,12 @@ def test_a_file_is_its_columns(files):
 def test_each_indenter_and_all(files):
     found = summarise(files)
     assert list(found) == ["ring", "sphere", "all"]
-    assert found["ring"] == Accuracy(2, 1 / 2, 0.5, 1, 0.0, 3.0)
+    assert found["ring"] == Accuracy(2, 1 / 2, np.inf, 1, 0.0, 3.0)
     assert {**asdict(found["sphere"]), "in_order": None} == {
         **asdict(Accuracy(1, 0.0, 2.0, 0, 0.0, 6.0)),
         "in_order": None,
     }
-    assert found["all"] == Accuracy(3, 1 / 3, 1.25, 1, 0.0, 4.0)
+    assert found["all"] == Accuracy(3, 1 / 3, 2.0, 1, 0.0, 4.0)
 
 
 def test_the_summary_says_null_where_nothing_is_known(files, tmp_path):
@@ -84,7 +86,7 @@ def test_the_summary_says_null_where_nothing_is_known(files, tmp_path):
     assert file == tmp_path / FILE
     about = json.loads(file.read_text(), parse_constant=pytest.fail)  # NaN is no JSON
     assert (about["way"], about["near_mm"]) == ("paper", 1.0)
-    assert about["groups"]["ring"] == asdict(Accuracy(2, 1 / 2, 0.5, 1, 0.0, 3.0))
+    assert about["groups"]["ring"] == {**asdict(Accuracy(2, 1 / 2, 0.0, 1, 0.0, 3.0)), "off_mm": None}
     assert about["groups"]["sphere"]["in_order"] is None and about["groups"]["sphere"]["off_mm"] == 2.0
 
 

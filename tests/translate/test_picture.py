@@ -10,7 +10,8 @@ from PIL import Image
 from simgen.electrode_gaps import electrodes_of
 from simgen.translate.picture import FRAME_MS, HOLD_MS, SKIN_M, ChainPainter, Step
 
-ROWS = ["biotac\nelectrodes", "biotac\nskin, unfolded", "digit\ngel", "digit\nimage, from within", "digit\ntrue image"]
+ROWS = ["biotac\nelectrodes", "biotac\nskin, unfolded", "digit\ngel", "digit image\nfrom within: mirrored",
+        "digit\ntrue image"]  # fmt: skip
 
 
 def steps_of(painter, count: int, truth: bool) -> list[Step]:

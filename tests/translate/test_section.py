@@ -90,7 +90,7 @@ def test_without_a_sample_of_test_another_press_is_shown(with_electrodes, networ
 def test_an_indenter_keeps_its_name(with_electrodes, networks, monkeypatch):
     dataset = Dataset(with_electrodes.path)
     monkeypatch.setattr(dataset, "indenters", ("Ball_A", "Ball_B", "Ball<C>"))
-    monkeypatch.setattr(section, "shown_presses", lambda selection, most: [26])
+    monkeypatch.setattr(section, "furthest_press", lambda selection: 26)
     assert next(translated_section(dataset, networks)).startswith("<p>Ball&lt;C&gt;, press 26, split test: ")
 
 
@@ -107,7 +107,7 @@ def short(monkeypatch):
 
 def test_the_page_has_the_section(with_electrodes, networks, short, tmp_path, monkeypatch, capfd):
     page = tmp_path / "page.html"
-    monkeypatch.setattr(section, "shown_presses", lambda selection, most: [25])  # two samples: less to draw
+    monkeypatch.setattr(section, "furthest_press", lambda selection: 25)  # two samples: less to draw
     command = ["report", str(with_electrodes.path), "--networks", str(networks), "-o", str(page)]
     code, said, errors = simgen(command, monkeypatch, capfd)
     assert code == 0 and f"wrote {page}" in said, errors

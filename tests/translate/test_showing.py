@@ -7,7 +7,7 @@ from training import touched
 from simgen.exchange.selection import Selection
 from simgen.training.schema import Recordings as Settings
 from simgen.translate.recordings import Recording
-from simgen.translate.showing import COLUMNS, press_steps, recording_steps, shown_presses, spread
+from simgen.translate.showing import COLUMNS, furthest_press, press_steps, recording_steps, shown_presses, spread
 
 
 def selection(indenters: list[int], reached: list[int], presses: list[int] | None = None, depths: int = 6) -> Selection:
@@ -27,27 +27,26 @@ def selection(indenters: list[int], reached: list[int], presses: list[int] | Non
         ([0, 1, 2], [3, 3, 3], [0, 1, 2]),
         ([0, 1, 2], [3, 0, 3], [0, 2]),  # one that never converged
         ([0, 1, 2], [0, 0, 0], []),
-        (list(range(8)), [1] * 8, [0, 1, 2, 3, 4, 5]),
-        ([0, 0, 0, 1, 1, 1, 2, 2, 2], [1, 2, 3, 3, 2, 1, 1, 3, 2], [1, 2, 3, 4, 7, 8]),  # two of each, those that go on
-        ([0, 0, 0, 0, 0, 0, 0, 1], [6, 6, 6, 6, 6, 6, 6, 1], [0, 1, 2, 3, 4, 7]),  # the other indenter, little as it is
+        (list(range(8)), [1] * 8, [0, 1, 3, 4, 6, 7]),  # from the first indenter to the last
+        ([0, 0, 0, 1, 1, 1, 2, 2, 2], [1, 2, 3, 3, 2, 1, 1, 3, 2], [2, 3, 7, 1, 4, 8]),  # the furthest, then the next
+        ([0, 0, 0, 0, 0, 0, 0, 1], [6, 6, 6, 6, 6, 6, 6, 1], [0, 7, 1, 2, 3, 4]),  # the other indenter, little as it is
         ([0, 0], [2, 2], [0, 1]),
+        ([0, 0, 1, 1], [2, 2, 2, 2], [0, 3, 1, 2]),  # of equals another one for each indenter
     ],
 )
 def test_of_each_indenter_those_that_go_furthest(indenters, reached, shown):
     assert shown_presses(selection(indenters, reached)) == shown and len(shown) <= COLUMNS
 
 
-@pytest.mark.parametrize(
-    ("reached", "most", "shown"),
-    [([1, 2, 6, 3], 1, [2]), ([1, 2, 6, 3], 2, [2, 3]), ([1, 2, 3, 4, 5, 6, 1, 6], COLUMNS, [1, 2, 3, 4, 5, 7])],
-)
-def test_of_more_indenters_than_are_shown_those_that_go_furthest(reached, most, shown):
-    assert shown_presses(selection(list(range(len(reached))), reached), most) == shown
+@pytest.mark.parametrize(("reached", "press"), [([1, 2, 6, 3], 2), ([4, 6, 6], 1), ([0, 0], None)])
+def test_the_press_that_goes_furthest(reached, press):
+    assert furthest_press(selection(list(range(len(reached))), reached)) == press
 
 
 def test_presses_are_those_of_the_dataset():
     """Not rows of the selection."""
-    assert shown_presses(selection([0, 1, 0, 1, 0, 1], [1, 2, 3, 4, 5, 6], presses=[1, 4])) == [1, 4]
+    some = selection([0, 1, 0, 1, 0, 1], [1, 2, 3, 4, 5, 6], presses=[1, 4])
+    assert shown_presses(some) == [4, 1] and furthest_press(some) == 4
     assert shown_presses(selection([0, 1, 0, 1, 0, 1], [0, 2, 3, 4, 5, 6], presses=[0, 5])) == [5]
 
 
@@ -64,7 +63,7 @@ def test_steps_of_a_press_stand_beside_the_truth(with_electrodes, meshes, render
     steps = press_steps(meshes, renderer, ring)
     found = meshes.translated(ring, np.array([0, 1]))
     truth = renderer(with_electrodes.displacement("digit", ring)[:2])
-    assert [step.title for step in steps] == ["ring_7mm, 0.1 mm", "ring_7mm, 0.2 mm"]
+    assert [step.title for step in steps] == ["ring_7mm\n0.1 mm", "ring_7mm\n0.2 mm"]
     for i, (step, image) in enumerate(zip(steps, renderer(found.target), strict=True)):
         assert np.array_equal(step.signals, found.signals[i])
         assert np.array_equal(step.source, found.source[i]) and np.array_equal(step.target, found.target[i])
@@ -74,14 +73,14 @@ def test_steps_of_a_press_stand_beside_the_truth(with_electrodes, meshes, render
 
 def test_the_last_step_is_the_deepest_that_there_is(meshes, renderer):
     (last,) = press_steps(meshes, renderer, 7, last_only=True)
-    assert last.title == "ring_7mm, 0.2 mm"
+    assert last.title == "ring_7mm\n0.2 mm"
 
 
 def test_steps_of_a_recording_have_no_truth(meshes, renderer, tmp_path):
     path = touched.record(tmp_path / "monday.h5", 20, meshes=False)
     recording = Recording.read(path, Settings(files=("any",)))
     steps = list(recording_steps(recording, np.array([0, 5]), meshes.translator, renderer))
-    assert [step.title for step in steps] == ["monday, 0", "monday, 6"]  # number 4 is free
+    assert [step.title for step in steps] == ["monday\n0", "monday\n6"]  # number 4 is free
     found = meshes.translator(recording.signals[[0, 5]])
     for i, step in enumerate(steps):
         assert step.truth is None and np.array_equal(step.signals, recording.signals[[0, 5][i]])
