@@ -141,14 +141,19 @@ def unmade(images: Images, selection: Selection) -> list[int]:
     return [press for press in has_samples if not images.of_press(selection.dataset, press).exists()]
 
 
-def render(images: Images, selection: Selection, renderer: Renderer, workers: int) -> Iterator[int]:
-    """Make what is missing, and say press by press how many images it has got. Raises `InputError`."""
+def render(
+    images: Images, selection: Selection, renderer: Renderer, workers: int, meshes: Meshes | None = None
+) -> Iterator[int]:
+    """Make what is missing, and say press by press how many images it has got. Raises `InputError`.
+
+    ``meshes`` are those of ``images``, if this process has them already.
+    """
     dataset = selection.dataset
     claim(images.folder, images.record(dataset, renderer))
     missing = unmade(images, selection)
     with written_by_one(images.folder):
         if workers == 1 or len(missing) <= 1:
-            yield from map(_Worker(images, dataset, renderer).render, missing)
+            yield from map(_Worker(images, dataset, renderer, meshes).render, missing)
         else:
             yield from _side_by_side(images, missing, workers)
 
@@ -165,9 +170,9 @@ def _side_by_side(images: Images, presses: list[int], workers: int) -> Iterator[
 class _Worker:
     """One process that renders presses."""
 
-    def __init__(self, images: Images, dataset: Dataset, renderer: Renderer):
+    def __init__(self, images: Images, dataset: Dataset, renderer: Renderer, meshes: Meshes | None = None):
         self.images, self.dataset, self.renderer = images, dataset, renderer
-        self.meshes = images.meshes(dataset)
+        self.meshes = meshes or images.meshes(dataset)
         self.depths_mm = 1e3 * dataset["depth"]
         self.threads = os.cpu_count() if images.device != "cpu" else 1
 

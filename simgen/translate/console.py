@@ -31,7 +31,7 @@ def translate_presses(images: TranslatedImages, selection: Selection, workers: i
     dataset = selection.dataset
     meshes = images.meshes(dataset)
     renderer = Renderer.of_dataset(dataset, images.sensor, images.look, images.device)
-    made, missing = render(images, selection, renderer, workers), len(unmade(images, selection))
+    made, missing = render(images, selection, renderer, workers, meshes), len(unmade(images, selection))
     print_made(images.folder, made, missing, int(selection.paired.sum()), "translating")
     summary = summarise(_contact_files(images, selection))
     console.print(accuracy_table(summary))
