@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from simgen import cli_images
+from simgen import cli_exchange, cli_images
 from simgen.errors import InputError, check_output_file, needs_extra
 
 app = typer.Typer(
@@ -206,72 +206,6 @@ def report(
 
 
 @app.command()
-def export(
-    dataset: DatasetFolder,
-    format: Annotated[str, typer.Option(metavar="FORMAT", help="across, biotac_sim, npy or vtk.")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="A new folder; it appears whole or not at all.")
-    ],
-    sensor: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A sensor; may repeat.", show_default="all")
-    ] = None,
-    trajectories: Annotated[
-        str | None,
-        typer.Option(help="0:10 (the end excluded), or 3,7.", show_default="all; with vtk the first"),
-    ] = None,
-    split: Annotated[str | None, typer.Option(help="train, validation or test.", show_default="all")] = None,
-):
-    """Write a dataset, or a part of it, for other programs.
-
-    across: HDF5 as the ACROSS framework reads it, with its table of pairs.
-    biotac_sim: HDF5 as biotac_sim writes it, one file per trajectory.
-    npy: arrays to be mapped into memory for training.
-    vtk: time series for ParaView.
-
-    Samples that did not converge are left out; npy and the table hold those that converged on all sensors.
-    """
-    from simgen.console import print_export, tracked
-    from simgen.dataset import Dataset
-    from simgen.exchange.exporting import export
-
-    print_export(output, *export(Dataset(dataset), format, output, sensor or (), trajectories, split, tracked))
-
-
-@app.command("import")
-def import_(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="HDF5 files of ACROSS or biotac_sim.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="The dataset: a new folder.")],
-    mesh: Annotated[
-        list[str] | None,
-        typer.Option(metavar="SENSOR=FILE", help="Rest mesh (.vtu .tet .msh .mesh, in m); one for each sensor."),
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="Of the job.", show_default="that of the files or the output")
-    ] = None,
-    depths_mm: Annotated[
-        str | None,
-        typer.Option(metavar="FIRST:LAST:COUNT", help="Depths to sort samples into.", show_default="the files' own"),
-    ] = None,
-    origin_mm: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="SENSOR=X,Y,Z", help="Origin of the mesh in the files; biotac_sim: 0,50,0.", show_default="0,0,0"
-        ),
-    ] = None,
-):
-    """Make a dataset of the result files of one job of ACROSS or biotac_sim.
-
-    Displacements are coordinates less those of the rest mesh.
-    Depths are those of the files; without them, step j is the j-th of --depths-mm; uneven ones go to the nearest.
-    What files do not say is NaN or missing, and simgen check names it.
-    """
-    from simgen.console import print_import, tracked
-    from simgen.exchange.importing import import_results
-
-    print_import(import_results(files, mesh or (), output, name, depths_mm, origin_mm or (), tracked))
-
-
-@app.command()
 def validate(
     listed: Annotated[bool, typer.Option("--list", help="Say which cases there are; run none.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Only the cases that take seconds.")] = False,
@@ -354,6 +288,8 @@ def _address(scheduler: str | None, file: Path | None) -> str | None:
     return scheduler_address(file)
 
 
+app.command()(cli_exchange.export)
+app.command("import")(cli_exchange.import_)
 app.command()(cli_images.render)
 app.command()(cli_images.translate)
 app.command("calibrate-optics")(cli_images.calibrate_optics)
