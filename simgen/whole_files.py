@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from simgen.errors import InputError
+from simgen.errors import InputError, writing
 from simgen.folder_lock import held_new, remove_abandoned
 
 ROOM = 64 * 2**20  # bytes: more than HDF5 keeps in its caches, and than a sample and its mesh take
@@ -42,6 +42,12 @@ def put_in_place(root: Path, files: Mapping[str, Aside]) -> None:
         os.replace(file.temporary, root / name)
     for folder in {parent for name in files for parent in Path(name).parents}:
         flush(root / folder)
+
+
+def write_whole(file: Path, data: bytes) -> None:
+    """Raises `InputError` if the file cannot be written; what was there before then stays."""
+    with writing(file):
+        put_in_place(file.parent, {file.name: write_aside(file.parent, data)})
 
 
 def flush(path: Path) -> None:

@@ -82,14 +82,10 @@ def _press_names(dataset: Dataset) -> list[str]:
 class Meshes(Protocol):
     """Displacements of the sensor, press by press."""
 
-    def steps(self, press: int) -> np.ndarray:
-        """(n,) indices of the depths that get an image."""
-
-    def displacement(self, press: int, steps: np.ndarray) -> np.ndarray:
-        """(n, vertex, 3) m."""
-
-    def files(self, press: int, steps: np.ndarray) -> dict[str, bytes]:
-        """What else belongs into the folder of a press whose displacements were asked for last, by name."""
+    def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
+        """Indices (n,) of the depths that get an image, their displacements (n, vertex, 3), m, and by name what else
+        belongs into the folder of the press.
+        """
 
 
 class StoredMeshes:
@@ -98,14 +94,9 @@ class StoredMeshes:
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor, self._converged = dataset, sensor, dataset[f"{sensor}/status"] == 0
 
-    def steps(self, press: int) -> np.ndarray:
-        return np.flatnonzero(self._converged[press])
-
-    def displacement(self, press: int, steps: np.ndarray) -> np.ndarray:
-        return self.dataset.displacement(self.sensor, press)[steps]
-
-    def files(self, press: int, steps: np.ndarray) -> dict[str, bytes]:
-        return {}
+    def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
+        steps = np.flatnonzero(self._converged[press])
+        return steps, self.dataset.displacement(self.sensor, press)[steps], {}
 
 
 def claim(folder: Path, record: Mapping[str, Any]) -> None:
@@ -177,14 +168,14 @@ class _Worker:
         self.threads = os.cpu_count() if images.device != "cpu" else 1
 
     def render(self, press: int) -> int:
-        steps = self.meshes.steps(press)
-        pictures = self.renderer(self.meshes.displacement(press, steps))
+        steps, displacement, more = self.meshes.of_press(press)
+        pictures = self.renderer(displacement)
         folder = self.images.of_press(self.dataset, press)
         files = [f"{step:02d}_{self.depths_mm[step]:.4g}mm.png" for step in steps]
         with writing(folder), whole_folder(folder) as aside, ThreadPoolExecutor(self.threads) as threads:
             for _ in threads.map(write_image, [aside / file for file in files], pictures):
                 pass
-            for name, data in self.meshes.files(press, steps).items():
+            for name, data in more.items():
                 (aside / name).write_bytes(data)
         (folder / LOCK).unlink(missing_ok=True)
         return len(steps)

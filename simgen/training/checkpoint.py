@@ -12,13 +12,13 @@ import torch
 from safetensors import SafetensorError
 from torch import Tensor, nn
 
-from simgen.errors import InputError, shown, writing
+from simgen.errors import InputError, shown
 from simgen.training.mesh_vae import MeshVAE
 from simgen.training.projection import Projection
 from simgen.training.reduced_model import ReducedModel
 from simgen.training.signal_vae import SignalVAE
 from simgen.training.translation import Translation
-from simgen.whole_files import put_in_place, write_aside
+from simgen.whole_files import write_whole
 
 
 class Network(Protocol):
@@ -104,12 +104,6 @@ def count_parameters(network: nn.Module) -> int:
     """Numbers that are trained or fitted: without normalisation, and without what the mesh alone decides."""
     own = getattr(network, "count_parameters", None)
     return own() if own else sum(parameter.numel() for parameter in network.parameters())
-
-
-def write_whole(file: Path, data: bytes) -> None:
-    """Raises `InputError` if the file cannot be written; what was there before then stays."""
-    with writing(file):
-        put_in_place(file.parent, {file.name: write_aside(file.parent, data)})
 
 
 def _bytes(tensors: Mapping[str, Tensor], metadata: dict[str, str] | None = None) -> bytes:

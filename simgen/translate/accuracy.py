@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simgen.errors import InputError, writing
+from simgen.errors import InputError
+from simgen.whole_files import write_whole
 
 NEAR_MM = 1.0
 FILE = "contact.json"
@@ -78,6 +79,5 @@ def write_summary(folder: Path, summary: Mapping[str, Accuracy], way: str) -> Pa
         for name, accuracy in summary.items()
     }
     about = {"way": way, "near_mm": NEAR_MM, "groups": groups}
-    with writing(folder / FILE):
-        (folder / FILE).write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+    write_whole(folder / FILE, (json.dumps(about, indent=1) + "\n").encode())
     return folder / FILE

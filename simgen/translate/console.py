@@ -1,5 +1,6 @@
 """What `simgen translate` prints: how far it is, how fast, how near to the truth, and what there is to look at."""
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -7,7 +8,7 @@ from rich import box
 from rich.table import Table
 
 from simgen.console import console, tracked
-from simgen.errors import InputError, writing
+from simgen.errors import InputError
 from simgen.exchange.selection import Selection
 from simgen.optics.album import PRESS_GIF
 from simgen.optics.console import print_made
@@ -21,6 +22,7 @@ from simgen.translate.picture import ChainPainter
 from simgen.translate.presses import CONTACT, TranslatedImages, check_meshes
 from simgen.translate.recordings import Recording, translate_recordings
 from simgen.translate.showing import COLUMNS, FRAMES, press_steps, recording_steps, shown_presses, spread
+from simgen.whole_files import write_whole
 
 CHAIN, DPI = "chain.png", 130
 
@@ -102,13 +104,11 @@ def _contact_files(images: TranslatedImages, selection: Selection) -> dict[str, 
 
 
 def _write_figure(painter: ChainPainter, columns: list, folder: Path) -> Path:
-    file = folder / CHAIN
-    with writing(file):
-        painter.figure(columns).savefig(file, dpi=DPI)
-    return file
+    data = io.BytesIO()
+    painter.figure(columns).savefig(data, dpi=DPI)
+    return _write(folder / CHAIN, data.getvalue())
 
 
 def _write(file: Path, data: bytes) -> Path:
-    with writing(file):
-        file.write_bytes(data)
+    write_whole(file, data)
     return file

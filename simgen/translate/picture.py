@@ -17,7 +17,7 @@ from simgen.translate.unfolded import UnfoldedSkin
 SKIN_M = 2e-3  # thickness: an electrode is drawn where the skin is that far above it
 FRAME_MS, HOLD_MS = 180, 1200  # of each depth, of the last
 # The tip above and +z to the right, as on the unfolded skin; a little from the tip, so that depth shows.
-FROM_PAD = camera(np.array([-0.35, -1.0, 0.0]), up=np.array([-1.0, 0.0, 0.0]))
+TIP_ABOVE = camera(np.array([-0.35, -1.0, 0.0]), up=np.array([-1.0, 0.0, 0.0]))
 MARGIN_MM = 1.0  # around a gel, which bulges
 INCHES = 1.75  # width of a column
 HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3  # of its parts
@@ -53,7 +53,7 @@ class ChainPainter:
         rest, triangles = dataset[f"{source}/rest_positions"], dataset[f"{source}/surface_triangles"]
         self._skin = UnfoldedSkin(rest, triangles, ~dataset[f"{source}/held"])
         self._gel = dataset[f"{target}/rest_positions"], dataset[f"{target}/surface_triangles"]
-        seen = self._gel[0] @ FROM_PAD[:2].T * 1e3
+        seen = self._gel[0] @ TIP_ABOVE[:2].T * 1e3
         self._box = np.stack([seen.min(axis=0) - MARGIN_MM, seen.max(axis=0) + MARGIN_MM])
         self._electrodes = self._skin.place(electrodes + SKIN_M * normals)
 
@@ -107,13 +107,13 @@ class ChainPainter:
         return float(change) or 1.0, 1e3 * float(moved) or 1.0
 
     def _draw(self, columns: np.ndarray, steps: Iterable[Step], change: float, moved: float) -> list:
-        """Each sample into a column of axes; returns what has a scale of colours, by row, None for those without."""
+        """Each sample into a column of axes; returns what has a scale of colours: electrodes and skin."""
         for axes, step in zip(columns, steps, strict=True):
             felt = self._draw_electrodes(axes[0], step.signals, change)
             skin = self._draw_skin(axes[1], np.linalg.norm(step.source, axis=1) * 1e3, moved)
             rest, triangles = self._gel
             length = np.linalg.norm(step.target, axis=1) * 1e3
-            draw_surface(axes[2], rest + step.target, triangles, length, largest=moved, view=FROM_PAD)
+            draw_surface(axes[2], rest + step.target, triangles, length, largest=moved, view=TIP_ABOVE)
             axes[2].set(xlim=self._box[:, 0], ylim=self._box[:, 1])  # the same in all frames and columns
             for own, image in zip(axes[3:], (step.image, step.truth), strict=False):
                 own.imshow(image)

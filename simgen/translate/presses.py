@@ -6,7 +6,7 @@
         02_0.3mm.png                 of what the electrodes felt at depth 2
         contact.csv                  how far each sample is from the truth
         steps.npz                    if asked for: signals, latents and both meshes
-      contact.json                   the same over all of them
+      contact.json                   the same over the presses of the last command
       chain.png                      some samples from the electrodes to the image
 """
 
@@ -70,7 +70,7 @@ class TranslatedMeshes:
     """
 
     def __init__(self, dataset: Dataset, networks: Path, way: str, device: str = "cpu", keep: bool = False):
-        self.job, self.dataset, self.device, self.keep = read_job(networks), dataset, device, keep
+        self.job, self.dataset, self.keep = read_job(networks), dataset, keep
         if self.job.signals.recordings is not None:
             raise InputError(f"{networks}: was trained on recordings, in their unit; allowed: --recordings FILE")
         self.translator = Translator.load(networks, way, device)
@@ -88,6 +88,7 @@ class TranslatedMeshes:
         return voltage(self._gauge.rest_gap, self.job.signals.synthetic)
 
     def steps(self, press: int) -> np.ndarray:
+        """(n,) indices of depths."""
         return np.flatnonzero(self._converged[press])
 
     def signals(self, press: int, steps: np.ndarray) -> np.ndarray:
@@ -101,17 +102,15 @@ class TranslatedMeshes:
         """The samples at these depths of a press."""
         return self.translator(self.signals(press, steps))
 
-    def displacement(self, press: int, steps: np.ndarray) -> np.ndarray:
-        self._last = self.translated(press, steps)
-        return self._last.target
+    def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
+        steps = self.steps(press)
+        found = self.translated(press, steps)
+        files = {CONTACT: self._contact(press, steps, found.target)}
+        return steps, found.target, files | ({STEPS: stages(found)} if self.keep else {})
 
-    def files(self, press: int, steps: np.ndarray) -> dict[str, bytes]:
-        found = {CONTACT: self._contact(press, steps)}
-        return found | ({STEPS: stages(self._last)} if self.keep else {})
-
-    def _contact(self, press: int, steps: np.ndarray) -> bytes:
+    def _contact(self, press: int, steps: np.ndarray, guess: np.ndarray) -> bytes:
         """A line for each sample: how far its mesh, its contact and its depth are from the truth."""
-        guess, truth = self._last.target, self.dataset.displacement(self.job.target, press)[steps]
+        truth = self.dataset.displacement(self.job.target, press)[steps]
         columns = {
             "depth_mm": 1e3 * self._depths[steps],
             "rmse_um": 1e6 * np.sqrt(np.square(guess - truth).mean(axis=(1, 2))),
