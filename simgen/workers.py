@@ -22,6 +22,7 @@ TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
 LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
 ANSWER_S = 10.0  # within which a scheduler must answer
 LONGEST_WAIT_S = 300.0  # for as many workers as are asked for
+STARTS = 3  # of a process that is killed as it starts
 
 # A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -110,7 +111,7 @@ def start_workers(
     `scheduler`, which see the same file system, once there are `count` or after `LONGEST_WAIT_S`, or this process if
     that is "sync". Those of a local cluster load their sensors, scenes and kernels as soon as they start; with GPUs
     that is at once, as cores are free while the caller plans. Raises `InputError` for a device that this machine has
-    not, unless the workers are elsewhere.
+    not, unless the workers are elsewhere, and for a process that does not start, when the workers are first asked for.
     """
     if scheduler is None or scheduler == "sync":
         check_device(device)
@@ -143,7 +144,11 @@ def start_workers(
     with ExitStack() as stack:
 
         def start() -> tuple[Client, list]:
-            client = stack.enter_context(Client(stack.enter_context(local_cluster(environments))))
+            try:
+                cluster = stack.enter_context(local_cluster(environments))
+            except RuntimeError as error:
+                raise InputError(f"a worker of {len(environments)} did not start: {error.__cause__ or error}") from None
+            client = stack.enter_context(Client(cluster))
             own = {"allow_other_workers": True, "pure": False}  # others, if it is lost
             addresses = client.nthreads()
             return client, [client.submit(prepare, job, there, build, workers=[each], **own) for each in addresses]
@@ -169,11 +174,22 @@ def local_cluster(environments: list[dict[str, str]]):
 
     A process with a GPU of its own has a second thread, which writes while the first one solves.
     """
-    from dask.distributed import Nanny, Scheduler, SpecCluster
+    from dask.distributed import Nanny, Scheduler, SpecCluster, Status
     from distributed.system import MEMORY_LIMIT
 
     class QuickNanny(Nanny):
-        """Ends its worker after half a second, not five: whatever it is still doing is no use to anybody."""
+        """Ends its worker after half a second, not five: whatever it is still doing is no use to anybody.
+
+        One that is killed as it first starts is started again, as dask does later; it would give up all of them.
+        """
+
+        async def instantiate(self) -> Status:
+            if self.status != Status.init:
+                return await super().instantiate()
+            for _ in range(STARTS):
+                if (status := await super().instantiate()) == Status.running:
+                    return status
+            raise RuntimeError(f"killed or out of memory {STARTS} times as it started")
 
         async def close(self, timeout: float = 0.5, reason: str = "nanny-close"):
             with suppress(TimeoutError):  # it has been killed, and takes its time

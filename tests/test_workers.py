@@ -2,11 +2,24 @@
 
 import json
 
+import fake
+import psutil
 import pytest
 from dask.distributed import Client
 
+from simgen import workers
 from simgen.errors import InputError
-from simgen.workers import Workers, local_cluster, scheduler_address
+from simgen.workers import Workers, local_cluster, scheduler_address, start_workers
+
+DIES = """
+import os, pathlib, signal
+for lot in pathlib.Path({folder!r}).iterdir():
+    try:
+        lot.unlink()
+    except FileNotFoundError:  # another was faster
+        continue
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
 
 
 def reciprocal(number: int) -> float:
@@ -52,6 +65,29 @@ def test_a_local_cluster_is_patient_with_long_calls(client):
     silence, failures = client.run_on_scheduler(lambda dask_scheduler: (
         dask_scheduler.worker_ttl, dask_scheduler.allowed_failures))  # fmt: skip
     assert (silence, failures) == (3600.0, 2)
+
+
+@pytest.fixture
+def dying(tmp_path, monkeypatch):
+    """Of processes that start from now on, so many are killed before they are workers."""
+    monkeypatch.setattr(workers, "IGNORE_INTERRUPTS", DIES.format(folder=str(tmp_path)))
+    return lambda times: [(tmp_path / str(number)).touch() for number in range(times)]
+
+
+def test_a_process_that_is_killed_as_it_starts_is_started_again(dying):
+    dying(2)
+    with start_workers(fake.make_job(), count=2, build=fake.fake_presser) as started:
+        assert dict(started.map(reciprocal, [2, 4])) == {2: 0.5, 4: 0.25}
+        assert len(started.started[0].nthreads()) == 2
+
+
+def test_processes_that_never_start_are_one_line(dying):
+    dying(6)
+    before = set(psutil.Process().children(recursive=True))
+    once = pytest.raises(InputError, match="a worker of 1 did not start: killed or out of memory 3 times")
+    with start_workers(fake.make_job(), count=1, build=fake.fake_presser) as started, once:
+        _ = started.started
+    assert set(psutil.Process().children(recursive=True)) <= before
 
 
 def test_the_address_of_a_scheduler_file(tmp_path):
