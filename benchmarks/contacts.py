@@ -1,0 +1,132 @@
+"""How many contacts do the translations between the sensors need?
+
+    simgen run jobs/paired.yaml trajectories.count=2580 --device cuda -o many.zarr
+    python benchmarks/contacts.py training.networks many.zarr --device cuda --contacts 215 430 860 1720 2480
+
+The models of the meshes (RMB, RMD) of a folder that `simgen train` wrote stay as they are. S2RM and RM2RM learn anew
+from the first contacts of a dataset, of which every tenth validates, and are tested on its last ones: these should be
+beyond what the models of the meshes have seen. Contacts are a sequence, so a dataset of the networks' own seed begins
+with the contacts that they were trained with.
+"""
+
+import argparse
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import record
+import torch
+from torch import Tensor
+
+from simgen.training.chain import make_chain
+from simgen.training.checkpoint import load_network
+from simgen.training.data import load_training_data
+from simgen.training.fit import Training, epoch_seed
+from simgen.training.metrics import mesh_errors
+from simgen.training.recipes import Inputs, latents, translation
+from simgen.training.run import torch_device
+from simgen.training.translator import read_job
+from simgen.translate.accuracy import NEAR_MM
+from simgen.translate.contact import ContactGauge
+
+TESTED = 100
+ONE_IN = 10  # contacts that validate
+AT_ONCE = 512
+
+
+class Comparison:
+    """The data, what both translations go from and to, and how they are tested."""
+
+    def __init__(self, networks: Path, dataset: Path, tested: int, device: str):
+        self.job, self.device = read_job(networks), torch_device(device)
+        self.trained = cache(lambda name: load_network(networks / name, self.device))
+        self.data = load_training_data(dataset, (self.job.source, self.job.target), self.device, lambda each, _: each)
+        self.inputs = Inputs(self.job, self.data, self.trained)
+        source, target = (latents(self.trained(name), meshes.displacement, len(self.data))
+                          for name, meshes in (("rmb", self.inputs.source), ("rmd", self.inputs.target)))  # fmt: skip
+        self.pairs = {
+            "s2rm": (self.inputs.signals.values, source, self.job.signal_translation),
+            "rm2rm": (source, target, self.job.mesh_translation),
+        }
+        self.first_tested = int(self.data.dataset["press/trajectory"].max()) + 1 - tested
+        self.tested = self.rows(self.data.trajectory >= self.first_tested)
+        self.gauge = ContactGauge.of_dataset(self.data.dataset, self.job.target)
+        self.truth = self.centroids(self.inputs.target.displacement)
+
+    def rows(self, chosen: np.ndarray) -> Tensor:
+        return torch.from_numpy(np.flatnonzero(chosen)).to(self.device)
+
+    def of_first(self, contacts: int) -> tuple[Tensor, Tensor]:
+        """Rows that train, and that validate."""
+        own, validates = self.data.trajectory < contacts, self.data.trajectory % ONE_IN == 0
+        return self.rows(own & ~validates), self.rows(own & validates)
+
+    def centroids(self, predict) -> np.ndarray:
+        """(tested, 3) m."""
+        with torch.no_grad():
+            return np.concatenate([self.gauge.centroid(predict(rows).cpu().numpy())
+                                   for rows in self.tested.split(AT_ONCE)])  # fmt: skip
+
+    def train(self, name: str, rows: tuple[Tensor, Tensor], folder: Path) -> torch.nn.Module:
+        source, target, settings = self.pairs[name]
+        torch.manual_seed(epoch_seed(self.job.seed, name, -1))
+        recipe = translation(source, target, settings, rows)
+        network = recipe.network.to(self.device)
+        for _ in Training(name, network, recipe.terms, rows, settings, self.job.seed, folder / name):
+            pass
+        return network
+
+    def measure(self, predict) -> dict[str, float]:
+        """Errors of the mesh and of the contact's centroid, and what share of each indenter's centroids is near."""
+        off = 1e3 * np.linalg.norm(self.centroids(predict) - self.truth, axis=1)
+        near = off <= NEAR_MM
+        indenter = self.data.indenter[self.tested.cpu().numpy()]
+        return {
+            "rmse_um": mesh_errors(predict, self.inputs.target, self.tested).summary()["rmse_um"].mean,
+            "near": float(near.mean()),
+            "off_mm": float(np.median(np.where(np.isnan(off), np.inf, off))),
+            **{name: float(near[indenter == i].mean()) for i, name in enumerate(self.data.dataset.indenters)},
+        }
+
+    def row(self, contacts: int) -> dict:
+        rows, begin = self.of_first(contacts), time.perf_counter()
+        with tempfile.TemporaryDirectory() as folder:
+            networks = {name: self.train(name, rows, Path(folder)) for name in self.pairs}
+        seconds = time.perf_counter() - begin
+        found = {name: networks.get(name) or self.trained(name) for name in ("s2rm", "rm2rm", "rmb", "rmd")}
+        mesh, both = (make_chain(names, found.__getitem__) for names in (("rm2rm",), ("s2rm", "rm2rm")))
+        signals, meshes = self.inputs.signals.values, self.inputs.source
+        return {
+            "contacts": contacts,
+            "samples": len(rows[0]),
+            "seconds": seconds,
+            "from_signals": self.measure(lambda rows: both(signals[rows])),
+            "from_mesh": self.measure(lambda rows: mesh(meshes.displacement(rows))),
+        }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("networks", type=Path)
+    parser.add_argument("dataset", type=Path)
+    parser.add_argument("--contacts", type=int, nargs="+", required=True, help="of training and validation, each time")
+    parser.add_argument("--tested", type=int, default=TESTED, help="contacts, the last ones")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--output", type=Path, default=Path("contacts.json"))
+    asked = parser.parse_args()
+
+    compared = Comparison(asked.networks, asked.dataset, asked.tested, asked.device)
+    if max(asked.contacts) > compared.first_tested:
+        parser.error(f"--contacts {max(asked.contacts)}: allowed: at most {compared.first_tested}, the rest is tested")
+    rows = []
+    for contacts in asked.contacts:
+        rows.append(compared.row(contacts))
+        print(rows[-1], flush=True)
+    plain = {name: str(value) for name, value in vars(asked).items() if name != "output"}
+    record.write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
+
+
+if __name__ == "__main__":
+    main()
