@@ -90,20 +90,22 @@ class Comparison:
             **{name: float(near[indenter == i].mean()) for i, name in enumerate(self.data.dataset.indenters)},
         }
 
-    def row(self, contacts: int) -> dict:
+    def after_training(self, contacts: int) -> dict:
         rows, begin = self.of_first(contacts), time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             networks = {name: self.train(name, rows, Path(folder)) for name in self.pairs}
         seconds = time.perf_counter() - begin
-        found = {name: networks.get(name) or self.trained(name) for name in ("s2rm", "rm2rm", "rmb", "rmd")}
+        return {"contacts": contacts, "samples": len(rows[0]), "seconds": seconds, **self.measured(networks.get)}
+
+    def measured(self, translation) -> dict:
+        """By what goes in: signals, the true mesh of the source, and of the target."""
+        found = {name: translation(name) or self.trained(name) for name in ("s2rm", "rm2rm", "rmb", "rmd")}
         mesh, both = (make_chain(names, found.__getitem__) for names in (("rm2rm",), ("s2rm", "rm2rm")))
-        signals, meshes = self.inputs.signals.values, self.inputs.source
+        signals, source, target = self.inputs.signals.values, self.inputs.source, self.inputs.target
         return {
-            "contacts": contacts,
-            "samples": len(rows[0]),
-            "seconds": seconds,
-            "from_signals": self.measure(lambda rows: both(signals[rows])),
-            "from_mesh": self.measure(lambda rows: mesh(meshes.displacement(rows))),
+            "signals": self.measure(lambda rows: both(signals[rows])),
+            "source": self.measure(lambda rows: mesh(source.displacement(rows))),
+            "target": self.measure(lambda rows: found["rmd"](target.displacement(rows))),
         }
 
 
@@ -111,18 +113,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("networks", type=Path)
     parser.add_argument("dataset", type=Path)
-    parser.add_argument("--contacts", type=int, nargs="+", required=True, help="of training and validation, each time")
+    parser.add_argument("--contacts", type=int, nargs="*", default=[], help="of training and validation, each time")
     parser.add_argument("--tested", type=int, default=TESTED, help="contacts, the last ones")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--output", type=Path, default=Path("contacts.json"))
     asked = parser.parse_args()
 
     compared = Comparison(asked.networks, asked.dataset, asked.tested, asked.device)
-    if max(asked.contacts) > compared.first_tested:
+    if max(asked.contacts, default=0) > compared.first_tested:
         parser.error(f"--contacts {max(asked.contacts)}: allowed: at most {compared.first_tested}, the rest is tested")
-    rows = []
+    rows = [{"contacts": "as trained", **compared.measured({}.get)}]
+    print(rows[-1], flush=True)
     for contacts in asked.contacts:
-        rows.append(compared.row(contacts))
+        rows.append(compared.after_training(contacts))
         print(rows[-1], flush=True)
     plain = {name: str(value) for name, value in vars(asked).items() if name != "output"}
     record.write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
