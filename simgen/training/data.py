@@ -4,6 +4,7 @@ Displacements stay the int16 steps that are stored, 2 bytes a coordinate: 123,00
 are 4.6 GB, so a GPU holds a whole dataset, and a batch is a row index away.
 """
 
+import hashlib
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -106,3 +107,8 @@ def _load_meshes(
         torch.from_numpy(steps).to(device),
         1.0 if scale is None else scale,
     )
+
+
+def mesh_hash(tetrahedra: np.ndarray) -> str:
+    """sha256 of which vertices make up each tetrahedron (tet, 4). No coordinate is in it, so no rounding."""
+    return hashlib.sha256(np.ascontiguousarray(tetrahedra, "<i4").tobytes()).hexdigest()

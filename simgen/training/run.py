@@ -29,7 +29,7 @@ from simgen.provenance import code_version, difference, file_hash
 from simgen.quiet import check_device_name
 from simgen.training.chain import ENDS
 from simgen.training.checkpoint import NETWORK, load_network, save_network
-from simgen.training.data import Track, load_training_data
+from simgen.training.data import Track, load_training_data, mesh_hash
 from simgen.training.fit import Epoch, Training, epoch_seed
 from simgen.training.recipes import Inputs, make_recipe
 from simgen.training.schema import NETWORKS, TrainingJob
@@ -125,6 +125,7 @@ class TrainingRun:
             "job": self.job.resolved(),
             "dataset": {
                 "job_hash": self.inputs.data.dataset.attributes["job_hash"],
+                "meshes": {name: mesh_hash(each.tetrahedra) for name, each in self.inputs.data.meshes.items()},
                 "samples": {"train": len(recipe.rows[0]), "validation": len(recipe.rows[1])},
             },
             "code": code_version(),

@@ -14,7 +14,7 @@ from simgen.errors import InputError
 from simgen.provenance import file_hash
 from simgen.section import section_from_dict
 from simgen.training.chain import ENDS
-from simgen.training.checkpoint import NETWORK, load_network
+from simgen.training.checkpoint import NETWORK, load_network, read_sidecar
 from simgen.training.run import RECORD, is_trained, torch_device
 from simgen.training.schema import TrainingJob
 
@@ -42,10 +42,14 @@ class Translator:
     """Trained networks, one after the other; called with signals (n, channel) it gives `Translated`.
 
     networks : by name; of ``way`` the two projections, what encodes the signals, and what decodes to each mesh
+    meshes : sensor -> `mesh_hash` of what they were trained with, where that is known
     """
 
-    def __init__(self, networks: Mapping[str, nn.Module], way: str, device: torch.device | str = "cpu"):
-        self.way, self.device = way, torch.device(device)
+    def __init__(
+        self, networks: Mapping[str, nn.Module], way: str, device: torch.device | str = "cpu",
+        meshes: Mapping[str, str] | None = None,
+    ):  # fmt: skip
+        self.way, self.device, self.meshes = way, torch.device(device), meshes or {}
         first, second = WAYS[way]
         (encoder, source), (_, target) = ENDS[first], ENDS[second]
         self._encoder = (encoder, networks[encoder]) if encoder else None
@@ -57,7 +61,8 @@ class Translator:
         """Of a folder of networks; by default our way where it is trained, else the paper's. Raises `InputError`."""
         folder, found = Path(folder), torch_device(device)
         way = choose_way(folder, way)
-        return cls({name: load_network(folder / name, found) for name in networks_of(way)}, way, found)
+        networks = {name: load_network(folder / name, found) for name in networks_of(way)}
+        return cls(networks, way, found, _meshes(folder / networks_of(way)[-1]))
 
     @property
     def vertices(self) -> tuple[int, int]:
@@ -115,6 +120,14 @@ def read_job(folder: Path) -> TrainingJob:
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{folder}: no folder of networks; allowed: one that `simgen train` wrote") from None
     return section_from_dict(TrainingJob, job, str(file))
+
+
+def _meshes(network: Path) -> dict[str, str]:
+    """Sensor -> hash of its mesh; nothing of a network that was trained before they were written down."""
+    try:
+        return dict(read_sidecar(network / NETWORK)["dataset"]["meshes"])
+    except (LookupError, TypeError, ValueError):
+        return {}
 
 
 def hashes(folder: Path, way: str) -> dict[str, str]:

@@ -25,6 +25,7 @@ from simgen.errors import InputError
 from simgen.optics.images import Images
 from simgen.optics.renderer import Renderer
 from simgen.provenance import source_hash
+from simgen.training.data import mesh_hash
 from simgen.training.translator import Translated, Translator, hashes, keep_to_one_core, read_job
 from simgen.translate.contact import ContactGauge
 
@@ -126,12 +127,16 @@ class TranslatedMeshes:
 
 
 def check_meshes(translator: Translator, dataset: Dataset, source: str, target: str) -> None:
-    """Raises `InputError` unless the networks' meshes have as many vertices as those of the dataset."""
+    """Raises `InputError` unless the dataset has the meshes that the networks know."""
     check_sensors(dataset, source, target)
     for sensor, vertices in zip((source, target), translator.vertices, strict=True):
         own = len(dataset[f"{sensor}/rest_positions"])
         if own != vertices:
             raise InputError(f"{dataset.path}: {sensor}: {own} vertices; allowed: {vertices}, as the networks know it")
+        found = mesh_hash(dataset[f"{sensor}/tetrahedra"])
+        if translator.meshes.get(sensor, found) != found:
+            raise InputError(f"{dataset.path}: {sensor}: another mesh of {own} vertices; allowed: the one that the "
+                             "networks were trained with")  # fmt: skip
 
 
 def check_sensors(dataset: Dataset, source: str, target: str) -> None:

@@ -12,6 +12,7 @@ from simgen.errors import InputError
 from simgen.provenance import file_hash
 from simgen.training import translator
 from simgen.training.chain import make_chain
+from simgen.training.data import mesh_hash
 from simgen.training.schema import NETWORKS
 from simgen.training.translator import MESHES_AT_ONCE, WAYS, Translator, choose_way, hashes, networks_of, read_job
 
@@ -61,6 +62,19 @@ def test_numbers_go_in_and_out_as_arrays(trained, signals, translated):
     for mesh, count in zip((found.source, found.target), vertices, strict=True):
         assert (mesh.shape, mesh.dtype) == ((len(signals), count, 3), np.float32)
     assert found.signals is signals
+
+
+@BOTH
+def test_networks_know_their_meshes(trained, tmp_path, way):
+    """Those that were trained before this was written down do not."""
+    data, folder = trained.inputs.data, part_of(trained.output, tmp_path, NEEDED[way])
+    own = {name: mesh_hash(data.dataset[f"{name}/tetrahedra"]) for name in (trained.job.source, trained.job.target)}
+    assert Translator.load(folder, way).meshes == own and len(set(own.values())) == 2
+    for file in folder.glob("*/network.json"):
+        about = json.loads(file.read_text())
+        del about["dataset"]["meshes"]
+        file.write_text(json.dumps(about))
+    assert Translator.load(folder, way).meshes == {}
 
 
 @BOTH

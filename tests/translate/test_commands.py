@@ -59,6 +59,8 @@ BAD = [
      "ball.zarr: biotac: 642 vertices; allowed: 324, as the "),
     ("of a recording's, too", "translate networks ball.zarr --recordings a.h5",
      "biotac: 642 vertices; allowed: 324, as "),
+    ("another mesh of as many vertices", "translate networks other.zarr",
+     "other.zarr: digit: another mesh of 642 vertices; allowed: the one that the networks were trained with"),
     ("a dataset of one sensor", "translate networks one.zarr",
      "one.zarr: no sensor biotac, which the networks know; it has"),
     ("nothing converged", "translate networks stalled.zarr",
@@ -83,6 +85,9 @@ def world(with_electrodes, networks, tmp_path_factory) -> Path:
     shutil.copytree(with_electrodes.path, folder / "stalled.zarr")
     for sensor in ("biotac", "digit"):
         fake.change(Dataset(folder / "stalled.zarr"), f"{sensor}/status", ..., 1)
+    shutil.copytree(with_electrodes.path, folder / "other.zarr")
+    other = Dataset(folder / "other.zarr")
+    fake.change(other, "digit/tetrahedra", ..., np.roll(other["digit/tetrahedra"], 1, axis=1))
     (folder / "ours").mkdir()
     for name in ("s2rm", "rmb", "rm2rm", "rmd"):
         (folder / "ours" / name).symlink_to(networks / name)
