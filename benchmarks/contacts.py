@@ -13,6 +13,7 @@ import argparse
 import tempfile
 import time
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -20,19 +21,22 @@ import record
 import torch
 from torch import Tensor
 
-from simgen.training.chain import make_chain
+from simgen.training.chain import ENDS, make_chain
 from simgen.training.checkpoint import load_network
 from simgen.training.data import load_training_data
 from simgen.training.fit import Training, epoch_seed
 from simgen.training.metrics import mesh_errors
 from simgen.training.recipes import Inputs, latents, translation
 from simgen.training.run import torch_device
+from simgen.training.translation import LEAST as ROOT_FLOOR
 from simgen.training.translator import read_job
 from simgen.translate.accuracy import NEAR_MM
 from simgen.translate.contact import ContactGauge
 
 TESTED = 100
 ONE_IN = 10  # contacts that validate
+SHALLOW_M = 0.00051
+LEAST = 0.01  # of how far latents are from rest, in units of the root mean square
 AT_ONCE = 512
 
 
@@ -69,33 +73,48 @@ class Comparison:
             return np.concatenate([self.gauge.centroid(predict(rows).cpu().numpy())
                                    for rows in self.tested.split(AT_ONCE)])  # fmt: skip
 
-    def train(self, name: str, rows: tuple[Tensor, Tensor], folder: Path) -> torch.nn.Module:
+    def train(self, name: str, rows: tuple[Tensor, Tensor], power: float, folder: Path) -> torch.nn.Module:
         source, target, settings = self.pairs[name]
         torch.manual_seed(epoch_seed(self.job.seed, name, -1))
-        recipe = translation(source, target, settings, rows)
-        network = recipe.network.to(self.device)
-        for _ in Training(name, network, recipe.terms, rows, settings, self.job.seed, folder / name):
+        network = translation(source, target, settings, rows).network.to(self.device)
+        weight = self.weight(ENDS[name][1], target, power)
+
+        def terms(batch: Tensor) -> dict[str, Tensor]:
+            error = (network(source[batch]) - target[batch]).square().sum(dim=1)
+            return {"loss": (weight[batch] * (error + ROOT_FLOOR**2).sqrt()).mean()}
+
+        for _ in Training(name, network, terms, rows, settings, self.job.seed, folder / name):
             pass
         return network
+
+    @torch.no_grad()
+    def weight(self, decoder: str, target: Tensor, power: float) -> Tensor:
+        """(sample,) 1 over a power of how far latents (sample, latent) are from rest."""
+        model = self.trained(decoder)
+        at_rest = model.encode(torch.zeros(1, model.vertices, 3, device=self.device))[0]
+        far = (target - at_rest).norm(dim=1)
+        return (far / far.square().mean().sqrt()).clamp(min=LEAST) ** -power
 
     def measure(self, predict) -> dict[str, float]:
         """Errors of the mesh and of the contact's centroid, and what share of each indenter's centroids is near."""
         off = 1e3 * np.linalg.norm(self.centroids(predict) - self.truth, axis=1)
         near = off <= NEAR_MM
-        indenter = self.data.indenter[self.tested.cpu().numpy()]
+        indenter, depth = (each[self.tested.cpu().numpy()] for each in (self.data.indenter, self.data.depth))
         return {
             "rmse_um": mesh_errors(predict, self.inputs.target, self.tested).summary()["rmse_um"].mean,
             "near": float(near.mean()),
             "off_mm": float(np.median(np.where(np.isnan(off), np.inf, off))),
+            "near_if_shallow": float(near[depth <= SHALLOW_M].mean()),
             **{name: float(near[indenter == i].mean()) for i, name in enumerate(self.data.dataset.indenters)},
         }
 
-    def after_training(self, contacts: int) -> dict:
+    def after_training(self, contacts: int, power: float) -> dict:
         rows, begin = self.of_first(contacts), time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
-            networks = {name: self.train(name, rows, Path(folder)) for name in self.pairs}
+            networks = {name: self.train(name, rows, power, Path(folder)) for name in self.pairs}
         seconds = time.perf_counter() - begin
-        return {"contacts": contacts, "samples": len(rows[0]), "seconds": seconds, **self.measured(networks.get)}
+        about = {"contacts": contacts, "power": power, "samples": len(rows[0]), "seconds": seconds}
+        return about | self.measured(networks.get)
 
     def measured(self, translation) -> dict:
         """By what goes in: signals, the true mesh of the source, and of the target."""
@@ -114,6 +133,7 @@ def main() -> None:
     parser.add_argument("networks", type=Path)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--contacts", type=int, nargs="*", default=[], help="of training and validation, each time")
+    parser.add_argument("--powers", type=float, nargs="+", default=[0.0])
     parser.add_argument("--tested", type=int, default=TESTED, help="contacts, the last ones")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--output", type=Path, default=Path("contacts.json"))
@@ -124,8 +144,8 @@ def main() -> None:
         parser.error(f"--contacts {max(asked.contacts)}: allowed: at most {compared.first_tested}, the rest is tested")
     rows = [{"contacts": "as trained", **compared.measured({}.get)}]
     print(rows[-1], flush=True)
-    for contacts in asked.contacts:
-        rows.append(compared.after_training(contacts))
+    for contacts, power in product(asked.contacts, asked.powers):
+        rows.append(compared.after_training(contacts, power))
         print(rows[-1], flush=True)
     plain = {name: str(value) for name, value in vars(asked).items() if name != "output"}
     record.write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
