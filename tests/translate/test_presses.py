@@ -36,7 +36,7 @@ class Oracle:
 
     def __init__(self, dataset: Dataset, selection: Selection, share: float):
         self.vertices = tuple(len(dataset[f"{sensor}/rest_positions"]) for sensor in BOTH)
-        self.share, self.known = share, {}
+        self.meshes, self.share, self.known = {}, share, {}
         for press, reached in zip(selection.presses, selection.paired, strict=True):
             steps = np.flatnonzero(reached)
             signals = synthetic_signals(dataset, "biotac", np.full(len(steps), press), steps)
@@ -223,7 +223,7 @@ def test_networks_of_the_other_way_do_not_matter(with_electrodes, networks, chos
 
 
 def test_networks_of_other_meshes_are_one_line(with_electrodes, networks, monkeypatch):
-    small = SimpleNamespace(vertices=(324, 12))
+    small = SimpleNamespace(vertices=(324, 12), meshes={})
     monkeypatch.setattr(presses, "Translator", SimpleNamespace(load=lambda *arguments: small))
     with pytest.raises(InputError, match=r"d\.zarr: digit: 642 vertices; allowed: 12, as the networks know it$"):
         TranslatedMeshes(with_electrodes, networks, "ours")
