@@ -276,3 +276,16 @@ def slow_presser(job, sensor, device):
         return fake_presser(job, sensor, device)(indenters, poses, depths)
 
     return presser
+
+
+def tiring_presser(job, sensor, device):
+    """Its first shard takes a process no time, each other one a minute for each sensor."""
+    shards = []
+
+    def presser(indenters, poses, depths):
+        shards.append(len(indenters))
+        if len(shards) > 1:
+            time.sleep(60.0)
+        return fake_presser(job, sensor, device)(indenters, poses, depths)
+
+    return presser

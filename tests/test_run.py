@@ -86,7 +86,7 @@ def test_kill_9_while_a_shard_is_being_written_leaves_no_trace_after_a_second_ru
 
 def test_interrupt_leaves_a_dataset_that_a_second_run_completes(whole, tmp_path):
     path = tmp_path / "d.zarr"
-    child = start(tmp_path, path, "", "slow_presser")
+    child = start(tmp_path, path, "", "tiring_presser")
     deadline = time.monotonic() + 60
     while not (path.exists() and Dataset(path).finished()):
         assert time.monotonic() < deadline and child.poll() is None
