@@ -24,10 +24,11 @@ from simgen.shard import run_shards
 from simgen.workers import Workers, local_cluster, start_workers
 
 CHILD = """
-import sys, fake, pathlib
+import sys, fake, pathlib, signal
 from simgen.run import run
 from simgen.workers import start_workers
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts others that ignore it
     output, scheduler, build = pathlib.Path(sys.argv[1]), sys.argv[2] or None, getattr(fake, sys.argv[3])
     job = fake.make_job()
     with start_workers(job, "cpu", 2, scheduler, build) as workers:
