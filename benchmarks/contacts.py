@@ -9,8 +9,7 @@ beyond what the models of the meshes have seen. Contacts are a sequence, so a da
 with the contacts that they were trained with. The first row is of the networks' own S2RM and RM2RM, and of the target's
 mesh there and back.
 
-`simgen train` minimises the mean error of a sample's latents, in which shallow presses count for little. With --powers
-errors are divided by that power of how far a sample's latents are from those at rest: with 1 they are relative.
+Errors are weighed as the networks' job says, or by each of --powers (`power` of docs/training_job.md).
 """
 
 import argparse
@@ -25,12 +24,12 @@ import record
 import torch
 from torch import Tensor
 
-from simgen.training.chain import ENDS, make_chain
+from simgen.training.chain import make_chain
 from simgen.training.checkpoint import load_network
 from simgen.training.data import load_training_data
 from simgen.training.fit import Training, epoch_seed
 from simgen.training.metrics import mesh_errors
-from simgen.training.recipes import Inputs, latents, translation
+from simgen.training.recipes import Inputs, at_rest, latents, translation
 from simgen.training.run import torch_device
 from simgen.training.translator import read_job
 from simgen.translate.accuracy import NEAR_MM
@@ -39,7 +38,6 @@ from simgen.translate.contact import ContactGauge
 TESTED = 100
 ONE_IN = 10  # contacts that validate
 SHALLOW_M = 0.5e-3 + 1e-6
-LEAST = 0.01  # of how far latents are from rest, in units of the root mean square
 AT_ONCE = 512
 
 
@@ -53,9 +51,10 @@ class Comparison:
         self.inputs = Inputs(self.job, self.data, self.trained)
         source, target = (latents(self.trained(name), meshes.displacement, len(self.data))
                           for name, meshes in (("rmb", self.inputs.source), ("rmd", self.inputs.target)))  # fmt: skip
+        source_rest, target_rest = (at_rest(self.trained(name)) for name in ("rmb", "rmd"))
         self.pairs = {
-            "s2rm": (self.inputs.signals.values, source, self.job.signal_translation),
-            "rm2rm": (source, target, self.job.mesh_translation),
+            "s2rm": (self.inputs.signals.values, source, self.job.signal_translation, None, source_rest),
+            "rm2rm": (source, target, self.job.mesh_translation, source_rest, target_rest),
         }
         self.first_tested = int(self.data.dataset["press/trajectory"].max()) + 1 - tested
         self.tested = self.rows(self.data.trajectory >= self.first_tested)
@@ -76,27 +75,16 @@ class Comparison:
             return np.concatenate([self.gauge.centroid(predict(rows).cpu().numpy())
                                    for rows in self.tested.split(AT_ONCE)])  # fmt: skip
 
-    def train(self, name: str, rows: tuple[Tensor, Tensor], power: float, folder: Path) -> torch.nn.Module:
-        source, target, settings = self.pairs[name]
+    def train(self, name: str, rows: tuple[Tensor, Tensor], power: float | None, folder: Path) -> torch.nn.Module:
+        source, target, settings, *rests = self.pairs[name]
+        if power is not None:
+            settings = settings.model_copy(update={"power": power})
         torch.manual_seed(epoch_seed(self.job.seed, name, -1))
-        network = translation(source, target, settings, rows).network.to(self.device)
-        weight = self.weight(ENDS[name][1], target, power)
-
-        def terms(batch: Tensor) -> dict[str, Tensor]:
-            error = torch.linalg.vector_norm(network(source[batch]) - target[batch], dim=1)
-            return {"loss": (weight[batch] * error).mean()}
-
-        for _ in Training(name, network, terms, rows, settings, self.job.seed, folder / name):
+        recipe = translation(source, target, settings, rows, *rests)
+        network = recipe.network.to(self.device)
+        for _ in Training(name, network, recipe.terms, rows, settings, self.job.seed, folder / name):
             pass
         return network
-
-    @torch.no_grad()
-    def weight(self, decoder: str, target: Tensor, power: float) -> Tensor:
-        """(sample,) 1 over a power of how far latents (sample, latent) are from rest."""
-        model = self.trained(decoder)
-        at_rest = model.encode(torch.zeros(1, model.vertices, 3, device=self.device))[0]
-        far = (target - at_rest).norm(dim=1)
-        return (far / far.square().mean().sqrt()).clamp(min=LEAST) ** -power
 
     def measure(self, predict) -> dict[str, float]:
         """Errors of the mesh and of the contact's centroid, and what share of each indenter's centroids is near."""
@@ -111,7 +99,7 @@ class Comparison:
             **{name: float(near[indenter == i].mean()) for i, name in enumerate(self.data.dataset.indenters)},
         }
 
-    def after_training(self, contacts: int, power: float) -> dict:
+    def after_training(self, contacts: int, power: float | None) -> dict:
         rows, begin = self.of_first(contacts), time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             networks = {name: self.train(name, rows, power, Path(folder)) for name in self.pairs}
@@ -141,7 +129,7 @@ def main() -> None:
     parser.add_argument("networks", type=Path)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--contacts", type=int, nargs="*", default=[], help="of training and validation, each time")
-    parser.add_argument("--powers", type=float, nargs="+", default=[0.0], help="by which samples are weighed")
+    parser.add_argument("--powers", type=float, nargs="+", default=[None], help="by which samples are weighed")
     parser.add_argument("--tested", type=int, default=TESTED, help="contacts, the last ones")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--output", type=Path, default=Path("contacts.json"))

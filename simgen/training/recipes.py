@@ -144,11 +144,13 @@ def reduced_model(inputs: Inputs, meshes: Meshes) -> Recipe:
 
 
 def translation(
-    source: Tensor, target: Tensor, settings: TranslationSettings, rows: tuple[Tensor, Tensor]
+    source: Tensor, target: Tensor, settings: TranslationSettings, rows: tuple[Tensor, Tensor],
+    source_rest: Tensor | None = None, target_rest: Tensor | None = None,
 ) -> Recipe:
     """S2RM, RM2RM: ours, from inputs (sample, inputs) to latents (sample, outputs)."""
     network = Translation.of_samples(
-        source[rows[0]], target.shape[1], width=settings.width, blocks=settings.blocks, noise=settings.noise
+        source[rows[0]], target[rows[0]], source_rest, target_rest, width=settings.width, blocks=settings.blocks,
+        noise=settings.noise, power=settings.power, relative=settings.relative,
     )
 
     def terms(batch: Tensor) -> dict[str, Tensor]:
@@ -161,14 +163,22 @@ def signal_translation(inputs: Inputs) -> Recipe:
     """S2RM. Raises `InputError` for recordings without meshes."""
     signals = inputs.signals
     target = latents(inputs.trained("rmb"), signals.with_meshes().displacement, len(signals.values))
-    return translation(signals.values, target, inputs.job.signal_translation, inputs.signal_rows)
+    rest = at_rest(inputs.trained("rmb"))
+    return translation(signals.values, target, inputs.job.signal_translation, inputs.signal_rows, None, rest)
 
 
 def mesh_translation(inputs: Inputs) -> Recipe:
     """RM2RM."""
     source = latents(inputs.trained("rmb"), inputs.source.displacement, len(inputs.data))
     target = latents(inputs.trained("rmd"), inputs.target.displacement, len(inputs.data))
-    return translation(source, target, inputs.job.mesh_translation, inputs.rows)
+    rests = at_rest(inputs.trained("rmb")), at_rest(inputs.trained("rmd"))
+    return translation(source, target, inputs.job.mesh_translation, inputs.rows, *rests)
+
+
+@torch.no_grad()
+def at_rest(model: ReducedModel) -> Tensor:
+    """(latent,) of the undeformed mesh."""
+    return model.encode(torch.zeros_like(model.position)[None])[0][0]
 
 
 @torch.no_grad()

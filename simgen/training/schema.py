@@ -115,6 +115,8 @@ class TranslationSettings(Fit):
     width: Width = Field(512, description="1 to 65536")
     blocks: int = Field(2, ge=0, le=100, description="0 to 100")
     noise: float = Field(0.0, ge=0.0, le=10.0, description="0 to 10")
+    power: float = Field(0.0, ge=0.0, le=2.0, description="0 to 2")
+    relative: bool = Field(False, description="true or false")
 
 
 class MeshTranslationSettings(TranslationSettings):

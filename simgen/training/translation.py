@@ -18,6 +18,7 @@ WIDTH = 512
 BLOCKS = 2
 NOISE = 0.0
 LEAST = 1e-5  # of a latent error: the root has a slope there, too
+LEAST_FAR = 1e-2  # of how far from rest an input is, likewise
 
 
 class Translation(nn.Module):
@@ -28,20 +29,34 @@ class Translation(nn.Module):
 
     kind: ClassVar[str] = "translation"
 
-    def __init__(self, inputs: int, outputs: int, width: int = WIDTH, blocks: int = BLOCKS, noise: float = NOISE):
+    def __init__(
+        self, inputs: int, outputs: int, width: int = WIDTH, blocks: int = BLOCKS, noise: float = NOISE,
+        power: float = 0.0, relative: bool = False,
+    ):  # fmt: skip
         super().__init__()
-        self.noise = noise
+        self.noise, self.power, self.relative = noise, power, relative
         self.register_buffer("mean", torch.zeros(inputs))
         self.register_buffer("deviation", torch.ones(()))
-        self.first = nn.Linear(inputs, width)
+        self.register_buffer("target_rest", torch.zeros(outputs))
+        self.register_buffer("target_size", torch.ones(()))
+        self.first = nn.Linear(inputs + relative, width)
         self.blocks = nn.ModuleList(Block(width) for _ in range(blocks))
         self.last = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, outputs))
 
     @classmethod
-    def of_samples(cls, source: Tensor, outputs: int, **settings: Any) -> Self:
+    def of_samples(
+        cls, source: Tensor, target: Tensor, source_rest: Tensor | None = None, target_rest: Tensor | None = None,
+        **settings: Any,
+    ) -> Self:  # fmt: skip
         """A new network for inputs like ``source`` (sample, inputs), those of training."""
-        network = cls(source.shape[1], outputs, **settings).to(source.device)
-        network.mean.copy_(source.mean(dim=0))
+        network = cls(source.shape[1], target.shape[1], **settings).to(source.device)
+        if target_rest is not None:
+            network.target_rest.copy_(target_rest)
+        away = (target - network.target_rest).norm(dim=1)
+        network.target_size.copy_(away.square().mean().sqrt())
+        if source_rest is None:
+            source_rest = source[away <= away.quantile(0.01)].mean(dim=0)
+        network.mean.copy_(source_rest if network.relative else source.mean(dim=0))
         deviation = (source - network.mean).square().mean().sqrt()
         network.deviation.copy_(torch.where(deviation > 0.0, deviation, 1.0))
         return network
@@ -49,11 +64,13 @@ class Translation(nn.Module):
     def settings(self) -> dict[str, Any]:
         """What `empty` needs."""
         return {
-            "inputs": self.first.in_features,
+            "inputs": self.first.in_features - self.relative,
             "outputs": self.last[1].out_features,
             "width": self.first.out_features,
             "blocks": len(self.blocks),
             "noise": self.noise,
+            "power": self.power,
+            "relative": self.relative,
         }
 
     @classmethod
@@ -68,20 +85,24 @@ class Translation(nn.Module):
     def forward(self, source: Tensor) -> Tensor:
         """(n, outputs) of (n, inputs)."""
         x = (source - self.mean) / self.deviation
+        if self.relative:
+            far = (x.square().mean(dim=1, keepdim=True) + LEAST_FAR**2).sqrt()
+            x = x / far
         if self.training:
             x = x + self.noise * torch.randn_like(x)
-        x = self.first(x)
+        x = self.first(torch.cat([x, far.log()], dim=1) if self.relative else x)
         for block in self.blocks:
             x = block(x)
-        return self.last(x)
+        return self.target_rest + far * self.last(x) if self.relative else self.last(x)
 
     def terms(self, source: Tensor, target: Tensor) -> dict[str, Tensor]:
         """What is minimised: the Euclidean norm of a sample's latent error, its mean over samples.
 
         With latents of a reduced model that is the root mean square error of the coarse mesh, over its amplitude.
         """
-        error = (self(source) - target).square().sum(dim=1)
-        return {"loss": (error + LEAST**2).sqrt().mean()}
+        error = ((self(source) - target).square().sum(dim=1) + LEAST**2).sqrt()
+        far = (target - self.target_rest).norm(dim=1) / self.target_size
+        return {"loss": (error * far.clamp(min=LEAST_FAR) ** -self.power).mean(), "error": error.mean()}
 
 
 class Block(nn.Module):

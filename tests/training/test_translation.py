@@ -14,7 +14,7 @@ def curve(count: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def new(source: torch.Tensor, target: torch.Tensor, noise: float) -> Translation:
-    return Translation.of_samples(source, target.shape[1], width=64, noise=noise)
+    return Translation.of_samples(source, target, width=64, noise=noise)
 
 
 def test_the_loss_is_the_norm_of_the_error():
@@ -54,7 +54,7 @@ def test_inputs_keep_their_proportions():
     """One deviation for all: a small input stays small."""
     torch.manual_seed(0)
     source = torch.randn(1000, 2) * torch.tensor([1.0, 0.01])
-    network = Translation.of_samples(source, 3)
+    network = Translation.of_samples(source, source)
     scaled = (source - network.mean) / network.deviation
     torch.testing.assert_close(scaled.square().mean(), torch.tensor(1.0))
     torch.testing.assert_close(scaled.std(dim=0)[1] / scaled.std(dim=0)[0], source[:, 1].std() / source[:, 0].std())
@@ -62,7 +62,7 @@ def test_inputs_keep_their_proportions():
 
 def test_inputs_that_never_change():
     source = torch.full((4, 3), 0.5)
-    assert torch.isfinite(Translation.of_samples(source, 2)(source)).all()
+    assert torch.isfinite(Translation.of_samples(source, source)(source)).all()
 
 
 def test_a_file_holds_all_of_it(tmp_path):
