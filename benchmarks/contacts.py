@@ -29,7 +29,7 @@ from simgen.training.checkpoint import load_network
 from simgen.training.data import load_training_data
 from simgen.training.fit import Training, epoch_seed
 from simgen.training.metrics import mesh_errors
-from simgen.training.recipes import Inputs, at_rest, latents, translation
+from simgen.training.recipes import Inputs, latents, latents_at_rest, of_least_pressed, translation
 from simgen.training.run import torch_device
 from simgen.training.translator import read_job
 from simgen.translate.accuracy import NEAR_MM
@@ -51,10 +51,10 @@ class Comparison:
         self.inputs = Inputs(self.job, self.data, self.trained)
         source, target = (latents(self.trained(name), meshes.displacement, len(self.data))
                           for name, meshes in (("rmb", self.inputs.source), ("rmd", self.inputs.target)))  # fmt: skip
-        source_rest, target_rest = (at_rest(self.trained(name)) for name in ("rmb", "rmd"))
+        self.rest = tuple(latents_at_rest(self.trained(name)) for name in ("rmb", "rmd"))
         self.pairs = {
-            "s2rm": (self.inputs.signals.values, source, self.job.signal_translation, None, source_rest),
-            "rm2rm": (source, target, self.job.mesh_translation, source_rest, target_rest),
+            "s2rm": (self.inputs.signals.values, source, self.job.signal_translation),
+            "rm2rm": (source, target, self.job.mesh_translation),
         }
         self.first_tested = int(self.data.dataset["press/trajectory"].max()) + 1 - tested
         self.tested = self.rows(self.data.trajectory >= self.first_tested)
@@ -76,11 +76,14 @@ class Comparison:
                                    for rows in self.tested.split(AT_ONCE)])  # fmt: skip
 
     def train(self, name: str, rows: tuple[Tensor, Tensor], power: float | None, folder: Path) -> torch.nn.Module:
-        source, target, settings, *rests = self.pairs[name]
+        source, target, settings = self.pairs[name]
+        at_rest = self.rest
+        if name == "s2rm":
+            at_rest = of_least_pressed(source[rows[0]], target[rows[0]] - at_rest[0]), at_rest[0]
         if power is not None:
             settings = settings.model_copy(update={"power": power})
         torch.manual_seed(epoch_seed(self.job.seed, name, -1))
-        recipe = translation(source, target, settings, rows, *rests)
+        recipe = translation(source, target, at_rest, settings, rows)
         network = recipe.network.to(self.device)
         for _ in Training(name, network, recipe.terms, rows, settings, self.job.seed, folder / name):
             pass

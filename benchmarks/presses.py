@@ -8,6 +8,7 @@ from simgen.distance import RigidShape
 from simgen.fem.newton import SolverSettings
 from simgen.indenter import load_indenter
 from simgen.job import load_job
+from simgen.job_schema import Job
 from simgen.plan import chosen_material, chosen_sensor, make_plan
 from simgen.press import PressResult, Scene
 
@@ -31,13 +32,18 @@ def paired_presses(sensor: str, mesh: str, trajectories: int, batch: int, device
     """The first contacts of jobs/paired.yaml on one of its sensors, in an order that mixes indenters."""
     job = load_job("paired", [f"trajectories.count={trajectories}", f"sensors.{sensor}.mesh={mesh}", *overrides])
     plan = make_plan(job)
-    model = chosen_sensor(job, sensor)
-    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
-    scene = Scene(model, chosen_material(job, sensor, model), device=device, batch=batch, settings=settings)
+    scene = job_scene(job, sensor, batch, device)
     poses = np.linalg.inv(plan.arrays[f"{sensor}/pose"]) @ plan.arrays["press/contact_pose"]
     shapes = [load_indenter(job.locate(text)).shape() for text in job.indenters]
     order = np.random.default_rng(0).permutation(len(poses))
     return Presses(scene, [shapes[i] for i in plan.arrays["press/indenter"][order]], poses[order], job.depths_m)
+
+
+def job_scene(job: Job, sensor: str, batch: int, device: str) -> Scene:
+    """As `simgen run` makes it."""
+    model = chosen_sensor(job, sensor)
+    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
+    return Scene(model, chosen_material(job, sensor, model), device=device, batch=batch, settings=settings)
 
 
 def summary(results: list[PressResult], seconds: float) -> dict:

@@ -54,7 +54,7 @@ def sample_contacts(
     from scipy.stats import qmc  # a third of a second, which processes that only press do without
 
     settings = settings or ContactSettings()
-    room = _Room(reference, max_depth_m, settings)
+    room = Room(reference, max_depth_m, settings)
     sequence = qmc.Sobol(5, scramble=True, rng=seed)
     blocks: list[Contacts] = []
     found, proposed = 0, 0
@@ -155,7 +155,7 @@ def _least_rotation(directions: np.ndarray) -> np.ndarray:
     return rotation
 
 
-class _Room:
+class Room:
     """Where on a reference sensor a contact may be."""
 
     def __init__(self, reference: Sensor, max_depth_m: float, settings: ContactSettings):

@@ -105,9 +105,8 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
     TranslationSettings: {
         "width": "of the residual blocks",
         "blocks": "how many there are",
-        "noise": "standard deviation of what training adds to each input, over the inputs' root mean square",
-        "power": "errors count divided by that power of how far a sample is from rest; 1: relative ones",
-        "relative": "noise, inputs and outputs are in proportion to how far the input is from rest",
+        "noise": "standard deviation of what training adds to each input, over that sample's root mean square",
+        "power": "errors count over that power of how far a sample is from rest: 0 as they are, 1 relative",
     },
 }
 

@@ -144,14 +144,14 @@ def reduced_model(inputs: Inputs, meshes: Meshes) -> Recipe:
 
 
 def translation(
-    source: Tensor, target: Tensor, settings: TranslationSettings, rows: tuple[Tensor, Tensor],
-    source_rest: Tensor | None = None, target_rest: Tensor | None = None,
-) -> Recipe:
-    """S2RM, RM2RM: ours, from inputs (sample, inputs) to latents (sample, outputs)."""
+    source: Tensor, target: Tensor, at_rest: tuple[Tensor, Tensor], settings: TranslationSettings,
+    rows: tuple[Tensor, Tensor],
+) -> Recipe:  # fmt: skip
+    """S2RM, RM2RM: ours, from inputs (sample, inputs) to latents (sample, outputs), both known at rest."""
     network = Translation.of_samples(
-        source[rows[0]], target[rows[0]], source_rest, target_rest, width=settings.width, blocks=settings.blocks,
-        noise=settings.noise, power=settings.power, relative=settings.relative,
-    )
+        source[rows[0]], target[rows[0]], *at_rest, width=settings.width, blocks=settings.blocks,
+        noise=settings.noise, power=settings.power,
+    )  # fmt: skip
 
     def terms(batch: Tensor) -> dict[str, Tensor]:
         return network.terms(source[batch], target[batch])
@@ -161,23 +161,32 @@ def translation(
 
 def signal_translation(inputs: Inputs) -> Recipe:
     """S2RM. Raises `InputError` for recordings without meshes."""
-    signals = inputs.signals
+    signals, rest = inputs.signals, latents_at_rest(inputs.trained("rmb"))
     target = latents(inputs.trained("rmb"), signals.with_meshes().displacement, len(signals.values))
-    rest = at_rest(inputs.trained("rmb"))
-    return translation(signals.values, target, inputs.job.signal_translation, inputs.signal_rows, None, rest)
+    rows = inputs.signal_rows
+    at_rest = of_least_pressed(signals.values[rows[0]], target[rows[0]] - rest), rest
+    return translation(signals.values, target, at_rest, inputs.job.signal_translation, rows)
 
 
 def mesh_translation(inputs: Inputs) -> Recipe:
     """RM2RM."""
     source = latents(inputs.trained("rmb"), inputs.source.displacement, len(inputs.data))
     target = latents(inputs.trained("rmd"), inputs.target.displacement, len(inputs.data))
-    rests = at_rest(inputs.trained("rmb")), at_rest(inputs.trained("rmd"))
-    return translation(source, target, inputs.job.mesh_translation, inputs.rows, *rests)
+    at_rest = latents_at_rest(inputs.trained("rmb")), latents_at_rest(inputs.trained("rmd"))
+    return translation(source, target, at_rest, inputs.job.mesh_translation, inputs.rows)
+
+
+def of_least_pressed(values: Tensor, away: Tensor) -> Tensor:
+    """(inputs,) mean of values (sample, inputs) over the hundredth of samples that are least ``away`` (sample, latent)
+    from rest: what electrodes read at rest, synthetic or recorded.
+    """
+    size = away.norm(dim=1)
+    return values[size <= size.quantile(0.01)].mean(dim=0)
 
 
 @torch.no_grad()
-def at_rest(model: ReducedModel) -> Tensor:
-    """(latent,) of the undeformed mesh."""
+def latents_at_rest(model: ReducedModel) -> Tensor:
+    """(latent,) of the mesh that is not deformed."""
     return model.encode(torch.zeros_like(model.position)[None])[0][0]
 
 

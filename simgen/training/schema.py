@@ -112,16 +112,17 @@ class TranslationSettings(Fit):
     schedule: Literal["exponential", "cosine"] = Field("cosine", description="exponential or cosine")
     weight_decay: float = Field(0.01, ge=0.0, le=1.0, description="0 to 1")
     patience: int = Field(300, ge=1, le=100_000, description="1 to 100000")
-    width: Width = Field(512, description="1 to 65536")
-    blocks: int = Field(2, ge=0, le=100, description="0 to 100")
+    width: Width = Field(1024, description="1 to 65536")
+    blocks: int = Field(3, ge=0, le=100, description="0 to 100")
     noise: float = Field(0.0, ge=0.0, le=10.0, description="0 to 10")
-    power: float = Field(0.0, ge=0.0, le=2.0, description="0 to 2")
-    relative: bool = Field(False, description="true or false")
+    power: float = Field(0.5, ge=0.0, le=2.0, description="0 to 2")
 
 
 class MeshTranslationSettings(TranslationSettings):
     """RM2RM, ours."""
 
+    width: Width = Field(512, description="1 to 65536")
+    blocks: int = Field(4, ge=0, le=100, description="0 to 100")
     noise: float = Field(0.03, ge=0.0, le=10.0, description="0 to 10")
 
 

@@ -3,7 +3,7 @@
 import safetensors.torch
 import torch
 
-from simgen.training.translation import LEAST, Translation
+from simgen.training.translation import LEAST, LEAST_SIZE, Translation
 
 
 def curve(count: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -13,16 +13,31 @@ def curve(count: int) -> tuple[torch.Tensor, torch.Tensor]:
     return 3.0 + 0.01 * source, torch.stack([(2 * a).sin(), (a + b).cos(), a * b, b**2], dim=1)
 
 
-def new(source: torch.Tensor, target: torch.Tensor, noise: float) -> Translation:
-    return Translation.of_samples(source, target, width=64, noise=noise)
+def new(source: torch.Tensor, target: torch.Tensor, **settings) -> Translation:
+    return Translation.of_samples(source, target, source.mean(dim=0), target.mean(dim=0), width=64, **settings)
 
 
 def test_the_loss_is_the_norm_of_the_error():
     torch.manual_seed(0)
     source, target = curve(20)
-    network = new(source, target, noise=0.1).eval()
+    network = new(source, target, noise=0.1, power=0.0).eval()
     expected = (network(source) - target).norm(dim=1).mean()
-    torch.testing.assert_close(network.terms(source, target)["loss"], expected, rtol=1e-5, atol=LEAST)
+    for term in network.terms(source, target).values():
+        torch.testing.assert_close(term, expected, rtol=1e-5, atol=LEAST)
+
+
+def test_errors_count_in_proportion_to_the_press():
+    """The power of 1: a relative error is the same however far from rest. Below a hundredth of all it is not."""
+    torch.manual_seed(0)
+    source, target = curve(20)
+    network = new(source, target, power=1.0).eval()
+    size = (target - target.mean(dim=0)).norm(dim=1)
+    relative = (network(source) - target).norm(dim=1) / size * size.square().mean().sqrt()
+    found = network.terms(source, target)
+    torch.testing.assert_close(found["loss"], relative.mean(), rtol=1e-4, atol=0.0)
+    assert found["error"] != found["loss"]
+    at_rest = network.terms(source[:1], network.target_rest[None])
+    torch.testing.assert_close(at_rest["loss"], at_rest["error"] / LEAST_SIZE)
 
 
 def test_it_bends_where_a_linear_map_cannot():
@@ -50,19 +65,44 @@ def test_noise_is_of_training_alone():
     assert torch.equal(network.eval()(source), network(source))
 
 
+def test_noise_is_in_proportion_to_the_press():
+    torch.manual_seed(0)
+    source, target = curve(200)
+    network = new(source, target, noise=0.1)
+    network.first.weight.data[:, -1] = 0.0  # which knows the size
+    spread, away = [], source - network.source_rest
+    farthest = away[away.norm(dim=1).argmax()]  # far beyond LEAST_SIZE
+    for share in (0.1, 1.0):
+        near = network.source_rest + share * farthest
+        spread.append(network(near.expand(2000, -1)).std(dim=0).norm())
+    torch.testing.assert_close(spread[0] / spread[1], torch.tensor(0.1), rtol=0.05, atol=0.0)  # of 2000 samples
+
+
+def test_what_is_linear_is_so_by_construction():
+    """Without the size as an input, a press half as deep is half the field."""
+    torch.manual_seed(0)
+    source, target = curve(50)
+    network = new(source, target).eval()
+    network.first.weight.data[:, -1] = 0.0
+    far = (source - network.source_rest).square().mean(dim=1).sqrt() / network.source_size > 0.5
+    half = network(network.source_rest + 0.5 * (source[far] - network.source_rest)) - network.target_rest
+    whole = network(source[far]) - network.target_rest
+    torch.testing.assert_close(half, 0.5 * whole, rtol=2e-3, atol=1e-4)  # LEAST_SIZE**2 / 0.25**2: 0.2 %
+
+
 def test_inputs_keep_their_proportions():
-    """One deviation for all: a small input stays small."""
+    """One size for all: a small input stays small."""
     torch.manual_seed(0)
     source = torch.randn(1000, 2) * torch.tensor([1.0, 0.01])
-    network = Translation.of_samples(source, source)
-    scaled = (source - network.mean) / network.deviation
+    network = new(source, source)
+    scaled = (source - network.source_rest) / network.source_size
     torch.testing.assert_close(scaled.square().mean(), torch.tensor(1.0))
     torch.testing.assert_close(scaled.std(dim=0)[1] / scaled.std(dim=0)[0], source[:, 1].std() / source[:, 0].std())
 
 
 def test_inputs_that_never_change():
     source = torch.full((4, 3), 0.5)
-    assert torch.isfinite(Translation.of_samples(source, source)(source)).all()
+    assert torch.isfinite(new(source, source)(source)).all()
 
 
 def test_a_file_holds_all_of_it(tmp_path):
