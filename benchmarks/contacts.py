@@ -29,7 +29,7 @@ from simgen.training.checkpoint import load_network
 from simgen.training.data import load_training_data
 from simgen.training.fit import Training, epoch_seed
 from simgen.training.metrics import mesh_errors
-from simgen.training.recipes import Inputs, latents, latents_at_rest, of_least_pressed, translation
+from simgen.training.recipes import Inputs, latents, latents_at_rest, translation
 from simgen.training.run import torch_device
 from simgen.training.translator import read_job
 from simgen.translate.accuracy import NEAR_MM
@@ -51,10 +51,11 @@ class Comparison:
         self.inputs = Inputs(self.job, self.data, self.trained)
         source, target = (latents(self.trained(name), meshes.displacement, len(self.data))
                           for name, meshes in (("rmb", self.inputs.source), ("rmd", self.inputs.target)))  # fmt: skip
-        self.rest = tuple(latents_at_rest(self.trained(name)) for name in ("rmb", "rmd"))
+        source_rest, target_rest = (latents_at_rest(self.trained(name)) for name in ("rmb", "rmd"))
+        signals = self.inputs.signals
         self.pairs = {
-            "s2rm": (self.inputs.signals.values, source, self.job.signal_translation),
-            "rm2rm": (source, target, self.job.mesh_translation),
+            "s2rm": (signals.values, source, (signals.rest, source_rest), self.job.signal_translation),
+            "rm2rm": (source, target, (source_rest, target_rest), self.job.mesh_translation),
         }
         self.first_tested = int(self.data.dataset["press/trajectory"].max()) + 1 - tested
         self.tested = self.rows(self.data.trajectory >= self.first_tested)
@@ -76,10 +77,7 @@ class Comparison:
                                    for rows in self.tested.split(AT_ONCE)])  # fmt: skip
 
     def train(self, name: str, rows: tuple[Tensor, Tensor], power: float | None, folder: Path) -> torch.nn.Module:
-        source, target, settings = self.pairs[name]
-        at_rest = self.rest
-        if name == "s2rm":
-            at_rest = of_least_pressed(source[rows[0]], target[rows[0]] - at_rest[0]), at_rest[0]
+        source, target, at_rest, settings = self.pairs[name]
         if power is not None:
             settings = settings.model_copy(update={"power": power})
         torch.manual_seed(epoch_seed(self.job.seed, name, -1))

@@ -1,15 +1,16 @@
-"""Where nobody can tell from one sensor how the other is touched: twins, contacts that the BioTac feels alike.
+"""Where nobody can tell from one sensor how the other is touched: twins, presses that the BioTac feels alike.
 
-    python benchmarks/twins.py --contacts 40 --solved 2
+    python benchmarks/twins.py --contacts 40 --pressed 40
 
 A flat face that is slid along itself makes the same dent in a round finger, as long as its edges stay away from it.
 Contacts are pressed up to some degrees off the normal, so beside each of them there are others at which the face lies
 in the same plane of the BioTac. On the DIGIT, which is flatter, they are elsewhere.
 
-Each contact's twins are looked for on a grid around it. They are as likely as itself: contacts are spread evenly over
-the skin, and axes over the cap around the normal. A guess is the place that has the most of them near. Where the DIGIT
-is touched is the centroid of what the face cuts off its undeformed surface; the twins that are farthest apart are
-pressed into both sensors, too.
+Twins of a contact are looked for on a grid around it, among all that the job allows. They are as likely as itself:
+contacts are spread evenly over the developed skin, axes over the cap around the normal. A guess is one of their places
+on the DIGIT; the best one has the most of them near. A contact without twins is known. By geometry: what a face cuts
+off undeformed surfaces stands for what it touches, and must lie within its edges on the BioTac, where more is cut off
+than is touched. The twins that are farthest apart are then pressed into both sensors.
 """
 
 import argparse
@@ -22,26 +23,27 @@ from scipy.spatial.distance import cdist
 
 from simgen.indenter import load_indenter
 from simgen.job import load_job
+from simgen.job_schema import Job
 from simgen.pairing import Contacts, ContactSettings, Room, indenter_poses, sample_contacts, unfold
 from simgen.plan import chosen_sensor, make_plan
 from simgen.press import press
 from simgen.quiet import start_warp
+from simgen.sensor import Sensor
 from simgen.skin import Skin
 from simgen.translate.accuracy import NEAR_MM
 from simgen.translate.contact import ContactGauge
 
 INDENTER, HALF_M = "cube_14mm", 7e-3
-CUT_M = 0.3e-3  # of what the face cuts off
-FINE_M = 0.3e-3  # edges of the surface that is cut
-GRID_M = np.linspace(-2e-3, 2e-3, 41)  # tilted by 5 degrees, a face slides by 0.8 mm
-PRESSED_M = 1e-3 + 1e-9
+DEPTHS_M = np.array([1e-4, 2e-4, 3e-4, 5e-4])
+FINE_M = 0.3e-3  # edges of surfaces that are cut
+GRID_M = np.linspace(-6e-3, 6e-3, 49)  # around a contact; slid by so much a face is at its edges
 SEED = 99  # not that of the job: contacts that networks do not know
 
 
 class Twins:
     """Contacts of the first sensor (the DIGIT) at which the other one, the BioTac, feels the same flat face."""
 
-    def __init__(self, job):
+    def __init__(self, job: Job):
         self.job = job
         self.digit, self.biotac = (chosen_sensor(job, name) for name in ("digit", "biotac"))
         self.settings = ContactSettings(**job.trajectories.model_dump(exclude={"count"}))
@@ -50,18 +52,19 @@ class Twins:
         self.poses = indenter_poses(self.contacts)
         self.unfolded = unfold(self.digit, self.biotac, self.contacts)
         self.skin, self.room = Skin(self.digit.surface), Room(self.digit, deepest, self.settings)
-        self.surface = np.asarray(self.digit.surface.subdivide_to_size(FINE_M).vertices)
+        self.surfaces = [finely(sensor) for sensor in (self.digit, self.biotac)]
 
     def of(self, contact: int) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 4, 4) of the face and of the BioTac, in the shared frame."""
+        """Poses (n, 4, 4) of the face and of the BioTac, in the shared frame; the first is the contact itself."""
         face = np.linalg.inv(self.unfolded[contact]) @ self.poses[contact]  # in the BioTac's frame
         near = self.room.keep(self.around(self.contacts.points[contact, 0], self.contacts.arcs[contact]))
         sensor = unfold(self.digit, self.biotac, near)
         poses = sensor @ face
         poses[:, :3, 3] = near.points
-        tilted = -np.einsum("ni,ni->n", near.normals, poses[:, :3, 1])
-        allowed = tilted >= np.cos(np.radians(self.settings.max_tilt_deg))
-        return poses[allowed], sensor[allowed]
+        cosine = -np.einsum("ni,ni->n", near.normals, poses[:, :3, 1])
+        allowed = cosine >= np.cos(np.radians(self.settings.max_tilt_deg))
+        return (np.concatenate([self.poses[[contact]], poses[allowed]]),
+                np.concatenate([self.unfolded[[contact]], sensor[allowed]]))  # fmt: skip
 
     def around(self, x: float, arc: float) -> Contacts:
         """A grid of the developed skin, axes left open."""
@@ -71,22 +74,47 @@ class Twins:
         points, normals = (np.array([place[i] for place in found if place is not None]) for i in (0, 1))
         return Contacts(points, normals, -normals, np.zeros(len(points)), arcs[on_skin])
 
-    def touched(self, pose: np.ndarray) -> np.ndarray:
+    def edges_are_felt(self, poses: np.ndarray, sensors: np.ndarray, depth: float) -> np.ndarray:
+        """(n,) bool, by what a plane in the place of the face cuts off the undeformed BioTac."""
+        faces = np.linalg.inv(sensors) @ poses
+        axes = faces[0, :3, :3]  # of all twins
+        local = self.surfaces[1] @ axes
+        cut = local[local[:, 1] < local[:, 1].min() + depth][:, [0, 2]]
+        middle = (faces[:, :3, 3] @ axes)[:, [0, 2]]
+        outside = np.maximum(cut.max(axis=0) - middle, middle - cut.min(axis=0)).max(axis=1)
+        return outside > HALF_M
+
+    def touched(self, pose: np.ndarray, depth: float) -> np.ndarray:
         """(3,) m: centroid of what a face cuts off the undeformed DIGIT."""
-        x, y, z = ((self.surface - pose[:3, 3]) @ pose[:3, :3]).T
+        x, y, z = ((self.surfaces[0] - pose[:3, 3]) @ pose[:3, :3]).T
         below = (np.abs(x) <= HALF_M) & (np.abs(z) <= HALF_M)
-        cut = np.maximum(y[below].min() + CUT_M - y[below], 0.0)
-        return cut @ self.surface[below] / cut.sum()
+        cut = np.maximum(y[below].min() + depth - y[below], 0.0)
+        return cut @ self.surfaces[0][below] / cut.sum()
 
 
-def pressed(twins: Twins, gauge: ContactGauge, poses: np.ndarray, sensors: np.ndarray, device: str) -> list[dict]:
+def finely(sensor: Sensor) -> np.ndarray:
+    return np.asarray(sensor.surface.subdivide_to_size(FINE_M).vertices)
+
+
+def by_geometry(twins: Twins, poses: np.ndarray, sensors: np.ndarray, depth: float) -> tuple[dict, np.ndarray]:
+    """What can be known of the first of some twins at a depth, and which two without edges are farthest apart."""
+    alike = np.flatnonzero(~twins.edges_are_felt(poses, sensors, depth))
+    if 0 not in alike:
+        return {"depth_mm": 1e3 * depth, "twins": 0, "near_best_guess": 1.0, "farthest_mm": 0.0}, alike[:0]
+    places = 1e3 * np.array([twins.touched(poses[i], depth) for i in alike])
+    apart = cdist(places, places)
+    found = {"depth_mm": 1e3 * depth, "twins": len(alike) - 1, "farthest_mm": float(apart.max()),
+             "near_best_guess": float((apart <= NEAR_MM).mean(axis=1).max())}  # fmt: skip
+    return found, alike[list(np.unravel_index(apart.argmax(), apart.shape))]
+
+
+def pressed(twins: Twins, gauge: ContactGauge, poses: np.ndarray, sensors: np.ndarray, scenes: dict) -> list[dict]:
     """Two twins in both sensors: how far apart their meshes are, and where they touch the DIGIT, at each depth."""
-    depths = twins.job.depths_m[twins.job.depths_m <= PRESSED_M]
     shapes = [load_indenter(INDENTER).shape()] * 2
-    digit, biotac = (press(job_scene(twins.job, name, 2, device), shapes, own, depths)
+    digit, biotac = (press(scenes[name], shapes, own, DEPTHS_M)
                      for name, own in (("digit", poses), ("biotac", np.linalg.inv(sensors) @ poses)))  # fmt: skip
     rows = []
-    for step, depth in enumerate(depths):
+    for step, depth in enumerate(DEPTHS_M):
         if any(result.status[step] for result in (*digit, *biotac)):
             continue
         one, other = (result.displacement[step] for result in biotac)
@@ -103,7 +131,7 @@ def pressed(twins: Twins, gauge: ContactGauge, poses: np.ndarray, sensors: np.nd
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--contacts", type=int, default=40)
-    parser.add_argument("--pressed", type=int, default=2, help="of them, whose farthest twins are pressed")
+    parser.add_argument("--pressed", type=int, default=3, help="of them, whose farthest twins are pressed")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--output", type=Path, default=Path("twins.json"))
     asked = parser.parse_args()
@@ -111,21 +139,22 @@ def main() -> None:
 
     job = load_job("paired", [f"trajectories.count={asked.contacts}", f"seed={SEED}", f"indenters=[{INDENTER}]"])
     twins, gauge = Twins(job), ContactGauge.of_dataset(make_plan(job).arrays, "digit")
+    scenes = {name: job_scene(job, name, 2, asked.device) for name in job.sensors}
     rows = []
     for contact in range(asked.contacts):
         poses, sensors = twins.of(contact)
-        apart = cdist(*[1e3 * np.array([twins.touched(pose) for pose in poses])] * 2)
-        pair = list(np.unravel_index(apart.argmax(), apart.shape))
-        row = {"contact": contact, "twins": len(poses), "near_best_guess": float((apart <= NEAR_MM).mean(axis=1).max()),
-               "farthest_mm": float(apart.max())}  # fmt: skip
-        if contact < asked.pressed:
-            row["pressed"] = pressed(twins, gauge, poses[pair], sensors[pair], asked.device)
+        found = [by_geometry(twins, poses, sensors, float(depth)) for depth in DEPTHS_M]
+        pairs = [pair for _, pair in found if len(pair)]
+        row = {"contact": contact, "by_geometry": [each for each, _ in found], "pressed": []}
+        if contact < asked.pressed and pairs:  # those that are twins to the greatest depth
+            row["pressed"] = pressed(twins, gauge, poses[pairs[-1]], sensors[pairs[-1]], scenes)
         rows.append(row)
         print(row, flush=True)
-    share = float(np.mean([row["near_best_guess"] for row in rows]))
-    print(f"within {NEAR_MM:g} mm of the best guess, mean of the contacts: {share:.3f}")
+    known = {f"{1e3 * depth:g} mm": float(np.mean([row["by_geometry"][i]["near_best_guess"] for row in rows]))
+             for i, depth in enumerate(DEPTHS_M)}  # fmt: skip
+    print(f"within {NEAR_MM:g} mm of the best guess, mean of the contacts:", known)
     plain = {name: str(value) for name, value in vars(asked).items() if name != "output"}
-    record.write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, near_best_guess=share)
+    record.write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, near_best_guess=known)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from simgen.dataset import Dataset
-from simgen.electrode_gaps import gaps
+from simgen.electrode_gaps import gaps, gauge_of
 from simgen.job_schema import Section
 
 OF_DRIFT = 1  # keys of random numbers beside the seed: the slopes of the electrodes,
@@ -91,6 +91,15 @@ def measured(
         unit = settings.supply_v / (2**settings.bits - 1)
         read = unit * np.rint(read / unit)
     return read
+
+
+def signals_at_rest(
+    dataset: Dataset, sensor: str, settings: ElectrodeSettings | None = None, device: str = "cpu"
+) -> np.ndarray:
+    """(electrode,) V where nothing touches the sensor, without noise, drift and steps. Raises `InputError` as
+    `simgen.electrode_gaps.gauge_of` does.
+    """
+    return voltage(gauge_of(dataset, sensor, device).rest_gap, settings or ElectrodeSettings())
 
 
 def synthetic_signals(

@@ -105,7 +105,7 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
     TranslationSettings: {
         "width": "of the residual blocks",
         "blocks": "how many there are",
-        "noise": "standard deviation of what training adds to each input, over that sample's root mean square",
+        "noise": "standard deviation of what training adds to each input, over the sample's own size",
         "power": "errors count over that power of how far a sample is from rest: 0 as they are, 1 relative",
     },
 }

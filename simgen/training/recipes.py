@@ -161,11 +161,10 @@ def translation(
 
 def signal_translation(inputs: Inputs) -> Recipe:
     """S2RM. Raises `InputError` for recordings without meshes."""
-    signals, rest = inputs.signals, latents_at_rest(inputs.trained("rmb"))
-    target = latents(inputs.trained("rmb"), signals.with_meshes().displacement, len(signals.values))
-    rows = inputs.signal_rows
-    at_rest = of_least_pressed(signals.values[rows[0]], target[rows[0]] - rest), rest
-    return translation(signals.values, target, at_rest, inputs.job.signal_translation, rows)
+    signals, rmb = inputs.signals, inputs.trained("rmb")
+    target = latents(rmb, signals.with_meshes().displacement, len(signals.values))
+    at_rest = signals.rest, latents_at_rest(rmb)
+    return translation(signals.values, target, at_rest, inputs.job.signal_translation, inputs.signal_rows)
 
 
 def mesh_translation(inputs: Inputs) -> Recipe:
@@ -174,14 +173,6 @@ def mesh_translation(inputs: Inputs) -> Recipe:
     target = latents(inputs.trained("rmd"), inputs.target.displacement, len(inputs.data))
     at_rest = latents_at_rest(inputs.trained("rmb")), latents_at_rest(inputs.trained("rmd"))
     return translation(source, target, at_rest, inputs.job.mesh_translation, inputs.rows)
-
-
-def of_least_pressed(values: Tensor, away: Tensor) -> Tensor:
-    """(inputs,) mean of values (sample, inputs) over the hundredth of samples that are least ``away`` (sample, latent)
-    from rest: what electrodes read at rest, synthetic or recorded.
-    """
-    size = away.norm(dim=1)
-    return values[size <= size.quantile(0.01)].mean(dim=0)
 
 
 @torch.no_grad()

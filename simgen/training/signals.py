@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from simgen.electrode_files import Recordings, read_recordings
-from simgen.electrode_model import synthetic_signals
+from simgen.electrode_model import signals_at_rest, synthetic_signals
 from simgen.electrodes import Scaling, in_contact, without_drift
 from simgen.errors import InputError
 from simgen.splits import SPLITS, split_by_trajectory
@@ -17,6 +17,7 @@ from simgen.training.data import Meshes, TrainingData
 from simgen.training.schema import Recordings as Recorded
 from simgen.training.schema import Signals
 
+LEAST_PRESSED = 0.01  # of a recording's samples, those with the least force: they stand for rest
 BLOCKS = 100  # of a recording, one after the other: neighbours in time look alike, so a block is in one split
 
 
@@ -27,6 +28,7 @@ class SignalData:
     values: Tensor  # (sample, channel) float32, V or as recorded
     split: np.ndarray  # (sample,) index into SPLITS, or -1
     meshes: Meshes | None
+    rest: Tensor  # (channel,), where nothing touches the sensor
 
     def rows(self, split: str) -> Tensor:
         """Row numbers of a split, on the device of the values. Raises `InputError` if there are none."""
@@ -62,7 +64,9 @@ def synthetic(data: TrainingData, sensor: str, settings: Signals) -> SignalData:
     meshes = data.meshes[sensor]
     device = meshes.steps.device
     volts = synthetic_signals(data.dataset, sensor, data.press, data.step, settings.synthetic, str(device))
-    return SignalData(torch.from_numpy(volts).float().to(device), data.split, meshes)
+    rest = signals_at_rest(data.dataset, sensor, settings.synthetic, str(device))
+    values, rest = (torch.from_numpy(each).float().to(device) for each in (volts, rest))
+    return SignalData(values, data.split, meshes, rest)
 
 
 def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalData:
@@ -70,13 +74,15 @@ def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalDa
 
     ``rest`` is the sensor whose deformed positions the files hold. Raises `InputError` where that is another mesh.
     """
-    parts, splits, displacements = [], [], []
+    parts, splits, displacements, least_pressed = [], [], [], []
     vertices = len(rest.rest)
     for number, path in enumerate(recording_paths(files, folder)):
         found = read_recordings(path)
         signals, contact = felt(path, found, files)
         blocks = split_by_trajectory(BLOCKS, seed + number)
         parts.append(signals[contact])
+        force = np.linalg.norm(found.force, axis=1)
+        least_pressed.append(signals[force <= np.quantile(force, LEAST_PRESSED)])
         splits.append(blocks[np.arange(len(found)) * BLOCKS // len(found)][contact])
         if found.simulated_mesh is not None:
             if found.simulated_mesh.shape[1] != vertices:
@@ -87,8 +93,9 @@ def recorded(files: Recorded, folder: Path, seed: int, rest: Meshes) -> SignalDa
     if len(displacements) == len(parts):
         steps = torch.from_numpy(np.concatenate(displacements)).float().flatten(1)
         meshes = replace(rest, steps=steps.to(rest.steps.device), scale=1.0)
-    values = torch.from_numpy(np.concatenate(parts)).float().to(rest.steps.device)
-    return SignalData(values, np.concatenate(splits), meshes)
+    values, at_rest = (torch.from_numpy(each).float().to(rest.steps.device)
+                       for each in (np.concatenate(parts), np.concatenate(least_pressed).mean(axis=0)))  # fmt: skip
+    return SignalData(values, np.concatenate(splits), meshes, at_rest)
 
 
 def felt(path: Path, found: Recordings, settings: Recorded) -> tuple[np.ndarray, np.ndarray]:

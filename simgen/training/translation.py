@@ -20,10 +20,6 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-WIDTH = 512
-BLOCKS = 2
-NOISE = 0.0
-POWER = 0.5
 LEAST = 1e-5  # of a latent error: the root has a slope there, too
 LEAST_SIZE = 1e-2  # of a sample over that of all, likewise: what is nearer to rest counts as so far
 
@@ -31,9 +27,9 @@ LEAST_SIZE = 1e-2  # of a sample over that of all, likewise: what is nearer to r
 class Translation(nn.Module):
     """A perceptron with residual blocks: (n, inputs) to latents (n, outputs).
 
-        y = y_0 + s f((x - x_0) / s, log s),   s = |x - x_0|
+        y = y_0 + s f((x - x_0) / s, log s),   s^2 = |x - x_0|^2 + 0.01^2
 
-    with inputs x_0 and latents y_0 at rest, and s as a root mean square over inputs, in units of that of training.
+    with inputs x_0 and latents y_0 at rest. The norm is a root mean square over inputs, in units of that of training.
 
     noise : standard deviation of what training adds to each input, over that sample's own s
     power : see `terms`
@@ -41,10 +37,7 @@ class Translation(nn.Module):
 
     kind: ClassVar[str] = "translation"
 
-    def __init__(
-        self, inputs: int, outputs: int, width: int = WIDTH, blocks: int = BLOCKS, noise: float = NOISE,
-        power: float = POWER,
-    ):  # fmt: skip
+    def __init__(self, inputs: int, outputs: int, width: int, blocks: int, noise: float, power: float):
         super().__init__()
         self.noise, self.power = noise, power
         self.register_buffer("source_rest", torch.zeros(inputs))

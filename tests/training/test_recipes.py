@@ -8,7 +8,7 @@ from simgen.errors import InputError
 from simgen.training import recipes
 from simgen.training.mesh_vae import LEAST_DEVIATION, MeshVAE
 from simgen.training.projection import Projection
-from simgen.training.recipes import latents, latents_at_rest, make_recipe, mean_and_deviation, of_least_pressed
+from simgen.training.recipes import latents, latents_at_rest, make_recipe, mean_and_deviation
 from simgen.training.reduced_model import ReducedModel
 from simgen.training.schema import NETWORKS, SETTINGS
 from simgen.training.signal_vae import SignalVAE
@@ -105,22 +105,9 @@ def test_what_is_missing_is_told_for_those_that_need_it(inputs):
             alone.check([name])
 
 
-def test_what_the_source_is_at_rest():
-    """The mean of the hundredth that is least deformed: two of 200."""
-    torch.manual_seed(0)
-    values, away = torch.rand(200, 3), torch.rand(200, 4) + 1.0
-    away[[7, 90]] *= 1e-3
-    torch.testing.assert_close(of_least_pressed(values, away), values[[7, 90]].mean(dim=0))
-
-
-def test_latents_at_rest_are_those_of_no_displacement(inputs):
-    model = inputs.trained("rmd")
-    torch.testing.assert_close(latents_at_rest(model), model.encode(torch.zeros(1, model.vertices, 3))[0][0])
-    coarse = model.coarse(latents_at_rest(model)[None])  # as near to nothing as the components come
-    assert coarse.norm() <= model.mean.norm()
-    for name, at_rest in (("rm2rm", latents_at_rest(inputs.trained("rmb"))), ("s2rm", None)):
+def test_translations_know_rest(inputs):
+    rmb, rmd = (inputs.trained(name) for name in ("rmb", "rmd"))
+    for name, source, model in (("s2rm", inputs.signals.rest, rmb), ("rm2rm", latents_at_rest(rmb), rmd)):
         network = make_recipe(name, inputs).network
-        target = latents_at_rest(model if name == "rm2rm" else inputs.trained("rmb"))
-        torch.testing.assert_close(network.target_rest, target)
-        if at_rest is not None:
-            torch.testing.assert_close(network.source_rest, at_rest)
+        torch.testing.assert_close(network.source_rest, source)
+        torch.testing.assert_close(network.target_rest, model.encode(torch.zeros(1, model.vertices, 3))[0][0])

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from simgen.electrode_model import ElectrodeSettings, synthetic_signals
+from simgen.electrode_gaps import gauge_of
+from simgen.electrode_model import ElectrodeSettings, synthetic_signals, voltage
 from simgen.electrodes import in_contact, without_drift
 from simgen.errors import InputError
 from simgen.splits import SPLITS
@@ -34,6 +35,18 @@ def test_synthetic_signals_are_the_model_s_and_split_as_the_dataset(trained, wit
     np.testing.assert_allclose(found.values.numpy(), expected, rtol=2**-24, atol=0)  # as float32
     assert np.array_equal(found.split, with_electrodes["press/split"][data.press])
     assert found.meshes is data.meshes["biotac"]
+    rest = voltage(gauge_of(with_electrodes, "biotac").rest_gap, settings)
+    np.testing.assert_allclose(found.rest.numpy(), rest, rtol=2**-24, atol=0)
+
+
+def test_rest_of_recordings_is_where_they_are_pressed_least(tmp_path, biotac):
+    """The hundredth of each file's samples with the least force, and all with no more: here every fifth is free."""
+    counts, free = {"a.h5": 300, "b.h5": 100}, []
+    for name, count in counts.items():
+        with h5py.File(touched.record(tmp_path / name, count=count)) as file:
+            free.append(file["electrode_vals/data"][4::5])
+    found = read(tmp_path, biotac, *counts)
+    np.testing.assert_allclose(found.rest.numpy(), np.concatenate(free).mean(axis=0), rtol=1e-6)
 
 
 def test_recordings_are_those_in_contact_with_their_meshes(tmp_path, biotac):
@@ -135,7 +148,7 @@ def test_the_range_is_that_of_the_training(tmp_path, biotac):
 
 
 def test_a_split_without_samples_is_one_line():
-    alone = SignalData(torch.zeros(4, 19), np.zeros(4, int), None)
+    alone = SignalData(torch.zeros(4, 19), np.zeros(4, int), None, torch.zeros(19))
     assert len(alone.rows("train")) == 4
     with pytest.raises(InputError, match="signals: no sample of split test, 4 in all"):
         alone.rows("test")

@@ -13,8 +13,9 @@ def curve(count: int) -> tuple[torch.Tensor, torch.Tensor]:
     return 3.0 + 0.01 * source, torch.stack([(2 * a).sin(), (a + b).cos(), a * b, b**2], dim=1)
 
 
-def new(source: torch.Tensor, target: torch.Tensor, **settings) -> Translation:
-    return Translation.of_samples(source, target, source.mean(dim=0), target.mean(dim=0), width=64, **settings)
+def new(source: torch.Tensor, target: torch.Tensor, noise: float = 0.0, power: float = 0.5) -> Translation:
+    at_rest = source.mean(dim=0), target.mean(dim=0)
+    return Translation.of_samples(source, target, *at_rest, width=64, blocks=2, noise=noise, power=power)
 
 
 def test_the_loss_is_the_norm_of_the_error():
