@@ -130,7 +130,7 @@ def main() -> None:
     parser.add_argument("networks", type=Path)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--contacts", type=int, nargs="*", default=[], help="of training and validation, each time")
-    parser.add_argument("--powers", type=float, nargs="+", default=[None], help="by which samples are weighed")
+    parser.add_argument("--powers", type=float, nargs="+", default=[None], help="of the weights; else the job's")
     parser.add_argument("--tested", type=int, default=TESTED, help="contacts, the last ones")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--output", type=Path, default=Path("contacts.json"))

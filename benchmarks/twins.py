@@ -37,6 +37,7 @@ INDENTER, HALF_M = "cube_14mm", 7e-3
 DEPTHS_M = np.array([1e-4, 2e-4, 3e-4, 5e-4])
 FINE_M = 0.3e-3  # edges of surfaces that are cut
 GRID_M = np.linspace(-6e-3, 6e-3, 49)  # around a contact; slid by so much a face is at its edges
+ITSELF_M = 1e-6  # the middle of the grid
 SEED = 99  # not that of the job: contacts that networks do not know
 
 
@@ -63,6 +64,7 @@ class Twins:
         poses[:, :3, 3] = near.points
         cosine = -np.einsum("ni,ni->n", near.normals, poses[:, :3, 1])
         allowed = cosine >= np.cos(np.radians(self.settings.max_tilt_deg))
+        allowed &= np.linalg.norm(near.points - self.contacts.points[contact], axis=1) > ITSELF_M
         return (np.concatenate([self.poses[[contact]], poses[allowed]]),
                 np.concatenate([self.unfolded[[contact]], sensor[allowed]]))  # fmt: skip
 
@@ -99,7 +101,7 @@ def finely(sensor: Sensor) -> np.ndarray:
 def by_geometry(twins: Twins, poses: np.ndarray, sensors: np.ndarray, depth: float) -> tuple[dict, np.ndarray]:
     """What can be known of the first of some twins at a depth, and which two without edges are farthest apart."""
     alike = np.flatnonzero(~twins.edges_are_felt(poses, sensors, depth))
-    if 0 not in alike:
+    if 0 not in alike or len(alike) == 1:
         return {"depth_mm": 1e3 * depth, "twins": 0, "near_best_guess": 1.0, "farthest_mm": 0.0}, alike[:0]
     places = 1e3 * np.array([twins.touched(poses[i], depth) for i in alike])
     apart = cdist(places, places)
