@@ -15,10 +15,11 @@ from .conftest import JOB
 
 CLUSTERS = Path(__file__).resolve().parents[2] / "docs" / "clusters"
 
-# What SLURM would do on two nodes, on this one.
+# What SLURM would do on two nodes, on this one. As there, sbatch has read the script when it returns: dask-jobqueue
+# deletes it then.
 COMMANDS = {
     "srun": 'for task in $(seq "${SLURM_NTASKS:-1}"); do "$@" & done; wait',
-    "sbatch": 'bash "${@: -1}" > /dev/null 2>&1 & echo "Submitted batch job $!"',
+    "sbatch": 'script=$(< "${@: -1}"); bash -c "$script" > /dev/null 2>&1 & echo "Submitted batch job $!"',
     "scancel": 'kill "$@" 2> /dev/null; true',
     "simgen": f'exec {shlex.quote(sys.executable)} -m simgen.cli "$@"',
     "dask": f'exec {shlex.quote(sys.executable)} -m dask "$@"',
