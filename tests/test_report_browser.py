@@ -98,13 +98,18 @@ def test_no_request_leaves_the_page(browser):
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_the_slider_moves_the_mesh(browser, sensor):
     """A click on the left end of the slider shows the sensor at rest."""
-    before, picture = shown_vertices(browser, sensor), pixels(browser, sensor)
-    rail = solid_view(browser, sensor).find_element(By.CSS_SELECTOR, ".slider-rail-touch-rect")
-    to_the_left_end = -0.49 * rail.size["width"]
-    ActionChains(browser).move_to_element_with_offset(rail, to_the_left_end, 0).click().perform()
-    WebDriverWait(browser, PATIENCE_S).until(lambda driver: not np.array_equal(shown_vertices(driver, sensor), before))
-    used = np.unique(fake.BALL.faces)
-    np.testing.assert_allclose(shown_vertices(browser, sensor), 1e3 * fake.VERTICES[used], atol=1e-6)
+    picture = pixels(browser, sensor)
+    at_rest = 1e3 * fake.VERTICES[np.unique(fake.BALL.faces)]
+    assert not np.allclose(shown_vertices(browser, sensor), at_rest, rtol=0.0, atol=1e-6)
+
+    def clicked(driver) -> bool:
+        rail = solid_view(driver, sensor).find_element(By.CSS_SELECTOR, ".slider-rail-touch-rect")
+        to_the_left_end = -0.49 * rail.size["width"]
+        ActionChains(driver).move_to_element_with_offset(rail, to_the_left_end, 0).click().perform()
+        return np.allclose(shown_vertices(driver, sensor), at_rest, rtol=0.0, atol=1e-6)
+
+    # Again if need be: once the mesh before was back a moment later, which 184 clicks on busy cores did not repeat.
+    WebDriverWait(browser, PATIENCE_S).until(clicked)
     WebDriverWait(browser, PATIENCE_S).until(lambda driver: np.abs(pixels(driver, sensor) - picture).max() > 50)
 
 
