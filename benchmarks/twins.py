@@ -45,7 +45,6 @@ class Twins:
     """Contacts of the first sensor (the DIGIT) at which the other one, the BioTac, feels the same flat face."""
 
     def __init__(self, job: Job):
-        self.job = job
         self.digit, self.biotac = (chosen_sensor(job, name) for name in ("digit", "biotac"))
         self.settings = ContactSettings(**job.trajectories.model_dump(exclude={"count"}))
         deepest = float(job.depths_m[-1])

@@ -1,6 +1,5 @@
 """Recordings translated: which samples, from which signals, into which files."""
 
-
 import h5py
 import numpy as np
 import pytest
