@@ -12,15 +12,17 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from simgen.errors import shown
+from simgen.indenter_path import IndenterPath, press_path, with_legs
 from simgen.section import Section
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
+Move = Annotated[float, Field(ge=-10.0, le=10.0)]
 # int16 in steps of 0.1 um reaches 3.2767 mm; the gel follows the indenter, and a little beyond it.
 DEEPEST_INT16_MM = 3.2
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]{0,99}$"
 # What else a dataset's folder holds.
-NOT_SENSORS = ("press", "depth", "manifest", "zarr.json", "README.md", "presses.csv", "croissant.json")
+NOT_SENSORS = ("press", "depth", "path", "manifest", "zarr.json", "README.md", "presses.csv", "croissant.json")
 FINEST_MM = 1e-6  # depths are whole nanometres
 
 
@@ -51,8 +53,24 @@ class SensorChoice(Section):
     fluid: Literal["none", "incompressible"] = Field("none", description="none or incompressible, in its cavity")
 
 
+class Leg(Section):
+    """One leg of a path: the indenter moves and turns evenly from where the leg before it ended."""
+
+    move_mm: tuple[Move, Move, Move] = Field(
+        (0.0, 0.0, 0.0), description="[x, y, z] in the contact frame, each -10 to 10 mm; +y presses"
+    )
+    turn_deg: Angle = Field(0.0, description="-180 to 180 degrees about the press axis")
+    steps: int = Field(ge=1, le=1000, description="a whole number of steps that are kept, 1 to 1000")
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> "Leg":
+        if not any(self.move_mm) and not self.turn_deg:
+            raise ValueError("a leg that neither moves nor turns; allowed: move_mm or turn_deg other than 0")
+        return self
+
+
 class Trajectories(Section):
-    """How many contact poses, and `simgen.pairing.ContactSettings` (which says what each key means)."""
+    """How many contact poses, `simgen.pairing.ContactSettings`, and the path of the indenter after its press."""
 
     count: int = Field(ge=1, le=1_000_000, description="a whole number of contact poses, 1 to 1000000")
     max_tilt_deg: float = Field(5.0, ge=0.0, le=45.0, description="0 to 45 degrees")
@@ -61,6 +79,9 @@ class Trajectories(Section):
     )
     max_indentation_ratio: float = Field(0.6, gt=0.0, lt=1.0, description="between 0 and 1")
     min_edge_ratio: float = Field(1.5, ge=0.0, le=10.0, description="0 to 10")
+    path: tuple[Leg, ...] = Field(
+        (), exclude_if=lambda legs: not legs, description="a list of legs {move_mm, turn_deg, steps}"
+    )
 
 
 class Depths(Section):
@@ -150,11 +171,20 @@ class Job(Section):
     @field_validator("dataset")
     @classmethod
     def _displacements_fit(cls, dataset: DatasetSettings, info: ValidationInfo) -> DatasetSettings:
-        depths = info.data.get("depths_mm")
-        if depths and dataset.displacement == "int16" and depths.last > DEEPEST_INT16_MM:
+        depths, trajectories = info.data.get("depths_mm"), info.data.get("trajectories")
+        if not depths or dataset.displacement != "int16":
+            return dataset
+        if depths.last > DEEPEST_INT16_MM:
             raise ValueError(
                 f"displacement int16 holds up to 3.2767 mm, too little for depths_mm.last = {depths.last:g}; "
                 f"allowed: displacement float32, or depths_mm.last up to {DEEPEST_INT16_MM:g}"
+            )
+        furthest = 1e3 * _furthest_in_contact_m(_path(depths, trajectories)) if trajectories else 0.0
+        if furthest > DEEPEST_INT16_MM:
+            raise ValueError(
+                f"displacement int16 holds up to 3.2767 mm, too little for trajectories.path, which takes the "
+                f"indenter {furthest:.4g} mm from first touch; allowed: displacement float32, or a path that stays "
+                f"within {DEEPEST_INT16_MM:g} mm"
             )
         return dataset
 
@@ -169,10 +199,14 @@ class Job(Section):
         return dataset
 
     @property
+    def path(self) -> IndenterPath:
+        """The path of every indenter: the press to all depths, then the legs of ``trajectories.path``."""
+        return _path(self.depths_mm, self.trajectories)
+
+    @property
     def depths_m(self) -> np.ndarray:
-        """(depth,) float64, m. Rounded to whole nanometres, so that 0.3 mm is 0.3 mm."""
-        spaced = np.linspace(self.depths_mm.first, self.depths_mm.last, self.depths_mm.count)
-        return np.round(spaced * 1e-3, 9)
+        """(step,) float64, m: the depth at each step of the path."""
+        return self.path.depths_m
 
     @property
     def indenter_names(self) -> tuple[str, ...]:
@@ -188,8 +222,8 @@ class Job(Section):
 
     @property
     def samples(self) -> int:
-        """Presses times depths: each is one sample on every sensor."""
-        return self.presses * self.depths_mm.count
+        """Presses times steps: each is one sample on every sensor."""
+        return self.presses * len(self.path)
 
     @property
     def folder(self) -> Path:
@@ -217,6 +251,19 @@ class Job(Section):
     def output(self) -> Path:
         """Where the dataset goes unless the command line says otherwise."""
         return Path(os.path.expanduser(self.dataset.output or f"{self.name}.zarr"))
+
+
+def _path(depths: Depths, trajectories: Trajectories) -> IndenterPath:
+    """Offsets are rounded to whole nanometres, so that 0.3 mm is 0.3 mm."""
+    press = press_path(np.round(np.linspace(depths.first, depths.last, depths.count) * 1e-3, 9))
+    legs = trajectories.path
+    return with_legs(press, [(np.array(leg.move_mm) * 1e-3, np.radians(leg.turn_deg), leg.steps) for leg in legs])
+
+
+def _furthest_in_contact_m(path: IndenterPath) -> float:
+    """m, the largest distance of the tip from first touch while it is below the rest surface."""
+    pressed = path.depths_m > 0.0
+    return float(np.linalg.norm(path.offsets_m[pressed], axis=1).max(initial=0.0))
 
 
 def hash_of(resolved: dict[str, Any]) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from .fem import columns
 from .fem.status import Status
+from .indenter_path import moved
 from .scene import Scene
 
 # Starts beyond the last state, by the whole of a step, two thirds, a third; then from it as it is.
@@ -24,24 +25,29 @@ LEAST_GUESS_SHARE = 0.3
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1
+TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
 
 class March:
     """The paths of the scene's b presses, of which ``scene.batch`` are under way, one in each environment.
 
-    poses (b, 4, 4) mm at first touch; path (d, 3) mm; status (b,): those that have not converged there do not begin;
-    the others do in this ``order`` (b,).
+    poses (b, 4, 4) mm at first touch; path (d, 4): offsets, mm, and turns about the press axis, rad; lateral (b,) mm:
+    how far each indenter reaches from that axis; status (b,): those that have not converged there do not begin; the
+    others do in this ``order`` (b,).
     ``rows`` are the samples of each press, ``displacement`` (d, v, 3) m of each that has any, ``final`` how it ended.
     ``way`` is the length of path that lies behind an environment, mm.
     """
 
-    def __init__(self, scene: Scene, poses: np.ndarray, path: np.ndarray, status: np.ndarray, order: np.ndarray):
-        self.scene, self.solver, self.path, self._poses = scene, scene.solver, path, poses
+    def __init__(
+        self, scene: Scene, poses: np.ndarray, path: np.ndarray, lateral: np.ndarray, status: np.ndarray,
+        order: np.ndarray,
+    ):  # fmt: skip
+        self.scene, self.solver, self.path, self._poses, self._lateral = scene, scene.solver, path, poses, lateral
         self.rows: list[list[dict]] = [[] for _ in poses]
         self.displacement: list[np.ndarray | None] = [None for _ in poses]
         self.final = status.copy()
         self._waiting = deque(order[status[order] == Status.CONVERGED])
-        self._corners = np.vstack([np.zeros(3), path])
+        self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_LEVER_MM]])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
         self.spacing = float(lengths.max())
@@ -80,14 +86,13 @@ class March:
         fresh[free] = True
         self.scene.load(fresh, np.maximum(self.press, 0))
 
-    def _offset(self, way: np.ndarray) -> np.ndarray:
-        """Offsets (env, 3) from first touch in the indenters' frames, mm."""
-        return np.stack([np.interp(way, self._way_to, self._corners[:, i]) for i in range(3)], axis=-1)
+    def _place(self, way: np.ndarray) -> np.ndarray:
+        """Where the indenters (env,) are on their path, (env, 4) mm: offsets from first touch, and turns as lengths."""
+        return np.stack([np.interp(way, self._way_to, self._corners[:, i]) for i in range(4)], axis=-1)
 
     def _pose(self, way: np.ndarray) -> np.ndarray:
-        moved = self._poses[self.press].copy()
-        moved[:, :3, 3] += np.einsum("eij,ej->ei", moved[:, :3, :3], self._offset(way))
-        return moved
+        place = self._place(way)
+        return moved(self._poses[self.press], place[:, :3], place[:, 3] / TURN_LEVER_MM)
 
     def _begin(self, starting: np.ndarray, rejected: np.ndarray):
         """The next increment in the environments (env,) bool; where a guess was rejected, with a nearer one.
@@ -102,8 +107,8 @@ class March:
         self.goal = self._way_to[1 + np.minimum(stored, len(self.path) - 1)]
         target = np.minimum(self.way + self.step, self.goal)
         self.target = np.where(starting, np.where(self.goal - target < 1e-9, self.goal, target), self.target)
-        here = self._offset(self.way)
-        last, now = here - self._offset(self.previous), self._offset(self.target) - here
+        here = self._place(self.way)
+        last, now = here - self._place(self.previous), self._place(self.target) - here
         length = (last**2).sum(axis=-1)
         onwards = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         onwards = np.clip(onwards, 0.0, FURTHEST)
@@ -116,7 +121,8 @@ class March:
         self._now[starting] = self._pose(self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
         indenter, core = self.scene.indenter_contact, self.scene.core_contact
-        travel = np.linalg.norm(now, axis=1)
+        # No point of an indenter moves further: the tip's way, and an arc at the rim.
+        travel = np.linalg.norm(now[:, :3], axis=1) + self._lateral[self.press] * np.abs(now[:, 3]) / TURN_LEVER_MM
         indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now, travel)
         if core is not None:
             core.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)

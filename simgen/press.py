@@ -1,4 +1,4 @@
-"""Move indenters in a sensor: from first touch along a path (or through depths), to samples with their certificate."""
+"""Move indenters in a sensor: from first touch to depths or along a path, to samples with their certificate."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from .errors import InputError
 from .fem.newton import SolverSettings
 from .fem.status import Status
 from .first_touch import first_touch
+from .indenter_path import DOWN
 from .march import March
 from .scene import MM, Scene
+from .shape import lateral_reach
 
 __all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
 
@@ -46,6 +48,10 @@ class PressResult:
     touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of those that were solved together
     cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none
+    shear_force : (d, 2) N on the sensor along the contact frame's x and z, which are those of the indenter at first
+        touch; ``force`` along the press axis is the rest of it
+    slip_share : (d,) share of the contact area where friction has reached its limit, so that the surface slides; the
+        rest sticks. 0 without contact
     """
 
     displacement: np.ndarray
@@ -55,6 +61,8 @@ class PressResult:
     certificate: dict[str, np.ndarray]
     touch: float
     seconds: float
+    shear_force: np.ndarray
+    slip_share: np.ndarray
     cavity_pressure: np.ndarray | None = None
 
 
@@ -64,19 +72,55 @@ def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: n
     poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; depths_m (d,) increasing. ``scene.batch`` of
     them are under way at a time; one that ends makes room for the next.
     """
-    depths_m = np.asarray(depths_m, dtype=float)
-    return follow(scene, shapes, poses, depths_m[:, None] * np.array([0.0, 1.0, 0.0]))
+    return follow(scene, shapes, poses, np.asarray(depths_m, dtype=float)[:, None] * DOWN)
 
 
-def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np.ndarray) -> list[PressResult]:
-    """Move indenters along one path, from first touch on, and keep every point of it.
+def follow(
+    scene: Scene,
+    shapes: list[RigidShape],
+    poses: np.ndarray,
+    path_m: np.ndarray,
+    turns_rad: np.ndarray | None = None,
+) -> list[PressResult]:
+    """Move indenters along one path from first touch, and keep a sample at every point of it.
 
-    poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; path_m (d, 3): offsets from first touch in
-    the indenter's frame (+y presses), m, visited in order along straight lines: shear and unloading are paths.
+    Points are visited in order along straight lines, so shear, twist, slide and release are paths.
+
+    poses : (b, 4, 4) m, indenter frame -> sensor frame, near the surface
+    path_m : (d, 3) m, offsets of the tip from first touch in the contact frame, which is the indenter's frame at first
+        touch: +y presses, x and z shear
+    turns_rad : (d,) rad, right-handed turns of the indenter about its +y; none by default
+
+    Raises `InputError` for a path without points, or with numbers that are not finite.
+
+    This presses a sphere 0.4 mm deep into the DIGIT, shears it by 0.2 mm, turns it by 10 degrees and lets go:
+
+    >>> import numpy as np
+    >>> from simgen.indenter import load_indenter
+    >>> from simgen.press import Scene, follow
+    >>> from simgen.sensor import load_sensor
+    >>> digit = load_sensor("digit", mesh="coarse")
+    >>> scene = Scene(digit, digit.materials["solid"])
+    >>> pose = np.eye(4)
+    >>> pose[:3, 3] = [-0.006, -0.0083, 0.0]  # m; the tip is at the top of the gel, and +y goes into it
+    >>> path_mm = [[0.0, 0.2, 0.0], [0.0, 0.4, 0.0], [0.2, 0.4, 0.0], [0.2, 0.4, 0.0], [0.2, -0.1, 0.0]]
+    >>> turns = np.radians([0.0, 0.0, 0.0, 10.0, 10.0])
+    >>> result = follow(scene, [load_indenter("sphere_7mm").shape()], pose[None], 1e-3 * np.array(path_mm), turns)[0]
+    >>> result.status.tolist()
+    [0, 0, 0, 0, 0]
+    >>> np.round(result.force[:, 1], 2).tolist()  # N along the press axis; at the last point the tip is above the gel
+    [0.2, 0.63, 0.63, 0.63, 0.0]
+    >>> np.round(result.shear_force[2:, 0], 2).tolist()  # N along x: friction drags the gel along
+    [0.26, 0.21, 0.0]
+    >>> (result.slip_share[2] < 0.5 < result.slip_share[3]).tolist()  # the turn makes most of the contact slide
+    True
     """
     path_m = np.asarray(path_m, dtype=float)
     if path_m.ndim != 2 or path_m.shape[1] != 3 or not len(path_m) or not np.isfinite(path_m).all():
         raise InputError(f"path of shape {path_m.shape}: allowed: one or more points of three finite coordinates, m")
+    turns_rad = np.zeros(len(path_m)) if turns_rad is None else np.asarray(turns_rad, dtype=float)
+    if turns_rad.shape != path_m.shape[:1] or not np.isfinite(turns_rad).all():
+        raise InputError(f"turns of shape {turns_rad.shape}: allowed: one finite angle, rad, for each point of the path")
     if not np.isfinite(poses).all():
         raise InputError("poses: not finite; allowed: rigid transforms, m")
     if not len(shapes):
@@ -86,12 +130,13 @@ def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np
     poses_mm[:, :3, 3] *= MM
     scene.reset(shapes)
     faces, device = scene.indenter_contact.host_faces, scene.device
-    path = path_m * MM
-    reach = float(np.linalg.norm(path, axis=1).max())
+    path = np.column_stack([path_m * MM, turns_rad])
+    reach = float(np.linalg.norm(path[:, :3], axis=1).max())
     travel, status, near = first_touch(scene.nodes, faces, shapes, poses_mm, device, scene.batch, reach)
     poses_mm[:, :3, 3] += travel[:, None] * poses_mm[:, :3, 1]
     # Those that touch the most take the longest: they go first, as the end of a batch waits for its slowest presses.
-    march = March(scene, poses_mm, path, status, np.argsort(-near, kind="stable"))
+    lateral = np.array([lateral_reach(shape) for shape in shapes])
+    march = March(scene, poses_mm, path, lateral, status, np.argsort(-near, kind="stable"))
     march.to_the_end()
     seconds = (time.perf_counter() - begin) / len(shapes)
     touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)
@@ -101,12 +146,18 @@ def follow(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, path_m: np
         if displacement is None:
             displacement = np.empty((len(path_m), scene.n_vertices, 3))
         liquid = scene.cavity is not None
-        results.append(_result(march.rows[i], displacement, final, liquid, float(touch[i]), seconds))
+        in_surface = poses_mm[i][:3, [0, 2]]
+        results.append(_result(march.rows[i], displacement, final, in_surface, liquid, float(touch[i]), seconds))
     return results
 
 
-def _result(rows: list[dict], displacement: np.ndarray, final: int, liquid: bool, touch: float, seconds) -> PressResult:
-    """The samples of one press, which ended with ``final``, as arrays over its depths."""
+def _result(
+    rows: list[dict], displacement: np.ndarray, final: int, in_surface: np.ndarray, liquid: bool, touch: float, seconds
+) -> PressResult:
+    """The samples of one press, which ended with ``final``, as arrays over its depths.
+
+    in_surface : (3, 2) the x and z axes of the contact frame, in the sensor's frame
+    """
     d = len(displacement)
     displacement[len(rows) :] = np.nan
 
@@ -123,4 +174,5 @@ def _result(rows: list[dict], displacement: np.ndarray, final: int, liquid: bool
         certificate["liquid_volume_error"] = column("liquid_volume_error")
     pressure = column("cavity_pressure") if liquid else None
     force, moment = column("force", 3), column("moment", 3)
-    return PressResult(displacement, force, moment, status, certificate, touch, seconds, pressure)
+    shear, slip = force @ in_surface, column("slip_share")
+    return PressResult(displacement, force, moment, status, certificate, touch, seconds, shear, slip, pressure)

@@ -133,10 +133,11 @@ class Samples:
         scene, solver = self.scene, self.scene.solver
         solver.mark(reached)
         unit = scene.material.youngs_modulus_pa / MM**2  # N per unit of solver force
-        force, moment, rms, _ = scene.indenter_contact.resultants(solver.x)
+        contact = scene.indenter_contact.resultants(solver.x)
+        force = contact.force
         total = force + self._reactions().T
         if scene.core_contact is not None:
-            total += scene.core_contact.resultants(solver.x)[0]
+            total += scene.core_contact.resultants(solver.x).force
         if scene.cavity is not None:
             total += scene.cavity.resultant(solver.x)
             lacking, pressure = (array[scene.cavity.row].numpy() for array in (solver.balance.surface, solver.x))
@@ -145,10 +146,11 @@ class Samples:
         size = np.maximum(np.linalg.norm(force, axis=1), SMALLEST_FORCE)
         found = {
             "force": force * unit,
-            "moment": moment * unit / MM,
+            "moment": contact.moment * unit / MM,
             "force_balance": np.linalg.norm(total, axis=1) / size,
             "inverted_elements": inverted,
-            "rms_penetration_m": rms / MM,
+            "slip_share": contact.slip_share,
+            "rms_penetration_m": contact.rms_penetration / MM,
             "max_penetration_m": np.maximum(overlap, 0.0) / MM,
             "overlap_mm": overlap,
             "overlap_of_edge": of_edge,

@@ -147,6 +147,8 @@ def _below(annotation: Any, part: str) -> Any:
         annotation = field.annotation if field else None
         optional = get_args(annotation) if isinstance(annotation, UnionType) else ()
         return next(filter(_is_section, optional), annotation)  # of `Section | None` the section
+    if get_origin(annotation) is tuple:  # a list of sections
+        return next(filter(_is_section, get_args(annotation)), None)
     return get_args(annotation)[1] if get_origin(annotation) is dict else None
 
 

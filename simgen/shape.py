@@ -25,6 +25,19 @@ def rigid_shape(kind: Kind, *size_mm: float) -> RigidShape:
     return shape
 
 
+def lateral_reach(shape: RigidShape) -> float:
+    """The largest distance of the shape from its y axis, mm; for a sampled shape that of its grid."""
+    kind, size = Kind(shape.kind), np.array(shape.size)
+    if kind is Kind.SAMPLED:
+        low = np.array(shape.grid_origin)
+        high = low + shape.grid_spacing * (np.array(shape.coefficients.shape) - 1)
+        x, _, z = np.maximum(np.abs(low), np.abs(high))
+        return float(np.hypot(x, z))
+    if kind is Kind.CYLINDER:
+        return float(np.hypot(size[0], size[1]))
+    return float(size[0] * np.sqrt(2.0) if kind in (Kind.CUBE, Kind.TEXTURE) else size[0])
+
+
 @wp.kernel
 def _mesh_distance_kernel(
     mesh: wp.uint64,

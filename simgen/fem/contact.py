@@ -7,6 +7,8 @@ inner skin against its core.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import warp as wp
 
@@ -29,6 +31,22 @@ from .material import mat33, vec3
 from .traction import Surface
 
 wp.set_module_options({"enable_backward": False})
+
+
+class Resultants(NamedTuple):
+    """A contact as a whole, per environment.
+
+    force : (env, 3) on the sensor, in solver units
+    moment : (env, 3) about the origin
+    rms_penetration, max_penetration : (env,) mm
+    slip_share : (env,) share of the contact area, as it is at rest, where friction is at its limit; 0 without contact
+    """
+
+    force: np.ndarray
+    moment: np.ndarray
+    rms_penetration: np.ndarray
+    max_penetration: np.ndarray
+    slip_share: np.ndarray
 
 
 class Contact:
@@ -206,15 +224,16 @@ class Contact:
         """Add the 3 x 3 blocks of each node's displacement by itself."""
         self._launch(contact_diagonal_kernel, [self._tangent, self._touching, self.active], [diagonal_out])
 
-    def resultants(self, x):
-        """On the sensor: force (env, 3), moment about the origin (env, 3), and penetration rms, max (env,) mm."""
+    def resultants(self, x) -> Resultants:
+        """Measure the contact at state x."""
         force = wp.zeros(self.n_env, dtype=vec3, device=self.device)
         moment = wp.zeros(self.n_env, dtype=vec3, device=self.device)
-        penetration = wp.zeros((3, self.n_env), dtype=wp.float64, device=self.device)
-        self._launch(resultant_kernel, [x, self.active], [force, moment, penetration])
-        area, squared, deepest = penetration.numpy()
-        rms = np.sqrt(squared / np.where(area > 0.0, area, 1.0))
-        return force.numpy(), moment.numpy(), rms, np.maximum(deepest, 0.0)
+        sums = wp.zeros((4, self.n_env), dtype=wp.float64, device=self.device)
+        self._launch(resultant_kernel, [x, self.active], [force, moment, sums])
+        area, squared, deepest, sliding = sums.numpy()
+        area = np.where(area > 0.0, area, 1.0)
+        rms = np.sqrt(squared / area)
+        return Resultants(force.numpy(), moment.numpy(), rms, np.maximum(deepest, 0.0), sliding / area)
 
     def nearest(self, x, dense: wp.array) -> np.ndarray:
         """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, nodes)."""

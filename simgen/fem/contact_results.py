@@ -22,6 +22,8 @@ from .traction import (
 
 wp.set_module_options({"enable_backward": False})
 
+SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # of the limit: where a traction is returned to the cone, it is rounded
+
 
 @wp.kernel
 def gap_kernel(
@@ -46,9 +48,11 @@ def resultant_kernel(
     # outputs
     force_out: wp.array(dtype=vec3),
     moment_out: wp.array(dtype=vec3),
-    penetration_out: wp.array2d(dtype=wp.float64),
+    sums_out: wp.array2d(dtype=wp.float64),
 ):
-    """Force and moment on the sensor; rows of ``penetration_out``: area in contact, integral of g^2 there, max -g."""
+    """Force and moment on the sensor; rows of ``sums_out``: area in contact, integral of g^2 there, max -g, and the
+    area in contact where friction is at its limit.
+    """
     k, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -64,9 +68,11 @@ def resultant_kernel(
             force = area * (found.pressure * found.normal + found.friction)
             wp.atomic_add(force_out, env, force)
             wp.atomic_add(moment_out, env, wp.cross(found.position, force))
-            wp.atomic_add(penetration_out, 0, env, area)
-            wp.atomic_add(penetration_out, 1, env, area * found.gap * found.gap)
-            wp.atomic_max(penetration_out, 2, env, -found.gap)
+            wp.atomic_add(sums_out, 0, env, area)
+            wp.atomic_add(sums_out, 1, env, area * found.gap * found.gap)
+            wp.atomic_max(sums_out, 2, env, -found.gap)
+            if wp.length(found.friction) >= SLIDING * s.friction * found.pressure:
+                wp.atomic_add(sums_out, 3, env, area)
 
 
 @wp.kernel

@@ -88,10 +88,10 @@ def core_contact(scene: Scene) -> tuple[float, float]:
     if scene.core_contact is None:
         return math.nan, math.nan
     scene.solver.mark(np.ones(scene.batch, dtype=bool))
-    force, _, _, deepest = scene.core_contact.resultants(scene.solver.x)
-    pressed = scene.indenter_contact.resultants(scene.solver.x)[0][0]
+    core = scene.core_contact.resultants(scene.solver.x)
+    pressed = scene.indenter_contact.resultants(scene.solver.x).force[0]
     size = pressed @ pressed
-    return float(-force[0] @ pressed / size) if size else 0.0, float(deepest[0] * UM / MM)
+    return float(-core.force[0] @ pressed / size) if size else 0.0, float(core.max_penetration[0] * UM / MM)
 
 
 def verdicts(attempts: list[Attempt]) -> list[Row]:

@@ -56,7 +56,7 @@ def test_a_flat_overlap_presses_with_stiffness_times_depth_times_area():
     nodes, term = contact(0.0, CUBE)
     rest = state(np.zeros(3 * len(nodes)))
     term.set_pose(pose(0.0, 0.01, 0.0))
-    force, moment, rms, deepest = term.resultants(rest)
+    force, moment, rms, deepest, _ = term.resultants(rest)
     np.testing.assert_allclose(force[0], [0.0, K * 0.01 * 36.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(moment[0], 0.0, atol=1e-12)
     assert rms[0] == pytest.approx(0.01) and deepest[0] == pytest.approx(0.01)
@@ -122,7 +122,7 @@ def test_multipliers_take_over_the_load():
     change, size = update(term, rest)
     assert change[0] == pytest.approx(size[0])
     term.set_pose(pose(0.0, 0.0, 0.0))
-    force, _, _, _ = term.resultants(rest)
+    force = term.resultants(rest).force
     assert force[0, 1] == pytest.approx(K * 0.01 * 36.0)
     assert update(term, rest)[0][0] < 1e-12
 
@@ -137,7 +137,7 @@ def test_friction_sticks_then_slides_on_the_cone(slip, expected):
     update(term, rest)
     flush = pose(0.0, 0.0, 0.0)
     term.begin_increment(rest, rest, flush, pose(slip, 0.0, 0.0), NEAR)
-    force, _, _, _ = term.resultants(rest)
+    force = term.resultants(rest).force
     assert force[0, 0] == pytest.approx(expected, rel=1e-12)  # the gel is dragged along
     assert force[0, 1] == pytest.approx(0.6 * 36.0)
 
@@ -170,7 +170,7 @@ def test_shapes_and_poses_belong_to_their_environment():
     term.set_shapes([SPHERE, CUBE])
     term.set_pose(np.concatenate([pose(0.0, 0.2, 0.0), pose(0.0, 0.01, 0.0)]))
     rest = state(np.zeros((3 * len(nodes), 2)))
-    together = term.resultants(rest)[0]
+    together = term.resultants(rest).force
     for env, (shape, depth) in enumerate([(SPHERE, 0.2), (CUBE, 0.01)]):
         _, single = contact(0.0, shape)
         single.set_pose(pose(0.0, depth, 0.0))
@@ -185,7 +185,7 @@ def test_environments_choose_among_the_shapes():
     term.choose(np.array([1, 0]))
     term.set_pose(np.concatenate([pose(0.0, 0.1, 0.0)] * 2))
     rest = state(np.zeros((3 * len(nodes), 2)))
-    flat, round_ = term.resultants(rest)[0]
+    flat, round_ = term.resultants(rest).force
     assert flat[1] == pytest.approx(K * 0.1 * 36.0) and round_[1] < 0.3 * flat[1]
 
 

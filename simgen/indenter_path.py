@@ -1,0 +1,88 @@
+"""The path of an indenter: where it is, relative to first touch, at each step that a dataset keeps.
+
+A path is given in the contact frame: the indenter's own frame at first touch. Its origin is the tip, +y is the press
+axis and points into the sensor, and x and z lie in the surface. A press is a path along +y.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+DOWN = np.array([0.0, 1.0, 0.0])  # the press axis in the contact frame
+
+
+@dataclass(frozen=True)
+class IndenterPath:
+    """The steps of a path, in the contact frame.
+
+    offsets_m : (step, 3) m, the tip's offset from first touch
+    turns_rad : (step,) rad, the indenter's right-handed turn about the press axis
+    legs : (step,) int32, the leg that a step ends or lies on; 0 is the press
+    """
+
+    offsets_m: np.ndarray
+    turns_rad: np.ndarray
+    legs: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.offsets_m)
+
+    @property
+    def depths_m(self) -> np.ndarray:
+        """(step,) m, the offset along the press axis."""
+        return self.offsets_m[:, 1]
+
+    @property
+    def is_a_press(self) -> bool:
+        """True if the indenter only goes down its press axis."""
+        return not self.legs.any()
+
+    @property
+    def lateral_reach_m(self) -> float:
+        """m, the largest distance of the tip from the press axis."""
+        return float(np.hypot(self.offsets_m[:, 0], self.offsets_m[:, 2]).max())
+
+
+def press_path(depths_m: np.ndarray) -> IndenterPath:
+    """The path of a press to depths (step,) m."""
+    depths_m = np.asarray(depths_m, dtype=float)
+    count = len(depths_m)
+    return IndenterPath(depths_m[:, None] * DOWN, np.zeros(count), np.zeros(count, np.int32))
+
+
+def with_legs(press: IndenterPath, legs: Sequence[tuple[Sequence[float], float, int]]) -> IndenterPath:
+    """The press followed by legs, each ``(move (3,) m, turn rad, steps)`` from where the one before it ended.
+
+    The steps of a leg divide it evenly. Offsets are rounded to whole nanometres.
+    """
+    offsets, turns = [press.offsets_m], [press.turns_rad]
+    numbers = [press.legs]
+    for number, (move, turn, steps) in enumerate(legs, start=1):
+        share = np.arange(1, steps + 1) / steps
+        offsets.append(np.round(offsets[-1][-1] + share[:, None] * np.asarray(move), 9))
+        turns.append(turns[-1][-1] + share * turn)
+        numbers.append(np.full(steps, number, np.int32))
+    return IndenterPath(np.concatenate(offsets), np.concatenate(turns), np.concatenate(numbers))
+
+
+def moved(poses: np.ndarray, offsets: np.ndarray, turns_rad: np.ndarray | float = 0.0) -> np.ndarray:
+    """Poses (..., 4, 4), moved by offsets (..., 3) along their own axes and turned (...) rad about their own +y.
+
+    Offsets are in the unit of the poses.
+    """
+    turned = poses.copy()
+    turned[..., :3, 3] += np.einsum("...ij,...j->...i", poses[..., :3, :3], offsets)
+    turned[..., :3, :3] = poses[..., :3, :3] @ turn_about_press_axis(turns_rad)
+    return turned
+
+
+def turn_about_press_axis(turns_rad: np.ndarray | float) -> np.ndarray:
+    """Rotation matrices (..., 3, 3): right-handed turns (...) rad about +y."""
+    turns_rad = np.asarray(turns_rad, dtype=float)
+    rotation = np.zeros((*turns_rad.shape, 3, 3))
+    rotation[..., 1, 1] = 1.0
+    rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(turns_rad)
+    rotation[..., 0, 2] = np.sin(turns_rad)
+    rotation[..., 2, 0] = -rotation[..., 0, 2]
+    return rotation
