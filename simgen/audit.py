@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from simgen import touch_audit
-from simgen.dataset import PLAN, Dataset
+from simgen.dataset import PLAN, Dataset, path_arrays
 from simgen.dataset_layout import faults
 from simgen.errors import InputError
 from simgen.finding import SHOWN, Finding, name, named, not_looked_at
@@ -136,8 +136,10 @@ def _layout(dataset: Dataset) -> Finding:
 
 
 def _depths(dataset: Dataset) -> Finding:
-    same = np.array_equal(dataset["depth"], dataset.job.depths_m)
-    return Finding("dataset", "depths", f"{len(dataset['depth'])}", "the job's", same)
+    expected = path_arrays(dataset.indenter_path)
+    wrong = [name for name, values in expected.items() if not np.array_equal(dataset[name], values)]
+    what = "depths" if dataset.indenter_path.is_a_press else "steps of the path"
+    return Finding("dataset", what, f"{len(dataset['depth'])}", "the job's", not wrong, ", ".join(wrong))
 
 
 def _numbering(dataset: Dataset) -> Finding:
@@ -193,8 +195,8 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     def stored(key: str) -> np.ndarray:
         return dataset[f"{sensor}/certificate/{key}"]
 
-    vectors = ["force", "moment", *(["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else [])]
-    for key in vectors:
+    liquid = ["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else []
+    for key in ("force", "moment", *liquid, *dataset.job.kept_outputs(sensor)):
         values = dataset[f"{sensor}/{key}"]
         finite = np.isfinite(values).reshape(*converged.shape, -1).all(axis=2)
         yield named(sensor, f"{key} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)

@@ -7,6 +7,7 @@ from simgen.dataset import Dataset
 from simgen.distance import RigidShape, distance
 from simgen.errors import InputError
 from simgen.geometry import advanced
+from simgen.indenter_path import moved
 from simgen.quiet import start_warp
 from simgen.shape import shape_array
 from simgen.touch_audit import FACET_M, pressed_indenters, touchable_points
@@ -48,7 +49,7 @@ class ContactPatches:
         self.device, self.points = device, touchable_points(dataset, sensor)
         self._rest = dataset[f"{sensor}/rest_positions"][self.points]
         self._shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)], device)
-        self._indenter, self._depth = dataset["press/indenter"], dataset["depth"]
+        self._indenter, self._path = dataset["press/indenter"], dataset.indenter_path
         self._first_touch = advanced(
             np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"], dataset[f"{sensor}/touch"]
         )
@@ -62,7 +63,7 @@ class ContactPatches:
 
         displacement : (sample, point, 3) m, of `points` alone; or (sample, point) of ``wp.vec3d`` on the device
         """
-        pose = advanced(self._first_touch[press], self._depth[step])
+        pose = moved(self._first_touch[press], self._path.offsets_m[step], self._path.turns_rad[step])
         arrays = [
             (self._indenter[press], wp.int32),
             (pose[:, :3, :3], wp.mat33d),

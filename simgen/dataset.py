@@ -4,7 +4,9 @@ One zarr v3 directory, in SI units::
 
     <name>.zarr/
       attributes                                       resolved job and hash, code, packages, meshes, status
-      depth (depth,)                                   m, from true first touch
+      depth (depth,)                                   m, from true first touch, at each step of the indenters' path
+      path/offset (depth, 3), turn, leg (depth,)       with legs after the press: m and rad in the contact frame; the
+                                                       number of the leg, 0 is the press
       press/trajectory, indenter (press,)              the contact; index into the job's indenters
       press/split (press,)                             0 train, 1 validation, 2 test: by trajectory; -1 none, with
                                                        an indenter that is left out
@@ -20,6 +22,8 @@ One zarr v3 directory, in SI units::
       <sensor>/displacement (press, depth, vertex, 3)  int16 in steps of 1e-7 m, or float32 in m
       <sensor>/force, moment (press, depth, 3)         N, N m: on the sensor, in its frame, with friction
       <sensor>/cavity_pressure (press, depth)          Pa above ambient; only with a fluid in its cavity
+      <sensor>/shear_force (press, depth, 2)           N along x and z of the contact frame, and the share of the
+      <sensor>/slip_share (press, depth)               contact area that slides: with legs, or where asked for
       <sensor>/status (press, depth)                   0 converged; the sentences are in the attributes
       <sensor>/certificate/* (press, depth)            residual, force_balance, min_det_F, ...
       README.md, presses.csv, croissant.json           what it is, for people and machines (`simgen.card`)
@@ -48,8 +52,9 @@ import zarr
 
 from simgen.chunk_files import check_frames, chunk_path, is_sharded, open_sharded
 from simgen.errors import InputError, shown
+from simgen.indenter_path import IndenterPath
 from simgen.job import job_from_dict
-from simgen.job_schema import Job
+from simgen.job_schema import OUTPUTS, Job
 
 SCHEMA = 1
 DISPLACEMENT_STEP_M = 1e-7
@@ -107,6 +112,8 @@ def written_arrays(job: Job, output_vertices: Mapping[str, int]) -> dict[str, Ar
             f"{sensor}/moment": Array((depths, 3), "float64", "about the origin of the sensor frame", "N m"),
             f"{sensor}/status": Array((depths,), "int8", "0 converged; names in the root attributes"),
         }
+        for output in job.kept_outputs(sensor):
+            arrays[f"{sensor}/{output}"] = _optional_array(output, depths)
         certificate = CERTIFICATE
         if job.sensors[sensor].fluid != "none":
             about = "of the liquid in the cavity, above ambient"
@@ -114,6 +121,20 @@ def written_arrays(job: Job, output_vertices: Mapping[str, int]) -> dict[str, Ar
             certificate = CERTIFICATE | LIQUID_CERTIFICATE
         for key, (dtype, about) in certificate.items():
             arrays[f"{sensor}/certificate/{key}"] = Array((depths,), dtype, about)
+    return arrays
+
+
+def _optional_array(output: str, depths: int) -> Array:
+    """An output that a job may ask for; see `simgen.job_schema.OUTPUTS` for what it means."""
+    shape, unit = {"shear_force": ((depths, 2), "N"), "slip_share": ((depths,), "")}[output]
+    return Array(shape, "float64", OUTPUTS[output], unit)
+
+
+def path_arrays(path: IndenterPath) -> dict[str, np.ndarray]:
+    """The arrays, by path in the dataset, that say where the indenters go; ``depth`` alone for presses."""
+    arrays = {"depth": path.depths_m}
+    if not path.is_a_press:
+        arrays |= {"path/offset": path.offsets_m, "path/turn": path.turns_rad, "path/leg": path.legs}
     return arrays
 
 
@@ -258,6 +279,18 @@ class Dataset:
     def _shards_of(self, press: int | slice) -> list[int]:
         some = np.arange(self.presses)[press]
         return np.unique(some // self.job.dataset.presses_per_shard).tolist()
+
+    @cached_property
+    def indenter_path(self) -> IndenterPath:
+        """The path of the indenters."""
+        return self.job.indenter_path
+
+    def offsets_of(self, sensor: str) -> np.ndarray:
+        """(press, depth, 3) m: offsets from first touch in the contact frame, with the depths of `depths_of`."""
+        depths = self.depths_of(sensor)
+        offsets = np.tile(self.indenter_path.offsets_m, (self.presses, 1, 1))
+        offsets[..., 1] = depths
+        return offsets
 
     def depths_of(self, sensor: str) -> np.ndarray:
         """(press, depth) m: of the dataset, or what an imported file states, which need not be even."""

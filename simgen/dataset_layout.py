@@ -5,7 +5,7 @@ A dataset of `simgen run` is so; one that somebody else, or a bad disk, has chan
 
 import numpy as np
 
-from simgen.dataset import Dataset
+from simgen.dataset import Dataset, path_arrays
 from simgen.errors import InputError
 from simgen.splits import IN_NONE, SPLITS
 
@@ -38,7 +38,8 @@ def _expected(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], str | type]]
     """Path -> shape, and type or kind of types."""
     presses, integer, real = dataset.presses, np.integer, np.floating
     expected = {
-        "depth": ((len(dataset.job.depths_m),), real),
+        **{name: (values.shape, np.integer if values.dtype.kind == "i" else real)
+           for name, values in path_arrays(dataset.indenter_path).items()},
         "press/trajectory": ((presses,), integer),
         "press/indenter": ((presses,), integer),
         "press/split": ((presses,), integer),
@@ -76,9 +77,10 @@ def _bad_values(dataset: Dataset) -> dict[str, str]:
         "press/indenter": (0, len(job.indenters) - 1),
         "press/split": (IN_NONE, len(SPLITS) - 1),
     }
-    finite, poses = ["depth"], []
+    finite, poses = [*path_arrays(dataset.indenter_path)], []
     if not dataset.imported:
-        finite, poses = ["depth", "press/contact_normal"], ["press/contact_pose"]
+        finite.append("press/contact_normal")
+        poses.append("press/contact_pose")
     for sensor in dataset.sensors:
         last = dataset.array(f"{sensor}/rest_positions").shape[0] - 1
         bounds |= {f"{sensor}/{key}": (0, last) for key in ("tetrahedra", "surface_triangles")}

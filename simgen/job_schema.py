@@ -24,6 +24,13 @@ NAME = r"^[A-Za-z][A-Za-z0-9_.-]{0,99}$"
 # What else a dataset's folder holds.
 NOT_SENSORS = ("press", "depth", "path", "manifest", "zarr.json", "README.md", "presses.csv", "croissant.json")
 FINEST_MM = 1e-6  # depths are whole nanometres
+# Outputs of a press that a job may ask for, with what they are.
+OUTPUTS = {
+    "shear_force": "on the sensor, along x and z of the contact frame",
+    "slip_share": "share of the contact area where friction is at its limit, so that the surface slides",
+}
+OF_PATHS = ("shear_force", "slip_share")  # kept of every path that is more than a press
+Output = Literal[tuple(OUTPUTS)]
 
 
 class MaterialChoice(Section):
@@ -146,6 +153,9 @@ class Job(Section):
     indenters: tuple[str, ...] = Field(min_length=1, description="a list of names, or paths of closed meshes")
     trajectories: Trajectories
     depths_mm: Depths
+    outputs: dict[str, tuple[Output, ...]] = Field(
+        {}, exclude_if=lambda outputs: not outputs, description=f"sensor: [{', '.join(OUTPUTS)}], ..."
+    )
     solver: Solver = Solver()
     dataset: DatasetSettings = Field(DatasetSettings(), validate_default=True)
     _folder: Path = PrivateAttr(default=Path())  # of the job file: relative paths start there
@@ -158,6 +168,17 @@ class Job(Section):
                 allowed = f"letters, digits, _ . -, a letter first, 100 at most, not {', '.join(NOT_SENSORS)}"
                 raise ValueError(f"{shown(repr(name))} cannot name a sensor; allowed: {allowed}")
         return sensors
+
+    @field_validator("outputs")
+    @classmethod
+    def _outputs_of_sensors(
+        cls, outputs: dict[str, tuple[Output, ...]], info: ValidationInfo
+    ) -> dict[str, tuple[Output, ...]]:
+        sensors = info.data.get("sensors", outputs)
+        for name in outputs:
+            if name not in sensors:
+                raise ValueError(f"{shown(repr(name))} is no sensor of the job; allowed: {', '.join(sensors)}")
+        return outputs
 
     @field_validator("indenters")
     @classmethod
@@ -199,18 +220,23 @@ class Job(Section):
         return dataset
 
     @property
-    def path(self) -> IndenterPath:
+    def indenter_path(self) -> IndenterPath:
         """The path of every indenter: the press to all depths, then the legs of ``trajectories.path``."""
         return _path(self.depths_mm, self.trajectories)
 
     @property
     def depths_m(self) -> np.ndarray:
         """(step,) float64, m: the depth at each step of the path."""
-        return self.path.depths_m
+        return self.indenter_path.depths_m
 
     @property
     def indenter_names(self) -> tuple[str, ...]:
         return tuple(indenter_name(text) for text in self.indenters)
+
+    def kept_outputs(self, sensor: str) -> tuple[str, ...]:
+        """The optional outputs that are kept of a sensor, in the order of `OUTPUTS`."""
+        asked = {*self.outputs.get(sensor, ()), *(() if self.indenter_path.is_a_press else OF_PATHS)}
+        return tuple(output for output in OUTPUTS if output in asked)
 
     @property
     def presses(self) -> int:
@@ -223,7 +249,7 @@ class Job(Section):
     @property
     def samples(self) -> int:
         """Presses times steps: each is one sample on every sensor."""
-        return self.presses * len(self.path)
+        return self.presses * len(self.indenter_path)
 
     @property
     def folder(self) -> Path:

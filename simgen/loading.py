@@ -10,12 +10,13 @@ import numpy as np
 
 from simgen.dataset import Dataset
 from simgen.errors import InputError
+from simgen.job_schema import OUTPUTS
 from simgen.splits import IN_NONE, SPLITS, leave_out
 
 if TYPE_CHECKING:
     import torch
 
-OF_SENSOR = ("force", "moment", "cavity_pressure", "stated_depth")  # where the dataset has them
+OF_SENSOR = ("force", "moment", "cavity_pressure", "stated_depth", *OUTPUTS)  # where the dataset has them
 
 
 def load_dataset(
@@ -73,8 +74,10 @@ class Samples(Sequence):
         """A sample, or some of them: float32 in SI units, numbers in int64.
 
         ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` and ``<sensor>/moment`` (3,) in the sensor's frame;
-        with a liquid ``<sensor>/cavity_pressure``; ``depth``, and where files of others were imported the depth they
-        state, ``<sensor>/stated_depth``; ``press``, ``trajectory`` and ``indenter``, an index into `indenters`.
+        with a liquid ``<sensor>/cavity_pressure``; the optional outputs that the dataset has, such as
+        ``<sensor>/slip_share``; ``depth``, and where files of others were imported the depth they state,
+        ``<sensor>/stated_depth``; ``press``, ``trajectory`` and ``indenter``, an index into `indenters`. Of a path that
+        is more than a press also ``offset`` (3,) and ``turn``, in the contact frame, and ``leg``.
         """
         if isinstance(number, slice):
             return Samples(self.path, self.sensors, self.rows[number])
@@ -82,6 +85,10 @@ class Samples(Sequence):
         shared = self._columns
         sample = {key: np.int64(shared[f"press/{key}"][press]) for key in ("trajectory", "indenter")}
         sample |= {"press": np.int64(press), "depth": np.float32(shared["depth"][step])}
+        path = self.dataset.indenter_path
+        if not path.is_a_press:
+            sample |= {"offset": np.float32(path.offsets_m[step]), "turn": np.float32(path.turns_rad[step])}
+            sample["leg"] = np.int64(path.legs[step])
         for sensor in self.sensors:
             displacement = self.dataset.displacement(sensor, press, step)
             sample[f"{sensor}/displacement"] = displacement.astype(np.float32)

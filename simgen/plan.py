@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from simgen import pairing, provenance
+from simgen.dataset import path_arrays
 from simgen.errors import InputError
 from simgen.fem.status import Status
 from simgen.indenter import load_indenter
@@ -37,13 +38,13 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     indenters = indenter_identities(job)  # first: it takes no time
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
-    settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count"}))
+    settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count", "path"}))
     contacts = pairing.sample_contacts(
-        reference, job.trajectories.count, job.seed, float(job.depths_m[-1]), settings
+        reference, job.trajectories.count, job.seed, float(job.depths_m.max()), settings
     )
     trajectory, indenter = number_presses(job)
     arrays = {
-        "depth": job.depths_m,
+        **path_arrays(job.indenter_path),
         "press/trajectory": trajectory,
         "press/indenter": indenter,
         "press/split": split_presses(job),

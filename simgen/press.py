@@ -120,7 +120,7 @@ def follow(
         raise InputError(f"path of shape {path_m.shape}: allowed: one or more points of three finite coordinates, m")
     turns_rad = np.zeros(len(path_m)) if turns_rad is None else np.asarray(turns_rad, dtype=float)
     if turns_rad.shape != path_m.shape[:1] or not np.isfinite(turns_rad).all():
-        raise InputError(f"turns of shape {turns_rad.shape}: allowed: one finite angle, rad, for each point of the path")
+        raise InputError(f"turns of shape {turns_rad.shape}: allowed: a finite angle, rad, for each point of the path")
     if not np.isfinite(poses).all():
         raise InputError("poses: not finite; allowed: rigid transforms, m")
     if not len(shapes):

@@ -24,16 +24,17 @@ from simgen.dataset import Dataset
 from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
 from simgen.indenter import Indenter, load_indenter
+from simgen.indenter_path import IndenterPath
 from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, sensor_identity
-from simgen.press import PressResult, Scene, SolverSettings, press
+from simgen.press import PressResult, Scene, SolverSettings, follow
 from simgen.provenance import difference, package_versions, source_hash
 from simgen.quiet import start_warp
 from simgen.sensor import Sensor
 from simgen.shard_writer import ShardWriter, put_shards_in_place
 
-Presser = Callable[[Sequence[int], np.ndarray, np.ndarray], list[PressResult]]
-"""(indenter indices, poses in the sensor's frame (b, 4, 4) m, depths (d,) m) -> one result each."""
+Presser = Callable[[Sequence[int], np.ndarray, IndenterPath], list[PressResult]]
+"""(indenter indices, poses in the sensor's frame (b, 4, 4) m, path) -> one result each."""
 
 # Of what this process has loaded: the files may change while a worker lives, what it runs does not.
 LOADED = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
@@ -81,8 +82,8 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid)
     shapes = [indenter.shape() for indenter in _indenters(job)]
 
-    def presser(indenters: Sequence[int], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
-        return press(scene, [shapes[i] for i in indenters], poses, depths_m)
+    def presser(indenters: Sequence[int], poses: np.ndarray, path: IndenterPath) -> list[PressResult]:
+        return follow(scene, [shapes[i] for i in indenters], poses, path.offsets_m, path.turns_rad)
 
     return presser
 
@@ -170,7 +171,7 @@ def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: s
     _check_inputs(job, inputs)
     for sensor in dataset.sensors:
         poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
-        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.depths_m)
+        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.indenter_path)
         for writer, end in zip(writers, ends, strict=True):
             own = slice(end - len(writer.presses), end)
             writer.take(sensor, results[own], contact_pose[own])

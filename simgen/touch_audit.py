@@ -14,7 +14,9 @@ from simgen.dataset import Dataset
 from simgen.distance import RigidShape, distance
 from simgen.errors import InputError
 from simgen.finding import Finding, named, not_looked_at
+from simgen.geometry import advanced
 from simgen.indenter import Indenter, load_indenter
+from simgen.indenter_path import moved
 from simgen.provenance import difference
 from simgen.quiet import start_warp
 from simgen.shape import shape_array
@@ -52,7 +54,7 @@ def _nearest_vertex_kernel(
     x = rest[vertex] - origin[sample]
     if j >= 0:
         x += wp.vec3d(displacement[i, j, vertex, 0], displacement[i, j, vertex, 1], displacement[i, j, vertex, 2])
-    local = wp.transpose(rotation[i]) * x
+    local = wp.transpose(rotation[sample]) * x
     wp.atomic_min(distance_out, sample, distance(shapes[indenter[i]], wp.float64(1000.0) * local))
 
 
@@ -116,8 +118,9 @@ class _Look:
         self.touchable = touchable_points(dataset, sensor)
         self.rest = dataset[f"{sensor}/rest_positions"][self.touchable]
         self.stated = dataset[f"{sensor}/certificate/max_penetration_m"]
-        self.touch, self.depth = dataset[f"{sensor}/touch"], dataset["depth"]
-        self.pose = np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"]
+        first_touch = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
+        self.first_touch = np.linalg.inv(dataset[f"{sensor}/pose"]) @ first_touch
+        self.touched = dataset[f"{sensor}/force"].any(axis=2)  # where an indenter is lifted off, nothing is
         self.indenter = dataset["press/indenter"]
         try:
             self.shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)])
@@ -139,7 +142,7 @@ class _Look:
         if len(at[0]) and not self.why_not and len(self.touchable):
             at_rest, nearest = self._nearest(rows, displacement, *at)
             overlap[at] = -nearest - self.stated[rows][at]
-            apart[at] = nearest - np.maximum(at_rest, 0.0)[at[0]]
+            apart[at] = np.where(self.touched[rows][at], nearest - np.maximum(at_rest, 0.0)[at[0]], 0.0)
         return rows, moved, gap, overlap, apart
 
     def _nearest(
@@ -147,10 +150,11 @@ class _Look:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Least distance of vertices from the indenter, m: of each press (n,) at first touch, undisplaced, and of
         samples (s,), given by their rows in the shard and their depths."""
-        count = rows.stop - rows.start
+        count, path = rows.stop - rows.start, self.dataset.indenter_path
         press, depth = np.append(np.arange(count), press), np.append(np.full(count, -1), depth)
-        pose = self.pose[rows]
-        travel = self.touch[rows][press] + np.where(depth < 0, 0.0, self.depth[depth])
+        offsets = np.where(depth[:, None] < 0, 0.0, path.offsets_m[depth])
+        turns = np.where(depth < 0, 0.0, path.turns_rad[depth])
+        pose = moved(self.first_touch[rows][press], offsets, turns)
         arrays = [
             (self.indenter[rows], wp.int32),
             (self.rest, wp.vec3d),
@@ -158,7 +162,7 @@ class _Look:
             (pose[:, :3, :3], wp.mat33d),
             (press, wp.int32),
             (depth, wp.int32),
-            (pose[press, :3, 3] + travel[:, None] * pose[press, :3, 1], wp.vec3d),
+            (pose[:, :3, 3], wp.vec3d),
         ]
         inputs = [wp.array(np.ascontiguousarray(values), dtype=kind, device="cpu") for values, kind in arrays]
         least = wp.full(len(press), np.inf, dtype=wp.float64, device="cpu")

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 import zarr
 
-from simgen.dataset import Dataset
+from simgen.dataset import Dataset, path_arrays
 from simgen.job import job_from_dict
 from simgen.job_schema import Job
 from simgen.plan import indenter_identities
@@ -54,7 +54,7 @@ def make_plan(job: Job) -> SimpleNamespace:
     contact[:, :3, :3] = np.stack([np.cross(-normals, side), -normals, side], axis=2)
     contact[:, :3, 3] = RADIUS_M * normals
     arrays = {
-        "depth": job.depths_m,
+        **path_arrays(job.indenter_path),
         "press/trajectory": trajectory,
         "press/indenter": indenter,
         "press/split": split_presses(job),
@@ -108,13 +108,15 @@ def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: fl
         certificate=certificate,
         touch=1e-5 * (indenter + 1),
         cavity_pressure=1e6 * depths,
+        shear_force=depths[:, None] * [10.0, -20.0],
+        slip_share=0.5 * ones,
         seconds=seconds,
     )
 
 
 def fake_presser(job, sensor, device):
-    def presser(indenters, poses, depths):
-        return [fake_result(i, pose, depths, 0.01) for i, pose in zip(indenters, poses, strict=True)]
+    def presser(indenters, poses, path):
+        return [fake_result(i, pose, path.depths_m, 0.01) for i, pose in zip(indenters, poses, strict=True)]
 
     return presser
 
@@ -122,8 +124,8 @@ def fake_presser(job, sensor, device):
 def failing_presser(job, sensor, device):
     """The ring stalls from the third depth on."""
 
-    def presser(indenters, poses, depths):
-        results = fake_presser(job, sensor, device)(indenters, poses, depths)
+    def presser(indenters, poses, path):
+        results = fake_presser(job, sensor, device)(indenters, poses, path)
         for indenter, result in zip(indenters, results, strict=True):
             if indenter == 1:
                 result.status[2:] = 1
@@ -142,8 +144,8 @@ def failing_presser(job, sensor, device):
 def missing_presser(job, sensor, device):
     """The ring never touches the first sensor."""
 
-    def presser(indenters, poses, depths):
-        results = fake_presser(job, sensor, device)(indenters, poses, depths)
+    def presser(indenters, poses, path):
+        results = fake_presser(job, sensor, device)(indenters, poses, path)
         for indenter, result in zip(indenters, results, strict=True):
             if indenter == 1 and sensor == "digit":
                 result.touch = np.nan
@@ -163,8 +165,8 @@ def missing_presser(job, sensor, device):
 def overflowing_presser(job, sensor, device):
     """Displacements of 4 mm and more do not fit into int16 steps of 0.1 um."""
 
-    def presser(indenters, poses, depths):
-        results = fake_presser(job, sensor, device)(indenters, poses, depths)
+    def presser(indenters, poses, path):
+        results = fake_presser(job, sensor, device)(indenters, poses, path)
         results[0].displacement[...] = 4e-3
         return results
 
@@ -198,11 +200,11 @@ def forbidden_presser(job, sensor, device):
 def raising_presser(job, sensor, device):
     """The second sensor's solver breaks down, while what the first one made is written."""
 
-    def presser(indenters, poses, depths):
+    def presser(indenters, poses, path):
         if sensor == "biotac":
             time.sleep(0.3)  # the first sensor's files are being written
             raise RuntimeError("no solver")
-        return fake_presser(job, sensor, device)(indenters, poses, depths)
+        return fake_presser(job, sensor, device)(indenters, poses, path)
 
     return presser
 
@@ -213,11 +215,11 @@ STUMBLED: list[int] = []
 def stumbling_presser(job, sensor, device):
     """The third call raises, and no other."""
 
-    def presser(indenters, poses, depths):
+    def presser(indenters, poses, path):
         STUMBLED.append(len(STUMBLED))
         if len(STUMBLED) == 3:
             raise OSError(5, "Input/output error", "/somewhere/else")
-        return fake_presser(job, sensor, device)(indenters, poses, depths)
+        return fake_presser(job, sensor, device)(indenters, poses, path)
 
     return presser
 
@@ -230,10 +232,10 @@ def poisoned_presser(job, sensor, device):
     pose = make_plan(job).arrays["press/contact_pose"][POISON]
     indenter = POISON % len(job.indenters)
 
-    def presser(indenters, poses, depths):
+    def presser(indenters, poses, path):
         if any(i == indenter and np.allclose(each, pose) for i, each in zip(indenters, poses, strict=True)):
             os.kill(os.getpid(), signal.SIGKILL)
-        return fake_presser(job, sensor, device)(indenters, poses, depths)
+        return fake_presser(job, sensor, device)(indenters, poses, path)
 
     return presser
 
@@ -242,11 +244,11 @@ def killed_presser(job, sensor, device):
     """kill -9 of this very process in the third task, half-way between the two sensors."""
     tasks = {"count": 0}
 
-    def presser(indenters, poses, depths):
+    def presser(indenters, poses, path):
         tasks["count"] += 1
         if sensor == "biotac" and tasks["count"] == 3:
             os.kill(os.getpid(), signal.SIGKILL)
-        return fake_presser(job, sensor, device)(indenters, poses, depths)
+        return fake_presser(job, sensor, device)(indenters, poses, path)
 
     return presser
 
@@ -271,9 +273,9 @@ def change(dataset: Dataset, name: str, index, value) -> None:
 def slow_presser(job, sensor, device):
     """0.5 s per press, so that there is time to interrupt, also on a machine with other work."""
 
-    def presser(indenters, poses, depths):
+    def presser(indenters, poses, path):
         time.sleep(0.5 * len(indenters))
-        return fake_presser(job, sensor, device)(indenters, poses, depths)
+        return fake_presser(job, sensor, device)(indenters, poses, path)
 
     return presser
 
@@ -282,10 +284,10 @@ def tiring_presser(job, sensor, device):
     """Its first shard takes a process no time, each other one a minute for each sensor."""
     shards = []
 
-    def presser(indenters, poses, depths):
+    def presser(indenters, poses, path):
         shards.append(len(indenters))
         if len(shards) > 1:
             time.sleep(60.0)
-        return fake_presser(job, sensor, device)(indenters, poses, depths)
+        return fake_presser(job, sensor, device)(indenters, poses, path)
 
     return presser

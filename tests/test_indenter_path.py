@@ -42,7 +42,7 @@ def test_the_path_of_a_job():
     """Legs are in mm and degrees; depths are whole nanometres."""
     legs = "trajectories.path=[{move_mm: [0.5, 0, 0], steps: 2}, {turn_deg: -30, move_mm: [0, -1.5, 0], steps: 1}]"
     job = load_job("smoke", [legs])
-    path = job.path
+    path = job.indenter_path
     assert len(path) == 13 and job.samples == 13 * job.presses
     np.testing.assert_array_equal(path.offsets_m[[9, 11, 12]], [[0, 1e-3, 0], [5e-4, 1e-3, 0], [5e-4, -5e-4, 0]])
     np.testing.assert_allclose(np.degrees(path.turns_rad[-2:]), [0.0, -30.0])

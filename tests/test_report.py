@@ -22,8 +22,8 @@ ALWAYS = [title for title in SECTIONS if title != "Cavity pressure against depth
 def never_touching_presser(job, sensor, device):
     """Nothing touches anything."""
 
-    def presser(indenters, poses, depths):
-        results = fake.fake_presser(job, sensor, device)(indenters, poses, depths)
+    def presser(indenters, poses, path):
+        results = fake.fake_presser(job, sensor, device)(indenters, poses, path)
         for result in results:
             result.touch = np.nan
             result.status[:] = 2

@@ -1,8 +1,9 @@
 """Export to time series that ParaView opens: for each press and sensor one of the sensor and one of the indenter.
 
-``trajectory_<i>/<indenter>/<sensor>.pvd`` and ``<sensor>_indenter.pvd`` name a file for each depth, which is the time,
-in mm. Coordinates are deformed, in m, in the frame that the sensors share; of an imported dataset that does not say
-where its sensors lie, in the sensor's own frame, and without the indenter, as where its file has changed or is gone.
+``trajectory_<i>/<indenter>/<sensor>.pvd`` and ``<sensor>_indenter.pvd`` name a file for each step. The time is the
+depth in mm, or the step's number where the indenter does more than press. Coordinates are deformed, in m, in the frame
+that the sensors share. An imported dataset may not say where its sensors lie: then they are in the sensor's own frame,
+and the indenter is left out. It is also left out where its file has changed or is gone.
 """
 
 from collections.abc import Iterable
@@ -16,6 +17,7 @@ from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.exchange.selection import Selection, Track, vertex_flags
 from simgen.geometry import advanced
+from simgen.indenter_path import moved
 from simgen.quiet import start_warp
 from simgen.touch_audit import pressed_indenter
 from simgen.whole_files import check_room
@@ -49,7 +51,8 @@ class _Series:
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor = dataset, sensor
         self.rest, self.tetrahedra = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/tetrahedra"]
-        self.flags, self.depths = vertex_flags(dataset, sensor), dataset.depths_of(sensor)
+        self.flags, self.offsets = vertex_flags(dataset, sensor), dataset.offsets_of(sensor)
+        self.turns = dataset.indenter_path.turns_rad
         self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
         self.pose = dataset[f"{sensor}/pose"]
         self.touched = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
@@ -65,7 +68,7 @@ class _Series:
             check_room(folder)  # on a full disk VTK ends the process
             meshes.append((step, folder / self.sensor / f"depth_{step}.vtu"))
             self._sample(press, step, displacement[step]).save(meshes[-1][1])
-            pose = advanced(self.touched[press], self.depths[press, step])
+            pose = moved(self.touched[press], self.offsets[press, step], self.turns[step])
             if indenter is not None and np.isfinite(pose).all():
                 shapes.append((step, folder / self.sensor / f"indenter_{step}.vtp"))
                 indenter.transform(pose, inplace=False).save(shapes[-1][1])
@@ -79,7 +82,7 @@ class _Series:
         mesh = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: self.tetrahedra}, points)
         mesh.point_data["displacement"] = displacement @ pose[:3, :3].T
         mesh.point_data.update(self.flags)
-        mesh.field_data["depth_mm"] = [1e3 * self.depths[press, step]]
+        mesh.field_data["depth_mm"] = [1e3 * self.offsets[press, step, 1]]
         mesh.field_data["force_N"] = (pose[:3, :3] @ self.force[press, step])[None]
         return mesh
 
@@ -88,6 +91,6 @@ class _Series:
         collection = ElementTree.SubElement(root, "Collection")
         for step, file in files:
             name = file.relative_to(path.parent).as_posix()
-            time = f"{1e3 * self.depths[press, step]:.9g}"
+            time = f"{1e3 * self.offsets[press, step, 1]:.9g}" if self.dataset.indenter_path.is_a_press else f"{step}"
             ElementTree.SubElement(collection, "DataSet", timestep=time, part="0", file=name)
         ElementTree.ElementTree(root).write(path, xml_declaration=True)

@@ -13,6 +13,7 @@ from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.exchange.result_files import Sample
 from simgen.geometry import advanced
+from simgen.indenter_path import moved
 from simgen.splits import SPLITS
 
 SHOWN = 12  # numbers that a message lists
@@ -105,7 +106,8 @@ class Samples:
     """The converged samples of one sensor, in its frame."""
 
     def __init__(self, dataset: Dataset, sensor: str):
-        self.dataset, self.sensor, self.depths = dataset, sensor, dataset.depths_of(sensor)
+        self.dataset, self.sensor = dataset, sensor
+        self.offsets, self.turns = dataset.offsets_of(sensor), dataset.indenter_path.turns_rad
         self.trajectory, self.indenter = dataset["press/trajectory"], dataset["press/indenter"]
         self.rest, self.sensor_pose = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/pose"]
         self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
@@ -124,8 +126,8 @@ class Samples:
                     nodal_coordinates=self.rest + displacement[step],
                     force=self.force[press, step],
                     indenter=self.dataset.indenters[self.indenter[press]],
-                    pose=_known(advanced(self.first_touch[press], self.depths[press, step])),
-                    depth_m=float(self.depths[press, step]),
+                    pose=_known(moved(self.first_touch[press], self.offsets[press, step], self.turns[step])),
+                    depth_m=float(self.offsets[press, step, 1]),
                     sensor_pose=_known(self.sensor_pose[press]),
                 )
 

@@ -51,6 +51,10 @@ def export_npy(selection: Selection, folder: Path, track: Track) -> None:
     for name, values in {"press": press, **columns, "step": step}.items():
         files.whole(f"sample/{name}", values.astype(np.int32), "sample")
     files.whole("sample/depth", dataset["depth"][step], "sample", "m")
+    if not dataset.indenter_path.is_a_press:
+        files.whole("sample/offset", dataset.indenter_path.offsets_m[step], "sample, 3", "m")
+        files.whole("sample/turn", dataset.indenter_path.turns_rad[step], "sample", "rad")
+        files.whole("sample/leg", dataset.indenter_path.legs[step], "sample")
     for sensor in selection.sensors:
         mesh = {name: dataset[f"{sensor}/{name}"] for name in OF_MESH} | vertex_flags(dataset, sensor)
         for name, values in mesh.items():
@@ -59,6 +63,10 @@ def export_npy(selection: Selection, folder: Path, track: Track) -> None:
         files.whole(f"{sensor}/depth", dataset.depths_of(sensor)[press, step], "sample", "m")
         for name, unit in OF_SAMPLE.items():
             files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], "sample, 3", unit)
+        for name in dataset.job.kept_outputs(sensor):
+            array = dataset.arrays[f"{sensor}/{name}"]
+            axes = ", ".join(["sample", *map(str, array.shape[1:])])
+            files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], axes, array.unit)
         shape = (len(press), len(mesh["rest_positions"]), 3)
         blocks = (
             dataset.displacement(sensor, int(selection.presses[each]))[selection.paired[each]]

@@ -35,7 +35,7 @@ def rings(radii: np.ndarray, segments: int, quarters: int) -> tuple[np.ndarray, 
     """Triangles of the sector from +x over ``quarters`` right angles towards +z: points (p, 2), triangles (t, 3).
 
     Counter-clockwise seen from +y. radii: of the rings, 0 first. Ring i has i + 1 segments in each quarter, at most
-    ``segments``.
+    ``segments``. Four right angles make a closed disc.
     """
     counts = [quarters * min(i + 1, segments) for i in range(1, len(radii))]
     angles = [np.zeros(1), *(np.linspace(0.0, 0.5 * math.pi * quarters, count + 1) for count in counts)]
@@ -44,7 +44,14 @@ def rings(radii: np.ndarray, segments: int, quarters: int) -> tuple[np.ndarray, 
     triangles = []
     for i in range(len(radii) - 1):
         triangles += _between(angles[i] + 1e-9 * (-1) ** i, angles[i + 1], first[i], first[i + 1])
-    return np.concatenate(points), np.array(triangles)
+    points, triangles = np.concatenate(points), np.array(triangles)
+    if quarters < 4:
+        return points, triangles
+    last = first[2:] - 1  # of each ring: it lies on the ring's first point
+    merged = np.arange(len(points))
+    merged[last] = first[1:-1]
+    kept = np.setdiff1d(merged, last)
+    return points[kept], np.searchsorted(kept, merged)[triangles]
 
 
 def _between(inner: np.ndarray, outer: np.ndarray, first_inner: int, first_outer: int) -> list[tuple[int, int, int]]:
