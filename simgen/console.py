@@ -40,8 +40,8 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
     sensors = " and ".join(sensor.name for sensor in seen.sensors)
     console.print(f"[bold]{job.name}[/]  job {job.hash[:12]}  ->  {output}")
     console.print(
-        f"{seen.trajectories:,} trajectories x {seen.indenters} indenters x {seen.depths} depths "
-        f"({job.depths_mm.first:g}..{job.depths_mm.last:g} mm) = [bold]{seen.samples:,} samples[/], "
+        f"{seen.trajectories:,} trajectories x {seen.indenters} indenters x {job.steps_in_words} = "
+        f"[bold]{seen.samples:,} samples[/], "
         f"each on {sensors}, in {seen.shards:,} shards"
     )
     console.print(f"size: about {_size(seen.bytes)} ({seen.bytes_source})")

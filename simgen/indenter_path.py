@@ -38,6 +38,14 @@ class IndenterPath:
         """True if the indenter only goes down its press axis."""
         return not self.legs.any()
 
+    def label(self, step: int) -> str:
+        """Where a step is, in words: its depth, then how far it is off the press axis and turned about it."""
+        x, depth, z = 1e3 * self.offsets_m[step]
+        place = f"{depth:g} mm"
+        if self.legs[step]:
+            place += f", x {x:g} mm, z {z:g} mm, {np.degrees(self.turns_rad[step]):.4g} deg"
+        return place
+
     @property
     def lateral_reach_m(self) -> float:
         """m, the largest distance of the tip from the press axis."""

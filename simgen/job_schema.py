@@ -239,6 +239,15 @@ class Job(Section):
         return tuple(output for output in OUTPUTS if output in asked)
 
     @property
+    def steps_in_words(self) -> str:
+        """How many steps a press has, and where they lie."""
+        depths, legs = self.depths_mm, self.trajectories.path
+        words = f"{depths.count} depths ({depths.first:g} to {depths.last:g} mm)"
+        if legs:
+            words = f"({words} + {sum(leg.steps for leg in legs)} steps on {len(legs)} legs)"
+        return words
+
+    @property
     def presses(self) -> int:
         return self.trajectories.count * len(self.indenters)
 

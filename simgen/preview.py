@@ -49,7 +49,6 @@ class Preview:
 
     trajectories: int
     indenters: int
-    depths: int
     samples: int
     shards: int
     bytes: float
@@ -70,7 +69,6 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     return Preview(
         trajectories=job.trajectories.count,
         indenters=len(job.indenters),
-        depths=job.depths_mm.count,
         samples=job.samples,
         shards=job.shards,
         bytes=sum(_bytes(job, sensor) for sensor in sensors),

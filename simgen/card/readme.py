@@ -20,7 +20,7 @@ loader = torch.utils.data.DataLoader(samples.torch(), batch_size=32, shuffle=Tru
 
 LIMITS = (
     "Presses are quasi-static: no inertia, no viscosity, no wear, no temperature.",
-    "Indenters are rigid and move along a straight line, one indenter at a time, from first touch on.",
+    "Indenters are rigid and move along a {way}, one indenter at a time, from first touch on.",
     "Numbers come from a model of the sensors, not from a measurement of one.",
 )
 
@@ -47,7 +47,7 @@ def summary(dataset: Dataset) -> str:
     job = dataset.job
     return (
         f"Simulated touch: {job.trajectories.count:,} contacts x {len(job.indenters)} indenters x "
-        f"{job.depths_mm.count} depths ({job.depths_mm.first:g} to {job.depths_mm.last:g} mm) on "
+        f"{job.steps_in_words} on "
         f"{' and '.join(dataset.sensors)}: displacement of every vertex, force, moment, and a certificate of accuracy."
     )
 
@@ -150,7 +150,8 @@ def _reading(dataset: Dataset) -> Iterator[str]:
 def _terms(dataset: Dataset) -> Iterator[str]:
     yield "## Limits, licence, sources"
     yield ""
-    yield from (f"- {limit}" for limit in LIMITS)
+    way = "straight line" if dataset.indenter_path.is_a_press else "path of straight legs and turns"
+    yield from (f"- {limit.format(way=way)}" for limit in LIMITS)
     yield f"- Licence of this dataset: {dataset.job.dataset.license or 'its maker has stated none'}."
     models = sorted({choice.model for choice in dataset.job.sensors.values()})
     yield from (f"- {SHAPES[model]}" for model in models if model in SHAPES)

@@ -18,6 +18,7 @@ from .motion import motion_section
 from .outcomes import outcomes_section
 from .overview import audit_section, head, job_section
 from .patches import patches_section
+from .path import path_section
 from .solid_view import solid_view_section
 
 Section = Callable[[Dataset], Iterable[str]]
@@ -31,6 +32,7 @@ SECTIONS: dict[str, Section] = {
     "Deformed meshes": meshes_section,
     "Force against depth": force_section,
     "Cavity pressure against depth": pressure_section,
+    "Forces along the path": path_section,
     "Effort and certificates": effort_section,
     "Job": job_section,
 }

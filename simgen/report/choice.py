@@ -12,6 +12,19 @@ def depths_reached(dataset: Dataset, sensor: str) -> np.ndarray:
     return np.logical_and.accumulate(dataset[f"{sensor}/status"] == 0, axis=1).sum(axis=1)
 
 
+def steps_axis(dataset: Dataset) -> tuple[np.ndarray, str]:
+    """(depth,) what steps are drawn against, and its label: depths in mm, or numbers where a press is a path."""
+    if dataset.indenter_path.is_a_press:
+        return dataset["depth"] * 1e3, "depth, mm"
+    return np.arange(1, len(dataset["depth"]) + 1), "step of the path"
+
+
+def step_title(dataset: Dataset, step: int) -> str:
+    """A few words above a picture of a step: its depth, or its number where a press is a path."""
+    steps, label = steps_axis(dataset)
+    return f"{steps[step]:g} mm" if label == "depth, mm" else f"step {steps[step]:g}"
+
+
 def furthest_press(dataset: Dataset, indenter: int | None = None) -> tuple[int, int]:
     """The first press (of an indenter) of those that reached most depths on all sensors, and how many, 0 if none."""
     reached = np.min([depths_reached(dataset, sensor) for sensor in dataset.sensors], axis=0)

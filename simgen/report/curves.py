@@ -18,13 +18,16 @@ BAND = (0.1, 0.5, 0.9)  # quantiles
 
 def force_section(dataset: Dataset) -> Iterator[str]:
     values = {sensor: axial_force(dataset, sensor) for sensor in dataset.sensors}
+    pressing = dataset.indenter_path.legs == 0
+    values = {sensor: own[:, pressing] for sensor, own in values.items()}
     yield from _against_depth(dataset, values, "force, N", "Component along the press axis")
 
 
 def pressure_section(dataset: Dataset) -> Iterator[str]:
     """Only where a cavity is filled."""
     filled = [sensor for sensor in dataset.sensors if dataset.job.sensors[sensor].fluid != "none"]
-    values = {sensor: dataset[f"{sensor}/cavity_pressure"] / 1e3 for sensor in filled}
+    pressing = dataset.indenter_path.legs == 0
+    values = {sensor: dataset[f"{sensor}/cavity_pressure"][:, pressing] / 1e3 for sensor in filled}
     if filled:
         yield from _against_depth(dataset, values, "pressure, kPa", "Of the liquid, above ambient, whose volume stays")
 
@@ -57,7 +60,7 @@ def _against_depth(dataset: Dataset, values: Mapping[str, np.ndarray], label: st
     pictures = []
     for index, name in enumerate(dataset.indenters):
         own = {sensor: curves[indenter == index] for sensor, curves in values.items()}
-        figure = draw_curves(dataset["depth"], own, dataset.sensors)
+        figure = draw_curves(dataset["depth"][dataset.indenter_path.legs == 0], own, dataset.sensors)
         axes = figure.axes[0]
         axes.set_title(name, fontsize=10)
         axes.set_ylabel(label)

@@ -9,7 +9,7 @@ from simgen.dataset import Dataset
 from simgen.drawing import camera, draw_surface
 from simgen.page import picture, tiles
 
-from .choice import NOTHING_YET, furthest_press
+from .choice import NOTHING_YET, furthest_press, step_title
 
 OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal: a press is seen from there
 
@@ -49,6 +49,6 @@ def draw_press(dataset: Dataset, press: int, reached: int) -> Figure:
             vertices = (dataset[f"{sensor}/rest_positions"] + displacement) @ pose[:3, :3].T + pose[:3, 3]
             length = np.linalg.norm(displacement, axis=1) * 1e3
             faces = draw_surface(axes, vertices, triangles, length, largest=largest, view=view)
-            axes.set_title(f"{sensor}, {dataset['depth'][depth] * 1e3:g} mm", fontsize=9)
+            axes.set_title(f"{sensor}, {step_title(dataset, depth)}", fontsize=9)
     figure.colorbar(faces, ax=grid.ravel().tolist(), label="displacement, mm", shrink=0.7)
     return figure

@@ -15,6 +15,8 @@ from scipy.spatial import ConvexHull
 from simgen.dataset import Dataset
 from simgen.drawing import camera, draw_surface, gif
 from simgen.errors import InputError
+from simgen.geometry import advanced
+from simgen.indenter_path import moved
 from simgen.page import image
 from simgen.quiet import start_warp
 from simgen.touch_audit import pressed_indenters
@@ -35,7 +37,7 @@ def motion_section(dataset: Dataset) -> Iterator[str]:
     name = dataset.indenters[dataset["press/indenter"][press]]
     yield (
         f"<p>Press {press}, {html.escape(name)}, the first of those that go furthest on all sensors: from rest to "
-        f"{dataset['depth'][reached - 1] * 1e3:g} mm, seen from the side, coloured by the length of the "
+        f"{dataset.indenter_path.label(reached - 1)}, seen from the side, coloured by the length of the "
         "displacement. Blue: outline of the indenter, hollows filled; it is left out if its file has changed.</p>"
     )
     yield image(animated_press(dataset, press, reached), "gif", f"press {press}, {name}")
@@ -66,7 +68,7 @@ class _Side:
     """A press on one sensor, in the shared frame turned so that the indenter comes from above."""
 
     def __init__(self, dataset: Dataset, sensor: str, press: int, reached: int):
-        self.sensor, self.depth = sensor, np.concatenate([[0.0], dataset["depth"]])
+        self.sensor, self._path = sensor, dataset.indenter_path
         self.displacement = dataset.displacement(sensor, press, slice(0, reached))
         self._pose = dataset.root[f"{sensor}/pose"][press]
         self._rest = dataset[f"{sensor}/rest_positions"]
@@ -74,8 +76,7 @@ class _Side:
         normal = dataset.root["press/contact_normal"][press]
         finger = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 0.0, 1.0])
         self._view = camera(np.cross(finger, normal) + TILT * normal, up=normal)
-        self._first_touch = dataset["press/pose"][press]
-        self._touch = dataset[f"{sensor}/touch"][press]
+        self._first_touch = advanced(dataset["press/pose"][press], dataset[f"{sensor}/touch"][press])
         self._tip = _tip(dataset, press)
 
     def draw(self, axes: Axes, step: int, largest: float) -> PolyCollection:
@@ -92,14 +93,16 @@ class _Side:
             seen = np.concatenate([seen, self._outline(-1)])
         (left, bottom), (right, top) = seen.min(axis=0) - 0.5, seen.max(axis=0) + 0.5
         axes.set(xlim=(left, right), ylim=(bottom, top))
-        axes.set_title(f"{self.sensor}, {self.depth[step + 1] * 1e3:.2f} mm", fontsize=10)
+        depth_mm = 1e3 * self._path.depths_m[step] if step >= 0 else 0.0
+        axes.set_title(f"{self.sensor}, {depth_mm:.2f} mm", fontsize=10)
         return faces
 
     def _outline(self, step: int) -> np.ndarray:
         """(n, 2) mm: hull of the indenter's tip as the camera sees it."""
         pose = self._first_touch
-        place = pose[:3, 3] + (self._touch + self.depth[step + 1]) * pose[:3, 1]
-        seen = (self._tip @ pose[:3, :3].T + place) @ self._view[:2].T * 1e3
+        if step >= 0:
+            pose = moved(pose, self._path.offsets_m[step], self._path.turns_rad[step])
+        seen = (self._tip @ pose[:3, :3].T + pose[:3, 3]) @ self._view[:2].T * 1e3
         return seen[ConvexHull(seen).vertices]
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from simgen.dataset import Dataset
 from simgen.page import picture, table, tiles
 
-from .choice import depths_reached
+from .choice import depths_reached, steps_axis
 
 NOT_THERE_YET = "Not there yet."
 
@@ -64,12 +64,13 @@ def outcomes_section(dataset: Dataset) -> Iterator[str]:
 def _draw_survival(dataset: Dataset, sensor: str, shares: np.ndarray) -> Figure:
     figure = Figure(figsize=(4.0, 3.0), layout="constrained")
     axes = figure.subplots()
+    steps, label = steps_axis(dataset)
     for name, share in zip(dataset.indenters, shares, strict=True):
         if share[-1] < 1.0:
-            axes.plot(dataset["depth"] * 1e3, 100.0 * share, ".-", linewidth=1.2, label=name, alpha=0.8)
+            axes.plot(steps, 100.0 * share, ".-", linewidth=1.2, label=name, alpha=0.8)
     axes.set_ylim(-3.0, 103.0)
     axes.set_title(sensor, fontsize=10)
-    axes.set_xlabel("depth, mm")
+    axes.set_xlabel(label)
     axes.set_ylabel("presses that reach it, %")
     axes.grid(linewidth=0.3)
     axes.legend(fontsize=7)

@@ -18,7 +18,7 @@ def head(dataset: Dataset) -> Iterator[str]:
     yield f"<h1>{html.escape(job.name)}</h1>"
     yield (
         f"<p>{job.trajectories.count:,} trajectories x {len(job.indenters)} indenters x "
-        f"{job.depths_mm.count} depths ({job.depths_mm.first:g} to {job.depths_mm.last:g} mm) = "
+        f"{job.steps_in_words} = "
         f"<b>{job.samples:,} samples</b>, each on {' and '.join(dataset.sensors)}. Job {job.hash[:12]}, "
         f"simgen {code.get('version', '')} ({commit}{', with changes' if code.get('dirty') else ''})."
         f"{_seconds(dataset)}</p>"

@@ -14,7 +14,7 @@ from simgen.page import picture, tiles
 from simgen.touch_audit import FACET_M
 from simgen.touchable import touchable_surface
 
-from .choice import NOTHING_YET, depths_reached, drawn_presses, furthest_press
+from .choice import NOTHING_YET, depths_reached, drawn_presses, furthest_press, step_title
 from .maps import draw_map
 
 PRESSES = 180  # at most, per sensor: of nine indenters twenty presses each
@@ -92,7 +92,7 @@ def _picture_of_patch(dataset: Dataset, found: dict[str, Patches], indenter: int
         return ""
     name = dataset.indenters[indenter]
     figure = Figure(figsize=(2.0 * len(found), 2.4), layout="constrained")
-    figure.suptitle(f"{name}, press {press}, {dataset['depth'][reached - 1] * 1e3:g} mm", fontsize=10)
+    figure.suptitle(f"{name}, press {press}, {step_title(dataset, reached - 1)}", fontsize=10)
     for axes, patches in zip(np.atleast_1d(figure.subplots(1, len(found))), found.values(), strict=True):
         _draw_patch(axes, patches, press, reached - 1)
     return picture(figure, f"contact patch of {name}")

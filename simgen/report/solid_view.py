@@ -16,7 +16,7 @@ from simgen.dataset import Dataset
 from simgen.drawing import COLOURS, LIGHT, camera
 from simgen.page import tiles
 
-from .choice import NOTHING_YET, furthest_press
+from .choice import NOTHING_YET, furthest_press, steps_axis
 from .meshes import OBLIQUE
 
 HEIGHT_PX = 480
@@ -33,7 +33,7 @@ def solid_view_section(dataset: Dataset) -> Iterator[str]:
     name = dataset.indenters[dataset["press/indenter"][press]]
     yield (
         f"<p>Press {press}, {html.escape(name)}, in each sensor's own frame, coloured by the length of the "
-        "displacement. Drag to turn, pinch or scroll to come nearer; the slider is the depth.</p>"
+        "displacement. Drag to turn, pinch or scroll to come nearer; the slider goes through the depths.</p>"
         f"<script>{get_plotlyjs()}</script>"
     )
     yield tiles((_drawn_by_plotly(dataset, sensor, press, reached) for sensor in dataset.sensors), wide=True)
@@ -61,7 +61,9 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
     position, length = (
         np.float32(1e3 * values) for values in (rest + moved, np.linalg.norm(moved, axis=-1))
     )
-    labels = ["0", *(f"{depth * 1e3:g}" for depth in dataset["depth"][:reached])]
+    steps, axis_label = steps_axis(dataset)
+    labels = ["0", *(f"{step:g}" for step in steps[:reached])]
+    prefix, unit = ("depth ", " mm") if axis_label == "depth, mm" else ("step ", "")
 
     def mesh(step: int, **fixed) -> Mesh3d:
         x, y, z = np.ascontiguousarray(position[step].T)
@@ -77,7 +79,7 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
                   "title": {"text": "displacement, mm", "side": "top", "font": {"size": 12}}},
     )  # fmt: skip
     figure = Figure(shown, frames=[Frame(data=[mesh(step)], name=label) for step, label in enumerate(labels)])
-    steps = [{"label": label, "method": "animate", "args": [[label], AT_ONCE]} for label in labels]
+    slider = [{"label": label, "method": "animate", "args": [[label], AT_ONCE]} for label in labels]
     axis = {"showbackground": False, "gridcolor": "#e1e4e8", "zeroline": False, "tickfont": {"size": 10}, "nticks": 5}
     low, high = position.min(axis=(0, 1)) - 0.5, position.max(axis=(0, 1)) + 0.5  # of all depths: nothing jumps
     aspect = (high - low) / (high - low).max()
@@ -94,8 +96,8 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
             **{f"{name}axis": {**axis, "title": {"text": f"{name}, mm", "font": {"size": 11}},
                                "range": [float(low[n]), float(high[n])]} for n, name in enumerate("xyz")},
         },
-        sliders=[{"active": reached, "steps": steps, "x": 0.05, "len": 0.9, "pad": {"t": 10, "b": 10},
-                  "currentvalue": {"prefix": "depth ", "suffix": " mm", "font": {"size": 13}}}],
+        sliders=[{"active": reached, "steps": slider, "x": 0.05, "len": 0.9, "pad": {"t": 10, "b": 10},
+                  "currentvalue": {"prefix": prefix, "suffix": unit, "font": {"size": 13}}}],
     )  # fmt: skip
     return figure
 

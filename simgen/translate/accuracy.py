@@ -22,7 +22,7 @@ class Accuracy:
     samples : all of them
     near : share whose centroid of the contact is at most `NEAR_MM` from the true one
     off_mm : median distance of the two, where a contact that is not found is infinitely far
-    followed : samples that have a shallower one before them in their press
+    followed : samples whose indenter is deeper than at the sample before them in their press
     in_order : share of those that are deeper than the one before; NaN if there are none
     rmse_um : mean root mean square error of the mesh
     """
@@ -36,10 +36,12 @@ class Accuracy:
 
     @classmethod
     def of(cls, presses: Iterable[Mapping[str, np.ndarray]]) -> "Accuracy":
-        """Presses by column of their ``contact.csv``, each (sample,) from shallow to deep."""
+        """Presses by column of their ``contact.csv``, each (sample,) in the order of the path."""
         presses = list(presses)
         off = np.concatenate([press["off_mm"] for press in presses])
-        deeper = np.concatenate([np.diff(press["deepest_mm"]) > 0.0 for press in presses])
+        deeper = np.concatenate([
+            (np.diff(press["deepest_mm"]) > 0.0)[np.diff(press["depth_mm"]) > 0.0] for press in presses
+        ])  # fmt: skip
         return cls(
             samples=len(off),
             near=float(np.mean(off <= NEAR_MM)),  # a contact that is not found is not near
@@ -57,7 +59,7 @@ def read_contact(file: Path) -> dict[str, np.ndarray]:
             header, *lines = csv.reader(text)
         values = np.array(lines, dtype=float).reshape(-1, len(header)).T
         found = dict(zip(header, values, strict=True))
-        found["off_mm"][0], found["deepest_mm"], found["rmse_um"]
+        found["off_mm"][0], found["depth_mm"], found["deepest_mm"], found["rmse_um"]
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}; remove its folder to make it again") from None
     except (ValueError, LookupError, csv.Error) as error:

@@ -45,7 +45,7 @@ def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_o
     images = renderer(found.target)
     truth = renderer(dataset.displacement(meshes.job.target, press)[steps])
     name = dataset.indenters[dataset["press/indenter"][press]]
-    titles = [f"{name}\n{depth * 1e3:g} mm" for depth in dataset["depth"][steps]]
+    titles = [f"{name}\n{dataset.indenter_path.label(step)}" for step in steps]
     samples = zip(titles, found.signals, found.source, found.target, images, truth, strict=True)
     return [Step(*sample) for sample in samples]
 
