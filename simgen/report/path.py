@@ -25,10 +25,10 @@ def path_section(dataset: Dataset) -> Iterator[str]:
         yield NOTHING_YET
         return
     ends = np.flatnonzero(np.diff(path.legs, append=path.legs[-1] + 1))
-    legs = "; ".join(f"leg {path.legs[end]} ends at step {end + 1}: {path.label(end)}" for end in ends)
+    legs = "; ".join(f"Leg {path.legs[end]} ends at step {end + 1}: {path.label(end)}" for end in ends)
     yield (
-        f"<p>Legs, of which 0 is the press: {legs}. Offsets are in the contact frame. Dashed lines are where a leg ends. "
-        f"There is a thin line for each of the first {CURVES} trajectories.</p>"
+        f"<p>Leg 0 is the press. {legs}. Offsets are in the contact frame. A dashed line shows where a leg ends. There "
+        f"is a thin line for each of the first {CURVES} trajectories.</p>"
     )
     indenter = dataset["press/indenter"]
     pictures = []
