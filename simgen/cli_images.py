@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from simgen.errors import InputError, needs_extra
+from simgen.errors import InputError, needs_extra, shown
 
 Calibration = Annotated[
     Path | None, typer.Option(metavar="FILE", help="A table as Taxim has it.", show_default="the sensor's own")
@@ -17,7 +17,14 @@ Background = Annotated[
 Size = Annotated[
     str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, such as 480x640.", show_default="the camera's")
 ]
-Smoothed = Annotated[bool, typer.Option(help="Smooth the height maps by Gaussian kernels.")]
+Smoothed = Annotated[
+    str | None,
+    typer.Option(
+        "--blur", metavar="HOW", show_default="whole",
+        help="Smooth height maps as a whole, or across: as ACROSS does, which keeps the contact.",
+    ),
+]  # fmt: skip
+Sharp = Annotated[bool, typer.Option("--no-blur", help="Do not smooth height maps.")]
 Shaded = Annotated[
     bool, typer.Option("--shadows", help="Dim what the lights do not reach: takes ten times as long.")
 ]
@@ -34,7 +41,8 @@ def render(
     calibration: Calibration = None,
     background: Background = None,
     size: Size = None,
-    blur: Smoothed = True,
+    blur: Smoothed = None,
+    no_blur: Sharp = False,
     shadows: Shaded = False,
     gif: Annotated[bool, typer.Option("--gif", help="Write every press in motion, too.")] = False,
     trajectories: Annotated[
@@ -60,7 +68,7 @@ def render(
 
     opened = checked(Dataset(dataset))
     folder = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.images")
-    look = Look(calibration, background, *_height_and_width(size), blur, shadows)
+    look = Look(calibration, background, *_height_and_width(size), _smoothing(blur, no_blur), shadows)
     images = Images(dataset, sensor, folder, look, device)
     processes = workers or (cores() if device == "cpu" else 1)
     render_with_progress(images, select(opened, (sensor,), trajectories, split), processes, gif)
@@ -92,7 +100,8 @@ def translate(
     calibration: Calibration = None,
     background: Background = None,
     size: Size = None,
-    blur: Smoothed = True,
+    blur: Smoothed = None,
+    no_blur: Sharp = False,
     shadows: Shaded = False,
     gif: Annotated[bool, typer.Option("--gif", help="Write what chain.png shows in motion, too.")] = False,
     trajectories: Annotated[
@@ -138,7 +147,7 @@ def translate(
             raise InputError(f"{option} {value}: is of a dataset's presses; of --recordings there is --samples")
     check_sensors(opened, job.source, job.target)
     folder = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.translated")
-    look = Look(calibration, background, *_height_and_width(size), blur, shadows)
+    look = Look(calibration, background, *_height_and_width(size), _smoothing(blur, no_blur), shadows)
     images = TranslatedImages(
         dataset, job.target, folder, look, device, networks=networks, way=choose_way(networks, way), keep=steps
     )
@@ -197,6 +206,15 @@ def _height_and_width(size: str | None) -> tuple[int | None, int | None]:
     if match is None:
         raise InputError(f"--size {size!r}: write it as WIDTHxHEIGHT, such as 480x640")
     return int(match[2]), int(match[1])
+
+
+def _smoothing(blur: str | None, no_blur: bool) -> str | None:
+    """Raises `InputError` if both options are given."""
+    if not no_blur:
+        return blur or "whole"
+    if blur is not None:
+        raise InputError(f"--no-blur: contradicts --blur {shown(blur)}; allowed: one of them")
+    return None
 
 
 def _range(samples: str | None) -> range | None:

@@ -1,10 +1,16 @@
 """Smoothing of height maps by a pyramid of Gaussian kernels, as Taxim has it (Si and Yuan, RA-L 2022).
 
-Taxim keeps the contact as it was, as its gel is no more than a guess outside of it. Here the whole map is smoothed, as
-ACROSS does: the contact comes from finite elements, too, and its facets are no edges.
+Users choose one of two pyramids:
+
+- ``whole`` smooths the whole map. Contacts come from finite elements here, and the facets of a mesh are no edges.
+- ``across`` has the kernels of the ACROSS paper (ICRA 2025; ``kernel_size`` in its published configuration). Three
+  large kernels come first. The contact, all that is higher than 0.4 of the largest height, gets its heights back after
+  each of them. The small kernels then smooth the whole map. ACROSS smooths the depth of the gel. We smooth the height
+  above the gel at rest, so that the dome stays as it is.
 """
 
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,7 +20,20 @@ from scipy.ndimage import convolve1d
 wp.set_module_options({"enable_backward": False})
 
 KERNELS = (51, 21, 11, 5)  # px
+AROUND = (401, 201, 101)  # px
 AT_WIDTH = 480  # px: the image that these kernels are for
+CONTACT = 0.4  # of a sample's largest height, that a contact's pixels have and more
+
+
+class Pyramid(NamedTuple):
+    """Kernels, px: those of the whole map, and those before them that leave the contact as it was."""
+
+    whole: tuple[int, ...] = ()
+    around: tuple[int, ...] = ()
+
+
+PYRAMIDS = {"whole": Pyramid(KERNELS), "across": Pyramid(KERNELS, AROUND)}
+Bands = list[tuple[wp.array, wp.array]]  # of columns and of rows, see `_band`
 
 
 @wp.kernel
@@ -33,29 +52,75 @@ def _down_kernel(
     image_out[sample, column, row] = total
 
 
+@wp.kernel
+def _largest_kernel(
+    height: wp.array3d(dtype=wp.float32),
+    # outputs
+    largest_out: wp.array(dtype=wp.float32),
+):
+    """The largest size of a height of each sample."""
+    sample, row, column = wp.tid()
+    wp.atomic_max(largest_out, sample, wp.abs(height[sample, row, column]))
+
+
+@wp.kernel
+def _restore_kernel(
+    height: wp.array3d(dtype=wp.float32),
+    largest: wp.array(dtype=wp.float32),
+    share: wp.float32,
+    # outputs
+    smooth_out: wp.array3d(dtype=wp.float32),
+):
+    """Heights of the contact, put back into the smoothed map."""
+    sample, row, column = wp.tid()
+    own = height[sample, row, column]
+    if wp.abs(own) > share * largest[sample]:
+        smooth_out[sample, row, column] = own
+
+
 class Blur:
     """Gaussian kernels of ``sizes`` (odd numbers of pixels) one after the other on maps (sample, height, width).
 
-    On a CPU OpenCV's own; on a GPU the product of all of them, which is a band matrix for rows and one for columns.
+    Kernels ``around`` come before them, and leave the contact as it was. On a CPU OpenCV's own; on a GPU products with
+    band matrices, one for rows and one for columns.
     """
 
-    def __init__(self, height: int, width: int, sizes: tuple[int, ...], device: str = "cpu"):
-        self.sizes, self.device, self._shape = sizes, device, (height, width)
+    def __init__(
+        self, height: int, width: int, sizes: tuple[int, ...], device: str = "cpu", around: tuple[int, ...] = ()
+    ):
+        self.sizes, self.around, self.device, self._shape = sizes, around, device, (height, width)
 
     def __call__(self, image: wp.array) -> wp.array:
         """The map smoothed; on a CPU in its place."""
-        if not self.sizes:
-            return image
-        if self.device == "cpu":
-            for one in image.numpy():  # a view
-                for size in self.sizes:
-                    cv2.GaussianBlur(one, (size, size), 0, dst=one)
-            return image
-        return self.by_matrices(image)
+        if self.device != "cpu":
+            return self.by_matrices(image)
+        for one in image.numpy():  # a view
+            self._by_opencv(one)
+        return image
+
+    def _by_opencv(self, image: np.ndarray) -> None:
+        """Smooth one map (height, width), in its place."""
+        contact = np.abs(image) > np.float32(CONTACT) * np.abs(image).max()
+        sharp = image[contact]
+        for size in self.around:
+            cv2.GaussianBlur(image, (size, size), 0, dst=image)
+            image[contact] = sharp
+        for size in self.sizes:
+            cv2.GaussianBlur(image, (size, size), 0, dst=image)
 
     def by_matrices(self, image: wp.array) -> wp.array:
         """The same on any device."""
-        for weights, first in self._bands:
+        if self.around:
+            sharp, largest = image, wp.zeros(len(image), dtype=wp.float32, device=self.device)
+            wp.launch(_largest_kernel, dim=image.shape, inputs=[image], outputs=[largest], device=self.device)
+            for bands in self._around:
+                image = self._product(bands, image)
+                inputs = [sharp, largest, CONTACT]
+                wp.launch(_restore_kernel, dim=image.shape, inputs=inputs, outputs=[image], device=self.device)
+        return self._product(self._whole, image) if self.sizes else image
+
+    def _product(self, bands: Bands, image: wp.array) -> wp.array:
+        for weights, first in bands:
             samples, rows, columns = image.shape
             out = wp.empty((samples, columns, rows), dtype=wp.float32, device=self.device)
             wp.launch(_down_kernel, dim=image.shape, inputs=[image, weights, first], outputs=[out], device=self.device)
@@ -63,8 +128,20 @@ class Blur:
         return image
 
     @cached_property
-    def _bands(self) -> list[tuple[wp.array, wp.array]]:
-        return [_band(blur_matrix(size, self.sizes), self.device) for size in self._shape]
+    def _whole(self) -> Bands:
+        return self._bands(self.sizes)
+
+    @cached_property
+    def _around(self) -> list[Bands]:
+        return [self._bands((size,)) for size in self.around]
+
+    def _bands(self, sizes: tuple[int, ...]) -> Bands:
+        return [_band(blur_matrix(size, sizes), self.device) for size in self._shape]
+
+
+def pyramid(blur: str | None, width: int) -> Pyramid:
+    """Kernels of one of `PYRAMIDS` for an image of this width; none of None."""
+    return Pyramid(*(scaled_kernels(width, sizes) for sizes in PYRAMIDS[blur])) if blur else Pyramid()
 
 
 def scaled_kernels(width: int, sizes: tuple[int, ...] = KERNELS) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from simgen.errors import InputError, check_output_file, writing
-from simgen.optics.at_rest import at_rest, table_size
+from simgen.optics.at_rest import AtRest, at_rest, table_size
 from simgen.optics.calibration import Observations, explained, fit_response, observe
 from simgen.optics.contacts import find_circle, read_circles
 from simgen.optics.image_files import png, read_image
@@ -17,12 +17,13 @@ from simgen.optics.pinhole import placed_camera
 from simgen.optics.rendered import RADIUS_M, SPHERES, Rendered, photometry_of
 from simgen.optics.renderer import BACKGROUND, TABLE
 from simgen.optics.response import Response
-from simgen.optics.spheres import sphere_in
+from simgen.optics.spheres import Circle, sphere_in
 from simgen.sensor import load_geometry, sensor_folder
 from simgen.whole_files import put_in_place, write_aside
 
 PICTURES, MODEL = "pictures of a sphere", "photometric model"  # what a table says it was fitted to
 LARGEST_MM = 1e3  # radius of a sphere
+MOST_LEFT_OUT = 0.5  # of the pictures: with more of them something else is wrong, such as the radius
 OTHERS = 2**6  # spheres that a table was not fitted to
 
 
@@ -54,7 +55,10 @@ def calibrate(
 def fit_to_pictures(
     pictures: Sequence[Path], background: Path, radius_m: float, model: str, circles: Path | None, output: Path
 ) -> Iterator[str]:
-    """A table of pictures in which a sphere touches a sensor. Raises `InputError`.
+    """Fit a table to pictures in which a sphere touches a sensor.
+
+    A picture that cannot be used is left out, with a line that says why. Raises `InputError` if these are more than
+    half of them.
 
     background : the picture of nothing, of the same size
     circles : where the sphere touches, see `read_circles`; pictures that are not in it are searched
@@ -67,24 +71,26 @@ def fit_to_pictures(
     nothing = read_image(background)
     gel = at_rest(load_geometry(model), *nothing.shape[:2])
     observed: list[Observations] = []
+    left_out: list[InputError] = []
     for picture in pictures:
-        image = read_image(picture)
-        if image.shape != nothing.shape:
-            size, own = ("{1} x {0}".format(*each.shape) for each in (image, nothing))
-            raise InputError(f"{picture}: {size} pixels: allowed: those of {background}, {own}")
         try:
-            circle = known.get(picture.resolve()) or find_circle(image, nothing)
-            patch = sphere_in(circle, radius_m, gel.depth, gel.pinhole)
+            circle, seen = _contact(picture, nothing, known.get(picture.resolve()), radius_m, gel)
         except InputError as error:
-            raise InputError(f"{picture}: {error}") from None
-        observed.append(observe(patch, gel.depth, gel.pinhole.focal, image - nothing.astype(float)))
+            left_out.append(error)
+            yield f"left out: {error}"
+            continue
+        observed.append(seen)
         yield (
             f"{picture}: circle of {circle.radius:.1f} pixels at column {circle.column:.1f}, row {circle.row:.1f}; "
-            f"{len(observed[-1].x)} pixels with a known tilt"
+            f"{len(seen.x)} pixels with a known tilt"
+        )
+    if len(left_out) > MOST_LEFT_OUT * len(pictures):
+        raise InputError(
+            f"{len(left_out)} of {len(pictures)} pictures left out; allowed: at most half; the first: {left_out[0]}"
         )
     response = fit_response(observed, source=PICTURES)
     _write(output.parent, {output.name: response.data()})
-    yield f"{output}: of {len(pictures)} pictures; {_sentence(response, observed)}"
+    yield f"{output}: of {_counted(len(observed), len(pictures))}; {_sentence(response, observed)}"
 
 
 def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
@@ -115,6 +121,28 @@ def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
     yield f"{folder / BACKGROUND}: {background.shape[1]} x {background.shape[0]} pixels"
 
 
+def _contact(
+    picture: Path, nothing: np.ndarray, circle: Circle | None, radius_m: float, gel: AtRest
+) -> tuple[Circle, Observations]:
+    """Find where the sphere touches, unless a circle says so, and what colours the picture has there.
+
+    Raises `InputError` with the picture's name if it shows no contact that can be used.
+    """
+    image = read_image(picture)
+    if image.shape != nothing.shape:
+        size, own = ("{1} x {0}".format(*each.shape) for each in (image, nothing))
+        raise InputError(f"{picture}: {size} pixels: allowed: those of the background, {own}")
+    try:
+        circle = circle or find_circle(image, nothing)
+        patch = sphere_in(circle, radius_m, gel.depth, gel.pinhole)
+    except InputError as error:
+        raise InputError(f"{picture}: {error}") from None
+    seen = observe(patch, gel.depth, gel.pinhole.focal, image - nothing.astype(float))
+    if not len(seen.x):
+        raise InputError(f"{picture}: circle of {circle.radius:.4g} pixels: allowed: two pixels and more, on the gel")
+    return circle, seen
+
+
 def check_replaceable(file: Path, source: str) -> None:
     """Raises `InputError` if something is there that was not fitted to ``source``."""
     if not file.exists():
@@ -132,6 +160,10 @@ def check_replaceable(file: Path, source: str) -> None:
 def _write(folder: Path, files: dict[str, bytes]) -> None:
     with writing(folder / next(iter(files))):
         put_in_place(folder, {name: write_aside(folder, data) for name, data in files.items()})
+
+
+def _counted(used: int, given: int) -> str:
+    return f"{used} pictures" if used == given else f"{used} of {given} pictures"
 
 
 def _sentence(response: Response, observed: Sequence[Observations]) -> str:

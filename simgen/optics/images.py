@@ -59,6 +59,7 @@ class Images:
             "background": hashlib.sha256(renderer.background.tobytes()).hexdigest(),
             "response": renderer.shading.response.hash,
             "kernels": list(renderer.blur.sizes),
+            "kernels_around_contact": list(renderer.blur.around),
             "shadows": renderer.shadows is not None,
             "code": source_hash(Path(__file__).parent),
         }

@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 
 from simgen.dataset import Dataset
-from simgen.errors import InputError
-from simgen.optics.blur import KERNELS, Blur, scaled_kernels
+from simgen.errors import InputError, shown
+from simgen.optics.blur import KERNELS, PYRAMIDS, Blur, pyramid
 from simgen.optics.height_map import HeightMaps
 from simgen.optics.image_files import read_image
 from simgen.optics.pinhole import Pinhole, placed_camera
@@ -27,11 +27,11 @@ TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.y
 
 @dataclass(frozen=True)
 class Look:
-    """How images are made of a sensor's meshes.
+    """How images are made of a sensor's meshes. Raises `InputError` for a ``blur`` that is not known.
 
     table, background : files of Taxim's layout, and an image of nothing; by default the sensor's own
     height, width : px; by default the camera's own
-    blur : whether height maps are smoothed
+    blur : a name of `simgen.optics.blur.PYRAMIDS`, by which height maps are smoothed; None leaves them sharp
     shadows : whether lights that something stands before are dimmed
     """
 
@@ -39,8 +39,12 @@ class Look:
     background: Path | None = None
     height: int | None = None
     width: int | None = None
-    blur: bool = True
+    blur: str | None = "whole"
     shadows: bool = False
+
+    def __post_init__(self):
+        if self.blur and self.blur not in PYRAMIDS:
+            raise InputError(f"--blur {shown(str(self.blur))!r}: allowed: {', '.join(PYRAMIDS)}")
 
 
 class Renderer:
@@ -48,13 +52,14 @@ class Renderer:
 
     rest, triangles : (vertex, 3) m and (triangle, 3) outwards, of the gel's whole surface
     background : (height, width, 3) uint8, of any size
-    kernels : px, see `simgen.optics.blur`; none for no smoothing
+    kernels, around : px, of the whole map and around the contact, see `simgen.optics.blur`; none for no smoothing
     lights : (3, 3) m, positions of the red, green and blue one, for shadows; none without
     """
 
     def __init__(
         self, rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole, response: Response, background: np.ndarray,
         kernels: tuple[int, ...] = KERNELS, lights: np.ndarray | None = None, device: str = "cpu",
+        around: tuple[int, ...] = (),
     ):  # fmt: skip
         check_device(device)
         self.pinhole, self.device = pinhole, device
@@ -67,7 +72,7 @@ class Renderer:
             self.background = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
         depth = self.heights.rest_depth
         depth = np.where(self.heights.seen, depth, depth[self.heights.seen].max())
-        self.blur = Blur(pinhole.height, pinhole.width, kernels, device)
+        self.blur = Blur(pinhole.height, pinhole.width, kernels, device, around)
         self.shading = Shading(response, depth / pinhole.focal, self.background, device)
         self.shadows = None if lights is None else Shadows(depth, pinhole, lights, device)
 
@@ -81,11 +86,11 @@ class Renderer:
             if own[option][0] is None and not file.exists():
                 raise InputError(f"{sensor}: no {file.name} in {folder}; allowed: {option} FILE")
         pinhole = Pinhole.of(camera, look.height, look.width)
-        kernels = scaled_kernels(min(pinhole.width, pinhole.height)) if look.blur else ()
+        kernels, around = pyramid(look.blur, min(pinhole.width, pinhole.height))
         return cls(
             dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"], pinhole,
             Response.load(files["--calibration"]), read_image(files["--background"]), kernels,
-            photometry_of(camera).lights if look.shadows else None, device,
+            photometry_of(camera).lights if look.shadows else None, device, around,
         )  # fmt: skip
 
     def __call__(self, displacement: np.ndarray) -> np.ndarray:

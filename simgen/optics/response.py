@@ -1,8 +1,12 @@
 """Taxim's table: how bright a pixel becomes where the surface is tilted, by tilt and by place in the image.
 
 For every bin of the tilt's size and direction it holds second-order polynomials of the pixel's position, one for each
-colour (Si and Yuan, Taxim, RA-L 2022, section III). Files are `numpy.savez` of ``bins`` and ``grad_r``, ``grad_g``,
-``grad_b`` (bins, bins, 6), as published with it; ours say ``width`` and ``height`` of the image and ``source``, too.
+colour (Si and Yuan, Taxim, RA-L 2022, section III). Files are `numpy.savez` of ``bins`` and, for each of `CHANNELS`, an
+array (bins, bins, 6).
+
+The names of the arrays mislead. Taxim reads pictures with OpenCV, which puts blue first. So its ``grad_r`` holds blue
+and its ``grad_b`` holds red; the source of its port on PyPI, taxim 1.4.1, says so. Our files have the same order, so
+that Taxim shows their colours. They state it in ``channels``, and add ``width``, ``height`` and ``source``.
 """
 
 import hashlib
@@ -18,7 +22,10 @@ import numpy as np
 from simgen.errors import InputError, shown
 from simgen.optics.pinhole import MOST_PIXELS
 
-CHANNELS = ("grad_r", "grad_g", "grad_b")
+CHANNELS = ("grad_r", "grad_g", "grad_b")  # arrays of a file, in the order of the channels of a picture
+COLOURS = "rgb"  # in the order of `Response.coefficients`
+PUBLISHED_ORDER = "bgr"  # colours of `CHANNELS`, as OpenCV orders them
+FIRST_ORDER = "rgb"  # colours of `CHANNELS` in our first files, which have a ``source`` and no ``channels``
 TERMS = 6  # x^2, y^2, xy, x, y, 1
 PUBLISHED_SIZE = (640, 480)  # px, width and height of the image that published tables are for
 
@@ -108,7 +115,7 @@ class Response:
 
     @classmethod
     def load(cls, file: str | Path) -> Self:
-        """Raises `InputError` with one line if it is no such table."""
+        """Read a published file or one of ours. Raises `InputError` with one line if it is no such table."""
         arrays = _arrays(file)
         missing = [name for name in ("bins", *CHANNELS) if name not in arrays]
         if missing:
@@ -120,13 +127,14 @@ class Response:
                 raise InputError(f"{file}: {name} {values.shape}: allowed: {shape} finite numbers")
         arrays = dict(zip(("width", "height"), PUBLISHED_SIZE, strict=True)) | arrays
         size = (_count(file, arrays, name, 1, MOST_PIXELS) for name in ("width", "height"))
-        source = str(arrays.get("source", ""))
-        return cls(np.stack([arrays[name] for name in CHANNELS]).astype(np.float64), *size, source)
+        coefficients = np.stack([arrays[name] for name in _names(_order(file, arrays))]).astype(np.float64)
+        return cls(coefficients, *size, str(arrays.get("source", "")))
 
     def data(self) -> bytes:
-        """Of a file that `load` and Taxim read."""
-        arrays = dict(zip(CHANNELS, self.coefficients.astype(np.float32), strict=True))
-        about = {"bins": self.bins, "width": self.width, "height": self.height, "source": self.source}
+        """Return the bytes of a file that `load` and Taxim read."""
+        arrays = dict(zip(_names(PUBLISHED_ORDER), self.coefficients.astype(np.float32), strict=True))
+        about = {"bins": self.bins, "channels": PUBLISHED_ORDER}
+        about |= {"width": self.width, "height": self.height, "source": self.source}
         file = BytesIO()
         np.savez_compressed(file, **about, **arrays)
         return file.getvalue()
@@ -144,6 +152,21 @@ def _arrays(file: str | Path) -> dict[str, np.ndarray]:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
     except (ValueError, EOFError, BadZipFile, AttributeError) as error:  # of a .npy, too
         raise InputError(f"{file}: not a file of numpy.savez ({shown(str(error), 100)})") from None
+
+
+def _order(file: str | Path, arrays: Mapping[str, np.ndarray]) -> str:
+    """Colours of the file's `CHANNELS`, one letter each. Raises `InputError` if it states another order."""
+    if "channels" not in arrays:
+        return FIRST_ORDER if "source" in arrays else PUBLISHED_ORDER
+    order = str(arrays["channels"])
+    if order not in (PUBLISHED_ORDER, FIRST_ORDER):
+        raise InputError(f"{file}: channels {shown(order)!r}: allowed: {PUBLISHED_ORDER}, {FIRST_ORDER}")
+    return order
+
+
+def _names(order: str) -> list[str]:
+    """Names of the arrays that hold red, green and blue where `CHANNELS` have the colours ``order``."""
+    return [CHANNELS[order.index(colour)] for colour in COLOURS]
 
 
 def _count(file: str | Path, arrays: Mapping[str, np.ndarray], name: str, least: int, most: int) -> int:

@@ -125,7 +125,8 @@ def test_files_of_its_own_are_made_anew(tmp_path, monkeypatch):
     assert contents(tmp_path) == before and len(before) == 2
 
 
-GOOD = "01.png --background nothing.png --radius-mm 2.5"
+NO_PICTURE = "--background nothing.png --radius-mm 2.5"
+GOOD = f"01.png {NO_PICTURE}"
 BAD = rows([
     ("no option", "01.png", "--background is missing; allowed with pictures: --background FILE --radius-mm R"),
     ("no radius", "01.png --background nothing.png -o t.npz", "--radius-mm is missing"),
@@ -134,12 +135,10 @@ BAD = rows([
     ("no picture", "--circles c.csv", "--circles c.csv: no PICTURE"),
     ("radius", "01.png --background nothing.png --radius-mm -2 -o t.npz", "--radius-mm -2: allowed: more than 0, at"),
     ("radius", "01.png --background nothing.png --radius-mm nan -o t.npz", "--radius-mm nan: allowed: more than 0"),
-    ("no contact", f"same.png {GOOD} -o t.npz", "same.png: no contact: at most 0.0 grey levels off the background"),
+    ("all bad", f"same.png {NO_PICTURE} -o t.npz", "1 of 1 pictures left out; allowed: at most half; the first: same"),
+    ("most bad", f"same.png text.png {GOOD} -o t.npz", "2 of 3 pictures left out; allowed: at most half; the first: s"),
     ("small sphere", "01.png --background nothing.png --radius-mm 0.5 -o t.npz", "of the sphere's radius; allowed: be"),
-    ("size", f"small.png {GOOD} -o t.npz", "small.png: 120 x 160 pixels: allowed: those of nothing.png, 240 x 320"),
     ("aspect", "01.png --background wide.png --radius-mm 2 -o t.npz", "320 x 240 pixels: allowed: sides in the ratio"),
-    ("no image", f"text.png {GOOD} -o t.npz", "text.png: not an image"),
-    ("gone", f"gone.png {GOOD} -o t.npz", "gone.png: cannot be read: No such file"),
     ("no background", "01.png --background gone.png --radius-mm 2 -o t.npz", "gone.png: cannot be read: No such"),
     ("no camera", f"{GOOD} --sensor biotac -o t.npz", "biotac/sensor.yaml: no camera; allowed: a sensor with one"),
     ("no camera", "--sensor biotac -o .", "biotac/sensor.yaml: no camera; allowed: a sensor with one"),
@@ -155,12 +154,21 @@ BAD = rows([
 ])  # fmt: skip
 
 
+CIRCLES = {  # that no sphere makes in this picture
+    "large.png": "large.png,120,160,99\n",
+    "aside.png": "aside.png,-5,60,20\n",
+    "point.png": "point.png,120,160,0.1\n",
+}
+
+
 @pytest.fixture
 def workplace(folder, tmp_path, monkeypatch):
     """A few of the pictures, and files that are not what they should be."""
     for name in ("nothing.png", "01.png", "02.png"):
         shutil.copy(folder / name, tmp_path)
     shutil.copy(folder / "nothing.png", tmp_path / "same.png")
+    for name in CIRCLES:
+        shutil.copy(folder / "02.png", tmp_path / name)
     (tmp_path / "small.png").write_bytes(png(np.zeros((160, 120, 3), np.uint8)))
     (tmp_path / "wide.png").write_bytes(png(np.zeros((240, 320, 3), np.uint8)))
     (tmp_path / "text.png").write_text("a text")
@@ -179,6 +187,30 @@ def test_bad_input_is_one_line_and_nothing_is_written(workplace, monkeypatch, ca
     before = contents(workplace)
     check_refusal(*simgen(f"calibrate-optics {command}", monkeypatch, capfd), words)
     assert contents(workplace) == before
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        ("same.png", "no contact: at most 0.0 grey levels off the background; allowed: 8 and more"),
+        ("small.png", "120 x 160 pixels: allowed: those of the background, 240 x 320"),
+        ("text.png", "not an image; allowed: PNG, JPEG and what else OpenCV reads"),
+        ("gone.png", "cannot be read: No such file or directory"),
+        ("large.png", "circle of 99 pixels: 2.72 of the sphere's radius; allowed: between 0 and 1"),
+        ("aside.png", "circle at column -5, row 60 of 240 x 320 pixels: allowed: its middle on the gel"),
+        ("point.png", "circle of 0.1 pixels: allowed: two pixels and more, on the gel"),
+    ],
+)
+def test_a_bad_picture_is_left_out(workplace, monkeypatch, capfd, bad, reason):
+    """The table is that of the other pictures."""
+    (workplace / "bad.csv").write_text("file,column,row,radius\n" + CIRCLES.get(bad, ""))
+    code, output, errors = simgen(f"calibrate-optics {bad} {GOOD} --circles bad.csv -o t.npz", monkeypatch, capfd)
+    assert (code, errors) == (0, "")
+    lines = output.splitlines()
+    assert lines[0] == f"left out: {bad}: {reason}"
+    assert lines[1].startswith("01.png: circle of ") and lines[2].startswith("t.npz: of 1 of 2 pictures; colours")
+    simgen(f"calibrate-optics {GOOD} -o alone.npz", monkeypatch, capfd)
+    assert (workplace / "t.npz").read_bytes() == (workplace / "alone.npz").read_bytes()
 
 
 def test_the_command_says_what_it_did(workplace, monkeypatch, capfd):

@@ -71,7 +71,8 @@ def test_what_is_there_is_not_made_again(seen, chosen, renderer, tmp_path):
     ("look", "complaint"),
     [
         (Look(height=32, width=24), r"holds other images: size: \[48, 64\] -> \[24, 32\]; choose another --output"),
-        (Look(height=64, width=48, blur=False), "holds other images: kernels: "),
+        (Look(height=64, width=48, blur=None), "holds other images: kernels: "),
+        (Look(height=64, width=48, blur="across"), "holds other images: kernels_around_contact: "),
     ],
 )
 def test_a_folder_holds_one_kind_of_images(seen, images, chosen, look, complaint):

@@ -39,7 +39,7 @@ def test_untouched_gel_is_the_background(seen):
 
 
 def test_a_press_changes_the_image_where_it_is(seen):
-    renderer = Renderer.of_dataset(seen, "digit", Look(height=64, width=48, blur=False))
+    renderer = Renderer.of_dataset(seen, "digit", Look(height=64, width=48, blur=None))
     rest = seen["digit/rest_positions"]
     at = rest[np.linalg.norm(rest - [-3e-3, -6.3e-3, 0.0], axis=1).argmin()]
     near = np.exp(-np.sum((rest - at) ** 2, axis=1) / 1.5e-3**2)
@@ -55,12 +55,17 @@ def test_a_press_changes_the_image_where_it_is(seen):
 
 def test_smoothing_takes_edges_of_facets_away(seen):
     displacement = seen.displacement("digit", 0)[-1:]
-    looks = [Look(height=256, width=192, blur=blur) for blur in (False, True)]
+    looks = [Look(height=256, width=192, blur=blur) for blur in (None, "whole")]
     sharp, smooth = (Renderer.of_dataset(seen, "digit", look) for look in looks)
     heights = [each.blur(each.heights(displacement)).numpy() for each in (sharp, smooth)]
     bumps = [np.abs(np.diff(height, n=2, axis=1)).max() for height in heights]
     assert bumps[1] < 0.5 * bumps[0]
     assert sharp.blur.sizes == () and smooth.blur.sizes
+
+
+def test_an_unknown_blur_is_one_line():
+    with pytest.raises(InputError, match="--blur 'soft': allowed: whole, across"):
+        Look(blur="soft")
 
 
 def test_files_take_the_place_of_the_sensor_s_own(seen, tmp_path):

@@ -18,11 +18,32 @@ def saved(tmp_path, arrays) -> str:
     return tmp_path / "table.npz"
 
 
-def test_published_tables_are_read(tmp_path, arrays):
-    table = Response.load(saved(tmp_path, arrays))
+RED_FIRST, BLUE_FIRST = CHANNELS, CHANNELS[::-1]
+
+
+@pytest.mark.parametrize(
+    ("about", "red_green_blue"),
+    [
+        ({}, BLUE_FIRST),  # as published: channels of a picture as OpenCV reads it
+        ({"source": "photometric model"}, RED_FIRST),  # our first files, which do not state an order
+        ({"source": "photometric model", "channels": "bgr"}, BLUE_FIRST),
+        ({"channels": "rgb"}, RED_FIRST),
+    ],
+)
+def test_tables_are_read_in_the_order_of_their_channels(tmp_path, arrays, about, red_green_blue):
+    table = Response.load(saved(tmp_path, arrays | about))
     assert (table.bins, table.width, table.height) == (9, 640, 480)
-    for channel, name in enumerate(CHANNELS):
+    for channel, name in enumerate(red_green_blue):
         np.testing.assert_array_equal(table.coefficients[channel], arrays[name])
+
+
+def test_tables_are_written_as_published(tmp_path, arrays):
+    table = Response(np.stack([arrays[name] for name in CHANNELS]))
+    table.save(tmp_path / "own.npz")
+    with np.load(tmp_path / "own.npz") as file:
+        assert file["channels"] == "bgr"
+        for channel, name in enumerate(BLUE_FIRST):
+            np.testing.assert_array_equal(file[name], table.coefficients[channel].astype(np.float32))
 
 
 def test_what_is_saved_is_loaded(tmp_path, arrays):
@@ -64,6 +85,7 @@ def test_an_image_that_stands_is_turned_clockwise():
         ({"bins": np.array(["many"])}, "bins many: allowed: 3 to 10000"),
         ({"width": np.array([0])}, "width 0: allowed: 1 to 8192"),
         ({"grad_r": np.array([[None]])}, "not a file of numpy.savez"),
+        ({"channels": np.array("grb")}, "channels 'grb': allowed: bgr, rgb"),
         ({"grad_r": np.full((9, 9, 6), "red")}, "grad_r (9, 9, 6): allowed: (9, 9, 6) finite numbers"),
     ],
 )
