@@ -113,8 +113,10 @@ def test_gel_out_of_sight_is_one_line(tmp_path):
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
-def test_a_gpu_makes_the_same_images(seen):
+@pytest.mark.parametrize("blur", ["whole", "across"])
+def test_a_gpu_makes_the_same_images(seen, blur):
     """But for what lies between two grey levels: single precision, in another order."""
     moved = seen.displacement("digit", 3)
-    own, other = (Renderer.of_dataset(seen, "digit", SMALL, device)(moved).astype(int) for device in ("cpu", "cuda"))
+    look = Look(height=64, width=48, blur=blur)
+    own, other = (Renderer.of_dataset(seen, "digit", look, device)(moved).astype(int) for device in ("cpu", "cuda"))
     assert np.abs(own - other).max() <= 1 and np.mean(own != other) < 1e-3
