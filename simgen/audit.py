@@ -145,7 +145,7 @@ def _depths(dataset: Dataset) -> Finding:
 def _numbering(dataset: Dataset) -> Finding:
     """Trajectory, indenter and split of each press, which the job decides."""
     expected = dict(zip(("trajectory", "indenter"), number_presses(dataset.job), strict=True))
-    expected["split"] = split_presses(dataset.job)
+    expected["split"] = split_presses(dataset.job, dataset.grown_from)
     wrong = {name: np.flatnonzero(dataset[f"press/{name}"] != values) for name, values in expected.items()}
     note = "; ".join(f"{name}: press {presses[0]}" for name, presses in wrong.items() if len(presses))
     count = dataset.presses - len(np.unique(np.concatenate(list(wrong.values()))))

@@ -68,11 +68,13 @@ def run_with_progress(
     job: Job, output: Path, workers: int | None, scheduler: str | None, device: str, again: Collection[int] = ()
 ) -> int:
     """Run a job behind a progress bar; returns the number of shards that could not be written."""
+    from simgen.dataset_growth import finish_growth
     from simgen.dataset_writer import check_output
     from simgen.plan import make_plan
     from simgen.run import run
     from simgen.workers import start_workers
 
+    finish_growth(output)
     check_output(output, job)
     watch = _Watch(job)
     try:

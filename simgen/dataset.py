@@ -64,6 +64,7 @@ ATTRIBUTES = {"job": dict, "job_hash": str, "status": dict}
 INPUTS = {"sensors": dict, "indenters": dict}
 PLAN = "plan.json"  # in the folder of manifests, as the next
 TIMINGS = "timings.jsonl"
+GROWING = ".growing"  # a folder in a dataset's: the plan of more trajectories, until all of it is in its place
 
 CERTIFICATE = {
     "residual": ("float64", "out-of-balance forces over contact forces, Euclidean norms over the nodes"),
@@ -149,6 +150,8 @@ class Dataset:
         self.path = Path(path)
         if not os.path.isfile(self.path / "zarr.json"):
             raise InputError(f"{path}: not a dataset (a folder that `simgen run` wrote, with a zarr.json)")
+        if (self.path / GROWING).exists():
+            raise InputError(f"{path}: more trajectories are being added to it; if their run has ended, start it again")
         try:
             self.root = zarr.open_group(self.path, mode="r")
             self.attributes = dict(self.root.attrs)
@@ -246,6 +249,11 @@ class Dataset:
     def imported(self) -> bool:
         """Whether it came from files of others, which say less (see `simgen.exchange.importing`)."""
         return "source" in self.attributes
+
+    @property
+    def grown_from(self) -> tuple[int, ...]:
+        """How many trajectories the dataset had before each time that its job asked for more of them."""
+        return tuple(self.attributes.get("grown_from", ()))
 
     @cached_property
     def indenters(self) -> tuple[str, ...]:

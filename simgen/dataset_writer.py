@@ -91,24 +91,46 @@ def open_or_create(
         with writing(path):
             create(path, attributes, planned, job)
     dataset = Dataset(path)
-    _check_same(dataset, json.loads(json.dumps({"schema": SCHEMA, **attributes})))
+    check_same(dataset, as_stored(attributes))
     return checked(dataset)
+
+
+def as_stored(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """The attributes of a plan as a dataset has them when it is read."""
+    return json.loads(json.dumps({"schema": SCHEMA, **attributes}))
 
 
 def check_output(path: Path, job: Job) -> None:
     """Raises `InputError` where `open_or_create` would, as far as that is known without a plan, which takes time."""
     if path.exists():
         dataset = Dataset(path)
-        _check_same(dataset, dataset.attributes | {"job": job.resolved(), "job_hash": job.hash})
+        if not grows(dataset, job):
+            check_same(dataset, dataset.attributes | {"job": job.resolved(), "job_hash": job.hash})
         return
     above = next(parent for parent in path.absolute().parents if parent.exists())
     if not above.is_dir() or not os.access(above, os.W_OK):
         raise InputError(cannot_write(path, errno.EACCES if above.is_dir() else errno.ENOTDIR))
 
 
-def _check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:
-    if dataset.attributes != asked or dataset.attributes["job_hash"] != asked["job_hash"]:
-        changes = difference(dataset.attributes, asked)
+def grows(dataset: Dataset, job: Job) -> bool:
+    """Whether the job is the dataset's own but for more trajectories."""
+    if dataset.imported or job.trajectories.count <= dataset.job.trajectories.count:
+        return False
+    return json.dumps(with_count(job, dataset.job.trajectories.count)) == json.dumps(dataset.attributes["job"])
+
+
+def with_count(job: Job, count: int) -> dict[str, Any]:
+    """What the job resolves to with another number of trajectories."""
+    plain = job.resolved()
+    return plain | {"trajectories": plain["trajectories"] | {"count": count}}
+
+
+def check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:
+    """Raises `InputError` with the difference unless the dataset has these attributes."""
+    own = {key: value for key, value in dataset.attributes.items() if key != "grown_from"}
+    asked = {key: value for key, value in asked.items() if key != "grown_from"}
+    if own != asked or own["job_hash"] != asked["job_hash"]:
+        changes = difference(own, asked)
         shown = (
             "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
         )

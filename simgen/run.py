@@ -11,6 +11,7 @@ from typing import Any
 
 from simgen.card import write_card
 from simgen.dataset import Dataset
+from simgen.dataset_growth import grow
 from simgen.dataset_writer import complete, filling, folder_aside, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
 from simgen.job_schema import Job
@@ -34,7 +35,7 @@ def run(
     build: Callable[[Job, str, str], Presser] = fem_presser,
     again: Collection[int] = (),
 ) -> Dataset:
-    """Fill a dataset: create it or go on with it, and solve every shard that is not finished.
+    """Fill a dataset: create it, go on with it or add trajectories to it, and solve every shard that is not finished.
 
     `workers` of `simgen.workers.start_workers`; None is this very process. `on_start` is told how many presses are
     there already, `on_report` what came of each shard. Finished shards that `again` names are solved once more. An
@@ -45,6 +46,7 @@ def run(
     if workers is None:
         check_device(plan.device)
         workers = Workers(plan.device)
+    grow(output, plan.attributes, plan.arrays, plan.job)
     dataset = open_or_create(output, plan.attributes, plan.arrays, plan.job)
     if complete(dataset) and not again:
         on_start(dataset.presses)

@@ -3,6 +3,8 @@
 Samples of one trajectory look alike, whatever is pressed there and however deep, so a trajectory is in one split.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from simgen.job_schema import Job
@@ -12,14 +14,31 @@ SPLITS = {"train": 0.79, "validation": 0.10, "test": 0.11}
 IN_NONE = -1
 
 
-def split_by_trajectory(count: int, seed: int) -> np.ndarray:
-    """(count,) int8 split of each trajectory, an index into `SPLITS`: seeded, its shares to the nearest trajectory."""
-    order = np.random.default_rng([seed, 79, 10, 11]).permutation(count)
-    bounds = np.rint(np.cumsum(list(SPLITS.values()))[:-1] * count).astype(int)
-    split = np.empty(count, np.int8)
-    for code, members in enumerate(np.split(order, bounds)):
-        split[members] = code
+def split_by_trajectory(count: int, seed: int, grown_from: Sequence[int] = ()) -> np.ndarray:
+    """(count,) int8 split of each trajectory, an index into `SPLITS`: seeded, its shares to the nearest trajectory.
+
+    grown_from : how many trajectories there were before each growth of a dataset, rising. They keep their splits, and
+        those that were added are drawn so that the whole comes as near to the shares as it can
+    """
+    split = np.empty(0, np.int8)
+    for end in (*grown_from, count):
+        split = np.concatenate([split, _added(split, end, seed)])
     return split
+
+
+def _added(split: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Splits of the trajectories from ``len(split)`` to ``count``."""
+    first, shares = len(split), list(SPLITS.values())
+    random = np.random.default_rng([seed, 79, 10, 11, *([first] if first else [])])
+    bounds = np.rint(np.cumsum(shares)[:-1] * count).astype(int)
+    wanted = np.diff([0, *bounds, count]) - np.bincount(split, minlength=len(shares))
+    codes = np.repeat(np.arange(len(shares), dtype=np.int8), np.maximum(wanted, 0))
+    order = random.permutation(count - first)
+    if len(codes) > len(order):  # a split has more than its share already
+        codes = random.permutation(codes)[: len(order)]
+    added = np.empty(len(order), np.int8)
+    added[order] = codes
+    return added
 
 
 def number_presses(job: Job) -> tuple[np.ndarray, np.ndarray]:
@@ -29,10 +48,13 @@ def number_presses(job: Job) -> tuple[np.ndarray, np.ndarray]:
     return trajectory, np.tile(np.arange(indenters, dtype=np.int32), trajectories)
 
 
-def split_presses(job: Job) -> np.ndarray:
-    """(press,) int8, by trajectory; with an indenter that the job leaves out, some presses are in no split."""
+def split_presses(job: Job, grown_from: Sequence[int] = ()) -> np.ndarray:
+    """(press,) int8, by trajectory; with an indenter that the job leaves out, some presses are in no split.
+
+    grown_from : as in `split_by_trajectory`
+    """
     trajectory, indenter = number_presses(job)
-    split = split_by_trajectory(job.trajectories.count, job.seed)[trajectory]
+    split = split_by_trajectory(job.trajectories.count, job.seed, grown_from)[trajectory]
     if (name := job.dataset.leave_out) is not None:
         split = leave_out(split, indenter, job.indenter_names.index(name))
     return split

@@ -14,7 +14,7 @@ PACKAGE = Path(simgen.__file__).parent
 # From left to right, as the data walk. A module may import from its own room and from rooms before it.
 HOUSE = {
     "words": ["errors", "parsing", "yaml_files", "resources", "provenance", "quiet"],
-    "job": ["section", "job", "job_schema"],
+    "job": ["section", "job", "job_schema", "indenter_path"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
                "interpolation", "mesh_files", "mesh_quality", "region_edges", "sweep"],
@@ -22,7 +22,7 @@ HOUSE = {
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],
     "press": ["press", "march", "samples", "scene", "first_touch", "capacity"],
-    "dataset": ["dataset", "dataset_layout", "dataset_writer", "chunk_files", "whole_files", "folder_lock", "finding",
+    "dataset": ["dataset", "dataset_layout", "dataset_writer", "dataset_growth", "chunk_files", "whole_files", "folder_lock", "finding",
                 "audit", "touch_audit", "touchable", "contact_patch", "run_status", "splits", "card", "loading",
                 "torch_samples", "exchange", "hdf5_files", "electrode_files", "electrodes", "electrode_gaps",
                 "electrode_model"],

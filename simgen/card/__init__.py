@@ -34,5 +34,14 @@ def write_card(dataset: Dataset, aside: Path) -> None:
         put_in_place(dataset.path, files)
 
 
+def forget_card(dataset: Dataset) -> None:
+    """Remove the card of a dataset that is about to change; a ``README.md`` that its owner has edited stays."""
+    file = dataset.path / "README.md"
+    edited = file.is_file() and file.read_text() != readme(dataset)
+    for name in CARD:
+        if not (name == "README.md" and edited):
+            (dataset.path / name).unlink(missing_ok=True)
+
+
 def has_card(dataset: Dataset) -> bool:
     return all((dataset.path / name).is_file() for name in CARD)

@@ -1,0 +1,106 @@
+"""Adding trajectories to a dataset: a job whose ``trajectories.count`` is raised goes on where the smaller one ended.
+
+Contacts come from a sequence, so those of the smaller job are the first ones of the larger. The new plan is written
+into a folder aside. From the moment when that folder gets its name, `GROWING`, the growth will happen: a run that is
+killed later is completed by the next one, which puts what is left of the plan in its place. Finished shards stay as
+they are. Only a last shard that was not full is solved again, with the presses that fill it.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgen.card import forget_card
+from simgen.dataset import GROWING, PLAN, Dataset
+from simgen.dataset_writer import (
+    as_stored,
+    check_same,
+    filling,
+    folder_aside,
+    forget,
+    grows,
+    with_count,
+    write_plan,
+)
+from simgen.errors import InputError, writing
+from simgen.folder_lock import HeldError, held
+from simgen.job_schema import Job, hash_of
+from simgen.splits import split_presses
+from simgen.whole_files import flush, flush_tree
+
+SAME_PLAN = 1e-9  # m and rad: another processor may round a contact otherwise
+
+
+def grow(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
+    """Add the trajectories that a larger job has more; do nothing for any other job, or where there is no dataset.
+
+    Arguments are those of `simgen.dataset_writer.open_or_create`. Raises `InputError` where code, sensors or indenters
+    are others than the dataset's, where its contacts are not the first ones of the job, and while it is being filled.
+    """
+    finish_growth(path)
+    if not path.exists() or not grows(dataset := Dataset(path), job):
+        return
+    count = dataset.job.trajectories.count
+    smaller = with_count(job, count)
+    check_same(dataset, as_stored(attributes) | {"job": smaller, "job_hash": hash_of(smaller)})
+    grown_from = [*dataset.grown_from, count]
+    arrays = {name: _extended(dataset, name, np.asarray(values)) for name, values in planned.items()}
+    arrays["press/split"] = split_presses(job, grown_from)
+    with filling(dataset):
+        forget_card(dataset)
+        if dataset.presses % job.dataset.presses_per_shard:  # the last shard has room for more presses
+            forget(dataset, [dataset.shards - 1])
+        with writing(path), folder_aside(dataset) as aside:
+            write_plan(aside / GROWING, dict(attributes) | {"grown_from": grown_from}, arrays, job)
+            flush_tree(aside / GROWING)
+            os.rename(aside / GROWING, path / GROWING)
+            flush(path)
+            _put_plan_in_place(path)
+
+
+def finish_growth(path: Path) -> None:
+    """Complete a growth that a kill has cut short, if there is one.
+
+    Raises `InputError` if another process is at it.
+    """
+    if (path / GROWING).exists():
+        try:
+            with writing(path), held(path):
+                _put_plan_in_place(path)
+        except HeldError as error:
+            raise InputError(f"{path}: {error} is adding trajectories to it; wait for its end") from None
+
+
+def _extended(dataset: Dataset, name: str, values: np.ndarray) -> np.ndarray:
+    """A planned array that begins with what the dataset has. Raises `InputError` if the two differ there."""
+    own = dataset[name]
+    first = values[: len(own)] if name.startswith("press/") or name.endswith("/pose") else values
+    same = first.shape == own.shape and (
+        name == "press/split" or np.allclose(first, own, rtol=0.0, atol=SAME_PLAN, equal_nan=True)
+    )
+    if not same:
+        raise InputError(f"{dataset.path}/{name}: not what the job begins with; a dataset grows by trajectories alone")
+    return np.concatenate([own, values[len(own) :]])
+
+
+def _put_plan_in_place(path: Path) -> None:
+    """Move the files of the new plan to where the old ones are; whatever was moved already stays."""
+    growing = path / GROWING
+    new = {file.relative_to(growing).as_posix() for file in growing.rglob("*") if file.is_file()}
+    manifest = f"manifest/{PLAN}"
+    if manifest in new:  # the old one is still in its place
+        old, kept = ({*json.loads((folder / manifest).read_text())["sha256"]} for folder in (path, growing))
+        for name in old - kept:
+            (path / name).unlink(missing_ok=True)
+    last = [name for name in (manifest, "zarr.json") if name in new]
+    for name in (*sorted(new - {*last}), *last):
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        os.replace(growing / name, path / name)
+        flush((path / name).parent)
+    shutil.rmtree(growing)
+    flush(path)
