@@ -50,6 +50,8 @@ class PressResult:
     cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none
     shear_force : (d, 2) N on the sensor along the contact frame's x and z, which are those of the indenter at first
         touch; ``force`` along the press axis is the rest of it
+    stress, traction : (d, s, 6) and (d, s, 3) float32, Pa, at the s surface vertices of the output mesh, where the
+        scene has these outputs; see `simgen.surface_outputs`
     slip_share : (d,) share of the contact area where friction has reached its limit, so that the surface slides; the
         rest sticks. 0 without contact
     """
@@ -64,6 +66,8 @@ class PressResult:
     shear_force: np.ndarray
     slip_share: np.ndarray
     cavity_pressure: np.ndarray | None = None
+    stress: np.ndarray | None = None
+    traction: np.ndarray | None = None
 
 
 def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
@@ -145,14 +149,13 @@ def follow(
         displacement = march.displacement[i]
         if displacement is None:
             displacement = np.empty((len(path_m), scene.n_vertices, 3))
-        liquid = scene.cavity is not None
         in_surface = poses_mm[i][:3, [0, 2]]
-        results.append(_result(march.rows[i], displacement, final, in_surface, liquid, float(touch[i]), seconds))
+        results.append(_result(scene, march.rows[i], displacement, final, in_surface, float(touch[i]), seconds))
     return results
 
 
 def _result(
-    rows: list[dict], displacement: np.ndarray, final: int, in_surface: np.ndarray, liquid: bool, touch: float, seconds
+    scene: Scene, rows: list[dict], displacement: np.ndarray, final: int, in_surface: np.ndarray, touch: float, seconds
 ) -> PressResult:
     """The samples of one press, which ended with ``final``, as arrays over its depths.
 
@@ -161,8 +164,8 @@ def _result(
     d = len(displacement)
     displacement[len(rows) :] = np.nan
 
-    def column(key, *inner):
-        out = np.full((d, *inner), np.nan)
+    def column(key, *inner, dtype=np.float64):
+        out = np.full((d, *inner), np.nan, dtype)
         for i, row in enumerate(rows):
             out[i] = row[key]
         return out
@@ -170,9 +173,14 @@ def _result(
     status = np.full(d, final, dtype=np.int8)
     status[: len(rows)] = Status.CONVERGED
     certificate = {key: column(key) for key in CERTIFICATE}
+    liquid = scene.cavity is not None
     if liquid:
         certificate["liquid_volume_error"] = column("liquid_volume_error")
     pressure = column("cavity_pressure") if liquid else None
     force, moment = column("force", 3), column("moment", 3)
     shear, slip = force @ in_surface, column("slip_share")
-    return PressResult(displacement, force, moment, status, certificate, touch, seconds, shear, slip, pressure)
+    shapes = scene.surface_outputs.shapes
+    surface = {name: column(name, *shape, dtype=np.float32) for name, shape in shapes.items()}
+    return PressResult(
+        displacement, force, moment, status, certificate, touch, seconds, shear, slip, pressure, **surface
+    )

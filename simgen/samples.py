@@ -159,5 +159,7 @@ class Samples:
             found["liquid_volume_error"] = np.abs(lacking) / scene.cavity.volume
             found["cavity_pressure"] = pressure * scene.material.youngs_modulus_pa
         environments = np.flatnonzero(reached)
-        for env, displacement in zip(environments, self.displacement(environments), strict=True):
-            yield env, {"displacement": displacement} | {name: values[env] for name, values in found.items()}
+        surface = scene.surface_outputs.take(environments)
+        for k, (env, displacement) in enumerate(zip(environments, self.displacement(environments), strict=True)):
+            of_surface = {name: values[k] for name, values in surface.items()}
+            yield env, {"displacement": displacement, **of_surface} | {name: each[env] for name, each in found.items()}

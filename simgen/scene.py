@@ -18,6 +18,7 @@ from .fem.pattern import corners_to_nodes
 from .samples import Samples
 from .sensor import Material, Sensor
 from .shape import sampled_shape
+from .surface_outputs import SurfaceOutputs
 from .sweep import in_sweep_order
 from .tetrahedra import interpolation_matrix
 
@@ -29,6 +30,7 @@ class Scene:
     """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs.
 
     ``fluid``, none or incompressible, fills the gel's cavity. Raises InputError where there is no cavity for it.
+    ``outputs``, stress and traction, are measured at the output mesh's surface, too.
     """
 
     def __init__(
@@ -40,6 +42,7 @@ class Scene:
         batch: int = 1,
         settings: SolverSettings | None = None,
         fluid: str = "none",
+        outputs: tuple[str, ...] = (),
     ):
         self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
         self.settings = settings or SolverSettings()
@@ -76,6 +79,7 @@ class Scene:
             self.to_output = self.to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
         self.n_vertices = len(sensor.output_mesh.vertices)
         self.samples = Samples(self)
+        self.surface_outputs = SurfaceOutputs(self, outputs)
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:

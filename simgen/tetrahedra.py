@@ -53,6 +53,11 @@ class OutputMesh:
     touchable: np.ndarray  # (v,) bool
     hash: str
 
+    @property
+    def surface_vertices(self) -> np.ndarray:
+        """(s,) indices, rising, of the vertices on the surface."""
+        return np.unique(self.surface_triangles)
+
 
 def signed_volumes(vertices: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
     """Volumes (e,) of straight tetrahedra given by their corners; negative where inverted."""

@@ -76,6 +76,31 @@ def resultant_kernel(
 
 
 @wp.kernel
+def corner_traction_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    force_out: wp.array2d(dtype=vec3),
+):
+    """Forces (slot, env) on the sensor, shared among the corners of faces by their linear shape functions."""
+    k, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    if k >= s.count[env]:
+        return
+    f = s.candidates[k, env]
+    nodes = face_positions(s, x, f, env)
+    for q in range(s.areas.shape[1]):
+        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        if found.pressure > real(0.0):
+            force = s.areas[f, q] * (found.pressure * found.normal + found.friction)
+            for i in range(3):
+                wp.atomic_add(force_out, s.slots[f, i], env, s.multiplier_shapes[q, i] * force)
+
+
+@wp.kernel
 def nearest_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),

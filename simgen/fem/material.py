@@ -80,6 +80,13 @@ def first_piola(F: Any, cof: Any, metric: Any, J: Any, p: Any, mu: Any, gamma: A
 
 
 @wp.func
+def cauchy(F: Any, J: Any, p: Any, mu: Any, gamma: Any):
+    """P F^T / J = mu / J (F F^T - I) + (gamma (J - 1) + p) I."""
+    one = wp.diag(wp.vector(type(J)(1.0), type(J)(1.0), type(J)(1.0)))
+    return (mu / J) * (F * wp.transpose(F) - one) + volumetric_stress(J, p, gamma) * one
+
+
+@wp.func
 def tangent_transposed(J: Any, p: Any, mu: Any, gamma: Any):
     """Coefficient alpha of ``cof dF^T cof`` in dP; see :func:`first_piola_increment`."""
     return (mu / J - volumetric_stress(J, p, gamma)) / J

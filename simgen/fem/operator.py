@@ -195,6 +195,11 @@ class Elasticity:
         self._launch(inverted_kernel, [self._solid, x, points, self.active], [count])
         return count.numpy()
 
+    @property
+    def solid(self) -> Solid:
+        """Mesh and material for a kernel that measures the body, in double precision."""
+        return self._solid
+
     def blocks(self, block_index, blocks_out, linear: bool):
         """Add the derivative by displacements, or by linear ones alone, as 3 x 3 blocks between nodes or corners.
 
