@@ -58,7 +58,7 @@ def run(
     scheduler_file: SchedulerFile = None,
     device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be done, how large, how long; do nothing.")
+        bool, typer.Option("--dry-run", help="Sample contacts, say how large and how long the job is; solve nothing.")
     ] = False,
 ):
     """Press the job's indenters into its sensors and write the paired dataset.

@@ -44,6 +44,8 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         f"[bold]{seen.samples:,} samples[/], "
         f"each on {sensors}, in {seen.shards:,} shards"
     )
+    some = "all" if seen.contacts == seen.trajectories else f"the first {seen.contacts:,} of"
+    console.print(f"contacts: {some} {seen.trajectories:,} fit")
     console.print(f"size: about {_size(seen.bytes)} ({seen.bytes_source})")
     device_name = "core" if device == "cpu" else device
     duration = f"about {_time(seen.seconds)} of one {device_name} ({seen.seconds_source})"

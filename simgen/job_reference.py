@@ -145,7 +145,8 @@ line, which names the file, the key, the value and what is allowed.
   as YAML.
 - **Paths** of sensors and indenters start at the folder of the job file. A path has a slash or a mesh's suffix.
 - **Numbers** may be written 539000, 539e3 or 539.0e+3. Units are in the keys.
-- **What would it do?** `simgen run FILE --dry-run` counts samples, size and time, and does nothing.
+- **What would it do?** `simgen run FILE --dry-run` samples the contacts (the first 1,000), says size and time, and
+  solves nothing. It fails where the run would.
 
 Each example below replaces the keys of the same name in the first one. A default of `-` is none.
 """

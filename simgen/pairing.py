@@ -8,14 +8,17 @@ normal.
 Shared frame, metres: x along the finger, pad side -y, z lateral.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy.spatial
 
+from simgen.curved import CORE
 from simgen.errors import InputError
 from simgen.sensor import Sensor
 from simgen.skin import Skin
+from simgen.surface import ClosestPoint, FinePieces
 
 BLOCK = 256  # contacts that are proposed at a time: a power of two, as a Sobol sequence wants
 MOST_PROPOSED = 200  # per contact found, once there have been 16 blocks: with less there is no room
@@ -28,7 +31,7 @@ class ContactSettings:
 
     max_tilt_deg: float = 5.0  # of the press axis from the surface normal
     roll_range_deg: tuple[float, float] = (-90.0, 90.0)  # of the indenter about its axis
-    max_indentation_ratio: float = 0.6  # deepest press / local thickness (the largest ball that fits under)
+    max_indentation_ratio: float = 0.6  # deepest press / thickness (largest ball that fits); a core's gap comes on top
     min_edge_ratio: float = 1.5  # distance to the nearest side wall / deepest press
 
 
@@ -44,29 +47,33 @@ class Contacts:
 
 
 def sample_contacts(
-    reference: Sensor, count: int, seed: int, max_depth_m: float, settings: ContactSettings | None = None
+    reference: Sensor,
+    count: int,
+    seed: int,
+    max_depth_m: float,
+    settings: ContactSettings | None = None,
+    others: Sequence[Sensor] = (),
 ) -> Contacts:
-    """``count`` contacts on the touchable surface of ``reference``, each with room for the deepest press.
+    """``count`` contacts on ``reference``, each with room for the deepest press and a partner on all ``others``.
 
     A scrambled Sobol sequence in (x, arc, tilt, azimuth, roll), with rejection: the first n contacts do not
-    depend on how many more are asked for. Raises InputError if there is too little room.
+    depend on how many more are asked for. Raises InputError if there is too little room, or too few partners.
     """
     from scipy.stats import qmc  # a third of a second, which processes that only press do without
 
     settings = settings or ContactSettings()
     room = Room(reference, max_depth_m, settings)
+    others = [Room(other, max_depth_m, settings) for other in others]
     sequence = qmc.Sobol(5, scramble=True, rng=seed)
     blocks: list[Contacts] = []
-    found, proposed = 0, 0
+    found = roomy = proposed = 0
     while found < count:
         if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
-            raise InputError(
-                f"{reference.name}: {found} of {count} contacts fit after {proposed} proposals of presses of "
-                f"{max_depth_m * 1e3:g} mm with max_indentation_ratio {settings.max_indentation_ratio:g} and "
-                f"min_edge_ratio {settings.min_edge_ratio:g}; press less deep, or allow a larger "
-                "max_indentation_ratio or a smaller min_edge_ratio"
-            )
+            raise InputError(_too_few(room, others, count, (found, roomy, proposed)))
         block = room.keep(room.propose(sequence.random(BLOCK)))
+        roomy += len(block.points)
+        for other in others:
+            block = _those(block, other.meets(block))
         blocks.append(block)
         found += len(block.points)
         proposed += BLOCK
@@ -74,6 +81,25 @@ def sample_contacts(
         field.name: np.concatenate([getattr(block, field.name) for block in blocks])[:count]
         for field in fields(Contacts)
     })  # fmt: skip
+
+
+def _those(contacts: Contacts, kept: np.ndarray) -> Contacts:
+    """The contacts (n,) bool that are kept."""
+    return Contacts(**{field.name: getattr(contacts, field.name)[kept] for field in fields(Contacts)})
+
+
+def _too_few(room: "Room", others: Sequence["Room"], count: int, counts: tuple[int, int, int]) -> str:
+    """The error line: how many contacts were found, had room and were proposed, and what helps."""
+    found, roomy, proposed = counts
+    line = (
+        f"{room.name}: {found} of {count} contacts fit after {proposed} proposals of presses of "
+        f"{room.max_depth * 1e3:g} mm with max_indentation_ratio {room.settings.max_indentation_ratio:g} and "
+        f"min_edge_ratio {room.settings.min_edge_ratio:g}; "
+    )
+    if roomy > 2 * found:  # most had room: the partners are missing
+        names = " and ".join(other.name for other in others)
+        return line + f"most of {roomy} that have room have no partner on {names}; put the smallest sensor first"
+    return line + "press less deep, or allow a larger max_indentation_ratio or a smaller min_edge_ratio"
 
 
 def indenter_poses(contacts: Contacts) -> np.ndarray:
@@ -156,12 +182,21 @@ def _least_rotation(directions: np.ndarray) -> np.ndarray:
 
 
 class Room:
-    """Where on a reference sensor a contact may be."""
+    """Where on a sensor a contact may be.
 
-    def __init__(self, reference: Sensor, max_depth_m: float, settings: ContactSettings):
-        self.settings = settings
-        self.skin = Skin(reference.surface)
-        mesh = reference.output_mesh
+    A gel on a rigid support takes presses of up to ``max_indentation_ratio`` of its local thickness. That is the
+    diameter of the largest ball that touches the surface at the contact from inside and fits into the gel.
+
+    A skin over a core takes more, because its inner side is free to move. It bends across the gap until it meets the
+    core, and only the rest of the press squeezes it between indenter and core. So skin s over a gap g takes a press of
+    g + ratio s. Then a ball of diameter s + g fits between the contact and what is rigid; the rule asks for the one
+    that a press of depth d needs, s + g = d + (1 - ratio) s. The gap counts with a liquid, too: it flows aside.
+    """
+
+    def __init__(self, sensor: Sensor, max_depth_m: float, settings: ContactSettings):
+        self.name, self.settings, self.max_depth = sensor.name, settings, max_depth_m
+        self.skin = Skin(sensor.surface)
+        mesh = sensor.output_mesh
         on_surface = np.unique(mesh.surface_triangles)
         self.touchable = mesh.touchable[on_surface]
         self.nearest = scipy.spatial.cKDTree(mesh.vertices[on_surface])
@@ -169,14 +204,18 @@ class Room:
         self.x_range = low[0], high[0]
         # A convex section's arc from the centre line is no longer than its width and height together.
         self.max_arc = np.abs([low[2], high[2]]).max() + high[1] - low[1]
-        self.ball_radius = 0.5 * max_depth_m / settings.max_indentation_ratio
+        self.solid_thickness = max_depth_m / settings.max_indentation_ratio
         self.edge_distance = settings.min_edge_ratio * max_depth_m
-        surface = reference.surface
-        if surface.edges_unique_length.max() > 0.5 * self.ball_radius:
-            surface = surface.subdivide_to_size(0.5 * self.ball_radius)
-        self.surface_points = scipy.spatial.cKDTree(surface.vertices)
-        self.facets = scipy.spatial.cKDTree(surface.triangles_center)
-        self.facet_normals = surface.face_normals
+        surface, bounds, normals = sensor.surface, sensor.surface.triangles, sensor.surface.face_normals
+        self.surface, self.surface_normals = FinePieces(bounds), normals
+        self.inner_skin = None
+        if sensor.core is not None:
+            wall = sensor.surface_region == CORE
+            self.inner_skin = ClosestPoint(surface.vertices, surface.faces[wall])
+            # What bounds the room for a press: the gel without its inner side, and the core seen from outside.
+            bounds = np.concatenate([bounds[~wall], sensor.core.triangles])
+            normals = np.concatenate([normals[~wall], -sensor.core.face_normals])
+        self.bounds, self.bound_normals = FinePieces(bounds), normals
 
     def propose(self, uniform: np.ndarray) -> Contacts:
         """Contacts on the skin from points (n, 5) of the unit cube; places off the skin are left out."""
@@ -197,25 +236,52 @@ class Room:
 
     def keep(self, contacts: Contacts) -> Contacts:
         """Those contacts that are touchable, on material thick enough, and far enough from side walls."""
-        kept = self.touchable[self.nearest.query(contacts.points)[1]]
+        kept = self._is_touchable(contacts.points)
         for i in np.flatnonzero(kept):
             point, normal = contacts.points[i], contacts.normals[i]
-            kept[i] = (
-                self._is_thick(point, normal) and not self._is_beside_a_wall(point, normal)
+            kept[i] = self._is_thick(point, normal) and not self._is_beside_a_wall(point, normal)
+        return _those(contacts, kept)
+
+    def meets(self, contacts: Contacts) -> np.ndarray:
+        """Which contacts (n,) bool of another sensor have a partner here: touchable, and far from side walls."""
+        meets = np.zeros(len(contacts.points), dtype=bool)
+        for i, (contact, normal) in enumerate(zip(contacts.points, contacts.normals, strict=True)):
+            partner = self.skin.point(contact[0], contacts.arcs[i])
+            meets[i] = (
+                partner is not None
+                and _roll_then_pitch(partner[1], normal) is not None
+                and self._is_touchable(partner[0])
+                and not self._is_beside_a_wall(*partner)
             )
-        return Contacts(**{field.name: getattr(contacts, field.name)[kept] for field in fields(Contacts)})
+        return meets
+
+    def _is_touchable(self, points: np.ndarray) -> np.ndarray:
+        return self.touchable[self.nearest.query(points)[1]]
+
+    def _thickness_asked(self, point: np.ndarray) -> float:
+        """The diameter of the ball that must fit under a contact, m."""
+        if self.inner_skin is None:
+            return self.solid_thickness
+        skin = min(self.inner_skin(point[None])[1][0], self.solid_thickness)
+        return self.max_depth + (1.0 - self.settings.max_indentation_ratio) * skin
 
     def _is_thick(self, point: np.ndarray, normal: np.ndarray) -> bool:
-        """The ball of the asked thickness that touches the surface here from inside holds no other surface.
+        """The ball of the asked thickness that touches the surface here from inside holds nothing that bounds it.
 
-        The facets next to the contact are no other surface: they cut into the ball however thick the gel is.
+        The facets next to the contact do not count: they cut into the ball however thick the gel is.
         """
-        within = self.surface_points.query_ball_point(point - self.ball_radius * normal, self.ball_radius)
-        other = np.linalg.norm(self.surface_points.data[within] - point, axis=1) > 0.5 * self.ball_radius
-        return not other.any()
+        radius = 0.5 * self._thickness_asked(point)
+        centre = point - radius * normal
+        pieces, owner = self.bounds.near(centre, radius, 0.5 * radius)
+        inside = np.linalg.norm(pieces - centre, axis=2) <= radius
+        next_to_it = np.linalg.norm(pieces - point, axis=2) <= 0.5 * radius
+        turned_alike = self.bound_normals[owner] @ normal >= 0.0
+        return not (inside & ~(next_to_it & turned_alike[:, None])).any()
 
     def _is_beside_a_wall(self, point: np.ndarray, normal: np.ndarray) -> bool:
         """Whether a facet that is neither turned like the contact nor away from it is nearer than the edge distance."""
-        cosine = self.facet_normals[self.facets.query_ball_point(point, self.edge_distance)] @ normal
+        cosine = self.surface_normals @ normal
         high, low = np.cos(np.radians(WALL_TURN_DEG))
-        return bool(((cosine < high) & (cosine > low)).any())
+        walls = (cosine < high) & (cosine > low)
+        pieces, _ = self.surface.near(point, self.edge_distance, 0.25 * self.solid_thickness, walls)
+        return bool((np.linalg.norm(pieces.mean(axis=1) - point, axis=1) <= self.edge_distance).any())

@@ -1,7 +1,7 @@
 """From a job to all that is known before the first press: meshes, contacts, poses on every sensor, splits."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -38,10 +38,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     indenters = indenter_identities(job)  # first: it takes no time
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
-    settings = pairing.ContactSettings(**job.trajectories.model_dump(exclude={"count", "path"}))
-    contacts = pairing.sample_contacts(
-        reference, job.trajectories.count, job.seed, float(job.depths_m.max()), settings
-    )
+    contacts = first_contacts(job, list(sensors.values()), job.trajectories.count)
     trajectory, indenter = number_presses(job)
     arrays = {
         **path_arrays(job.indenter_path),
@@ -62,6 +59,14 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
         }
     return Plan(job, device, _attributes(job, device, sensors, indenters), arrays)
+
+
+def first_contacts(job: Job, sensors: Sequence[Sensor], count: int) -> pairing.Contacts:
+    """The first ``count`` contacts of a job on the first of its sensors. Raises `InputError` if too few fit."""
+    own = {field.name for field in fields(pairing.ContactSettings)}
+    settings = pairing.ContactSettings(**job.trajectories.model_dump(include=own))
+    reference, *others = sensors
+    return pairing.sample_contacts(reference, count, job.seed, float(job.depths_m.max()), settings, others)
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:

@@ -6,10 +6,10 @@ from simgen.capacity import at_once, bytes_per_press
 from simgen.dataset import CERTIFICATE
 from simgen.fem.newton import SolverSettings
 from simgen.job_schema import Job
-from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts, indenter_identities
 from simgen.press import Scene
 from simgen.quiet import start_warp
-from simgen.sensor import Material
+from simgen.sensor import Material, Sensor
 
 # Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU:
 # `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
@@ -20,6 +20,8 @@ SECONDS_SOURCE = {
     "cpu": "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two",
     "cuda": "as measured on one NVIDIA H200, the whole paired job with its audit",
 }
+
+MOST_CONTACTS = 1000  # that are sampled, in 3 s; the rest of a sequence fits as often as its beginning
 
 # Stored bytes of the displacement over raw ones, and where that is from.
 COMPRESSION = {
@@ -48,6 +50,7 @@ class Preview:
     """Counts and estimates; `seconds` is of one core (or GPU)."""
 
     trajectories: int
+    contacts: int  # that were sampled, and fit
     indenters: int
     samples: int
     shards: int
@@ -60,14 +63,21 @@ class Preview:
 
 
 def preview(job: Job, device: str = "cpu") -> Preview:
-    """Load every indenter and sensor and make its scene, but sample and solve nothing."""
+    """Load every indenter and sensor, sample contacts and make the scenes, but solve nothing.
+
+    Raises `InputError` where a run would, but for contacts beyond the first `MOST_CONTACTS`.
+    """
     start_warp()
-    indenter_identities(job)  # raises where a run would
-    sensors = [_preview_sensor(job, name) for name in job.sensors]
+    indenter_identities(job)
+    loaded = {name: chosen_sensor(job, name) for name in job.sensors}
+    contacts = min(job.trajectories.count, MOST_CONTACTS)
+    first_contacts(job, list(loaded.values()), contacts)
+    sensors = [_preview_sensor(job, name, sensor) for name, sensor in loaded.items()]
     kind = device.partition(":")[0]
     unknowns = sum(sensor.unknowns for sensor in sensors)
     return Preview(
         trajectories=job.trajectories.count,
+        contacts=contacts,
         indenters=len(job.indenters),
         samples=job.samples,
         shards=job.shards,
@@ -80,8 +90,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     )
 
 
-def _preview_sensor(job: Job, name: str) -> SensorPreview:
-    sensor = chosen_sensor(job, name)
+def _preview_sensor(job: Job, name: str, sensor: Sensor) -> SensorPreview:
     material = chosen_material(job, name, sensor)
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
     scene = Scene(sensor, material, job.solver.element, settings=settings, fluid=chosen_fluid(job, name, sensor))

@@ -1,4 +1,4 @@
-"""Queries on triangulated surfaces: exact closest points, and the smooth patches between sharp edges."""
+"""Queries on triangulated surfaces: exact closest points, pieces near a place, smooth patches between sharp edges."""
 
 import numpy as np
 import trimesh
@@ -52,6 +52,56 @@ class ClosestPoint:
             todo = todo[~sure]
             k = min(4 * k, len(self.triangles))
         return closest / self.scale, distance / self.scale, self.owner[piece]
+
+
+class FinePieces:
+    """Triangles (f, 3, 3) that are subdivided where a caller looks at them, and nowhere else.
+
+    So memory and time depend on how many pieces the ball holds, not on how many the whole surface would have.
+    """
+
+    def __init__(self, triangles: np.ndarray):
+        self.measured = _measured(triangles)
+        _, centroids, sizes, _ = self.measured
+        self.reach = sizes.max()
+        self.tree = cKDTree(centroids)
+
+    def near(
+        self, centre: np.ndarray, radius: float, longest: float, among: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pieces (p, 3, 3) that may reach into a ball, and the triangle (p,) to which each belongs.
+
+        A piece with an edge above ``longest`` is split into four at the middles of its edges. ``among`` (f,) bool: the
+        triangles that count, all by default.
+        """
+        owner = np.array(self.tree.query_ball_point(centre, radius + self.reach), dtype=np.int64)
+        owner = owner if among is None else owner[among[owner]]
+        pieces, centroids, sizes, edges = (each[owner] for each in self.measured)
+        found, owners = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
+        while len(pieces):
+            close = np.linalg.norm(centroids - centre, axis=1) <= radius + sizes
+            short = edges <= longest
+            found.append(pieces[close & short])
+            owners.append(owner[close & short])
+            owner = np.repeat(owner[close & ~short], 4)
+            pieces, centroids, sizes, edges = _measured(_quarters(pieces[close & ~short]))
+        return np.concatenate(found), np.concatenate(owners)
+
+
+def _measured(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Triangles (t, 3, 3), their centroids (t, 3), how far their corners lie from these (t,), longest edges (t,)."""
+    centroids = triangles.mean(axis=1)
+    sizes = np.linalg.norm(triangles - centroids[:, None], axis=2).max(axis=1)
+    edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2).max(axis=1)
+    return triangles, centroids, sizes, edges
+
+
+def _quarters(triangles: np.ndarray) -> np.ndarray:
+    """The four triangles (4 t, 3, 3) between the corners and the middles of the edges of each (t, 3, 3)."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    quarters = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+    return np.array(quarters).transpose(2, 0, 1, 3).reshape(-1, 3, 3)  # those of one triangle side by side
 
 
 def smooth_patches(

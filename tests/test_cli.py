@@ -49,6 +49,7 @@ def test_help_says_what_there_is(tmp_path, command, words):
         (["run", "nothing.yaml"], "nothing.yaml: no such job file; bundled jobs:"),
         (["run", "smoke", "seed=-1"], "override seed=-1: seed: -1 is not allowed; allowed: a whole number"),
         (["run", "smoke", "sensors.digit.model=finger", "--dry-run"], "finger"),
+        (["run", "smoke", "depths_mm.last=3.2", "--dry-run"], "digit: 0 of 2 contacts fit after 4096 proposals"),
         (["run", "smoke", "--scheduler", "nowhere"], "scheduler 'nowhere': missing port number"),
         (["run", "smoke", "--device", "gpu"], "device 'gpu' is not allowed; allowed: cpu, cuda, cuda:N"),
         (["run", "smoke", "--device", "gpu", "--dry-run"], "device 'gpu' is not allowed; allowed: cpu,"),

@@ -1,5 +1,6 @@
 """Pairing on the two bundled sensors, and on a slab of a user's own."""
 
+import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from simgen.curved import CORE
 from simgen.errors import InputError
 from simgen.pairing import Contacts, ContactSettings, indenter_poses, partners, sample_contacts, unfold
 from simgen.sensor import load_sensor
@@ -39,16 +41,30 @@ def contacts_at(sensor, places) -> Contacts:
 
 
 def slab(height: float = 4.0e-3) -> SimpleNamespace:
+    """A flat gel, its back held."""
     surface = trimesh.creation.box(extents=[0.020, height, 0.020]).subdivide_to_size(2.5e-3)
-    return SimpleNamespace(
-        name="slab",
-        surface=surface,
-        output_mesh=SimpleNamespace(
-            vertices=surface.vertices,
-            surface_triangles=surface.faces,
-            touchable=surface.vertices[:, 1] < 0.5 * height - 1e-9,
-        ),
-    )
+    return sensor(surface, touchable=surface.vertices[:, 1] < 0.5 * height - 1e-9)
+
+
+SKIN, GAP = 1.5e-3, 1.0e-3
+
+
+def hollow_slab() -> SimpleNamespace:
+    """A flat skin over a gap and a flat rigid core."""
+    outer = trimesh.creation.box(extents=[0.024, 0.010, 0.024]).subdivide_to_size(1e-3)
+    cavity = trimesh.creation.box(extents=[0.020, 0.010 - 2.0 * SKIN, 0.020]).subdivide_to_size(1e-3)
+    core = trimesh.creation.box(extents=[0.019, 0.010 - 2.0 * (SKIN + GAP), 0.019]).subdivide_to_size(1e-3)
+    cavity.invert()
+    surface = trimesh.util.concatenate([outer, cavity])
+    touchable = np.zeros(len(surface.vertices), dtype=bool)
+    touchable[: len(outer.vertices)] = outer.vertices[:, 1] < 0.005 - 1e-9
+    return sensor(surface, touchable, core, np.where(np.arange(len(surface.faces)) < len(outer.faces), 0, CORE))
+
+
+def sensor(surface, touchable, core=None, region=None) -> SimpleNamespace:
+    """What pairing needs of a sensor."""
+    output = SimpleNamespace(vertices=surface.vertices, surface_triangles=surface.faces, touchable=touchable)
+    return SimpleNamespace(name="slab", surface=surface, surface_region=region, core=core, output_mesh=output)
 
 
 def test_contact_points_coincide_and_normals_align(digit, biotac, contacts):
@@ -167,6 +183,70 @@ def test_contacts_keep_their_distance_from_walls():
 def test_too_thin_a_sensor_is_refused():
     with pytest.raises(InputError, match=r"slab: 0 of 5 contacts fit .* max_indentation_ratio"):
         sample_contacts(slab(height=3e-3), 5, SEED, DEPTH)
+
+
+def test_a_sheet_far_thinner_than_the_press_is_refused():
+    with pytest.raises(InputError, match="slab: 0 of 5 contacts fit"):
+        sample_contacts(slab(height=0.15e-3), 5, SEED, DEPTH)
+
+
+def test_a_skin_over_a_core_takes_the_gap_and_its_own_share():
+    """0.6 of the skin of 1.5 mm, and the whole gap of 1 mm: presses of 1.9 mm, less 0.06 mm between samples."""
+    deepest = GAP + 0.6 * SKIN
+    assert len(sample_contacts(hollow_slab(), 5, SEED, deepest - 1e-6).points) == 5
+    with pytest.raises(InputError, match="slab: 0 of 5 contacts fit"):
+        sample_contacts(hollow_slab(), 5, SEED, deepest + 0.06e-3)
+
+
+def test_contacts_on_the_biotac_reach_two_millimetres(biotac):
+    """By a ball that is measured against the core as a signed distance, with the skin's nominal 1.57 mm."""
+    for depth in (0.3e-3, 1.0e-3, 2.0e-3):
+        contacts = sample_contacts(biotac, 40, SEED, depth)
+        radius = 0.5 * min(depth / 0.6, depth + 0.4 * 1.57e-3)
+        centres = contacts.points - radius * contacts.normals
+        assert mesh_distance(biotac.core, centres * 1e3).min() > (radius - 0.05e-3) * 1e3  # between the core's vertices
+
+
+def peak_of_sampling(reference, depth: float) -> int:
+    """Bytes."""
+    tracemalloc.start()
+    sample_contacts(reference, 5, SEED, depth)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def test_memory_does_not_depend_on_the_depth(digit):
+    deep = peak_of_sampling(digit, DEPTH)
+    for depth in (0.2e-3, 0.01e-3):
+        assert peak_of_sampling(digit, depth) < 1.5 * deep
+
+
+def test_contacts_without_a_partner_are_drawn_again(digit, biotac):
+    """The BioTac's skin reaches round the finger, where the DIGIT has its window; the first n are those of more."""
+    contacts = sample_contacts(biotac, 40, SEED, 1.0e-3, others=[digit])
+    alone = sample_contacts(biotac, 40, SEED, 1.0e-3)
+    assert np.abs(alone.arcs).max() > 12e-3 > np.abs(contacts.arcs).max()
+    on_surface = np.unique(digit.output_mesh.surface_triangles)
+    nearest = cKDTree(digit.output_mesh.vertices[on_surface]).query(partners(digit, contacts)[0])[1]
+    assert digit.output_mesh.touchable[on_surface[nearest]].all()
+    poses = unfold(biotac, digit, contacts)
+    _, normals = partners(digit, contacts)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", poses[:, :3, :3], normals), contacts.normals, atol=1e-6)
+    fewer = sample_contacts(biotac, 7, SEED, 1.0e-3, others=[digit])
+    np.testing.assert_array_equal(fewer.points, contacts.points[:7])
+
+
+def test_partners_on_the_biotac_leave_the_contacts_on_the_digit_as_they_are(digit, biotac, contacts):
+    paired = sample_contacts(digit, COUNT, SEED, DEPTH, others=[biotac])
+    np.testing.assert_array_equal(paired.points, contacts.points)
+
+
+def test_a_sensor_on_which_most_contacts_have_no_partner_is_named():
+    tiny = slab()
+    tiny.name, tiny.surface = "tiny", trimesh.creation.box(extents=[1e-4, 4e-3, 0.02])
+    with pytest.raises(InputError, match=r"slab: \d of 5 contacts fit .* have no partner on tiny; put the smallest"):
+        sample_contacts(slab(), 5, SEED, DEPTH, others=[tiny])
 
 
 def test_a_contact_without_partner_is_refused(digit, contacts):

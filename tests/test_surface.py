@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from simgen.surface import ClosestPoint, enclosed_volume, shells, smooth_patches
+from simgen.surface import ClosestPoint, FinePieces, enclosed_volume, shells, smooth_patches
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3])  # in metres, trimesh's tolerances would matter
@@ -21,6 +21,26 @@ def test_closest_points_are_the_best_of_all_triangles(unit):
     np.testing.assert_allclose(np.linalg.norm(points - on, axis=1), distance, atol=1e-12 * unit)
     offset = np.einsum("ij,ij->i", on - body.vertices[body.faces[face, 0]], body.face_normals[face])
     np.testing.assert_allclose(offset, 0.0, atol=1e-9 * unit)
+
+
+def test_pieces_in_a_ball_are_those_of_the_whole_surface_subdivided():
+    body = trimesh.creation.icosphere(2, radius=5.0)
+    fine = body.subdivide_to_size(0.3)
+    for centre in np.random.default_rng(1).normal(0.0, 3.0, (20, 3)):
+        pieces, owner = FinePieces(body.triangles).near(centre, 2.0, 0.3)
+        found = np.unique(np.round(pieces.reshape(-1, 3), 9), axis=0)
+        inside = np.linalg.norm(found - centre, axis=1) <= 2.0
+        expected = fine.vertices[np.linalg.norm(fine.vertices - centre, axis=1) <= 2.0]
+        np.testing.assert_allclose(found[inside], np.unique(np.round(expected, 9), axis=0), atol=1e-8)
+        normals = np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0])
+        assert (np.einsum("ni,ni->n", normals, body.face_normals[owner]) > 0.0).all()
+
+
+def test_a_ball_holds_few_pieces_however_small_it_is():
+    """Right triangles with hypotenuses of r / 4 or more, r / 64 square each, within 1.5 r of the centre."""
+    pieces = FinePieces(trimesh.creation.box([20.0, 4.0, 20.0]).triangles)
+    counts = [len(pieces.near(np.array([0.1, 2.0, 0.2]), r, 0.5 * r)[0]) for r in (1.0, 1e-2, 1e-4)]
+    assert max(counts) < np.pi * 1.5**2 * 64
 
 
 def test_a_box_has_six_patches_and_a_ball_one():
