@@ -14,6 +14,7 @@ from simgen.job_schema import (
     Depths,
     Job,
     MaterialChoice,
+    OutputFile,
     SensorChoice,
     Solver,
     Trajectories,
@@ -41,6 +42,7 @@ SECTIONS: dict[str, type[Section]] = {
     "The job": Job,
     "sensors.NAME": SensorChoice,
     "sensors.NAME.material": MaterialChoice,
+    "sensors.NAME.output": OutputFile,
     "trajectories": Trajectories,
     "depths_mm": Depths,
     "solver": Solver,
@@ -64,6 +66,12 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         "mesh": "which of the sensor's meshes is solved on; the stored vertices are the same ones for all",
         "material": "of the deformable body; a preset's name alone will do",
         "fluid": "what fills the gap between skin and core. A liquid keeps its volume; its pressure is stored",
+        "output": "a mesh of your own, whose vertices are stored in place of the sensor's",
+    },
+    OutputFile: {
+        "file": "the mesh, in the sensor's frame. The dataset keeps its vertices and tetrahedra in their order. A "
+                "vertex off the gel, by 2 % of the gel's length at most, moves with the nearest point of its surface",
+        "unit": "of the coordinates in the file",
     },
     MaterialChoice: {
         "preset": "the values to begin with; the `sensor.yaml` lists them",
@@ -116,6 +124,11 @@ sensors:
 sensors:
   digit: {model: digit, material: solid}
   biotac: {model: biotac, material: {preset: effective, friction: 0.3}}
+""",
+    "sensors.NAME.output": """\
+sensors:
+  digit: {model: digit}
+  biotac: {model: biotac, output: {file: int_ext_skin_combined_ftw.tet, unit: m}}
 """,
     "trajectories": """\
 trajectories: {count: 200, max_tilt_deg: 0, roll_range_deg: [0, 0]}   # straight presses, never turned

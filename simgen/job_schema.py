@@ -51,6 +51,13 @@ class MaterialChoice(Section):
         return {cls.text_means: value} if isinstance(value, str) else value
 
 
+class OutputFile(Section):
+    """A mesh file whose vertices are stored, in their order, in place of the sensor's own output mesh."""
+
+    file: str = Field(min_length=1, description="a path of a tetrahedral mesh: .msh .vtu .mesh .tet")
+    unit: Literal["m", "mm"] = Field(description="m or mm")
+
+
 class SensorChoice(Section):
     """Which sensor model, on which of its meshes, made of which material, with what in its cavity."""
 
@@ -58,6 +65,9 @@ class SensorChoice(Section):
     mesh: Literal["default", "coarse", "fine"] = Field("default", description="default, coarse or fine")
     material: MaterialChoice = MaterialChoice()
     fluid: Literal["none", "incompressible"] = Field("none", description="none or incompressible, in its cavity")
+    output: OutputFile | None = Field(
+        None, exclude_if=lambda output: output is None, description="{file, unit}, a tetrahedral mesh"
+    )
 
 
 class Leg(Section):
@@ -149,7 +159,7 @@ class Job(Section):
     name: str = Field(pattern=NAME, description="letters, digits, _ . -, a letter first, 100 at most")
     seed: int = Field(0, ge=0, lt=2**32, description="a whole number, 0 to 4294967295")
     # The first sensor is the reference on which contacts are sampled.
-    sensors: dict[str, SensorChoice] = Field(min_length=1, description="name: {model, mesh, material, fluid}, ...")
+    sensors: dict[str, SensorChoice] = Field(min_length=1, description="name: {model, mesh, material, ...}, ...")
     indenters: tuple[str, ...] = Field(min_length=1, description="a list of names, or paths of closed meshes")
     trajectories: Trajectories
     depths_mm: Depths

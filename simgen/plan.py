@@ -1,6 +1,7 @@
 """From a job to all that is known before the first press: meshes, contacts, poses on every sensor, splits."""
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -14,6 +15,7 @@ from simgen.indenter import load_indenter
 from simgen.job_schema import Job
 from simgen.quiet import check_device_name, start_warp
 from simgen.sensor import Material, Sensor, load_sensor
+from simgen.sensor_schema import MeshFile
 from simgen.splits import SPLITS, number_presses, split_presses
 
 
@@ -38,7 +40,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     indenters = indenter_identities(job)  # first: it takes no time
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
-    contacts = first_contacts(job, list(sensors.values()), job.trajectories.count)
+    contacts = first_contacts(job, sensors, job.trajectories.count)
     trajectory, indenter = number_presses(job)
     arrays = {
         **path_arrays(job.indenter_path),
@@ -61,16 +63,33 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     return Plan(job, device, _attributes(job, device, sensors, indenters), arrays)
 
 
-def first_contacts(job: Job, sensors: Sequence[Sensor], count: int) -> pairing.Contacts:
-    """The first ``count`` contacts of a job on the first of its sensors. Raises `InputError` if too few fit."""
+def first_contacts(job: Job, sensors: Mapping[str, Sensor], count: int) -> pairing.Contacts:
+    """The first ``count`` contacts of a job on the first of its sensors. Raises `InputError` if too few fit.
+
+    The same job with other output meshes has the same contacts: they are sampled with the sensors' own output meshes.
+    """
     own = {field.name for field in fields(pairing.ContactSettings)}
     settings = pairing.ContactSettings(**job.trajectories.model_dump(include=own))
-    reference, *others = sensors
+    reference, *others = (
+        sensor if job.sensors[name].output is None else _with_own_output(job, name) for name, sensor in sensors.items()
+    )
     return pairing.sample_contacts(reference, count, job.seed, float(job.depths_m.max()), settings, others)
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:
-    """The sensor that the job names, on the mesh that it names."""
+    """The sensor that the job names, on the mesh that it names, with the output mesh that it names.
+
+    Raises `InputError` if a file that it names cannot be used.
+    """
+    choice = job.sensors[name]
+    if choice.output is None:
+        return _with_own_output(job, name)
+    file = job.folder / os.path.expanduser(choice.output.file)
+    return load_sensor(job.locate(choice.model), choice.mesh, MeshFile(file=str(file), unit=choice.output.unit))
+
+
+def _with_own_output(job: Job, name: str) -> Sensor:
+    """The sensor with its own output mesh, whatever the job says."""
     choice = job.sensors[name]
     return load_sensor(job.locate(choice.model), choice.mesh)
 

@@ -71,7 +71,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     indenter_identities(job)
     loaded = {name: chosen_sensor(job, name) for name in job.sensors}
     contacts = min(job.trajectories.count, MOST_CONTACTS)
-    first_contacts(job, list(loaded.values()), contacts)
+    first_contacts(job, loaded, contacts)
     sensors = [_preview_sensor(job, name, sensor) for name, sensor in loaded.items()]
     kind = device.partition(":")[0]
     unknowns = sum(sensor.unknowns for sensor in sensors)

@@ -26,6 +26,7 @@ from simgen.sensor_schema import (
     Electrodes,
     Gel,
     Material,
+    MeshFile,
     MeshSize,
     Selection,
     SensorDescription,
@@ -67,6 +68,7 @@ class Sensor:
     electrodes: np.ndarray | None  # (k, 3) m, on the core
     camera: Camera | None
     held_regions: dict[str, np.ndarray]  # name -> (faces,) bool on ``surface``
+    output_moves_with: np.ndarray | None = None  # (v, 3) points of the gel for vertices off it; None: the vertices
 
 
 @dataclass(frozen=True)
@@ -113,29 +115,36 @@ def bundled_sensors() -> list[str]:
     return sorted(path.parent.name for path in resource("sensor_models").glob("*/sensor.yaml"))
 
 
-def load_sensor(model: str | Path, mesh: str = "default") -> Sensor:
+def load_sensor(model: str | Path, mesh: str = "default", output: MeshFile | None = None) -> Sensor:
     """The sensor with its simulation mesh ``default``, ``coarse`` or ``fine``, and its output mesh.
 
     Meshes come from the sensor's own folder (the bundled ones), else from the user's cache, else they are
-    made, gated and cached. Raises InputError on a bad ``sensor.yaml``, mesh file or mesh.
+    made, gated and cached. A file of tetrahedra, ``output``, replaces the sensor's own output mesh. Raises
+    InputError on a bad ``sensor.yaml``, mesh file or mesh.
     """
     shape = load_geometry(model)
     description = shape.description
     if mesh not in sensor_meshes.NAMES:
         raise InputError(f"sensor {description.name}: mesh = {mesh!r}, allowed: {', '.join(sensor_meshes.NAMES)}")
     core_friction = description.core.friction if description.core else 0.0
+    solved = sensor_meshes.simulation_mesh(shape, mesh)
+    if output is None:
+        stored, moves_with = sensor_meshes.output_mesh(shape), None
+    else:
+        stored, moves_with = sensor_meshes.output_from_file(shape, output, solved)
     return Sensor(
         name=description.name,
         surface=shape.true.surface,
         surface_region=shape.true.region,
-        simulation_mesh=sensor_meshes.simulation_mesh(shape, mesh),
-        output_mesh=sensor_meshes.output_mesh(shape),
+        simulation_mesh=solved,
+        output_mesh=stored,
         materials=description.materials,
         core=shape.core,
         core_friction=core_friction,
         electrodes=place_electrodes(description.electrodes, shape.core) if description.electrodes else None,
         camera=place_camera(description.camera) if description.camera else None,
         held_regions=shape.held_regions,
+        output_moves_with=moves_with,
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,10 +13,11 @@ import numpy as np
 from simgen import mesh_files
 from simgen.curved import CORE, FREE, HELD, CurvedMesh, LabelledSurface, face_regions, make_quadratic
 from simgen.errors import InputError
+from simgen.interpolation import locate
 from simgen.mesh_quality import MeshQuality, check, measure
 from simgen.parsing import parsing
 from simgen.region_edges import align
-from simgen.sensor_schema import MeshSize
+from simgen.sensor_schema import MeshFile, MeshSize
 from simgen.surface import shells
 from simgen.tetrahedra import (
     OutputMesh,
@@ -34,6 +37,7 @@ EXACT = 1e-9  # m: a user's own vertices are on the surface already
 ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
 MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 35,000
 LEAST_ENVELOPE = 1e-3  # of an edge's length
+FARTHEST = 0.02  # of the gel's longest side: how far off the gel a vertex of a job's own output mesh may lie
 LIMIT = 5.0  # envelopes that a node may move onto its patches; a mid-edge node also bridges the bulge
 
 
@@ -56,11 +60,43 @@ def output_mesh(geometry: SensorGeometry) -> OutputMesh:
     settings = output_settings(geometry)
     source = geometry.mesh_source(settings) + "-output"
     if settings == "as_given":
-        return output_of(geometry, geometry.own_vertices, geometry.own_tetrahedra, source)
+        return output_of(geometry, geometry.own_vertices, geometry.own_tetrahedra, source, geometry.selected)
     committed = mesh_files.load_mesh(geometry.folder / "output.npz", OutputMesh, source)
     return committed or mesh_files.cached(
         source, OutputMesh, lambda: make_output_mesh(geometry, settings, source)[0]
     )
+
+
+def output_from_file(
+    geometry: SensorGeometry, file: MeshFile, solved: SimulationMesh
+) -> tuple[OutputMesh, np.ndarray]:
+    """The output mesh in a file of tetrahedra, and the points (v, 3) m of the gel with which its vertices move.
+
+    Vertices and tetrahedra keep the order of the file. A vertex off the gel moves with the nearest point of the gel's
+    surface. A vertex is held if it lies in a held region, or if that point does. Raises InputError for a file that
+    `mesh_files.read_mesh` refuses, for one without tetrahedra, and for a vertex further off the gel than `FARTHEST`.
+    """
+    path = Path(file.file)
+    _, vertices, tetrahedra = mesh_files.read_mesh(path, file.unit)
+    if vertices is None:
+        allowed = " ".join(mesh_files.TET_SUFFIXES)
+        raise InputError(f"{path}: a surface; allowed: a file of tetrahedra ({allowed})")
+    outside = locate(solved.nodes, solved.tetrahedra, vertices)[2] > EXACT
+    moves_with = vertices.copy()
+    moves_with[outside] = geometry.true.closest(vertices[outside])[0]
+    away = np.linalg.norm(moves_with - vertices, axis=1)
+    allowed = FARTHEST * np.ptp(geometry.plain.vertices, axis=0).max()
+    if away.max() > allowed:
+        raise InputError(
+            f"{path}: unit {file.unit}: vertex {away.argmax()} lies {away.max() / MM:.3g} mm off the gel of sensor "
+            f"{geometry.description.name}; allowed: {allowed / MM:.2g} mm, in the frame of the sensor"
+        )
+    source = geometry.mesh_source(f"{file.unit} {hashlib.sha256(path.read_bytes()).hexdigest()}") + "-output"
+
+    def held_at(points: np.ndarray) -> np.ndarray:
+        return geometry.selected(points) | geometry.true.is_held(points)
+
+    return output_of(geometry, vertices, tetrahedra, source, held_at), moves_with
 
 
 def output_settings(geometry: SensorGeometry) -> MeshSize | str:
@@ -183,17 +219,24 @@ def make_output_mesh(geometry: SensorGeometry, size: MeshSize, source: str) -> t
 
 
 def output_of(
-    geometry: SensorGeometry, vertices: np.ndarray, tetrahedra: np.ndarray, source: str
+    geometry: SensorGeometry,
+    vertices: np.ndarray,
+    tetrahedra: np.ndarray,
+    source: str,
+    held_at: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> OutputMesh:
-    """The output mesh on given tetrahedra, with its regions."""
+    """The output mesh on given tetrahedra, with its regions.
+
+    ``held_at`` says which points (n, 3) of the boundary are held, (n,) bool; without it, all corners of held triangles.
+    """
     if (signed_volumes(vertices, tetrahedra) <= 0).any():
         raise InputError(f"sensor {geometry.description.name}: inverted tetrahedra in the output mesh")
     faces, _, _ = boundary_triangles(tetrahedra)
     region, _ = face_regions(vertices, faces, geometry.true)
     held = np.zeros(len(vertices), dtype=bool)
-    if vertices is geometry.own_vertices:
-        on_surface = np.unique(faces)  # what the user's own vertices say, whole triangles or not
-        held[on_surface] = geometry.selected(vertices[on_surface])
+    if held_at is not None:
+        on_surface = np.unique(faces)
+        held[on_surface] = held_at(vertices[on_surface])
     else:
         held[faces[region == HELD]] = True
     touchable = np.zeros(len(vertices), dtype=bool)

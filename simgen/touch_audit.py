@@ -19,6 +19,7 @@ from simgen.indenter import Indenter, load_indenter
 from simgen.indenter_path import moved
 from simgen.provenance import difference
 from simgen.quiet import start_warp
+from simgen.sensor_meshes import FARTHEST
 from simgen.shape import shape_array
 
 wp.set_module_options({"enable_backward": False})
@@ -74,8 +75,26 @@ def pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
     off, normals = nearest_on_surface(vertices, triangles, point)
     cosine = np.clip(np.einsum("ni,nki->nk", direction, normals).max(axis=1), -1.0, 1.0)
-    yield named(sensor, "contact distance", off * 1e6, FACET_M * 1e6, "{:.1f} um")
-    yield named(sensor, "contact angle", np.degrees(np.arccos(cosine)), FACET_DEG, "{:.2f} deg")
+    yield named(sensor, "contact distance", off * 1e6, allowed_m(dataset, sensor) * 1e6, "{:.1f} um")
+    angle = np.degrees(np.arccos(cosine))
+    if _has_mesh_of_the_job(dataset, sensor):
+        yield Finding(sensor, "contact angle", f"{angle.max(initial=0.0):.2f} deg", "stated", None)
+    else:
+        yield named(sensor, "contact angle", angle, FACET_DEG, "{:.2f} deg")
+
+
+def allowed_m(dataset: Dataset, sensor: str) -> float:
+    """The largest distance, m, of a contact or of the indenter from the output mesh.
+
+    A mesh that the job names may lie off the gel besides, as far as `sensor_meshes.output_from_file` allows.
+    """
+    if not _has_mesh_of_the_job(dataset, sensor):
+        return FACET_M
+    return FACET_M + round(FARTHEST * float(np.ptp(dataset[f"{sensor}/rest_positions"], axis=0).max()), 5)
+
+
+def _has_mesh_of_the_job(dataset: Dataset, sensor: str) -> bool:
+    return dataset.job.sensors[sensor].output is not None
 
 
 def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
@@ -98,7 +117,7 @@ def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     yield named(sensor, "displacement gaps", gap, 0.0, "{:.0f}", total=True)
     if look.why_not or not len(look.touchable):
         return
-    allowed = FACET_M * 1e6
+    allowed = allowed_m(dataset, sensor) * 1e6
     yield named(sensor, "in the indenter", overlap * 1e6, allowed, "{:.1f} um")
     yield named(sensor, "off the indenter", apart * 1e6, allowed, "{:.1f} um")
 

@@ -76,6 +76,16 @@ def test_each_spoiled_array_is_found_by_its_line_which_names_the_sample(dataset,
     assert all(any(word in other for word in ALSO.get(case, ())) for other in others), others
 
 
+@pytest.mark.parametrize("output", [None, {"file": "own.tet", "unit": "m"}])
+def test_a_mesh_of_the_job_may_lie_off_the_gel(tmp_path, output):
+    """By 0.3 mm: 2 % of 14 mm and 0.05 mm are allowed. A sensor's own mesh may not."""
+    choice = {"model": "digit"} | ({"output": output} if output else {})
+    plan = fake.make_plan(fake.make_job(sensors={"digit": choice}))
+    dataset = run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
+    fake.change(dataset, "digit/pose", (8, 1, 3), 0.3e-3)
+    assert ("digit: contact distance" in failures(dataset)) == (output is None)
+
+
 def test_a_liquid_must_keep_its_volume(tmp_path):
     plan = fake.make_plan(fake.make_job(sensors=fake.FILLED))
     filled = run(plan, tmp_path / "filled.zarr", build=fake.fake_presser)

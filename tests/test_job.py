@@ -194,3 +194,24 @@ def test_float32_and_the_deepest_of_int16_are_accepted(write):
 def test_a_job_that_is_a_list_is_refused(write):
     with pytest.raises(InputError, match="a job is a mapping of keys to values; this is a list"):
         load_job(write("- name"))
+
+
+OWN_OUTPUT = MINIMAL.replace("material: solid", "output: {file: own.tet, unit: mm}")
+
+
+def test_a_job_that_names_no_output_mesh_resolves_as_it_did_before_there_was_the_key(write):
+    assert "output" not in load_job(write(MINIMAL)).resolved()["sensors"]["digit"]
+    named = load_job(write(OWN_OUTPUT))
+    assert named.resolved()["sensors"]["digit"]["output"] == {"file": "own.tet", "unit": "mm"}
+    assert named.hash != load_job(write(MINIMAL)).hash
+
+
+@pytest.mark.parametrize(("wrong", "says"), [
+    ("{file: own.tet}", r"job\.yaml: sensors\.digit\.output\.unit: missing; allowed: m or mm"),
+    ("{file: own.tet, unit: cm}", r'sensors\.digit\.output\.unit: "cm" is not allowed; allowed: m or mm'),
+    ("own.tet", r"sensors\.digit\.output: .*own\.tet.* is not allowed; allowed: a mapping with the keys file, unit"),
+    ("{file: own.tet, unit: m, scale: 2}", r"sensors\.digit\.output\.scale: unknown key; allowed: file, unit"),
+])  # fmt: skip
+def test_an_output_mesh_is_a_file_and_its_unit(write, wrong, says):
+    with pytest.raises(InputError, match=says):
+        load_job(write(OWN_OUTPUT.replace("{file: own.tet, unit: mm}", wrong)))

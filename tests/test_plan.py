@@ -3,6 +3,7 @@
 from dataclasses import asdict
 from types import SimpleNamespace
 
+import meshio
 import numpy as np
 import pytest
 import trimesh
@@ -16,6 +17,8 @@ from simgen.pairing import ContactSettings
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, make_plan, sensor_identity
 from simgen.provenance import difference
 from simgen.quiet import check_device
+from simgen.resources import resource
+from simgen.sensor import load_sensor
 from simgen.sensor_meshes import output_settings
 
 
@@ -96,6 +99,31 @@ def test_devices_that_are_there_are_accepted(monkeypatch):
     monkeypatch.setattr("warp.get_cuda_device_count", lambda: 2)
     for device in ("cpu", "cuda", "cuda:0", "cuda:1"):
         check_device(device)
+
+
+@pytest.fixture
+def fewer_vertices(tmp_path):
+    """A job on the DIGIT and the BioTac whose output is the tetrahedra of the DIGIT's tip, in mm; returns its file."""
+    mesh = load_sensor("digit", "coarse").output_mesh
+    tip = mesh.tetrahedra[(mesh.vertices[mesh.tetrahedra, 0] < -8e-3).all(axis=1)]
+    used, tetrahedra = np.unique(tip, return_inverse=True)
+    points, cells = mesh.vertices[used] * 1e3, tetrahedra.reshape(-1, 4)
+    meshio.write(tmp_path / "tip.vtu", meshio.Mesh(points, {"tetra": cells}))
+    job = yaml.safe_load((resource("jobs") / "smoke.yaml").read_text())
+    job["sensors"]["digit"]["output"] = {"file": "tip.vtu", "unit": "mm"}
+    (tmp_path / "job.yaml").write_text(yaml.safe_dump(job, sort_keys=False))
+    return tmp_path / "job.yaml"
+
+
+def test_a_jobs_own_output_mesh_changes_the_vertices_and_not_the_contacts(plan, fewer_vertices):
+    own = make_plan(load_job(fewer_vertices))
+    file = meshio.read(fewer_vertices.parent / "tip.vtu")
+    np.testing.assert_array_equal(own.arrays["digit/rest_positions"], file.points * 1e-3)
+    np.testing.assert_array_equal(own.arrays["digit/tetrahedra"], file.cells_dict["tetra"])
+    for name in ("press/contact_pose", "biotac/pose", "biotac/rest_positions"):
+        np.testing.assert_array_equal(own.arrays[name], plan.arrays[name], err_msg=name)
+    changes = difference(plan.attributes["sensors"], own.attributes["sensors"])
+    assert [change.split(":")[0] for change in changes] == ["digit.output_mesh"]
 
 
 SLAB = {

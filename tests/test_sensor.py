@@ -2,6 +2,7 @@
 
 import shutil
 
+import meshio
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +13,9 @@ from simgen.errors import InputError
 from simgen.interpolation import locate
 from simgen.mesh_quality import LEAST_DETERMINANT, LEAST_MEAN_RATIO, components, curved_area, mean_ratio
 from simgen.resources import resource
+from simgen.scene import Scene
 from simgen.sensor import bundled_sensors, load_geometry, load_sensor, remake
+from simgen.sensor_schema import MeshFile
 from simgen.tetrahedra import interpolation_matrix
 
 SOLID = {"youngs_modulus_pa": 539e3, "poisson_ratio": 0.499, "friction": 0.78}
@@ -308,6 +311,94 @@ def test_a_users_own_tetrahedra_can_be_solved_on(reference, tmp_path):
     sensor = load_sensor(folder)
     np.testing.assert_array_equal(sensor.simulation_mesh.tetrahedra[:, :4], sensor.output_mesh.tetrahedra)
     np.testing.assert_allclose(sensor.simulation_mesh.nodes[:4246], sensor.output_mesh.vertices, atol=1e-8)
+
+
+# An output mesh of one's own
+
+
+def write_tet(file, vertices, tetrahedra) -> MeshFile:
+    """A file of tetrahedra in m, every digit kept."""
+    rows = [f"v {x!r} {y!r} {z!r} 0" for x, y, z in vertices.tolist()]
+    file.write_text("\n".join(rows + ["t {} {} {} {}".format(*row) for row in tetrahedra.tolist()]))
+    return MeshFile(file=str(file), unit="m")
+
+
+def moved(slab, shift):
+    """The slab's output mesh with its vertices and tetrahedra in another order, moved by ``shift`` (3,) in m."""
+    order = np.random.default_rng(2).permutation(len(slab.output_mesh.vertices))
+    tetrahedra = np.argsort(order)[slab.output_mesh.tetrahedra][::-1]
+    return slab.output_mesh.vertices[order] + shift, tetrahedra
+
+
+def test_vertices_of_ones_own_keep_their_order(slab_folder, slab, tmp_path):
+    vertices, tetrahedra = moved(slab, [0.0, 0.1e-3, 0.0])  # the back, which is held, and all round it off the gel
+    output = load_sensor(slab_folder, output=write_tet(tmp_path / "own.tet", vertices, tetrahedra)).output_mesh
+    np.testing.assert_array_equal(output.vertices, vertices)
+    np.testing.assert_array_equal(output.tetrahedra, tetrahedra)
+    behind, off_the_rim = vertices[:, 1] > 2.0e-3 + 1e-6, np.abs(vertices[:, [0, 2]]).max(axis=1) < 9.99e-3
+    assert output.held[behind & off_the_rim].all() and not output.held[vertices[:, 1] < 2.0e-3 - 1e-6].any()
+    assert output.touchable[vertices[:, 1] < -1.9e-3 + 1e-6].all()
+
+
+def test_a_vertex_off_the_gel_moves_with_the_nearest_point_of_its_surface(slab_folder, slab, tmp_path):
+    """A linear field on the slab, 20 mm x 4 mm x 20 mm: the nearest point is the one clamped to it."""
+    vertices, tetrahedra = moved(slab, [0.1e-3, -0.2e-3, 0.0])
+    own = load_sensor(slab_folder, output=write_tet(tmp_path / "own.tet", vertices, tetrahedra))
+    scene, half, free = Scene(own, own.materials["solid"]), np.array([10e-3, 2e-3, 10e-3]), ~own.output_mesh.held
+    field = scene.to_output @ scene.mesh.nodes
+    np.testing.assert_allclose(field[free], np.clip(vertices, -half, half)[free], atol=1e-9)
+
+
+def test_another_file_is_another_output_mesh(slab_folder, slab, tmp_path):
+    vertices, tetrahedra = slab.output_mesh.vertices, slab.output_mesh.tetrahedra
+    file = write_tet(tmp_path / "own.tet", vertices, tetrahedra)
+    first = load_sensor(slab_folder, output=file).output_mesh.hash
+    (tmp_path / "own.tet").write_text((tmp_path / "own.tet").read_text() + "\n# the same mesh, other bytes\n")
+    assert len({slab.output_mesh.hash, first, load_sensor(slab_folder, output=file).output_mesh.hash}) == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda mm: mm * 1e-3 + [0.0, 1.0e-3, 0.0],
+         r"own.tet: unit m: vertex \d+ lies 1 mm off the gel of sensor slab; allowed: 0.4 mm, in the frame of the"),
+        (lambda mm: mm, r"own.tet: the shape is 20 m large; .* is its unit m or mm\?"),
+        (lambda mm: mm * [-1e-3, 1e-3, 1e-3], None),
+    ],
+)  # fmt: skip
+def test_a_mesh_off_the_gel_is_refused(slab_folder, slab, tmp_path, change, says):
+    vertices = change(slab.output_mesh.vertices * 1e3)
+    file = write_tet(tmp_path / "own.tet", vertices, slab.output_mesh.tetrahedra)
+    if says is None:  # a mirrored file, whose tetrahedra are all inside out, is turned
+        assert (load_sensor(slab_folder, output=file).output_mesh.vertices == vertices).all()
+        return
+    with pytest.raises(InputError, match=says):
+        load_sensor(slab_folder, output=file)
+
+
+def test_a_surface_is_no_output_mesh(slab_folder):
+    with pytest.raises(InputError, match=r"slab.stl: a surface; allowed: a file of tetrahedra"):
+        load_sensor(slab_folder, output=MeshFile(file=str(slab_folder / "slab.stl"), unit="mm"))
+
+
+PUBLISHED = {"digit": "digit/digit_gel.mesh", "biotac": "biotac/int_ext_skin_combined_ftw.tet"}
+
+
+@pytest.mark.parametrize(("model", "held"), [("digit", 303), ("biotac", 144 + 30)])
+def test_the_bundled_sensors_on_published_vertices(reference, model, held):
+    """In the order of the file, as another reader of it has them. Held as published, give or take a rim."""
+    file = reference / PUBLISHED[model]
+    sensor = load_sensor(model, output=MeshFile(file=str(file), unit="m"))
+    if model == "biotac":
+        rows = [line.split() for line in file.read_text().splitlines()]
+        vertices = np.array([row[1:4] for row in rows if row[:1] == ["v"]], dtype=float)
+    else:
+        vertices = meshio.read(file).points
+    np.testing.assert_array_equal(sensor.output_mesh.vertices, vertices)
+    assert sensor.output_mesh.held.sum() == pytest.approx(held, abs=6)
+    away = 1e3 * np.linalg.norm(sensor.output_moves_with - vertices, axis=1)
+    print(f"{model}: off the gel by at most {away.max():.3f} mm, 95 % by at most {np.quantile(away, 0.95):.3f} mm")
+    assert away.max() < 0.1
 
 
 # What can be wrong
