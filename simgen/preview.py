@@ -21,7 +21,7 @@ SECONDS_SOURCE = {
     "cuda": "as measured on one NVIDIA H200, the whole paired job with its audit",
 }
 
-MOST_CONTACTS = 1000  # that are sampled, in 3 s; the rest of a sequence fits as often as its beginning
+MOST_CONTACTS = 1000  # that are sampled; the rest of a sequence fits as often as its beginning
 
 # Stored bytes of the displacement over raw ones, and where that is from.
 COMPRESSION = {
