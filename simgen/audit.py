@@ -16,7 +16,7 @@ from simgen.dataset import PLAN, Dataset, path_arrays
 from simgen.dataset_layout import faults
 from simgen.errors import InputError
 from simgen.finding import SHOWN, Finding, name, named, not_looked_at
-from simgen.job_schema import hash_of
+from simgen.job_schema import OF_SURFACE, hash_of
 from simgen.splits import IN_NONE, SPLITS, number_presses, split_presses
 
 FORCE_BALANCE = 1e-3  # of the contact force
@@ -197,8 +197,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
 
     liquid = ["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else []
     for key in ("force", "moment", *liquid, *dataset.job.kept_outputs(sensor)):
-        values = dataset[f"{sensor}/{key}"]
-        finite = np.isfinite(values).reshape(*converged.shape, -1).all(axis=2)
+        finite = _finite(dataset, f"{sensor}/{key}", converged.shape)
         yield named(sensor, f"{key} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("min_det_F")
     bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(converged & ~(least > 0)))
@@ -210,6 +209,18 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         np.max(stored(f"{each}_penetration_m"), initial=0.0, where=converged) * 1e6 for each in ("rms", "max")
     )
     yield Finding(sensor, "penetration", f"rms {rms:.1f}, max {deepest:.1f} um", "stated", None)
+
+
+def _finite(dataset: Dataset, name: str, shape: tuple[int, int]) -> np.ndarray:
+    """(press, depth) whether all numbers of a sample are finite; arrays of surfaces are read a shard at a time."""
+    if name.rpartition("/")[2] not in OF_SURFACE:
+        return np.isfinite(dataset[name]).reshape(*shape, -1).all(axis=2)
+    finite = np.ones(shape, dtype=bool)
+    for shard in dataset.finished():
+        presses = dataset.shard_presses(shard)
+        rows = slice(presses.start, presses.stop)
+        finite[rows] = np.isfinite(dataset.of_samples(name, rows)).all(axis=(2, 3))
+    return finite
 
 
 def _failures(dataset: Dataset, status: np.ndarray) -> str:

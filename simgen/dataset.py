@@ -24,6 +24,9 @@ One zarr v3 directory, in SI units::
       <sensor>/cavity_pressure (press, depth)          Pa above ambient; only with a fluid in its cavity
       <sensor>/shear_force (press, depth, 2)           N along x and z of the contact frame, and the share of the
       <sensor>/slip_share (press, depth)               contact area that slides: with legs, or where asked for
+      <sensor>/surface_vertices (s,)                   where asked for: indices of the vertices on the surface, and
+      <sensor>/stress (press, depth, s, 6)             Pa at these: Cauchy stress xx, yy, zz, yz, xz, xy, and the
+      <sensor>/traction (press, depth, s, 3)           indenter's force per rest area, in the sensor's frame
       <sensor>/status (press, depth)                   0 converged; the sentences are in the attributes
       <sensor>/certificate/* (press, depth)            residual, force_balance, min_det_F, ...
       README.md, presses.csv, croissant.json           what it is, for people and machines (`simgen.card`)
@@ -54,7 +57,7 @@ from simgen.chunk_files import check_frames, chunk_path, is_sharded, open_sharde
 from simgen.errors import InputError, shown
 from simgen.indenter_path import IndenterPath
 from simgen.job import job_from_dict
-from simgen.job_schema import OUTPUTS, Job
+from simgen.job_schema import OF_SURFACE, OUTPUTS, Job
 
 SCHEMA = 1
 DISPLACEMENT_STEP_M = 1e-7
@@ -97,8 +100,12 @@ class Array:
         return {"float32": np.nan, "float64": np.nan, "int16": NOT_REACHED}.get(self.dtype, -1)
 
 
-def written_arrays(job: Job, output_vertices: Mapping[str, int]) -> dict[str, Array]:
-    """What the tasks write, by path; `output_vertices` gives their number on each sensor."""
+def written_arrays(
+    job: Job, output_vertices: Mapping[str, int], surface_vertices: Mapping[str, int]
+) -> dict[str, Array]:
+    """What the tasks write, by path; `output_vertices` gives their number on each sensor, `surface_vertices` the number
+    of those on its surface, of sensors with such outputs.
+    """
     depths, displacement = len(job.depths_m), job.dataset.displacement
     about = "indenter to shared frame at first touch, or the contact pose where there is none"
     arrays = {"press/pose": Array((4, 4), "float64", about, "m")}
@@ -114,7 +121,7 @@ def written_arrays(job: Job, output_vertices: Mapping[str, int]) -> dict[str, Ar
             f"{sensor}/status": Array((depths,), "int8", "0 converged; names in the root attributes"),
         }
         for output in job.kept_outputs(sensor):
-            arrays[f"{sensor}/{output}"] = _optional_array(output, depths)
+            arrays[f"{sensor}/{output}"] = _optional_array(output, depths, surface_vertices.get(sensor, 0))
         certificate = CERTIFICATE
         if job.sensors[sensor].fluid != "none":
             about = "of the liquid in the cavity, above ambient"
@@ -125,10 +132,20 @@ def written_arrays(job: Job, output_vertices: Mapping[str, int]) -> dict[str, Ar
     return arrays
 
 
-def _optional_array(output: str, depths: int) -> Array:
-    """An output that a job may ask for; see `simgen.job_schema.OUTPUTS` for what it means."""
+def _optional_array(output: str, depths: int, surface_vertices: int) -> Array:
+    """An output that a job may ask for; `simgen.job_schema.OUTPUTS` says what it means."""
+    if output in OF_SURFACE:
+        sample = (surface_vertices, {"stress": 6, "traction": 3}[output])
+        return Array((depths, *sample), "float32", OUTPUTS[output], "Pa", (1, *sample))
     shape, unit = {"shear_force": ((depths, 2), "N"), "slip_share": ((depths,), "")}[output]
     return Array(shape, "float64", OUTPUTS[output], unit)
+
+
+def surface_arrays(job: Job, sensor: str, surface_triangles: np.ndarray) -> dict[str, np.ndarray]:
+    """The array, by path, that says which vertices the outputs of a surface belong to; none without such outputs."""
+    if not set(OF_SURFACE) & set(job.kept_outputs(sensor)):
+        return {}
+    return {f"{sensor}/surface_vertices": np.unique(surface_triangles)}
 
 
 def path_arrays(path: IndenterPath) -> dict[str, np.ndarray]:
@@ -274,7 +291,12 @@ class Dataset:
         for sensor, shape in shapes.items():
             if len(shape) != 2:
                 raise InputError(f"{self.path}/{sensor}/rest_positions: shape {shape}; allowed: (vertex, 3)")
-        return written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()})
+        surface = {
+            sensor: self.array(f"{sensor}/surface_vertices").shape[0]
+            for sensor in self.sensors
+            if set(OF_SURFACE) & set(self.job.kept_outputs(sensor))
+        }
+        return written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()}, surface)
 
     def sentence(self, code: int) -> str:
         """What a status says."""
@@ -321,10 +343,13 @@ class Dataset:
 
     def stored_displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """(..., vertex, 3) as it is stored: float32 in m, or int16 in steps of `displacement_scale`."""
-        name = f"{sensor}/displacement"
+        return self.of_samples(f"{sensor}/displacement", press, depth)
+
+    def of_samples(self, name: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
+        """An array with a chunk for each sample, as stored, at some presses and depths."""
         for shard in self._shards_of(press):
             if (self.path / "manifest" / f"{shard:06d}.json").exists():
-                self._check_file(chunk_path(name, shard, 4))
+                self._check_file(chunk_path(name, shard, 1 + len(self.arrays[name].shape)))
         with self._reading(name):
             return self._sharded(name)[press, depth]
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from simgen.dataset import Dataset, path_arrays
 from simgen.errors import InputError
+from simgen.job_schema import OF_SURFACE
 from simgen.splits import IN_NONE, SPLITS
 
 
@@ -56,6 +57,9 @@ def _expected(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], str | type]]
             f"{sensor}/touchable": ((vertices,), np.bool_),
             f"{sensor}/pose": ((presses, 4, 4), real),
         }
+        if not set(OF_SURFACE).isdisjoint(dataset.job.kept_outputs(sensor)):
+            name = f"{sensor}/surface_vertices"
+            expected[name] = ((_length(dataset, name),), integer)
     if dataset.imported:  # without contacts, and with flags of vertices only where the mesh had some
         optional = ("contact_pose", "contact_normal", "held", "touchable")
         expected = {name: each for name, each in expected.items()
@@ -83,7 +87,8 @@ def _bad_values(dataset: Dataset) -> dict[str, str]:
         poses.append("press/contact_pose")
     for sensor in dataset.sensors:
         last = dataset.array(f"{sensor}/rest_positions").shape[0] - 1
-        bounds |= {f"{sensor}/{key}": (0, last) for key in ("tetrahedra", "surface_triangles")}
+        indices = ("tetrahedra", "surface_triangles", "surface_vertices")
+        bounds |= {f"{sensor}/{key}": (0, last) for key in indices if f"{sensor}/{key}" in dataset.root}
         finite.append(f"{sensor}/rest_positions")
         poses += [] if dataset.imported else [f"{sensor}/pose"]  # which files may leave unsaid
     for name, (low, high) in bounds.items():

@@ -53,7 +53,8 @@ def write_plan(
     for name, values in planned.items():
         root.create_array(name, data=np.asarray(values))
     vertices = {sensor: len(planned[f"{sensor}/rest_positions"]) for sensor in job.sensors}
-    for name, array in written_arrays(job, vertices).items():
+    surface = {sensor: len(planned.get(f"{sensor}/surface_vertices", ())) for sensor in job.sensors}
+    for name, array in written_arrays(job, vertices, surface).items():
         _create_written(root, name, array, job.presses, job.dataset.presses_per_shard)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # consolidated metadata are zarr-python's own, and worth having: one read

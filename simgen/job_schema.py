@@ -28,7 +28,10 @@ FINEST_MM = 1e-6  # depths are whole nanometres
 OUTPUTS = {
     "shear_force": "on the sensor, along x and z of the contact frame",
     "slip_share": "share of the contact area where friction is at its limit, so that the surface slides",
+    "stress": "Cauchy stress at surface_vertices, as xx, yy, zz, yz, xz, xy in the sensor's frame",
+    "traction": "of the indenter on the sensor at surface_vertices, force per rest area, in the sensor's frame",
 }
+OF_SURFACE = ("stress", "traction")  # with a value at each vertex of the surface
 OF_PATHS = ("shear_force", "slip_share")  # kept of every path that is more than a press
 Output = Literal[tuple(OUTPUTS)]
 

@@ -10,13 +10,14 @@ import numpy as np
 
 from simgen.dataset import Dataset
 from simgen.errors import InputError
-from simgen.job_schema import OUTPUTS
+from simgen.job_schema import OF_SURFACE
 from simgen.splits import IN_NONE, SPLITS, leave_out
 
 if TYPE_CHECKING:
     import torch
 
-OF_SENSOR = ("force", "moment", "cavity_pressure", "stated_depth", *OUTPUTS)  # where the dataset has them
+# Where the dataset has them.
+OF_SENSOR = ("force", "moment", "cavity_pressure", "stated_depth", "shear_force", "slip_share")
 
 
 def load_dataset(
@@ -74,10 +75,13 @@ class Samples(Sequence):
         """A sample, or some of them: float32 in SI units, numbers in int64.
 
         ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` and ``<sensor>/moment`` (3,) in the sensor's frame;
-        with a liquid ``<sensor>/cavity_pressure``; the optional outputs that the dataset has, such as
-        ``<sensor>/slip_share``; ``depth``, and where files of others were imported the depth they state,
-        ``<sensor>/stated_depth``; ``press``, ``trajectory`` and ``indenter``, an index into `indenters`. Of a path that
-        is more than a press also ``offset`` (3,) and ``turn``, in the contact frame, and ``leg``.
+        with a liquid ``<sensor>/cavity_pressure``. Where the dataset has them: ``<sensor>/shear_force`` (2,),
+        ``<sensor>/slip_share``, and at its ``<sensor>/surface_vertices`` ``<sensor>/stress`` (s, 6) and
+        ``<sensor>/traction`` (s, 3).
+
+        ``depth``, and where files of others were imported the depth they state, ``<sensor>/stated_depth``; ``press``,
+        ``trajectory`` and ``indenter``, an index into `indenters`. Of a path that is more than a press also ``offset``
+        (3,) and ``turn`` in the contact frame, and ``leg``.
         """
         if isinstance(number, slice):
             return Samples(self.path, self.sensors, self.rows[number])
@@ -92,6 +96,9 @@ class Samples(Sequence):
         for sensor in self.sensors:
             displacement = self.dataset.displacement(sensor, press, step)
             sample[f"{sensor}/displacement"] = displacement.astype(np.float32)
+            for name in (f"{sensor}/{key}" for key in OF_SURFACE):
+                if name in self.dataset.arrays:
+                    sample[name] = self.dataset.of_samples(name, press, step)
             for name in (f"{sensor}/{key}" for key in OF_SENSOR):
                 if name in shared:
                     sample[name] = np.float32(shared[name][press, step])

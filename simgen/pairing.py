@@ -53,17 +53,18 @@ def sample_contacts(
     max_depth_m: float,
     settings: ContactSettings | None = None,
     others: Sequence[Sensor] = (),
+    lateral_reach_m: float = 0.0,
 ) -> Contacts:
     """``count`` contacts on ``reference``, each with room for the deepest press and a partner on all ``others``.
 
-    A scrambled Sobol sequence in (x, arc, tilt, azimuth, roll), with rejection: the first n contacts do not
-    depend on how many more are asked for. Raises InputError if there is too little room, or too few partners.
+    An indenter that moves sideways keeps ``lateral_reach_m`` more distance from side walls. Contacts are a scrambled
+    Sobol sequence in (x, arc, tilt, azimuth, roll), with rejection: the first n contacts do not depend on how many more
+    are asked for. Raises InputError if there is too little room, or too few partners.
     """
     from scipy.stats import qmc  # a third of a second, which processes that only press do without
 
     settings = settings or ContactSettings()
-    room = Room(reference, max_depth_m, settings)
-    others = [Room(other, max_depth_m, settings) for other in others]
+    room, *others = (Room(sensor, max_depth_m, settings, lateral_reach_m) for sensor in (reference, *others))
     sequence = qmc.Sobol(5, scramble=True, rng=seed)
     blocks: list[Contacts] = []
     found = roomy = proposed = 0
@@ -193,7 +194,7 @@ class Room:
     that a press of depth d needs, s + g = d + (1 - ratio) s. The gap counts with a liquid, too: it flows aside.
     """
 
-    def __init__(self, sensor: Sensor, max_depth_m: float, settings: ContactSettings):
+    def __init__(self, sensor: Sensor, max_depth_m: float, settings: ContactSettings, lateral_reach_m: float = 0.0):
         self.name, self.settings, self.max_depth = sensor.name, settings, max_depth_m
         self.skin = Skin(sensor.surface)
         mesh = sensor.output_mesh
@@ -205,7 +206,7 @@ class Room:
         # A convex section's arc from the centre line is no longer than its width and height together.
         self.max_arc = np.abs([low[2], high[2]]).max() + high[1] - low[1]
         self.solid_thickness = max_depth_m / settings.max_indentation_ratio
-        self.edge_distance = settings.min_edge_ratio * max_depth_m
+        self.edge_distance = settings.min_edge_ratio * max_depth_m + lateral_reach_m
         surface, bounds, normals = sensor.surface, sensor.surface.triangles, sensor.surface.face_normals
         self.surface, self.surface_normals = FinePieces(bounds), normals
         self.inner_skin = None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simgen import pairing, provenance
-from simgen.dataset import path_arrays
+from simgen.dataset import path_arrays, surface_arrays
 from simgen.errors import InputError
 from simgen.fem.status import Status
 from simgen.indenter import load_indenter
@@ -59,6 +59,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/held": mesh.held,
             f"{name}/touchable": mesh.touchable,
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
+            **surface_arrays(job, name, mesh.surface_triangles),
         }
     return Plan(job, device, _attributes(job, device, sensors, indenters), arrays)
 
@@ -73,7 +74,9 @@ def first_contacts(job: Job, sensors: Mapping[str, Sensor], count: int) -> pairi
     reference, *others = (
         sensor if job.sensors[name].output is None else _with_own_output(job, name) for name, sensor in sensors.items()
     )
-    return pairing.sample_contacts(reference, count, job.seed, float(job.depths_m.max()), settings, others)
+    path = job.indenter_path
+    deepest, reach = float(path.depths_m.max()), path.lateral_reach_m
+    return pairing.sample_contacts(reference, count, job.seed, deepest, settings, others, reach)
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:

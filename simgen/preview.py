@@ -1,9 +1,12 @@
 """What a job would do: counts, size, time, and the physical terms that each sensor's scene carries."""
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from simgen.capacity import at_once, bytes_per_press
-from simgen.dataset import CERTIFICATE
+from simgen.dataset import written_arrays
 from simgen.fem.newton import SolverSettings
 from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts, indenter_identities
@@ -41,6 +44,7 @@ class SensorPreview:
     unknowns: int
     bytes_per_press: int  # of memory, while it is under way
     output_vertices: int
+    surface_vertices: int
     material: Material
     terms: list[tuple[str, bool, str]]
 
@@ -81,7 +85,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
         indenters=len(job.indenters),
         samples=job.samples,
         shards=job.shards,
-        bytes=sum(_bytes(job, sensor) for sensor in sensors),
+        bytes=_bytes(job, sensors),
         bytes_source=COMPRESSION[job.dataset.displacement][1],
         seconds=SECONDS_PER_DEPTH[kind] * unknowns / 1000 * job.samples,
         seconds_source=SECONDS_SOURCE[kind],
@@ -103,15 +107,21 @@ def _preview_sensor(job: Job, name: str, sensor: Sensor) -> SensorPreview:
         scene.unknowns,
         bytes_per_press(sensor, job.solver.element, settings),
         len(sensor.output_mesh.vertices),
+        len(sensor.output_mesh.surface_vertices),
         material,
         scene.terms,
     )
 
 
-def _bytes(job: Job, sensor: SensorPreview) -> float:
-    stored = job.dataset.displacement
-    width = {"int16": 2, "float32": 4}[stored]
-    displacement = 3 * width * sensor.output_vertices * COMPRESSION[stored][0]
-    certificate = 6 * 8 + 1 + sum({"float64": 8, "int32": 4}[dtype] for dtype, _ in CERTIFICATE.values())
-    liquid = 2 * 8 if job.sensors[sensor.name].fluid != "none" else 0
-    return job.samples * (displacement + certificate + liquid)
+def _bytes(job: Job, sensors: list[SensorPreview]) -> float:
+    """What tasks will write; only displacements are taken to be compressed."""
+    arrays = written_arrays(
+        job,
+        {sensor.name: sensor.output_vertices for sensor in sensors},
+        {sensor.name: sensor.surface_vertices for sensor in sensors},
+    )
+    share = COMPRESSION[job.dataset.displacement][0]
+    return job.presses * sum(
+        math.prod(array.shape) * np.dtype(array.dtype).itemsize * (share if name.endswith("/displacement") else 1.0)
+        for name, array in arrays.items()
+    )

@@ -74,8 +74,7 @@ class Scene:
             self.core_contact.set_shapes([core], count_overlap_as_touching=self.solver.x)
         # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
-        points = sensor.output_mesh.vertices if sensor.output_moves_with is None else sensor.output_moves_with
-        self.to_output = free @ interpolation_matrix(mesh, points)
+        self.to_output = free @ interpolation_matrix(mesh, sensor.output_points)
         if kind.nodes == 4:
             self.to_output = self.to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
         self.n_vertices = len(sensor.output_mesh.vertices)

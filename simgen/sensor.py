@@ -70,6 +70,11 @@ class Sensor:
     held_regions: dict[str, np.ndarray]  # name -> (faces,) bool on ``surface``
     output_moves_with: np.ndarray | None = None  # (v, 3) points of the gel for vertices off it; None: the vertices
 
+    @property
+    def output_points(self) -> np.ndarray:
+        """(v, 3) m, the points of the gel whose values the vertices of the output mesh have."""
+        return self.output_mesh.vertices if self.output_moves_with is None else self.output_moves_with
+
 
 @dataclass(frozen=True)
 class SensorGeometry:

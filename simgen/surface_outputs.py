@@ -30,7 +30,7 @@ class SurfaceOutputs:
         self.shapes = {name: (len(output.surface_vertices), COMPONENTS[name]) for name in names}
         if not names:
             return
-        to_vertices = sparse.csc_array(interpolation_matrix(mesh, output.vertices[output.surface_vertices]))
+        to_vertices = sparse.csc_array(interpolation_matrix(mesh, scene.sensor.output_points[output.surface_vertices]))
         to_corners = to_vertices @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
         if len(scene.nodes) < len(mesh.nodes):  # linear elements
             to_vertices = sparse.csc_array(to_corners)

@@ -18,6 +18,7 @@ from simgen.errors import InputError
 from simgen.exchange.selection import Selection, Track, vertex_flags
 from simgen.geometry import advanced
 from simgen.indenter_path import moved
+from simgen.job_schema import OF_SURFACE
 from simgen.quiet import start_warp
 from simgen.touch_audit import pressed_indenter
 from simgen.whole_files import check_room
@@ -53,6 +54,8 @@ class _Series:
         self.rest, self.tetrahedra = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/tetrahedra"]
         self.flags, self.offsets = vertex_flags(dataset, sensor), dataset.offsets_of(sensor)
         self.turns = dataset.indenter_path.turns_rad
+        self.surface_outputs = [name for name in OF_SURFACE if f"{sensor}/{name}" in dataset.arrays]
+        self.surface_vertices = dataset[f"{sensor}/surface_vertices"] if self.surface_outputs else None
         self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
         self.pose = dataset[f"{sensor}/pose"]
         self.touched = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
@@ -82,6 +85,10 @@ class _Series:
         mesh = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: self.tetrahedra}, points)
         mesh.point_data["displacement"] = displacement @ pose[:3, :3].T
         mesh.point_data.update(self.flags)
+        for name in self.surface_outputs:
+            values = np.full((len(points), *self.dataset.arrays[f"{self.sensor}/{name}"].shape[2:]), np.nan, np.float32)
+            values[self.surface_vertices] = self.dataset.of_samples(f"{self.sensor}/{name}", press, int(step))
+            mesh.point_data[f"{name}_Pa"] = values
         mesh.field_data["depth_mm"] = [1e3 * self.offsets[press, step, 1]]
         mesh.field_data["force_N"] = (pose[:3, :3] @ self.force[press, step])[None]
         return mesh

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from simgen.dataset import Dataset
 from simgen.exchange.selection import Selection, Track, vertex_flags
+from simgen.job_schema import OF_SURFACE
 from simgen.splits import IN_NONE, SPLITS
 
 OF_MESH = ("rest_positions", "tetrahedra", "surface_triangles")
@@ -63,10 +65,20 @@ def export_npy(selection: Selection, folder: Path, track: Track) -> None:
         files.whole(f"{sensor}/depth", dataset.depths_of(sensor)[press, step], "sample", "m")
         for name, unit in OF_SAMPLE.items():
             files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], "sample, 3", unit)
+        for name, values in _surface_vertices(dataset, sensor).items():
+            files.whole(name, values, "surface vertex")
         for name in dataset.job.kept_outputs(sensor):
             array = dataset.arrays[f"{sensor}/{name}"]
             axes = ", ".join(["sample", *map(str, array.shape[1:])])
-            files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], axes, array.unit)
+            if name not in OF_SURFACE:
+                files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], axes, array.unit)
+                continue
+            shape = (len(press), *array.shape[1:])
+            blocks = (
+                dataset.of_samples(f"{sensor}/{name}", int(selection.presses[each]))[selection.paired[each]]
+                for each in np.unique(row)
+            )
+            files.write(f"{sensor}/{name}", shape, np.dtype(np.float32), axes, array.unit, blocks)
         shape = (len(press), len(mesh["rest_positions"]), 3)
         blocks = (
             dataset.displacement(sensor, int(selection.presses[each]))[selection.paired[each]]
@@ -85,3 +97,9 @@ def export_npy(selection: Selection, folder: Path, track: Track) -> None:
         "code": dataset.attributes.get("code"),
     }
     (folder / "index.json").write_text(json.dumps(about, indent=1), encoding="utf-8")
+
+
+def _surface_vertices(dataset: Dataset, sensor: str) -> dict[str, np.ndarray]:
+    """The indices, by path, of the vertices to which stress and traction belong, where the dataset has such outputs."""
+    name = f"{sensor}/surface_vertices"
+    return {name: dataset[name]} if name in dataset.root else {}
