@@ -13,6 +13,7 @@ import typer
 
 from simgen import cli_exchange, cli_images
 from simgen.errors import InputError, check_output_file, needs_extra
+from simgen.resources import bundled_jobs
 
 app = typer.Typer(
     name="simgen",
@@ -25,7 +26,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-JobFile = Annotated[str, typer.Argument(metavar="JOB", help="A job file, or a bundled job: smoke, paired.")]
+BUNDLED, TRAINING = (", ".join(file.stem for file in bundled_jobs(training)) for training in (False, True))
+
+JobFile = Annotated[str, typer.Argument(metavar="JOB", help=f"A job file, or a bundled job: {BUNDLED}.")]
 Overrides = Annotated[
     list[str] | None, typer.Argument(metavar="KEY=VALUE", help="Keys to replace: trajectories.count=10")
 ]
@@ -85,7 +88,7 @@ def run(
 @app.command()
 def train(
     job: Annotated[
-        str, typer.Argument(metavar="JOB", help="A training job, or a bundled one: training, training_smoke.")
+        str, typer.Argument(metavar="JOB", help=f"A training job, or a bundled one: {TRAINING}.")
     ],
     overrides: Annotated[
         list[str] | None, typer.Argument(metavar="KEY=VALUE", help='Keys to replace: "networks=[rmb, rmd]"')

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from simgen.job_schema import Job
-from simgen.resources import resource
+from simgen.resources import bundled_jobs
 from simgen.section import find_file, load_section, section_from_dict
 
 
@@ -31,8 +31,7 @@ def find_job(path: str | Path) -> Path:
 
     Raises `InputError` if there is neither.
     """
-    bundled = (file for file in resource("jobs").glob("*.yaml") if not file.stem.startswith("training"))
-    return find_file(path, bundled, "job")
+    return find_file(path, bundled_jobs(), "job")
 
 
 def job_from_dict(

@@ -21,6 +21,7 @@ from simgen.job_schema import (
 )
 from simgen.pairing import ContactSettings
 from simgen.reference_page import ReferencePage
+from simgen.resources import bundled_jobs
 from simgen.section import Section
 
 
@@ -153,7 +154,7 @@ A job is one YAML file: all that decides a dataset, beside the code and the sens
 unknown key, a key given twice, a value of the wrong type or out of range ends the command with exit code 2 and one
 line, which names the file, the key, the value and what is allowed.
 
-- **Where.** `simgen run FILE`. `smoke`, `paired` and `paired_as_published` are bundled: `simgen run smoke` will do.
+- **Where.** `simgen run FILE`. A bundled job goes by its name (`simgen run smoke`): BUNDLED.
 - **Replacing keys.** `simgen run smoke trajectories.count=10 sensors.biotac.material.friction=0.3`: a value is read
   as YAML.
 - **Paths** of sensors and indenters start at the folder of the job file. A path has a slash or a mesh's suffix.
@@ -162,7 +163,7 @@ line, which names the file, the key, the value and what is allowed.
   solves nothing. It fails where the run would.
 
 Each example below replaces the keys of the same name in the first one. A default of `-` is none.
-"""
+""".replace("BUNDLED", ", ".join(f"`{file.stem}`" for file in bundled_jobs()))
 
 PAGE = ReferencePage(HEAD, SECTIONS, MEANINGS, EXAMPLES)
 

@@ -12,3 +12,9 @@ def resource(kind: str) -> Path:
     """
     inside = PACKAGE / kind
     return inside if inside.is_dir() else PACKAGE.parent / kind
+
+
+def bundled_jobs(training: bool = False) -> list[Path]:
+    """The bundled job files by name: those of datasets, or those of trainings (``training*.yaml``)."""
+    files = resource("jobs").glob("*.yaml")
+    return sorted(file for file in files if file.stem.startswith("training") == training)

@@ -104,8 +104,8 @@ def _key_paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
 
 
 def _one_line(kind: type[Section], error: ValidationError, source: str, sources: Mapping[str, str]) -> str:
-    """The first complaint, in the words of the job file."""
-    first = error.errors()[0]
+    """The first complaint, in the words of the job file. An unknown key comes first: a missing one may be misspelt."""
+    first = min(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
     parts = [str(part) for part in first["loc"]]
     section, allowed = _schema_at(kind, parts)
     if first["type"] == "extra_forbidden":

@@ -300,7 +300,8 @@ def read_description(path: Path) -> SensorDescription:
 
 
 def _one_line(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
+    """The first complaint. An unknown key comes first: a missing one may be misspelt."""
+    first = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
     key = shown(".".join(str(part) for part in first["loc"])) or "sensor.yaml"
     if first["type"] == "extra_forbidden":
         return f"{key}: unknown key, allowed: {', '.join(_allowed(first['loc'][:-1]))}"

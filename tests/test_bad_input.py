@@ -157,6 +157,7 @@ SENSORS = [
     ("bytes", {"s/sensor.yaml": b"\xff\x00"}, MESH, "s/sensor.yaml: not a text in UTF-8"),
     ("unknown key", sensor(colour="red"), MESH, "s/sensor.yaml: colour: unknown key, allowed: name, gel"),
     ("missing key", {"s/sensor.yaml": "name: x"}, MESH, "s/sensor.yaml: gel: Field required"),
+    ("misspelt key", {"s/sensor.yaml": "name: x\ngell: {}"}, MESH, "s/sensor.yaml: gell: unknown key, allowed: name"),
     ("wrong unit", sensor(gel={"mesh": {"file": "slab.stl", "unit": "cm"}}), MESH, "gel.mesh.unit = 'cm'"),
     ("nu of a liquid", sensor(materials={"solid": {**SOLID, "poisson_ratio": 0.5}}), MESH, "poisson_ratio = 0.5"),
     ("region empty", sensor(**plate(at_mm=9.0)), MESH, "held.back: selects no triangle"),

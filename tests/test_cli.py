@@ -2,12 +2,14 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
 import fake
 import pytest
 
+from simgen.resources import resource
 from simgen.run import run
 
 
@@ -41,6 +43,14 @@ def test_help_says_what_there_is(tmp_path, command, words):
     assert done.returncode == 0
     for word in words:
         assert word in done.stdout
+
+
+def test_help_lists_every_bundled_job(tmp_path):
+    bundled = {file.stem for file in resource("jobs").glob("*.yaml")}
+    named = {command: simgen(command, "--help", cwd=tmp_path).stdout for command in ("run", "train")}
+    listed = {command: set(re.findall(r"\w+", re.search(r"a bundled (?:job|one): ([^.]+)", text)[1]))
+              for command, text in named.items()}  # fmt: skip
+    assert listed["run"] | listed["train"] == bundled and not listed["run"] & listed["train"]
 
 
 @pytest.mark.parametrize(

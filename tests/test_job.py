@@ -173,6 +173,12 @@ def test_bad_input_is_one_line_that_says_where_what_and_what_is_allowed(write, c
     assert re.search(expected, message), message
 
 
+def test_a_misspelt_key_is_named_before_the_key_that_is_missing_for_it(write):
+    expected = r"job\.yaml: indentors: unknown key; .*\(did you mean indenters\?\) \(and 1 more\)$"
+    with pytest.raises(InputError, match=expected):
+        load_job(write(MINIMAL.replace("indenters:", "indentors:")))
+
+
 def test_a_job_that_does_not_exist_names_the_bundled_ones(tmp_path):
     with pytest.raises(InputError, match=r"no such job file; bundled jobs: paired\.yaml.*smoke\.yaml"):
         load_job(tmp_path / "nothing.yaml")

@@ -14,7 +14,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from simgen.electrode_model import ElectrodeSettings
 from simgen.job_schema import NAME
-from simgen.resources import resource
+from simgen.resources import bundled_jobs
 from simgen.section import Section, find_file, load_section
 
 Width = Annotated[int, Field(ge=1, le=65536)]
@@ -206,7 +206,7 @@ def load_training_job(path: str | Path, overrides: Iterable[str] = ()) -> Traini
 
     Raises `InputError` with one line that names the file, the key, the value and what is allowed.
     """
-    file = find_file(path, resource("jobs").glob("training*.yaml"), "training job")
+    file = find_file(path, bundled_jobs(training=True), "training job")
     job = load_section(TrainingJob, file, str(path), overrides)
     job._folder = file.parent.resolve()
     return job
