@@ -28,7 +28,7 @@ def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None
     """A user's mesh: its closed outward surface; vertices and tetrahedra where the file has them.
 
     .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio) tetrahedra or triangles, .tet lines ``v x y z`` and
-    ``t a b c d``. Raises InputError where the file is missing, unknown, open or has inverted tetrahedra of
+    ``t a b c d``. Second-order cells count by their corners, joined by straight edges. Raises InputError where the file is missing, unknown, open or has inverted tetrahedra of
     both signs.
     """
     suffix = path.suffix.lower()
@@ -89,9 +89,12 @@ def _read_any(path: Path, suffix: str) -> tuple[np.ndarray, np.ndarray]:
         mesh = trimesh.load(path, force="mesh", process=False)
         return mesh.vertices, mesh.faces
     mesh = meshio.read(path, file_format=MESHIO_FORMATS[suffix])
-    for kind in ("tetra", "triangle"):
+    for kind, second_order, corners in (("tetra", "tetra10", 4), ("triangle", "triangle6", 3)):
         if kind in mesh.cells_dict:
             return mesh.points[:, :3], mesh.cells_dict[kind]
+        if second_order in mesh.cells_dict:
+            used, cells = np.unique(mesh.cells_dict[second_order][:, :corners], return_inverse=True)
+            return mesh.points[used, :3], cells.reshape(-1, corners)
     raise InputError(f"{path}: neither tetrahedra nor triangles, but {', '.join(mesh.cells_dict) or 'nothing'}")
 
 

@@ -7,7 +7,7 @@ import trimesh
 
 from simgen import mesh_files
 from simgen.errors import InputError
-from simgen.tetrahedra import OutputMesh, signed_volumes, sizing_grid
+from simgen.tetrahedra import OutputMesh, boundary_triangles, signed_volumes, sizing_grid
 
 POINTS, TETRAHEDRA = sizing_grid(np.zeros(3), np.array([2.0, 1.0, 1.0]), 0.5)  # mm
 VOLUME = 2e-9  # m3
@@ -29,6 +29,39 @@ def test_tetrahedral_files(tmp_path, suffix):
     np.testing.assert_allclose(vertices, POINTS * 1e-3, atol=1e-9)
     assert len(tetrahedra) == len(TETRAHEDRA)
     np.testing.assert_allclose(signed_volumes(vertices, tetrahedra).sum(), VOLUME, rtol=1e-6)
+    np.testing.assert_allclose(surface.volume, VOLUME, rtol=1e-6)
+
+
+def second_order(corners: np.ndarray, sides: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    """The points of `POINTS` and of the mid-edges after them; the cells with both."""
+    edges = np.sort(corners[:, sides].reshape(-1, 2), axis=1)
+    edges, number = np.unique(edges, axis=0, return_inverse=True)
+    middle = len(POINTS) + number.reshape(len(corners), len(sides))
+    return np.vstack([POINTS, POINTS[edges].mean(axis=1)]), np.hstack([corners, middle])
+
+
+SIDES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtu"])
+def test_second_order_tetrahedra_count_by_their_corners(tmp_path, suffix):
+    points, cells = second_order(TETRAHEDRA, SIDES)
+    moved = np.random.default_rng(0).permutation(len(points))  # corners stand anywhere among the nodes
+    places = np.argsort(moved)
+    file = tmp_path / f"a{suffix}"
+    options = {"file_format": "gmsh", "binary": False} if suffix == ".msh" else {}
+    meshio.Mesh(points[moved], [("tetra10", places[cells])]).write(file, **options)
+    surface, vertices, tetrahedra = mesh_files.read_mesh(file, "mm")
+    np.testing.assert_allclose(1e3 * vertices[tetrahedra], POINTS[TETRAHEDRA], atol=1e-9)
+    assert len(vertices) == len(POINTS)  # a mid-edge node would be a vertex of no cell
+    np.testing.assert_allclose(surface.volume, VOLUME, rtol=1e-6)
+
+
+def test_second_order_triangles_count_by_their_corners(tmp_path):
+    points, cells = second_order(boundary_triangles(TETRAHEDRA)[0], SIDES[:3])
+    meshio.Mesh(points, [("triangle6", cells)]).write(tmp_path / "a.msh", file_format="gmsh", binary=False)
+    surface, vertices, _ = mesh_files.read_mesh(tmp_path / "a.msh", "mm")
+    assert vertices is None
     np.testing.assert_allclose(surface.volume, VOLUME, rtol=1e-6)
 
 
