@@ -23,7 +23,7 @@ import h5py
 import numpy as np
 
 from simgen.errors import InputError
-from simgen.hdf5_files import dataset_at, numbers, open_hdf5
+from simgen.hdf5_files import dataset_at, member_at, numbers, open_hdf5
 from simgen.parsing import parsing
 
 ELECTRODES = 19
@@ -90,10 +90,11 @@ def _read(
     found = {}
     with parsing(path, "HDF5"), open_hdf5(path) as file:
         for key, shape in layout.items():
-            if key in optional and key not in file:
+            member = member_at(path, file, key)
+            if key in optional and member is None:
                 found[key] = None
                 continue
-            stored = dataset_at(path, file, f"{key}/data" if isinstance(file.get(key), h5py.Group) else key)
+            stored = dataset_at(path, file, f"{key}/data" if isinstance(member, h5py.Group) else key)
             _check_shape(path, stored, count, shape)
             count = stored.shape[0]
             values = numbers(path, stored)

@@ -28,8 +28,9 @@ def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None
     """A user's mesh: its closed outward surface; vertices and tetrahedra where the file has them.
 
     .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio) tetrahedra or triangles, .tet lines ``v x y z`` and
-    ``t a b c d``. Second-order cells count by their corners, joined by straight edges. Raises InputError where the file is missing, unknown, open or has inverted tetrahedra of
-    both signs.
+    ``t a b c d``. Second-order cells count by their corners, joined by straight edges.
+
+    Raises InputError where the file is missing, unknown, open or has tetrahedra of both signs.
     """
     suffix = path.suffix.lower()
     if suffix not in SURFACE_SUFFIXES + TET_SUFFIXES:

@@ -1,6 +1,7 @@
 """The contents of a ``sensor.yaml``, strictly checked. Every key carries its unit."""
 
 import itertools
+import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -81,9 +82,9 @@ class Cylinder(Section):
 
 
 class MeshFile(Section):
-    """A mesh file beside the sensor.yaml."""
+    """A mesh file in the folder of the sensor.yaml, or below it."""
 
-    file: str
+    file: Annotated[str, AfterValidator(lambda file: _inside(file))]
     unit: Unit
 
 
@@ -174,6 +175,12 @@ def _direction(vector: Vector) -> Vector:
     if not 1e-3 <= np.linalg.norm(vector) <= 1e3:
         raise ValueError("a direction must have a length of 1e-3 to 1e3")
     return vector
+
+
+def _inside(file: str) -> str:
+    if os.path.isabs(file) or Path(os.path.normpath(file)).parts[:1] == ("..",):
+        raise ValueError("leads out of the sensor's folder; allowed: a file in the folder or below it")
+    return file
 
 
 def _rising(values: list[float]) -> bool:

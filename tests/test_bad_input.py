@@ -172,6 +172,12 @@ SENSORS = [
         "width_px": 2, "height_px": 2, "light_circle_radius_mm": 1, "light_angles_deg": {}}), MESH,
         "camera.looks_along = [0, 0, 0]: a direction must have a length"),
     ("mesh file gone", {"s/sensor.yaml": sensor()["s/sensor.yaml"]}, MESH, "s/slab.stl: no such mesh file"),
+    *[(f"{what} of another folder", sensor(**{what: {**about, "mesh": {"file": file, "unit": "mm"}}})
+       | {"slab.stl": box()}, MESH, f"s/sensor.yaml: {what}.mesh.file = '{file}': leads out of the sensor's folder; ")
+      for what, about, file in [("gel", {}, "../slab.stl"), ("gel", {}, "/slab.stl"), ("gel", {}, "a/../../slab.stl"),
+                                ("core", {"friction": 0.0}, "../slab.stl")]],
+    ("plate of another folder", sensor(held={"back": {"touching": {"file": "../slab.stl", "unit": "mm"}}})
+     | {"slab.stl": box()}, MESH, "held.back.touching.file = '../slab.stl': leads out of the sensor's folder"),
     ("mesh of no kind", sensor("", "slab.step"), MESH, "slab.step: unknown kind of mesh '.step'"),
     ("metres for mm", sensor(box(scale=1000.0)), MESH, "the shape is 20 m large; allowed: 0.0001..0.5 m"),
     ("open", sensor(box(faces=slice(11))), MESH, "slab.stl: the surface is open"),

@@ -28,7 +28,7 @@ import h5py
 import numpy as np
 
 from simgen.errors import InputError, system_errors
-from simgen.hdf5_files import dataset_at, group_at, numbers, open_hdf5
+from simgen.hdf5_files import dataset_at, group_at, member_at, numbers, open_hdf5
 from simgen.whole_files import check_room
 
 COORDINATES, FORCES, DISTANCES = "nodal_coords", "net_force_vecs", "max_contact_distances"
@@ -158,9 +158,10 @@ class ResultFile:
         for key in found.keys() & {"pose", "sensor_pose"}:
             if (shape := np.shape(found[key])) != (4, 4):
                 raise InputError(f"{self.path}: {coordinates.name}: attribute {key}: shape {shape}, expected (4, 4)")
-        distance = f"trial_{trial}/step_{step}/{DISTANCES}/env_{env}"
-        if "depth_m" not in found and self.layout == "across" and distance in self._file:
-            found["depth_m"] = self._dataset(distance)[...]
+        if "depth_m" not in found and self.layout == "across":
+            distance = member_at(self.path, self._file, f"trial_{trial}/step_{step}/{DISTANCES}/env_{env}")
+            if isinstance(distance, h5py.Dataset):
+                found["depth_m"] = distance[...]
         if "depth_m" in found:
             depth = np.ravel(found["depth_m"])
             if depth.size != 1 or depth.dtype.kind not in "fiu" or not np.isfinite(depth).all():

@@ -9,6 +9,7 @@ A folder of published data is laid out as their repositories: ``biotac/`` (NVlab
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,17 +53,19 @@ def published_sensor(published: Path, name: str, scratch: Path) -> Sensor:
     folder.mkdir(exist_ok=True)
     description = yaml.safe_load((sensor_folder(name) / "sensor.yaml").read_text())
     kept = {key: description[key] for key in ("held", "materials")}
-    gel = {"mesh": _mesh_file(published / GEL[name])}
+    gel = {"mesh": _copied(published / GEL[name], folder)}
     own = {"name": f"{name}_published", "gel": gel, "meshes": {"default": "as_given"}, **kept}
     if name in CORE:
-        core = _mesh_file(published / CORE[name])
+        core = _copied(published / CORE[name], folder)
         own["core"] = {"friction": description["core"]["friction"], "mesh": core}
     (folder / "sensor.yaml").write_text(yaml.safe_dump(own))
     return load_sensor(folder)
 
 
-def _mesh_file(path: Path) -> dict[str, str]:
-    return {"file": str(path.resolve()), "unit": UNIT}
+def _copied(path: Path, folder: Path) -> dict[str, str]:
+    """The ``mesh`` key for a mesh file that is copied into the folder of a ``sensor.yaml``."""
+    shutil.copy(path, folder)
+    return {"file": path.name, "unit": UNIT}
 
 
 def seen_at(name: str, vertices: OutputMesh, mesh: str = "default") -> Sensor:

@@ -272,6 +272,58 @@ def test_bad_samples_and_options_are_one_line(tetrahedron, tmp_path, changes, op
     assert {path.name for path in tmp_path.iterdir()} == {"cell.tet", file.name}  # nothing is left
 
 
+def linked(file, key, other, link):
+    """Move what a file has at a key into another file, and lead there by ``link``."""
+    with h5py.File(file, "a") as opened, h5py.File(other, "w") as moved:
+        opened.copy(key, moved, "moved")
+        values = moved["moved"][()] if isinstance(moved["moved"], h5py.Dataset) else None
+        del opened[key]
+        if link == "external":
+            opened[key] = h5py.ExternalLink(other.name, "moved")
+        elif link == "soft to external":
+            opened["aside"] = h5py.ExternalLink(other.name, "/")
+            opened[key] = h5py.SoftLink("/aside/moved")
+        elif link == "storage":
+            other.with_suffix(".raw").write_bytes(values.tobytes())
+            raw = [(other.with_suffix(".raw").name, 0, values.nbytes)]
+            opened.create_dataset(key, values.shape, values.dtype, external=raw)
+        else:
+            layout = h5py.VirtualLayout(values.shape, values.dtype)
+            layout[...] = h5py.VirtualSource(other.name, "moved", values.shape)
+            opened.create_virtual_dataset(key, layout)
+
+
+@pytest.mark.parametrize(("key", "link"), [
+    ("trial_0", "external"),
+    ("trial_0/step_0", "external"),
+    ("trial_0/step_0/nodal_coords_digit/env_0", "external"),
+    ("trial_0/step_0/max_contact_distances", "external"),
+    ("trial_0/step_0/net_force_vecs_digit/env_0", "external"),
+    ("trial_0/step_0", "soft to external"),
+    ("trial_0/step_0/nodal_coords_digit/env_0", "storage"),
+    ("trial_0/step_0/nodal_coords_digit/env_0", "virtual"),
+])  # fmt: skip
+def test_what_lies_in_another_file_is_refused(tetrahedron, tmp_path, monkeypatch, key, link):
+    """A file that somebody sends may lead to any other file of the machine on which it is read."""
+    mesh, rest = tetrahedron
+    monkeypatch.chdir(tmp_path)  # where HDF5 looks for external storage
+    file = of_others(tmp_path / "results_digit_x.hdf5", "across", [spoiled(rest)])
+    linked(file, key, tmp_path / "private.h5", link)
+    with pytest.raises(InputError, match=f"results_digit_x.hdf5: {key}.*: lies in another file, .*private") as raised:
+        import_results([file], [f"digit={mesh}"], tmp_path / "x.zarr")
+    assert "\n" not in str(raised.value) and not (tmp_path / "x.zarr").exists()
+
+
+def test_links_within_a_file_are_followed(tetrahedron, tmp_path):
+    mesh, rest = tetrahedron
+    file = of_others(tmp_path / "results_digit_x.hdf5", "across", [spoiled(rest + 1e-4)])
+    with h5py.File(file, "a") as opened:
+        opened.move("trial_0/step_0", "aside")
+        opened["trial_0/step_0"] = h5py.SoftLink("/aside")
+    imported = import_results([file], [f"digit={mesh}"], tmp_path / "x.zarr")
+    np.testing.assert_allclose(imported.displacement("digit", 0, 0), np.full((4, 3), 1e-4), rtol=1e-6)
+
+
 def test_files_that_do_not_belong_together(tetrahedron, tmp_path):
     mesh, rest = tetrahedron
     one, other = (of_others(tmp_path / f"results_digit_{name}.hdf5", "across", [spoiled(rest)]) for name in "ab")
