@@ -6,13 +6,18 @@ import io
 import json
 import logging
 import shutil
+from html.parser import HTMLParser
 
 import fake
 import numpy as np
 import pytest
+import trimesh
 import yaml
+from bad_files import attributes
+from markdown_it import MarkdownIt
 
 from simgen.card import CARD
+from simgen.card.readme import readme
 from simgen.dataset import Dataset
 from simgen.job import load_job
 from simgen.plan import sensor_identity
@@ -107,6 +112,59 @@ def test_a_repair_leaves_the_owner_s_text_and_renews_the_table(dataset, tmp_path
     assert {row["digit_converged"] for row in rows} == {"4"}
     known = json.loads((path / "croissant.json").read_text())["distribution"][0]
     assert known["sha256"] == hashlib.sha256((path / "presses.csv").read_bytes()).hexdigest()
+
+
+class Page(HTMLParser):
+    """What a browser would show of a card: its tags, and its text."""
+
+    def __init__(self, card: str):
+        super().__init__()
+        self.tags, self.text = [], ""
+        self.feed(MarkdownIt().enable("table").render(card.split("---\n", 2)[2]))
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_a_user_s_words_are_text_in_it_and_no_markup(tmp_path):
+    """The names of indenters are those of files, which may hold anything."""
+    spoiled = "<img src=x onerror=alert(1)>![a](b) `c` *d* |e| &lt;"
+    pin = trimesh.creation.box([4e-3, 2e-3, 4e-3])
+
+    def page(folder, name, license, source):
+        folder.mkdir()
+        pin.export(folder / f"{name}.stl")
+        job = fake.make_job(
+            sensors={"digit": {"model": "digit"}},
+            indenters=[f"{folder}/{name}.stl", "sphere_7mm"],
+            trajectories={"count": 20},
+            dataset={"leave_out": name, "license": license},
+        )
+        run(fake.make_plan(job), folder / "d.zarr", build=fake.fake_presser)
+        material = {"youngs_modulus_pa": 1e5, "poisson_ratio": 0.4, "friction": 0.5, "source": source}
+        sensor = {"material": material, "fluid": "none", "simulation_mesh": "0" * 64}
+        attributes(sensors={"digit": sensor})(folder / "d.zarr")
+        return Page(readme(Dataset(folder / "d.zarr")))
+
+    plain = page(tmp_path / "plain", "pin", "MIT", "measured")
+    found = page(tmp_path / "spoiled", spoiled, "MIT <b>*or*</b> [x](y)", spoiled)
+    assert found.tags == plain.tags and "table" in plain.tags
+    above_the_job = found.text.partition("This job, in a file")[0]
+    assert above_the_job.count(spoiled) == 3  # the row, the sentence about the test, the material
+    assert "MIT <b>*or*</b> [x](y)." in found.text
+
+
+def test_the_job_in_it_ends_where_the_card_says(tmp_path):
+    """A path may hold the very line that would end the block of code."""
+    folder = tmp_path / "a\n```\n<b>"
+    folder.mkdir()
+    trimesh.creation.box([4e-3, 2e-3, 4e-3]).export(folder / "pin.stl")
+    job = fake.make_job(indenters=[f"{folder}/pin.stl"])
+    dataset = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
+    assert "b" not in Page((dataset.path / "README.md").read_text()).tags
 
 
 def test_an_unfinished_dataset_has_none(tmp_path):

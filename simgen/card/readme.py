@@ -1,5 +1,6 @@
 """``README.md`` of a dataset: what it is, how it was made, what it is worth, how to read it."""
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -80,12 +81,12 @@ def _contents(dataset: Dataset) -> Iterator[str]:
         own = indenter == index
         counts = [np.count_nonzero(own & (split == kind)) for kind in kinds]
         converged = [f"{np.count_nonzero(each[own] == 0)} of {each[own].size}" for each in status.values()]
-        yield from _row([name, *counts, *converged])
+        yield from _row([_plain(name), *counts, *converged])
     yield ""
     yield "No contact (trajectory) is in two splits. `presses.csv` lists the presses, `croissant.json` describes table"
     yield "and arrays, and the folder itself is a zarr v3 group."
     if (left_out := dataset.job.dataset.leave_out) is not None:
-        yield f"The test has {left_out} alone, and nothing else has it; other presses are in no split (none)."
+        yield f"The test has {_plain(left_out)} alone, and nothing else has it; other presses are in no split (none)."
 
 
 def _worth(dataset: Dataset) -> Iterator[str]:
@@ -127,16 +128,18 @@ def _making(dataset: Dataset) -> Iterator[str]:
     yield ", ".join(f"{name} {version}" for name, version in packages.items()) + "."
     yield ""
     for sensor, known in dataset.attributes.get("sensors", {}).items():
-        material = known["material"]
+        material, mesh = known["material"], known["simulation_mesh"][:12]
+        source = _plain(material["source"] or "no source given")
         yield (f"- {sensor}: E = {material['youngs_modulus_pa']:g} Pa, nu = {material['poisson_ratio']:g}, friction "
-               f"{material['friction']:g} ({material['source'] or 'no source given'}); fluid: {known['fluid']}; mesh "
-               f"{known['simulation_mesh'][:12]}")  # fmt: skip
+               f"{material['friction']:g} ({source}); fluid: {known['fluid']}; mesh {mesh}")  # fmt: skip
     yield ""
     yield "This job, in a file, makes it again: `simgen run job.yaml`."
     yield ""
-    yield "```yaml"
-    yield yaml.safe_dump(dataset.attributes["job"], sort_keys=False).rstrip()
-    yield "```"
+    job = yaml.safe_dump(dataset.attributes["job"], sort_keys=False).rstrip()
+    fence = max(["```", *(f"{run}`" for run in re.findall("`+", job))], key=len)  # longer than any in the job
+    yield f"{fence}yaml"
+    yield job
+    yield fence
 
 
 def _reading(dataset: Dataset) -> Iterator[str]:
@@ -152,10 +155,15 @@ def _terms(dataset: Dataset) -> Iterator[str]:
     yield ""
     way = "straight line" if dataset.indenter_path.is_a_press else "path of straight legs and turns"
     yield from (f"- {limit.format(way=way)}" for limit in LIMITS)
-    yield f"- Licence of this dataset: {dataset.job.dataset.license or 'its maker has stated none'}."
+    yield f"- Licence of this dataset: {_plain(dataset.job.dataset.license or 'its maker has stated none')}."
     models = sorted({choice.model for choice in dataset.job.sensors.values()})
     yield from (f"- {SHAPES[model]}" for model in models if model in SHAPES)
     yield f"- {METHOD}"
+
+
+def _plain(text: str) -> str:
+    """A user's text as the page shows it: no character of it counts as Markdown or HTML."""
+    return re.sub(r"[^\w .,;:'=()/%+-]", lambda found: f"&#{ord(found[0])};", text)
 
 
 def _row(cells: list) -> Iterator[str]:
