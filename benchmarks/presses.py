@@ -6,7 +6,7 @@ import numpy as np
 
 from simgen.distance import RigidShape
 from simgen.fem.newton import SolverSettings
-from simgen.indenter import load_indenter
+from simgen.indenter import chosen_indenters
 from simgen.job import load_job
 from simgen.job_schema import Job
 from simgen.plan import chosen_material, chosen_sensor, make_plan
@@ -34,7 +34,7 @@ def paired_presses(sensor: str, mesh: str, trajectories: int, batch: int, device
     plan = make_plan(job)
     scene = job_scene(job, sensor, batch, device)
     poses = np.linalg.inv(plan.arrays[f"{sensor}/pose"]) @ plan.arrays["press/contact_pose"]
-    shapes = [load_indenter(job.locate(text)).shape() for text in job.indenters]
+    shapes = [indenter.shape() for indenter in chosen_indenters(job)]
     order = np.random.default_rng(0).permutation(len(poses))
     return Presses(scene, [shapes[i] for i in plan.arrays["press/indenter"][order]], poses[order], job.depths_m)
 

@@ -16,10 +16,19 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from simgen.distance import Kind, Probe, RigidShape, probe
 from simgen.errors import InputError, shown
-from simgen.mesh_files import check_mesh
+from simgen.job_schema import MESH_SPACING_MM, Job
+from simgen.mesh_files import LARGEST, SMALLEST, UNITS, check_mesh
 from simgen.parsing import parsing
 from simgen.resources import resource
-from simgen.shape import mesh_distance, rigid_shape, sampled_shape, shape_array, signed_distance
+from simgen.shape import (
+    MOST_GRID_POINTS,
+    grid_counts,
+    mesh_distance,
+    rigid_shape,
+    sampled_shape,
+    shape_array,
+    signed_distance,
+)
 from simgen.yaml_files import read_yaml
 
 __all__ = [
@@ -28,7 +37,7 @@ __all__ = [
 ]  # fmt: skip
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply")
-MESH_UNITS = {"m": 1.0, "mm": 1e-3}
+MARGIN_MM = 3.0  # that a mesh's grid reaches beyond it
 DRAWN_LENGTH = 0.010  # m: how much of an endless shaft a drawing shows
 
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -75,7 +84,7 @@ class MeshSpec(_Spec):
     kind: Literal["mesh"]
     file: str
     unit: Literal["m", "mm"] = "m"
-    spacing_mm: Length = 0.2
+    spacing_mm: Length = MESH_SPACING_MM
 
 
 Spec = Annotated[
@@ -96,10 +105,7 @@ class Indenter:
     def shape(self) -> RigidShape:
         """The shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
         if isinstance(self.spec, MeshSpec):
-            try:
-                return sampled_shape(self.source, self.spec.spacing_mm, margin_mm=3.0)
-            except InputError as error:
-                raise InputError(f"indenter {self.name}: {error}") from None
+            return sampled_shape(self.source, self.spec.spacing_mm, MARGIN_MM)
         return rigid_shape(Kind[self.spec.kind.upper()], *(v for k, v in self.spec if k != "kind"))
 
     def identity(self) -> dict[str, str | float]:
@@ -122,15 +128,31 @@ def indenter_names(file: str | Path | None = None) -> list[str]:
     return list(_read_table(_table_path(file)))
 
 
-def load_indenter(name_or_path: str | Path, file: str | Path | None = None) -> Indenter:
-    """An indenter by its name in a table, or a closed mesh in m (.stl .obj .ply) by its path.
+def chosen_indenters(job: Job) -> list[Indenter]:
+    """The indenters of a job, in its order. Raises InputError as `load_indenter`."""
+    return [chosen_indenter(job, index) for index in range(len(job.indenters))]
 
-    ``file`` is the table (default: the package's ``indenters.yaml``).
-    Raises InputError for an unknown name, a bad table, and a mesh that is not closed.
+
+def chosen_indenter(job: Job, index: int) -> Indenter:
+    """One of them."""
+    choice = job.indenters[index]
+    return load_indenter(job.locate(choice.file), unit=choice.unit, spacing_mm=choice.spacing_mm)
+
+
+def load_indenter(
+    name_or_path: str | Path,
+    file: str | Path | None = None,
+    unit: Literal["m", "mm"] = "m",
+    spacing_mm: float = MESH_SPACING_MM,
+) -> Indenter:
+    """An indenter by its name in a table, or a closed mesh (.stl .obj .ply) by its path.
+
+    ``file`` is the table (default: the package's ``indenters.yaml``); ``unit`` and ``spacing_mm`` are those of a mesh.
+    Raises InputError for an unknown name, a bad table, and a mesh that is not closed or cannot be sampled.
     """
     name = str(name_or_path)
     if Path(name).suffix.lower() in MESH_SUFFIXES:
-        spec = MeshSpec(kind="mesh", file=name)
+        spec = MeshSpec(kind="mesh", file=name, unit=unit, spacing_mm=spacing_mm)
         return _mesh_indenter(Path(name).stem, spec, Path(name))
     path = _table_path(file)
     table = _read_table(path)
@@ -145,7 +167,9 @@ def load_indenter(name_or_path: str | Path, file: str | Path | None = None) -> I
 
 
 def _mesh_indenter(name: str, spec: MeshSpec, file: Path) -> Indenter:
-    mesh = _read_mesh(file, spec.unit)
+    mesh = _read_mesh(file)
+    _check_reading(file, np.asarray(mesh.extents), spec)
+    mesh.apply_scale(UNITS[spec.unit])
     return Indenter(name, spec, mesh, hashlib.sha256(file.read_bytes()).hexdigest())
 
 
@@ -184,7 +208,33 @@ def _check_sizes(path: Path, name: str, spec: Spec) -> None:
         raise InputError(f"{path}: {name}.fillet_mm: {spec.fillet_mm:g}; allowed: 0 < fillet_mm <= {room:g}")
 
 
-def _read_mesh(path: Path, unit: str) -> trimesh.Trimesh:
+def _check_reading(path: Path, extents: np.ndarray, spec: MeshSpec) -> None:
+    """Raises InputError where extents (3,), the numbers of the file, make no indenter in its unit on its grid.
+
+    The unit is never guessed: the line names the other one if the mesh would do in that.
+    """
+    complaint = _misfit(UNITS[spec.unit] * extents, spec.spacing_mm)
+    if complaint is None:
+        return
+    (other,) = UNITS.keys() - {spec.unit}
+    if _misfit(UNITS[other] * extents, spec.spacing_mm) is None:
+        complaint += f"; its unit is probably {other}: {{file: {path.name}, unit: {other}}}"
+    raise InputError(f"{path}: {complaint}")
+
+
+def _misfit(extents_m: np.ndarray, spacing_mm: float) -> str | None:
+    """The reason why a mesh is too small, or too large for its grid; None if it is neither."""
+    size = f"the shape is {extents_m.max():g} m large"
+    if not SMALLEST < extents_m.max() < LARGEST:
+        return f"{size}; allowed: {SMALLEST:g}..{LARGEST:g} m"
+    points = grid_counts(extents_m, spacing_mm, MARGIN_MM).prod()
+    if points > MOST_GRID_POINTS:
+        return f"{size}, spacing_mm: {spacing_mm:g} makes {points:.2g} grid points; allowed: {MOST_GRID_POINTS:.2g}"
+    return None
+
+
+def _read_mesh(path: Path) -> trimesh.Trimesh:
+    """A closed outward surface in the numbers of its file."""
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{path}: not a mesh format for an indenter; allowed: {' '.join(MESH_SUFFIXES)}")
     if not os.path.isfile(path):  # which is no error of a name that is too long
@@ -195,15 +245,12 @@ def _read_mesh(path: Path, unit: str) -> trimesh.Trimesh:
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         if len(mesh.faces) == 0 or not mesh.is_watertight:
             raise InputError(f"{path}: the surface is not watertight; an indenter needs a closed surface")
+        if not mesh.is_winding_consistent:
+            mesh.fix_normals(multibody=True)
         if mesh.volume < 0.0:
             mesh.invert()
-        mesh.apply_scale(MESH_UNITS[unit])
-    largest = float(mesh.extents.max())
-    if not 1e-4 < largest < 0.5:
-        raise InputError(
-            f"{path}: the shape is {largest:g} m large; allowed: 0.0001..0.5 m (a mesh in mm goes into an "
-            "indenter table, with unit: mm)"
-        )
+        if not mesh.volume > 0.0:
+            raise InputError(f"{path}: the surface encloses no volume; an indenter needs a body")
     return mesh
 
 

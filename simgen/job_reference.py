@@ -12,6 +12,7 @@ from simgen.job_schema import (
     DEEPEST_INT16_MM,
     DatasetSettings,
     Depths,
+    IndenterChoice,
     Job,
     MaterialChoice,
     OutputFile,
@@ -44,6 +45,7 @@ SECTIONS: dict[str, type[Section]] = {
     "sensors.NAME": SensorChoice,
     "sensors.NAME.material": MaterialChoice,
     "sensors.NAME.output": OutputFile,
+    "indenters": IndenterChoice,
     "trajectories": Trajectories,
     "depths_mm": Depths,
     "solver": Solver,
@@ -56,7 +58,7 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         "name": "names the dataset, `<name>.zarr`, and its report",
         "seed": "of the contacts and of the splits: the same seed, the same places",
         "sensors": "the sensors, named as you like. Contacts are sampled on the first and unfolded onto the others",
-        "indenters": "what is pressed at every contact: names of `indenters/indenters.yaml`, or paths of closed meshes",
+        "indenters": "what is pressed at every contact, each by its name or path, or by the keys below",
         "trajectories": "how many contacts, and how they vary",
         "depths_mm": "the depths that are stored",
         "solver": "element, tolerances and constants; leave it out unless you study the solver",
@@ -79,6 +81,11 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         "youngs_modulus_pa": "replaces the preset's modulus at small strains",
         "poisson_ratio": "replaces the preset's ratio at small strains",
         "friction": "replaces the preset's friction between sensor and indenter",
+    },
+    IndenterChoice: {
+        "file": "an indenter of `indenters/indenters.yaml`, or a mesh of your own; the name of its file names it",
+        "unit": "the unit of the mesh's coordinates. It is not guessed",
+        "spacing_mm": "the grid on which the mesh's distance is sampled; smaller details are rounded",
     },
     Trajectories: {
         "count": "contact poses; each is pressed with every indenter into every sensor",
@@ -130,6 +137,9 @@ sensors:
 sensors:
   digit: {model: digit}
   biotac: {model: biotac, output: {file: int_ext_skin_combined_ftw.tet, unit: m}}
+""",
+    "indenters": """\
+indenters: [sphere_7mm, ./egg.stl, {file: ./pin.stl, unit: mm, spacing_mm: 0.1}]   # the egg is in m
 """,
     "trajectories": """\
 trajectories: {count: 200, max_tilt_deg: 0, roll_range_deg: [0, 0]}   # straight presses, never turned

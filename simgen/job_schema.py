@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from simgen.errors import shown
 from simgen.indenter_path import IndenterPath, press_path, with_legs
@@ -34,6 +42,7 @@ OUTPUTS = {
 OF_SURFACE = ("stress", "traction")  # with a value at each vertex of the surface
 OF_PATHS = ("shear_force", "slip_share")  # kept of every path that is more than a press
 Output = Literal[tuple(OUTPUTS)]
+MESH_SPACING_MM = 0.2  # of the grid on which an indenter's mesh is sampled
 
 
 class MaterialChoice(Section):
@@ -87,6 +96,42 @@ class Leg(Section):
         if not any(self.move_mm) and not self.turn_deg:
             raise ValueError("a leg that neither moves nor turns; allowed: move_mm or turn_deg other than 0")
         return self
+
+
+class IndenterChoice(Section):
+    """What is pressed: a bundled indenter, or a closed mesh, sampled on a grid. A name or path alone will do."""
+
+    text_means = "file"
+
+    file: str = Field(description="a name, or a path of a closed mesh (.stl .obj .ply)")
+    unit: Literal["m", "mm"] = Field("m", description="m or mm")
+    spacing_mm: float = Field(MESH_SPACING_MM, ge=0.01, le=1.0, description="0.01 to 1 mm")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _file_alone(cls, value: Any) -> Any:
+        return {cls.text_means: value} if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _only_a_mesh_has_a_unit(self) -> "IndenterChoice":
+        if not is_path(self.file) and not self._is_alone():
+            raise ValueError(f"unit and spacing_mm are a mesh file's, and {shown(repr(self.file))} is a name; "
+                             "allowed: the name alone, or a path with its suffix")  # fmt: skip
+        return self
+
+    @model_serializer(mode="wrap")
+    def _plain(self, sections: SerializerFunctionWrapHandler) -> str | dict[str, Any]:
+        """The text alone where it says all: the hash of a job does not depend on which way it is written."""
+        return self.file if self._is_alone() else sections(self)
+
+    def _is_alone(self) -> bool:
+        defaults = type(self).model_fields
+        return all(getattr(self, key) == defaults[key].default for key in ("unit", "spacing_mm"))
+
+    @property
+    def name(self) -> str:
+        """The file's name without its suffix."""
+        return Path(self.file).stem if is_path(self.file) else self.file
 
 
 class Trajectories(Section):
@@ -163,7 +208,9 @@ class Job(Section):
     seed: int = Field(0, ge=0, lt=2**32, description="a whole number, 0 to 4294967295")
     # The first sensor is the reference on which contacts are sampled.
     sensors: dict[str, SensorChoice] = Field(min_length=1, description="name: {model, mesh, material, ...}, ...")
-    indenters: tuple[str, ...] = Field(min_length=1, description="a list of names, or paths of closed meshes")
+    indenters: tuple[IndenterChoice, ...] = Field(
+        min_length=1, description="a list of names, paths of closed meshes in m, or {file, unit, spacing_mm}"
+    )
     trajectories: Trajectories
     depths_mm: Depths
     outputs: dict[str, tuple[Output, ...]] = Field(
@@ -195,9 +242,8 @@ class Job(Section):
 
     @field_validator("indenters")
     @classmethod
-    def _unique_indenters(cls, indenters: tuple[str, ...]) -> tuple[str, ...]:
-        names = [indenter_name(text) for text in indenters]
-        for name, count in Counter(names).items():
+    def _unique_indenters(cls, indenters: tuple[IndenterChoice, ...]) -> tuple[IndenterChoice, ...]:
+        for name, count in Counter(each.name for each in indenters).items():
             if count > 1:
                 raise ValueError(f"{shown(repr(name))} is listed twice")
         return indenters
@@ -225,7 +271,7 @@ class Job(Section):
     @field_validator("dataset")
     @classmethod
     def _left_out_is_listed(cls, dataset: DatasetSettings, info: ValidationInfo) -> DatasetSettings:
-        names = [indenter_name(text) for text in info.data.get("indenters", ())]
+        names = [each.name for each in info.data.get("indenters", ())]
         if names and dataset.leave_out is not None and (dataset.leave_out not in names or len(names) == 1):
             listed = shown(", ".join(names), 500)
             allowed = f"one of {listed}" if len(names) > 1 else "nothing, as there is one indenter alone"
@@ -244,7 +290,7 @@ class Job(Section):
 
     @property
     def indenter_names(self) -> tuple[str, ...]:
-        return tuple(indenter_name(text) for text in self.indenters)
+        return tuple(each.name for each in self.indenters)
 
     def kept_outputs(self, sensor: str) -> tuple[str, ...]:
         """The optional outputs that are kept of a sensor, in the order of `OUTPUTS`."""
@@ -322,7 +368,3 @@ def hash_of(resolved: dict[str, Any]) -> str:
 def is_path(text: str) -> bool:
     """Whether a sensor model or an indenter is a path (with a slash or a mesh suffix) rather than a name."""
     return "/" in text or "\\" in text or text.lower().endswith(MESH_SUFFIXES)
-
-
-def indenter_name(text: str) -> str:
-    return Path(text).stem if is_path(text) else text

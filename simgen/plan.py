@@ -11,7 +11,7 @@ from simgen import pairing, provenance
 from simgen.dataset import path_arrays, surface_arrays
 from simgen.errors import InputError
 from simgen.fem.status import Status
-from simgen.indenter import load_indenter
+from simgen.indenter import chosen_indenters
 from simgen.job_schema import Job
 from simgen.quiet import check_device_name, start_warp
 from simgen.sensor import Material, Sensor, load_sensor
@@ -132,8 +132,7 @@ def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
 
 def indenter_identities(job: Job) -> dict[str, Any]:
     """Name of each indenter -> its sizes, or the sha256 of its file."""
-    located = zip(job.indenter_names, job.indenters, strict=True)
-    return {name: load_indenter(job.locate(text)).identity() for name, text in located}
+    return {indenter.name: indenter.identity() for indenter in chosen_indenters(job)}
 
 
 def _attributes(

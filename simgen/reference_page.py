@@ -87,7 +87,8 @@ def _kind(annotation: Any) -> str:
     if origin is tuple:
         return _list(inner)
     if any(inner_sections(annotation)):
-        return "mapping of names to sections" if origin is dict else "section"
+        text = "text or " if getattr(annotation, "text_means", None) else ""
+        return "mapping of names to sections" if origin is dict else f"{text}section"
     return WORDS[annotation]
 
 

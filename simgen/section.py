@@ -136,20 +136,20 @@ def _schema_at(kind: type[Section], parts: list[str]) -> tuple[type[Section], st
         allowed = getattr(field, "description", None) or allowed
         here = _below(here, part)
         if _is_section(here):
-            section, allowed = here, f"a mapping with the keys {', '.join(here.model_fields)}"
+            section, or_text = here, "a text, or " if here.text_means else ""
+            allowed = f"{or_text}a mapping with the keys {', '.join(here.model_fields)}"
     return section, allowed
 
 
 def _below(annotation: Any, part: str) -> Any:
-    """The type of what a key holds, in something of this type; None if that has no such key."""
+    """The type of what a key, or the number of a list's member, holds; None if there is no such key."""
     if _is_section(annotation):
         field = annotation.model_fields.get(part)
         annotation = field.annotation if field else None
         optional = get_args(annotation) if isinstance(annotation, UnionType) else ()
         return next(filter(_is_section, optional), annotation)  # of `Section | None` the section
-    if get_origin(annotation) is tuple:  # a list of sections
-        return next(filter(_is_section, get_args(annotation)), None)
-    return get_args(annotation)[1] if get_origin(annotation) is dict else None
+    place = {dict: 1, tuple: 0}.get(get_origin(annotation))  # of the members' type
+    return None if place is None else get_args(annotation)[place]
 
 
 def _is_section(annotation: Any) -> bool:

@@ -15,6 +15,8 @@ from simgen.errors import InputError
 
 wp.set_module_options({"enable_backward": False})
 
+MOST_GRID_POINTS = 64e6  # of a sampled shape
+
 
 def rigid_shape(kind: Kind, *size_mm: float) -> RigidShape:
     """An analytic shape; the sizes (mm) in the order that `Kind` gives."""
@@ -81,19 +83,25 @@ def mesh_distance(mesh: trimesh.Trimesh, points_mm: np.ndarray, device: str = "c
     return distance.numpy()
 
 
+def grid_counts(extents_m: np.ndarray, spacing_mm: float, margin_mm: float) -> np.ndarray:
+    """Points (3,) along the axes of the grid of a `sampled_shape` with these extents (3,)."""
+    # Two more layers: the spline of the last cell, and the mirror condition at the very edge.
+    return np.ceil((1e3 * extents_m + 2.0 * margin_mm) / spacing_mm).astype(int) + 5
+
+
 def sampled_shape(mesh: trimesh.Trimesh, spacing_mm: float, margin_mm: float, device: str = "cpu") -> RigidShape:
     """Cubic B-spline of the signed distance of a closed mesh (m), on a grid around it; ``device`` measures it.
 
     Twice differentiable, so it has a curvature. The grid reaches ``margin_mm`` beyond the mesh; outside, the
-    distance to the grid is added. Raises InputError if the mesh is not closed or the grid passes 64e6 points.
+    distance to the grid is added. Raises InputError if the mesh is not closed or the grid passes `MOST_GRID_POINTS`.
     """
     if not mesh.is_watertight:
         raise InputError("a sampled shape needs a closed (watertight) surface; this one has open edges")
-    # Two more layers: the spline of the last cell, and the mirror condition at the very edge.
     low = mesh.bounds[0] * 1e3 - margin_mm - 2.0 * spacing_mm
-    counts = np.ceil((mesh.extents * 1e3 + 2.0 * margin_mm) / spacing_mm).astype(int) + 5
-    if counts.prod() > 64e6:
-        raise InputError(f"spacing_mm: {spacing_mm:g} makes {counts.prod():.2g} grid points; allowed: 6.4e7")
+    counts = grid_counts(mesh.extents, spacing_mm, margin_mm)
+    if counts.prod() > MOST_GRID_POINTS:
+        allowed = f"allowed: {MOST_GRID_POINTS:.2g}"
+        raise InputError(f"spacing_mm: {spacing_mm:g} makes {counts.prod():.2g} grid points; {allowed}")
     axes = [low[axis] + spacing_mm * np.arange(counts[axis]) for axis in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     values = mesh_distance(mesh, points.reshape(-1, 3), device).reshape(counts)

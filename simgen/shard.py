@@ -23,7 +23,7 @@ from simgen.capacity import presses_at_once
 from simgen.dataset import Dataset
 from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
-from simgen.indenter import Indenter, load_indenter
+from simgen.indenter import Indenter, chosen_indenters
 from simgen.indenter_path import IndenterPath
 from simgen.job_schema import OF_SURFACE, Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, sensor_identity
@@ -69,7 +69,7 @@ def _sensor(job: Job, name: str) -> Sensor:
 @cache
 def _indenters(job: Job) -> list[Indenter]:
     """The job's indenters as they were when `_inputs` looked."""
-    return [load_indenter(job.locate(text)) for text in job.indenters]
+    return chosen_indenters(job)
 
 
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
@@ -103,7 +103,7 @@ def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
     own = {
         **LOADED,
         "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
-        "indenters": {name: own.identity() for name, own in zip(job.indenter_names, _indenters(job), strict=True)},
+        "indenters": {own.name: own.identity() for own in _indenters(job)},
     }
     return json.dumps(own, sort_keys=True)
 

@@ -15,7 +15,7 @@ from simgen.distance import RigidShape, distance
 from simgen.errors import InputError
 from simgen.finding import Finding, named, not_looked_at
 from simgen.geometry import advanced
-from simgen.indenter import Indenter, load_indenter
+from simgen.indenter import Indenter, chosen_indenter
 from simgen.indenter_path import moved
 from simgen.provenance import difference
 from simgen.quiet import start_warp
@@ -205,8 +205,8 @@ def pressed_indenters(dataset: Dataset) -> list[Indenter]:
 
 def pressed_indenter(dataset: Dataset, index: int) -> Indenter:
     """One of them."""
-    name, text = dataset.indenters[index], dataset.job.indenters[index]
-    own, stored = load_indenter(dataset.job.locate(text)), dataset.attributes.get("indenters", {}).get(name)
+    name, own = dataset.indenters[index], chosen_indenter(dataset.job, index)
+    stored = dataset.attributes.get("indenters", {}).get(name)
     if stored is not None and (changes := difference(stored, own.identity())):
         raise InputError(f"{name}: not the indenter that was pressed ({'; '.join(changes)})")
     return own

@@ -9,7 +9,7 @@ from simgen.audit import check, passes, to_repair
 from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.run import run
-from simgen.touch_audit import nearest_on_surface
+from simgen.touch_audit import nearest_on_surface, pressed_indenters
 
 
 @pytest.fixture
@@ -25,6 +25,21 @@ def failures(dataset: Dataset) -> set[str]:
 def test_a_sound_dataset_passes(dataset):
     assert failures(dataset) == set()
     assert passes(check(dataset))
+
+
+def test_an_audit_reads_a_mesh_in_its_unit(tmp_path):
+    """And finds another one, if the unit or the file has changed since."""
+    block = trimesh.creation.box([8.0, 4.0, 6.0])
+    block.export(tmp_path / "block.stl")
+    plan = fake.make_plan(fake.make_job(indenters=[{"file": f"{tmp_path}/block.stl", "unit": "mm"}, "sphere_7mm"]))
+    dataset = run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
+    block_read, sphere = pressed_indenters(dataset)
+    np.testing.assert_allclose(np.ptp(block_read.extent, axis=0), [8e-3, 4e-3, 6e-3])
+    assert dataset.indenters == ("block", "sphere_7mm") == (block_read.name, sphere.name)
+    assert dataset.attributes["indenters"]["block"]["unit"] == "mm"
+    block.apply_scale(0.5).export(tmp_path / "block.stl")
+    with pytest.raises(InputError, match="block: not the indenter that was pressed"):
+        pressed_indenters(dataset)
 
 
 HELD, FREE = int(np.argmax(fake.HELD)), int(np.argmin(fake.HELD))

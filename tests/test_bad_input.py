@@ -53,6 +53,10 @@ BEYOND = np.vstack([TETRAHEDRA, [0, 1, 2, 10**9]])
 NAN = b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n"
 
 
+FLATTENED = b"v 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0.01 0.01 0\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n"
+PROBABLY = "its unit is probably {0}: {{file: pin.stl, unit: {0}}}\n"
+
+
 def plate(**of_plane) -> dict:
     return {"held": {"back": {"plane": {"axis": "y", "at_mm": 2.0, **of_plane}}}}
 
@@ -132,7 +136,14 @@ JOBS = [
     ("indenter empty", pin(b""), DRY, "pin.stl: no triangle"),
     ("indenter without faces", pin("v 0 0 0\n", "pin.obj"), DRY, "pin.obj: "),
     ("indenter no mesh", pin("# a story", "pin.ply"), DRY, "pin.ply: cannot be read as a surface mesh"),
-    ("indenter in mm", pin(box()), DRY, "the shape is 20 m large; allowed: 0.0001..0.5 m"),
+    ("indenter in mm", pin(box()), DRY, "the shape is 20 m large; allowed: 0.0001..0.5 m; " + PROBABLY.format("mm")),
+    *[(f"a pin of 0.4 in mm, {command}", pin(box(scale=0.02)), command, "the shape is 0.4 m large, spacing_mm: 0.2 "
+       "makes 1.8e+09 grid points; allowed: 6.4e+07; " + PROBABLY.format("mm")) for command in (DRY, RUN)],
+    ("indenter in m", job(indenters=[{"file": "pin.stl", "unit": "mm"}]) | {"pin.stl": box(scale=1e-3)}, RUN,
+     "the shape is 2e-05 m large; allowed: 0.0001..0.5 m; " + PROBABLY.format("m")),
+    ("grid too fine", job(indenters=[{"file": "pin.stl", "unit": "mm", "spacing_mm": 0.02}]) | {"pin.stl": box()}, RUN,
+     "spacing_mm: 0.02 makes 8.6e+08 grid points; allowed: 6.4e+07\n"),
+    ("indenter flat", pin(FLATTENED, "pin.obj"), DRY, "pin.obj: the surface encloses no volume"),
     ("indenter not a number", pin(NAN, "pin.obj"), DRY, "pin.obj: "),
     ("indenter of tetrahedra", pin(tet(), "pin.tet"), DRY, "no indenter"),
     ("depths reversed", job(), f"{DRY} depths_mm.first=0.5", "depths_mm: first must be less than last"),

@@ -220,6 +220,32 @@ def test_a_mesh_in_the_wrong_unit_is_refused(tmp_path):
         load_indenter(tmp_path / "block.stl")
 
 
+def test_a_mesh_in_mm_is_the_same_shape_as_in_m(tmp_path):
+    """Read with its unit; the grid is as fine as asked for, and resolves a pin that the default one rounds."""
+    pin = trimesh.creation.icosphere(subdivisions=4, radius=0.2)
+    pin.export(tmp_path / "pin.stl")
+    pin.copy().apply_scale(1e-3).export(tmp_path / "metres.stl")
+    found = load_indenter(tmp_path / "pin.stl", unit="mm", spacing_mm=0.05)
+    np.testing.assert_allclose(found.extent, load_indenter(tmp_path / "metres.stl").extent, rtol=1e-6)
+    direction = np.random.default_rng(5).normal(size=(500, 3))
+    surface = 0.2 * direction / np.linalg.norm(direction, axis=1)[:, None]
+    fine, default = (
+        np.abs(signed_distance(load_indenter(tmp_path / "pin.stl", unit="mm", **grid).shape(), surface)[0]).max()
+        for grid in ({"spacing_mm": 0.05}, {})
+    )
+    print(fine, default)
+    assert fine < 0.1 * default
+
+
+def test_a_mesh_whose_faces_turn_both_ways_is_a_body(tmp_path):
+    mesh = trimesh.creation.box([4e-3, 2e-3, 4e-3])
+    faces = mesh.faces.copy()
+    faces[:4] = faces[:4, ::-1]
+    trimesh.Trimesh(mesh.vertices, faces, process=False).export(tmp_path / "pin.obj")
+    distance = signed_distance(load_indenter(tmp_path / "pin.obj").shape(), [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]])[0]
+    np.testing.assert_allclose(distance, [-1.0, 1.0], atol=0.05)
+
+
 def test_analytic_sizes_are_those_of_the_table():
     """A sphere made by hand is the table's sphere: the order of ``size`` is what `Kind` says."""
     point = [[0.3, 0.4, 1.1]]

@@ -1,12 +1,14 @@
 """Jobs: what is accepted, what is refused and in which words."""
 
+import json
 import re
 
 import numpy as np
 import pytest
+import yaml
 
 from simgen.errors import InputError
-from simgen.job import load_job
+from simgen.job import job_from_dict, load_job
 from simgen.provenance import difference
 from simgen.resources import resource
 
@@ -79,6 +81,26 @@ def test_hash_ignores_order_of_keys_defaults_and_output_but_not_the_reference_se
     assert load_job(write(first)).hash != load_job(write(last)).hash
 
 
+@pytest.mark.parametrize("file", BUNDLED)
+def test_indenters_that_are_texts_stay_texts(file):
+    """They are part of the hashes of datasets that are there."""
+    listed = yaml.safe_load((resource("jobs") / file).read_text())["indenters"]
+    assert load_job(file).resolved()["indenters"] == listed
+
+
+def test_a_mesh_says_its_unit_and_its_grid(write):
+    file = write(MINIMAL)
+    plain = load_job(file, ["indenters=[sphere_7mm, a/pin.stl]"])
+    same = load_job(file, ["indenters=[{file: sphere_7mm}, {file: a/pin.stl, unit: m, spacing_mm: 0.2}]"])
+    assert same.hash == plain.hash
+    assert same.resolved()["indenters"] == ["sphere_7mm", "a/pin.stl"]
+    pin = {"file": "a/pin.stl", "unit": "mm", "spacing_mm": 0.1}
+    job = load_job(file, [f"indenters=[sphere_7mm, {json.dumps(pin)}]", "dataset.leave_out=pin"])
+    assert job.indenter_names == ("sphere_7mm", "pin")
+    assert job.resolved()["indenters"] == ["sphere_7mm", pin]
+    assert job_from_dict(job.resolved()).hash == job.hash != plain.hash
+
+
 def test_relative_paths_start_at_the_job_file(tmp_path, monkeypatch):
     (tmp_path / "there").mkdir()
     text = MINIMAL.replace("model: digit", "model: ./slab").replace("sphere_7mm", "pin.stl")
@@ -86,7 +108,7 @@ def test_relative_paths_start_at_the_job_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     job = load_job("there/job.yaml")
     assert job.locate("./slab") == tmp_path / "there" / "slab"
-    assert job.locate("pin.stl") == tmp_path / "there" / "pin.stl"
+    assert job.locate(job.indenters[0].file) == job.locate("pin.stl") == tmp_path / "there" / "pin.stl"
     assert job.locate("cylinder_long_7mm") == "cylinder_long_7mm"
     assert job.indenter_names == ("pin",)
     assert "there" not in str(job.resolved())
@@ -149,6 +171,29 @@ BAD = {
     "unknown element": ("", ["solver.element=P3"], 'solver.element: "P3" is not allowed; allowed: P2-P1'),
     "no indenter": ("", ["indenters=[]"], r"indenters: \[\] is not allowed; allowed: a list of names"),
     "text for a list": ("", ["indenters=sphere"], 'indenters: "sphere" is not allowed; allowed: a list'),
+    "unit of a name": (
+        "",
+        ["indenters=[{file: sphere_7mm, unit: mm}]"],
+        r"indenters=.*: indenters\.0: unit and spacing_mm are a mesh file's, and 'sphere_7mm' is a name; allowed: ",
+    ),
+    "unknown unit": (
+        "",
+        ["indenters=[sphere_7mm, {file: a.stl, unit: cm}]"],
+        r'indenters\.1\.unit: "cm" is not allowed; allowed: m or mm$',
+    ),
+    "unknown key of an indenter": (
+        "",
+        ["indenters=[{file: a.stl, spacing: 0.1}]"],
+        r"indenters\.0\.spacing: unknown key; allowed: file, unit, spacing_mm \(did you mean spacing_mm\?\)",
+    ),
+    "spacing too fine": (
+        "",
+        ["indenters=[{file: a.stl, spacing_mm: 0.001}]"],
+        r"indenters\.0\.spacing_mm: 0\.001 is not allowed; allowed: 0\.01 to 1 mm",
+    ),
+    "indenter without a file": ("", ["indenters=[{unit: mm}]"], r"indenters\.0\.file: missing; allowed: a name, or"),
+    "indenter a number": ("", ["indenters=[3]"], r"indenters\.0: 3 is not allowed; allowed: a text, or a mapping"),
+    "mesh twice": ("", ["indenters=[a.stl, {file: b/a.obj, unit: mm}]"], "indenters: 'a' is listed twice"),
     "indenter twice": ("", ["indenters=[a, b, a]"], "indenters: 'a' is listed twice"),
     "value for a section": ("", ["trajectories=3"], "trajectories: 3 is not allowed; allowed: a mapping"),
     "reserved sensor name": ("", ["sensors.press.model=digit"], "sensors: 'press' cannot name a sensor"),

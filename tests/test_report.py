@@ -72,7 +72,7 @@ def test_the_contents_lead_to_every_section(page):
 
 
 def test_every_indenter_and_sensor_is_shown(page):
-    for name in fake.make_job().indenters:
+    for name in fake.make_job().indenter_names:
         for about in ("contact patch of", "deformed by", "force, N against depth,"):
             assert pictures(page, f"{about} {name}") == 1
     for sensor in fake.make_job().sensors:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..exchange import ResultFile, Sample, is_result_file
-from ..indenter import Indenter, indenter_names, load_indenter
+from ..indenter import Indenter, chosen_indenter, indenter_names, load_indenter
 from ..job import job_from_dict
 from ..job_schema import Job
 from ..plan import chosen_fluid, chosen_material, chosen_sensor
@@ -133,7 +133,7 @@ def to_sensor_frame(sample: Sample, mesh: OutputMesh) -> tuple[Sample, float]:
 def indenter_of(sample: Sample, job: Job | None) -> Indenter:
     """By its name in the file (a path starts at the job's folder), else by the published order."""
     if sample.indenter is not None and job is not None:
-        return load_indenter(job.locate(job.indenters[job.indenter_names.index(sample.indenter)]))
+        return chosen_indenter(job, job.indenter_names.index(sample.indenter))
     names = indenter_names()
     if sample.indenter is None and sample.env >= len(names):
         raise InputError(f"env_{sample.env}: which indenter? the published order ends with env_{len(names) - 1}")

@@ -121,7 +121,7 @@ def job_reader(tmp_path_factory):
             assert len(job.hash) == 64 and json.dumps(job.resolved())
             assert (np.diff(job.depths_m) > 0).all() and job.depths_m[0] > 0
             assert job.shards <= job.presses <= job.samples
-            job.output(), [job.locate(text) for text in job.indenters]
+            job.output(), [job.locate(each.file) for each in job.indenters]
 
     return JOB_FILES, read
 
