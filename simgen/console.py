@@ -64,6 +64,12 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         for term, carried, why in sensor.terms:
             table.add_row(term, "[green]yes[/]" if carried else "no", why)
         console.print(table)
+        print_remarks(sensor.remarks)
+
+
+def print_remarks(remarks: Iterable[str]) -> None:
+    for remark in remarks:
+        console.print(f"[yellow]{escape(remark)}[/]", soft_wrap=True)
 
 
 def run_with_progress(
@@ -84,6 +90,7 @@ def run_with_progress(
             watch.workers = started
             with console.status("sampling contacts, posing them on every sensor"):
                 plan = make_plan(job, device)
+            print_remarks(plan.remarks)
             signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code takes it away
             if workers and scheduler not in (None, "sync"):
                 console.print(f"waiting for {workers} workers at {scheduler}, 5 minutes at most", soft_wrap=True)

@@ -1,7 +1,7 @@
 """From a job to all that is known before the first press: meshes, contacts, poses on every sensor, splits."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -11,22 +11,27 @@ from simgen import pairing, provenance
 from simgen.dataset import path_arrays, surface_arrays
 from simgen.errors import InputError
 from simgen.fem.status import Status
-from simgen.indenter import chosen_indenters
+from simgen.image_resolution import coarse_images
+from simgen.indenter import Indenter, chosen_indenters
 from simgen.job_schema import Job
 from simgen.quiet import check_device_name, start_warp
 from simgen.sensor import Material, Sensor, load_sensor
-from simgen.sensor_schema import MeshFile
+from simgen.sensor_meshes import OutputMeshFile
 from simgen.splits import SPLITS, number_presses, split_presses
 
 
 @dataclass(frozen=True)
 class Plan:
-    """`attributes` and `arrays` (by path, see `simgen.dataset`) of the dataset that the job will fill."""
+    """`attributes` and `arrays` (by path, see `simgen.dataset`) of the dataset that the job will fill.
+
+    `remarks` are sentences for the user: the job can be run, but may not do what was meant.
+    """
 
     job: Job
     device: str
     attributes: Mapping[str, Any]
     arrays: Mapping[str, np.ndarray]
+    remarks: Sequence[str] = ()
 
 
 def make_plan(job: Job, device: str = "cpu") -> Plan:
@@ -37,7 +42,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     """
     check_device_name(device)
     start_warp()
-    indenters = indenter_identities(job)  # first: it takes no time
+    indenters = chosen_indenters(job)  # first: it takes no time
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
     contacts = first_contacts(job, sensors, job.trajectories.count)
@@ -61,7 +66,8 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
             **surface_arrays(job, name, mesh.surface_triangles),
         }
-    return Plan(job, device, _attributes(job, device, sensors, indenters), arrays)
+    remarks = [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, float(job.depths_m.max()))]
+    return Plan(job, device, _attributes(job, device, sensors, indenters), arrays, remarks)
 
 
 def first_contacts(job: Job, sensors: Mapping[str, Sensor], count: int) -> pairing.Contacts:
@@ -88,7 +94,7 @@ def chosen_sensor(job: Job, name: str) -> Sensor:
     if choice.output is None:
         return _with_own_output(job, name)
     file = job.folder / os.path.expanduser(choice.output.file)
-    return load_sensor(job.locate(choice.model), choice.mesh, MeshFile(file=str(file), unit=choice.output.unit))
+    return load_sensor(job.locate(choice.model), choice.mesh, OutputMeshFile(file, choice.output.unit))
 
 
 def _with_own_output(job: Job, name: str) -> Sensor:
@@ -130,14 +136,12 @@ def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
     }
 
 
-def indenter_identities(job: Job) -> dict[str, Any]:
-    """Name of each indenter -> its sizes, or the sha256 of its file."""
-    return {indenter.name: indenter.identity() for indenter in chosen_indenters(job)}
+def indenter_identities(indenters: Iterable[Indenter]) -> dict[str, Any]:
+    """Name of each indenter -> its sizes, or how its mesh is read and the sha256 of its file."""
+    return {indenter.name: indenter.identity() for indenter in indenters}
 
 
-def _attributes(
-    job: Job, device: str, sensors: Mapping[str, Sensor], indenters: Mapping[str, Any]
-) -> dict[str, Any]:
+def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]) -> dict[str, Any]:
     return {
         "job": job.resolved(),
         "job_hash": job.hash,
@@ -145,7 +149,7 @@ def _attributes(
         "packages": provenance.package_versions(),
         "device": device,
         "sensors": {name: sensor_identity(job, name, sensor) for name, sensor in sensors.items()},
-        "indenters": indenters,
+        "indenters": indenter_identities(indenters),
         "splits": list(SPLITS),
         "status": {str(int(status)): status.sentence for status in Status},
     }

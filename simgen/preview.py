@@ -1,6 +1,7 @@
 """What a job would do: counts, size, time, and the physical terms that each sensor's scene carries."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +9,10 @@ import numpy as np
 from simgen.capacity import at_once, bytes_per_press
 from simgen.dataset import written_arrays
 from simgen.fem.newton import SolverSettings
+from simgen.image_resolution import coarse_images
+from simgen.indenter import Indenter, chosen_indenters
 from simgen.job_schema import Job
-from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts, indenter_identities
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts
 from simgen.press import Scene
 from simgen.quiet import start_warp
 from simgen.sensor import Material, Sensor
@@ -35,7 +38,7 @@ COMPRESSION = {
 
 @dataclass(frozen=True)
 class SensorPreview:
-    """One sensor of a job: its meshes, its material, and the terms (name, carried?, why) of its scene."""
+    """One sensor of a job: its meshes, its material, the terms (name, carried?, why) of its scene, and remarks."""
 
     name: str
     model: str
@@ -47,6 +50,7 @@ class SensorPreview:
     surface_vertices: int
     material: Material
     terms: list[tuple[str, bool, str]]
+    remarks: list[str]
 
 
 @dataclass(frozen=True)
@@ -72,11 +76,11 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     Raises `InputError` where a run would, but for contacts beyond the first `MOST_CONTACTS`.
     """
     start_warp()
-    indenter_identities(job)
+    indenters = chosen_indenters(job)
     loaded = {name: chosen_sensor(job, name) for name in job.sensors}
     contacts = min(job.trajectories.count, MOST_CONTACTS)
     first_contacts(job, loaded, contacts)
-    sensors = [_preview_sensor(job, name, sensor) for name, sensor in loaded.items()]
+    sensors = [_preview_sensor(job, name, sensor, indenters) for name, sensor in loaded.items()]
     kind = device.partition(":")[0]
     unknowns = sum(sensor.unknowns for sensor in sensors)
     return Preview(
@@ -94,7 +98,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     )
 
 
-def _preview_sensor(job: Job, name: str, sensor: Sensor) -> SensorPreview:
+def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Indenter]) -> SensorPreview:
     material = chosen_material(job, name, sensor)
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
     scene = Scene(sensor, material, job.solver.element, settings=settings, fluid=chosen_fluid(job, name, sensor))
@@ -110,6 +114,7 @@ def _preview_sensor(job: Job, name: str, sensor: Sensor) -> SensorPreview:
         len(sensor.output_mesh.surface_vertices),
         material,
         scene.terms,
+        coarse_images(name, sensor, indenters, float(job.depths_m.max())),
     )
 
 

@@ -20,13 +20,13 @@ from simgen.errors import InputError
 from simgen.parsing import parsing
 from simgen.region_edges import NEAR, cut
 from simgen.resources import resource
+from simgen.sensor_meshes import OutputMeshFile
 from simgen.sensor_schema import (
     CameraSettings,
     Core,
     Electrodes,
     Gel,
     Material,
-    MeshFile,
     MeshSize,
     Selection,
     SensorDescription,
@@ -120,7 +120,7 @@ def bundled_sensors() -> list[str]:
     return sorted(path.parent.name for path in resource("sensor_models").glob("*/sensor.yaml"))
 
 
-def load_sensor(model: str | Path, mesh: str = "default", output: MeshFile | None = None) -> Sensor:
+def load_sensor(model: str | Path, mesh: str = "default", output: OutputMeshFile | None = None) -> Sensor:
     """The sensor with its simulation mesh ``default``, ``coarse`` or ``fine``, and its output mesh.
 
     Meshes come from the sensor's own folder (the bundled ones), else from the user's cache, else they are

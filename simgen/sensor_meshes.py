@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from simgen.interpolation import locate
 from simgen.mesh_quality import MeshQuality, check, measure
 from simgen.parsing import parsing
 from simgen.region_edges import align
-from simgen.sensor_schema import MeshFile, MeshSize
+from simgen.sensor_schema import MeshSize
 from simgen.surface import shells
 from simgen.tetrahedra import (
     OutputMesh,
@@ -55,6 +55,13 @@ def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:
     )
 
 
+class OutputMeshFile(NamedTuple):
+    """A file of tetrahedra whose vertices are stored, and the unit of its coordinates, m or mm."""
+
+    path: Path
+    unit: str
+
+
 def output_mesh(geometry: SensorGeometry) -> OutputMesh:
     """The output mesh: the user's own tetrahedra, or the committed, cached or newly made one."""
     settings = output_settings(geometry)
@@ -68,7 +75,7 @@ def output_mesh(geometry: SensorGeometry) -> OutputMesh:
 
 
 def output_from_file(
-    geometry: SensorGeometry, file: MeshFile, solved: SimulationMesh
+    geometry: SensorGeometry, file: OutputMeshFile, solved: SimulationMesh
 ) -> tuple[OutputMesh, np.ndarray]:
     """The output mesh in a file of tetrahedra, and the points (v, 3) m of the gel with which its vertices move.
 
@@ -76,7 +83,7 @@ def output_from_file(
     surface. A vertex is held if it lies in a held region, or if that point does. Raises InputError for a file that
     `mesh_files.read_mesh` refuses, for one without tetrahedra, and for a vertex further off the gel than `FARTHEST`.
     """
-    path = Path(file.file)
+    path = file.path
     _, vertices, tetrahedra = mesh_files.read_mesh(path, file.unit)
     if vertices is None:
         allowed = " ".join(mesh_files.TET_SUFFIXES)

@@ -26,7 +26,7 @@ from simgen.errors import InputError
 from simgen.indenter import Indenter, chosen_indenters
 from simgen.indenter_path import IndenterPath
 from simgen.job_schema import OF_SURFACE, Job
-from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, sensor_identity
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, follow
 from simgen.provenance import difference, package_versions, source_hash
 from simgen.quiet import start_warp
@@ -103,7 +103,7 @@ def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
     own = {
         **LOADED,
         "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
-        "indenters": {own.name: own.identity() for own in _indenters(job)},
+        "indenters": indenter_identities(_indenters(job)),
     }
     return json.dumps(own, sort_keys=True)
 

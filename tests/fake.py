@@ -15,6 +15,7 @@ import trimesh
 import zarr
 
 from simgen.dataset import Dataset, path_arrays
+from simgen.indenter import chosen_indenters
 from simgen.job import job_from_dict
 from simgen.job_schema import Job
 from simgen.plan import indenter_identities
@@ -76,7 +77,7 @@ def make_plan(job: Job) -> SimpleNamespace:
         "code": code_version(),
         "packages": package_versions(),
         "sensors": {},  # the ball is no sensor that could be loaded again
-        "indenters": indenter_identities(job),
+        "indenters": indenter_identities(chosen_indenters(job)),
         "status": {"0": "Converged.", "1": "Stalled.", "2": "Never touched."},
     }
     return SimpleNamespace(job=job, device="cpu", attributes=attributes, arrays=arrays)

@@ -26,7 +26,7 @@ HOUSE = {
                 "folder_lock", "finding", "audit", "touch_audit", "touchable", "contact_patch", "run_status", "splits",
                 "card", "loading", "torch_samples", "exchange", "hdf5_files", "electrode_files", "electrodes",
                 "electrode_gaps", "electrode_model"],
-    "run": ["plan", "shard_writer", "shard", "workers", "run"],
+    "run": ["image_resolution", "plan", "shard_writer", "shard", "workers", "run"],
     "views": ["drawing", "pictures", "page", "preview", "report", "console", "reference_page",
               "job_reference"],
     "optics": ["optics"],

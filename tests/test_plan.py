@@ -11,6 +11,7 @@ import yaml
 
 from simgen.errors import InputError
 from simgen.fem.newton import SolverSettings
+from simgen.indenter import chosen_indenters
 from simgen.job import load_job
 from simgen.job_schema import Solver, Trajectories
 from simgen.pairing import ContactSettings
@@ -36,7 +37,7 @@ def plan():
 
 
 def test_a_plan_records_its_sensors_and_indenters(plan):
-    assert plan.attributes["indenters"] == indenter_identities(plan.job)
+    assert plan.attributes["indenters"] == indenter_identities(chosen_indenters(plan.job))
     for name in plan.job.sensors:
         expected = sensor_identity(plan.job, name, chosen_sensor(plan.job, name))
         assert plan.attributes["sensors"][name] == expected
@@ -172,7 +173,7 @@ def inputs(folder):
     """What a plan of the folder's job records of its sensor and its indenter."""
     job = load_job(folder / "job.yaml")
     sensor = sensor_identity(job, "slab", chosen_sensor(job, "slab"))
-    return {"sensors": {"slab": sensor}, "indenters": indenter_identities(job)}
+    return {"sensors": {"slab": sensor}, "indenters": indenter_identities(chosen_indenters(job))}
 
 
 def test_an_edit_of_what_a_user_brings_makes_another_dataset(own_inputs):

@@ -15,7 +15,7 @@ from simgen.mesh_quality import LEAST_DETERMINANT, LEAST_MEAN_RATIO, components,
 from simgen.resources import resource
 from simgen.scene import Scene
 from simgen.sensor import bundled_sensors, load_geometry, load_sensor, remake
-from simgen.sensor_schema import MeshFile
+from simgen.sensor_meshes import OutputMeshFile
 from simgen.tetrahedra import interpolation_matrix
 
 SOLID = {"youngs_modulus_pa": 539e3, "poisson_ratio": 0.499, "friction": 0.78}
@@ -316,11 +316,11 @@ def test_a_users_own_tetrahedra_can_be_solved_on(reference, tmp_path):
 # An output mesh of one's own
 
 
-def write_tet(file, vertices, tetrahedra) -> MeshFile:
+def write_tet(file, vertices, tetrahedra) -> OutputMeshFile:
     """A file of tetrahedra in m, every digit kept."""
     rows = [f"v {x!r} {y!r} {z!r} 0" for x, y, z in vertices.tolist()]
     file.write_text("\n".join(rows + ["t {} {} {} {}".format(*row) for row in tetrahedra.tolist()]))
-    return MeshFile(file=str(file), unit="m")
+    return OutputMeshFile(file, "m")
 
 
 def moved(slab, shift):

@@ -8,6 +8,7 @@ import trimesh
 
 from simgen import shard
 from simgen.dataset import Dataset
+from simgen.indenter import chosen_indenters
 from simgen.plan import indenter_identities, sensor_identity
 from simgen.provenance import code_version, package_versions
 from simgen.run import run
@@ -56,7 +57,7 @@ def test_a_dataset_finds_its_indenter_again_from_anywhere(tmp_path, monkeypatch)
     monkeypatch.chdir("/")
     again = Dataset(dataset.path)
     assert again.job.locate("./block.stl") == tmp_path / "jobs/block.stl"
-    assert indenter_identities(again.job) == again.attributes["indenters"]
+    assert indenter_identities(chosen_indenters(again.job)) == again.attributes["indenters"]
 
 
 def test_a_worker_with_another_mesh_writes_nothing(tmp_path):
@@ -79,7 +80,8 @@ def test_what_was_checked_last_is_what_is_pressed(monkeypatch):
     monkeypatch.setattr("simgen.shard.sensor_identity", lambda job, name, sensor: {"mesh": sensor})
     for mesh in ("one", "other", "one"):
         files["digit"] = mesh
-        here = {"code": code_version(), "packages": package_versions(), "indenters": indenter_identities(job)}
+        indenters = indenter_identities(chosen_indenters(job))
+        here = {"code": code_version(), "packages": package_versions(), "indenters": indenters}
         shard._check_inputs(job, shard.recorded_inputs({**here, "sensors": {"digit": {"mesh": mesh}}}))
         assert shard._sensor(job, "digit") == mesh
     shard._sensor.cache_clear()
