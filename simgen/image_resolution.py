@@ -16,7 +16,7 @@ from simgen.tetrahedra import OutputMesh
 
 MM = 1e3  # millimetres per metre
 LONGEST, WANTED = 0.6, 0.4  # contact radii: edges that are remarked on, and those to ask the mesher for instead
-POINTS = 201  # on a side of the grid on which a contact is measured
+POINTS, SECTIONS = 201, 4  # of the grid on which a contact is measured: on a side, and along the depth
 
 
 def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], depth_m: float) -> list[str]:
@@ -39,16 +39,17 @@ def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], dept
 
 
 def contact_radius(indenter: Indenter, depth_m: float) -> float:
-    """Radius, m, of the largest circle in the section of an indenter at a depth, m, behind its tip."""
+    """Radius, m, of the largest circle in the outline of what lies up to a depth, m, behind an indenter's tip."""
     low, high = MM * indenter.extent
     axes = [np.linspace(low[axis], high[axis], POINTS) for axis in (0, 2)]
-    x, z = np.meshgrid(*axes, indexing="ij")
-    points = np.column_stack([x.ravel(), np.full(x.size, high[1] - MM * depth_m), z.ravel()])
+    heights = high[1] - MM * depth_m * np.arange(1, SECTIONS + 1) / SECTIONS
+    x, y, z = np.meshgrid(axes[0], heights, axes[1], indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     if indenter.source is not None:
         distance = mesh_distance(indenter.source, points)
     else:
         distance = signed_distance(indenter.shape(), points)[0]
-    inside = np.pad((distance < 0.0).reshape(x.shape), 1)
+    inside = np.pad((distance < 0.0).reshape(x.shape).any(axis=1), 1)
     cell = [axis[1] - axis[0] for axis in axes]
     return float(distance_transform_edt(inside, sampling=cell).max()) / MM
 

@@ -36,6 +36,13 @@ def test_the_contact_of_a_sphere_is_its_cap(depth_mm, tmp_path):
         assert contact_radius(indenter, 1e-3 * depth_mm) == pytest.approx(exact, abs=0.036e-3)
 
 
+def test_a_body_that_is_thinner_than_the_depth_has_its_own_width(tmp_path):
+    """A bar of 4 x 0.4 x 1 mm, lying, at 0.6 mm."""
+    trimesh.creation.box([4.0, 0.4, 1.0]).export(tmp_path / "bar.stl")
+    bar = load_indenter(tmp_path / "bar.stl", unit="mm")
+    assert contact_radius(bar, 0.6e-3) == pytest.approx(0.5e-3, abs=0.02e-3)
+
+
 def test_the_contact_of_a_ring_is_as_wide_as_its_wall():
     assert contact_radius(load_indenter("ring_7mm"), 1e-3) == pytest.approx(1.75e-3, abs=0.07e-3)
 
