@@ -10,10 +10,13 @@ import re
 from simgen.fem.newton import SolverSettings
 from simgen.job_schema import (
     DEEPEST_INT16_MM,
+    OF_PATHS,
+    OUTPUTS,
     DatasetSettings,
     Depths,
     IndenterChoice,
     Job,
+    Leg,
     MaterialChoice,
     OutputFile,
     SensorChoice,
@@ -47,6 +50,7 @@ SECTIONS: dict[str, type[Section]] = {
     "sensors.NAME.output": OutputFile,
     "indenters": IndenterChoice,
     "trajectories": Trajectories,
+    "trajectories.path": Leg,
     "depths_mm": Depths,
     "solver": Solver,
     "dataset": DatasetSettings,
@@ -61,6 +65,9 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         "indenters": "what is pressed at every contact, each by its name or path, or by the keys below",
         "trajectories": "how many contacts, and how they vary",
         "depths_mm": "the depths that are stored",
+        "outputs": "what is stored of a sensor beside displacement, force and moment. "
+                   + "".join(f"`{name}`: {about}. " for name, about in OUTPUTS.items())
+                   + f"{' and '.join(f'`{name}`' for name in OF_PATHS)} are stored of every path with legs",
         "solver": "element, tolerances and constants; leave it out unless you study the solver",
         "dataset": "how the samples are stored and split",
     },
@@ -89,7 +96,13 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
     },
     Trajectories: {
         "count": "contact poses; each is pressed with every indenter into every sensor",
+        "path": "what the indenter does after it has pressed to the last depth, leg after leg",
         **contact_meanings(),
+    },
+    Leg: {
+        "move_mm": "how far the indenter moves on this leg: x and z shear or slide, +y presses deeper, -y lets go",
+        "turn_deg": "how far it turns on this leg, right-handed about +y",
+        "steps": "samples that are kept of the leg, evenly spaced; the last one is at its end",
     },
     Depths: {
         "first": "the least depth, counted from true first touch on each sensor",
@@ -143,6 +156,14 @@ indenters: [sphere_7mm, ./egg.stl, {file: ./pin.stl, unit: mm, spacing_mm: 0.1}]
 """,
     "trajectories": """\
 trajectories: {count: 200, max_tilt_deg: 0, roll_range_deg: [0, 0]}   # straight presses, never turned
+""",
+    "trajectories.path": """\
+trajectories:
+  count: 10
+  path:                                  # after the press
+    - {move_mm: [0.5, 0, 0], steps: 5}   # shear along x of the contact frame
+    - {turn_deg: 20, steps: 4}           # twist about the press axis
+    - {move_mm: [0, -1.2, 0], steps: 6}  # let go
 """,
     "depths_mm": """\
 depths_mm: {first: 0.5, last: 2.0, count: 4}   # 0.5, 1, 1.5 and 2 mm

@@ -135,7 +135,7 @@ class IndenterChoice(Section):
 
 
 class Trajectories(Section):
-    """How many contact poses, `simgen.pairing.ContactSettings`, and the path of the indenter after its press."""
+    """How many contact poses, how they vary, and the path of the indenters after their press."""
 
     count: int = Field(ge=1, le=1_000_000, description="a whole number of contact poses, 1 to 1000000")
     max_tilt_deg: float = Field(5.0, ge=0.0, le=45.0, description="0 to 45 degrees")

@@ -66,7 +66,8 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
             **surface_arrays(job, name, mesh.surface_triangles),
         }
-    remarks = [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, float(job.depths_m.max()))]
+    deepest = float(job.depths_m.max())
+    remarks = [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, deepest)]
     return Plan(job, device, _attributes(job, device, sensors, indenters), arrays, remarks)
 
 

@@ -86,6 +86,8 @@ def _kind(annotation: Any) -> str:
         return _kind(next(each for each in inner if each is not type(None)))
     if origin is tuple:
         return _list(inner)
+    if origin is dict and get_origin(inner[1]) is tuple:
+        return f"mapping of names to {_list(get_args(inner[1])).replace('list', 'lists', 1)}"
     if any(inner_sections(annotation)):
         text = "text or " if getattr(annotation, "text_means", None) else ""
         return "mapping of names to sections" if origin is dict else f"{text}section"
@@ -94,15 +96,15 @@ def _kind(annotation: Any) -> str:
 
 def _list(inner: tuple) -> str:
     if Ellipsis not in inner:
-        return "list of two numbers"
+        return f"list of {('two', 'three')[len(inner) - 2]} numbers"
     words = "names" if get_origin(inner[0]) is Literal else _kind(inner[0])
-    return f"list of {words}{'s' * words.endswith('number')}"
+    return f"list of {words}{'s' * (words in ('number', 'section'))}"
 
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
-    if field.default is None:
+    if field.default is None or field.default in ((), {}):
         return "-"
     if isinstance(field.default, Section):
         return "its defaults"

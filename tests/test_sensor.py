@@ -378,7 +378,7 @@ def test_a_mesh_off_the_gel_is_refused(slab_folder, slab, tmp_path, change, says
 
 def test_a_surface_is_no_output_mesh(slab_folder):
     with pytest.raises(InputError, match=r"slab.stl: a surface; allowed: a file of tetrahedra"):
-        load_sensor(slab_folder, output=MeshFile(file=str(slab_folder / "slab.stl"), unit="mm"))
+        load_sensor(slab_folder, output=OutputMeshFile(slab_folder / "slab.stl", "mm"))
 
 
 PUBLISHED = {"digit": "digit/digit_gel.mesh", "biotac": "biotac/int_ext_skin_combined_ftw.tet"}
@@ -388,7 +388,7 @@ PUBLISHED = {"digit": "digit/digit_gel.mesh", "biotac": "biotac/int_ext_skin_com
 def test_the_bundled_sensors_on_published_vertices(reference, model, held):
     """In the order of the file, as another reader of it has them. Held as published, give or take a rim."""
     file = reference / PUBLISHED[model]
-    sensor = load_sensor(model, output=MeshFile(file=str(file), unit="m"))
+    sensor = load_sensor(model, output=OutputMeshFile(file, "m"))
     if model == "biotac":
         rows = [line.split() for line in file.read_text().splitlines()]
         vertices = np.array([row[1:4] for row in rows if row[:1] == ["v"]], dtype=float)
