@@ -56,8 +56,11 @@ def pairs(selection: Selection) -> np.ndarray:
 
 
 def about(dataset: Dataset) -> dict[str, str | int]:
-    """Attributes of a file: the job that it came from, and the code."""
-    return {"job": json.dumps(dataset.attributes["job"]), "code": json.dumps(dataset.attributes.get("code"))}
+    """Attributes of a file: the job that it came from, how its dataset has grown, and the code."""
+    known = {"job": dataset.attributes["job"], "code": dataset.attributes.get("code")}
+    if dataset.grown_from:  # which decides the splits, as the job does
+        known["grown_from"] = dataset.grown_from
+    return {key: json.dumps(value) for key, value in known.items()}
 
 
 def write_rest_mesh(dataset: Dataset, sensor: str, folder: Path) -> None:

@@ -1,5 +1,6 @@
 """What result files hold, before any of their arrays is read: which samples of which sensor, where, how deep."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +35,7 @@ class Catalogue:
         first touches the sensor; those of which the files say it
     sensor_pose : as that, sensor frame -> shared frame
     own_jobs : what the files of simgen say of the job they came from, JSON; one at most
+    grown_from : how many trajectories their dataset had before each growth
     """
 
     samples: dict[str, dict[tuple[int, str], list[Place]]] = field(default_factory=dict)
@@ -41,6 +43,7 @@ class Catalogue:
     first_touch: dict[str, dict[tuple[int, str], np.ndarray]] = field(default_factory=dict)
     sensor_pose: dict[str, dict[tuple[int, str], np.ndarray]] = field(default_factory=dict)
     own_jobs: dict[str, Path] = field(default_factory=dict)
+    grown_from: tuple[int, ...] = ()
     files: dict[Path, dict[str, str]] = field(default_factory=dict)
     indenters_stated: bool = True
 
@@ -93,6 +96,7 @@ def _add(found: Catalogue, file: ResultFile, sensor: str) -> None:
         if len(found.own_jobs) > 1:
             raise InputError(f"{file.path}: of another job than {next(iter(found.own_jobs.values()))}; "
                              "import one job at a time")  # fmt: skip
+        found.grown_from = _grown_from(file)
     presses, taken = found.samples[sensor], {trial for trial, _ in found.samples[sensor]}
     for (trial, env), steps in file.presses().items():
         stated = [file.stated(trial, env, step) for step in steps]
@@ -113,6 +117,16 @@ def _add(found: Catalogue, file: ResultFile, sensor: str) -> None:
             if stated[0].keys() >= {"pose", "depth_m"}:
                 pose = stated[0]["sensor_pose"] @ stated[0]["pose"]
                 found.first_touch[sensor][key] = advanced(pose, -stated[0]["depth_m"])
+
+
+def _grown_from(file: ResultFile) -> tuple[int, ...]:
+    try:
+        counts = json.loads(file.attributes.get("grown_from", "[]"))
+        if all(isinstance(count, int) and count > 0 for count in counts) and counts == sorted(set(counts)):
+            return tuple(counts)
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f"{file.path}: attribute grown_from: not what simgen wrote")
 
 
 def _trajectory(found: Catalogue, file: ResultFile, sensor: str) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 
 from simgen.errors import InputError
 from simgen.exchange.catalogue import Catalogue, Place
+from simgen.indenter_path import IndenterPath
 from simgen.job_schema import Job
 
 ROUNDING_M = 1e-9  # depths of a dataset are whole nanometres
@@ -43,13 +44,15 @@ def _parsed(text: str) -> dict[str, float | int]:
         raise InputError(f"--depths-mm {text!r}: write it as first:last:count, such as 0.1:2.0:20") from None
 
 
-def on_axis(found: Catalogue, axis: np.ndarray) -> tuple[dict[str, dict[tuple[int, str], dict[int, Place]]], int]:
+def on_axis(found: Catalogue, path: IndenterPath) -> tuple[dict[str, dict[tuple[int, str], dict[int, Place]]], int]:
     """Sensor -> press -> index of the depth -> its sample; and how many samples have no place.
 
-    axis : (depth,) m. A sample goes to the nearest depth, if none is nearer to that and it is within half a spacing;
-    without a depth, step j is the j-th. Raises `InputError` for a step beyond the last depth, and if no sample is left.
+    A sample goes to the nearest depth of a press, if none is nearer to that and it is within half a spacing; without a
+    depth, step j is the j-th. With legs, which depths do not tell apart, step j is always the j-th. Raises `InputError`
+    for a step beyond the last one, and if no sample is left.
     """
-    placed = {sensor: {key: _press(places, axis) for key, places in presses.items()}
+    axis = path.depths_m
+    placed = {sensor: {key: _press(places, axis, path.is_a_press) for key, places in presses.items()}
               for sensor, presses in found.samples.items()}  # fmt: skip
     kept = sum(len(press) for presses in placed.values() for press in presses.values())
     if not kept:
@@ -57,13 +60,13 @@ def on_axis(found: Catalogue, axis: np.ndarray) -> tuple[dict[str, dict[tuple[in
     return placed, len(found.depths()) - kept
 
 
-def _press(places: list[Place], axis: np.ndarray) -> Mapping[int, Place]:
+def _press(places: list[Place], axis: np.ndarray, by_depth: bool) -> Mapping[int, Place]:
     spacing = axis[1] - axis[0] if len(axis) > 1 else axis[0]
     nearest: dict[int, tuple[float, Place]] = {}
     for place in places:
-        if place.depth_m is None:
+        if place.depth_m is None or not by_depth:
             if place.step >= len(axis):
-                raise InputError(f"{place.path}: step_{place.step}, but --depths-mm has {len(axis)} depths")
+                raise InputError(f"{place.path}: step_{place.step}, but there are {len(axis)} depths")
             nearest[place.step] = 0.0, place
             continue
         index = int(np.abs(axis - place.depth_m).argmin())

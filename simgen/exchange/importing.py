@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from simgen import provenance
-from simgen.dataset import Dataset
+from simgen.dataset import Dataset, path_arrays
 from simgen.dataset_writer import manifest_aside, write_aside, write_plan
 from simgen.errors import InputError, writing
 from simgen.exchange.catalogue import Catalogue, Place, read_catalogue
@@ -58,8 +58,9 @@ def import_results(
     found = read_catalogue(files, {sensor: mesh.path for sensor, mesh in rest.items()}, track)
     own = _own_job(found)
     axis = depth_axis(found, depths_mm, own)
-    job = _job(found, rest, axis, own, name or (own.name if own else output.name.removesuffix(".zarr")))
-    samples, left_out = on_axis(found, job.depths_m)
+    legs = own.resolved()["trajectories"].get("path", []) if own and depths_mm is None else []
+    job = _job(found, rest, axis, legs, own, name or (own.name if own else output.name.removesuffix(".zarr")))
+    samples, left_out = on_axis(found, job.indenter_path)
     attributes = _attributes(found, rest, job, left_out)
     with writing(output), whole_folder(output.resolve()) as folder:
         write_plan(folder, attributes, _planned(found, rest, job, own, samples), job)
@@ -77,7 +78,9 @@ def _own_job(found: Catalogue) -> Job | None:
     return None
 
 
-def _job(found: Catalogue, rest: Mapping[str, RestMesh], axis: dict, own: Job | None, name: str) -> Job:
+def _job(
+    found: Catalogue, rest: Mapping[str, RestMesh], axis: dict, legs: list[dict], own: Job | None, name: str
+) -> Job:
     """What the files say of a job; Dataset fills in defaults, which then mean nothing."""
     return job_from_dict(
         {
@@ -85,7 +88,7 @@ def _job(found: Catalogue, rest: Mapping[str, RestMesh], axis: dict, own: Job | 
             "seed": own.seed if own else 0,
             "sensors": {sensor: {"model": mesh.path.name} for sensor, mesh in rest.items()},
             "indenters": found.names,
-            "trajectories": {"count": len(found.trials)},
+            "trajectories": {"count": len(found.trials), **({"path": legs} if legs else {})},
             "depths_mm": axis,
             "dataset": {"displacement": "float32"},
         },
@@ -130,10 +133,10 @@ def _planned(
     of_press = np.repeat(np.arange(len(trials)), len(found.names))
     indenter = np.tile(np.arange(len(found.names), dtype=np.int32), len(trials))
     arrays = {
-        "depth": job.depths_m,
+        **path_arrays(job.indenter_path),
         "press/trajectory": trials[of_press],
         "press/indenter": indenter,
-        "press/split": _splits(trials, of_press, indenter, job, own),
+        "press/split": _splits(trials, of_press, indenter, job, own, found.grown_from),
     }
     for sensor, mesh in rest.items():
         depth = np.full((len(keys), len(job.depths_m)), np.nan)
@@ -149,11 +152,13 @@ def _planned(
     return arrays
 
 
-def _splits(trials: np.ndarray, of_press: np.ndarray, indenter: np.ndarray, job: Job, own: Job | None) -> np.ndarray:
+def _splits(
+    trials: np.ndarray, of_press: np.ndarray, indenter: np.ndarray, job: Job, own: Job | None, grown_from: Sequence[int]
+) -> np.ndarray:
     """(press,) int8. Presses of a job of simgen stay in their splits: what was trained on is not tested on."""
     if own is None or trials[-1] >= own.trajectories.count:
         return split_by_trajectory(len(trials), job.seed)[of_press]
-    split = split_by_trajectory(own.trajectories.count, own.seed)[trials[of_press]]
+    split = split_by_trajectory(own.trajectories.count, own.seed, grown_from)[trials[of_press]]
     if (name := own.dataset.leave_out) is None:
         return split
     left_out = job.indenter_names.index(name) if name in job.indenter_names else len(job.indenter_names)

@@ -60,6 +60,31 @@ def test_round_trip(which, layout, request, tmp_path):
         np.testing.assert_array_equal(imported[f"{sensor}/stated_depth"], stated)
 
 
+def test_a_path_comes_back_step_by_step(tmp_path):
+    """Three steps at one depth, which depths alone could not tell apart."""
+    legs = [{"move_mm": [0.2, 0.0, 0.0], "steps": 2}, {"move_mm": [0.0, -0.3, 0.0], "turn_deg": 9.0, "steps": 1}]
+    dataset = make_dataset(tmp_path / "d.zarr", fake.fake_presser, trajectories={"count": 2, "path": legs})
+    export(dataset, "across", tmp_path / "out")
+    imported = import_all(tmp_path / "out", tmp_path / "back.zarr")
+    for name in ("depth", "path/offset", "path/turn", "path/leg", "digit/status", "biotac/force"):
+        np.testing.assert_array_equal(imported[name], dataset[name])
+    moved = imported.displacement("digit", 1) - dataset.displacement("digit", 1)
+    assert np.abs(moved).max() <= storage_error(dataset, "digit")
+    np.testing.assert_allclose(imported["press/pose"], dataset["press/pose"], atol=1e-15)
+    assert passes(check(imported))
+
+
+def test_a_dataset_that_has_grown_keeps_its_splits(tmp_path):
+    make_dataset(tmp_path / "d.zarr", fake.fake_presser, trajectories={"count": 4})
+    dataset = make_dataset(tmp_path / "d.zarr", fake.fake_presser, trajectories={"count": 20})
+    assert dataset.grown_from == (4,)
+    export(dataset, "across", tmp_path / "out")
+    imported = import_all(tmp_path / "out", tmp_path / "back.zarr")
+    np.testing.assert_array_equal(imported["press/split"], dataset["press/split"])
+    at_once = make_dataset(tmp_path / "e.zarr", fake.fake_presser, trajectories={"count": 20})
+    assert (at_once["press/split"] != dataset["press/split"]).any()  # so that the job alone would not do
+
+
 def test_poses_come_back_as_far_as_samples_tell_them(one_sided, tmp_path):
     """To the rounding of a few float64 products. The ring's sensor poses are known where the ring has samples."""
     export(one_sided, "across", tmp_path / "out")
@@ -252,7 +277,7 @@ def spoiled(rest, **changes):
         ({"coordinates": np.full((4, 3), 0.05)}, {}, "mm from the mesh of digit, at most 10 is allowed"),
         ({"env": 9}, {}, "env_9: which indenter? the published order ends with env_8"),
         ({"depth": None}, {}, "do not say how deep their steps are; add --depths-mm first:last:count"),
-        ({"depth": None, "step": 3}, {"depths_mm": "0.1:0.3:3"}, "step_3, but --depths-mm has 3 depths"),
+        ({"depth": None, "step": 3}, {"depths_mm": "0.1:0.3:3"}, "step_3, but there are 3 depths"),
         ({"depth": 0.02}, {}, "depths_mm.first: 20.0 is not allowed"),
         ({}, {"depths_mm": "0.1:0.3"}, "--depths-mm '0.1:0.3': write it as first:last:count"),
         ({}, {"depths_mm": "0.3:0.1:3"}, "first must be less than last"),
