@@ -159,7 +159,7 @@ class Samples:
             found["liquid_volume_error"] = np.abs(lacking) / scene.cavity.volume
             found["cavity_pressure"] = pressure * scene.material.youngs_modulus_pa
         environments = np.flatnonzero(reached)
-        surface = scene.surface_outputs.take(environments)
+        surface = scene.surface_outputs.take(len(environments))
         for k, (env, displacement) in enumerate(zip(environments, self.displacement(environments), strict=True)):
             of_surface = {name: values[k] for name, values in surface.items()}
             yield env, {"displacement": displacement, **of_surface} | {name: each[env] for name, each in found.items()}

@@ -25,7 +25,7 @@ from .contact_forces import (
     contact_tangent_kernel,
 )
 from .contact_history import anchor_kernel, carry_kernel, change_kernel, extrapolate_kernel, update_kernel
-from .contact_results import corner_traction_kernel, gap_kernel, nearest_kernel, resultant_kernel
+from .contact_results import corner_forces_kernel, gap_kernel, nearest_kernel, resultant_kernel
 from .element import Element, face_geometry
 from .material import mat33, vec3
 from .traction import Surface
@@ -63,7 +63,7 @@ class Contact:
         edges = np.sqrt(2.0 * geometry.areas.sum(axis=1))
         np.add.at(weights, slots, edges[:, None] * (geometry.areas @ geometry.multiplier_shapes))
         self.host_faces, self.n_slots = faces, len(corners)
-        self.corners, self.corner_areas = corners, np.zeros(len(corners))  # nodes, mm2
+        self.corners, self.corner_areas = corners, np.zeros(len(corners))  # nodes; mm2, shares of the faces' areas
         np.add.at(self.corner_areas, slots, geometry.areas @ geometry.multiplier_shapes)
         self.weights = wp.array(weights, dtype=wp.float64, device=device)
         self.edge = float(np.sqrt((edges**2).mean()))  # mm, of a mean face
@@ -237,14 +237,12 @@ class Contact:
         rms = np.sqrt(squared / area)
         return Resultants(force.numpy(), moment.numpy(), rms, np.maximum(deepest, 0.0), sliding / area)
 
-    def corner_tractions(self, x) -> np.ndarray:
-        """Traction (corner, env, 3) on the sensor at state x, per rest area, at `corners`.
+    def add_corner_forces(self, sums: wp.array, x, first: int = 0):
+        """Add the forces on the sensor at state x, shared among `corners`, to sums (corner, 3, lane).
 
-        A corner has its share of the contact's force over its share of the area, so that their sum is the force.
+        Over `corner_areas` they are tractions per rest area. Lanes are the active environments from ``first`` on.
         """
-        force = wp.zeros((self.n_slots, self.n_env), dtype=vec3, device=self.device)
-        self._launch(corner_traction_kernel, [x, self.active], [force])
-        return force.numpy() / self.corner_areas[:, None, None]
+        self._launch(corner_forces_kernel, [x, self.active, first], [sums], dim=(len(self.host_faces), sums.shape[2]))
 
     def nearest(self, x, dense: wp.array) -> np.ndarray:
         """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, nodes)."""

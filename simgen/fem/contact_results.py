@@ -76,16 +76,20 @@ def resultant_kernel(
 
 
 @wp.kernel
-def corner_traction_kernel(
+def corner_forces_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
+    first: wp.int32,
     # outputs
-    force_out: wp.array2d(dtype=vec3),
+    force_out: wp.array3d(dtype=wp.float64),
 ):
-    """Forces (slot, env) on the sensor, shared among the corners of faces by their linear shape functions."""
+    """Forces (slot, component, lane) on the sensor, shared among the corners of faces by their linear shape functions.
+
+    Lane 0 is the environment ``active[first]``.
+    """
     k, lane = wp.tid()
-    env = active[lane]
+    env = active[first + lane]
     if env < 0:
         return
     if k >= s.count[env]:
@@ -97,7 +101,8 @@ def corner_traction_kernel(
         if found.pressure > real(0.0):
             force = s.areas[f, q] * (found.pressure * found.normal + found.friction)
             for i in range(3):
-                wp.atomic_add(force_out, s.slots[f, i], env, s.multiplier_shapes[q, i] * force)
+                for c in range(3):
+                    wp.atomic_add(force_out, s.slots[f, i], c, lane, s.multiplier_shapes[q, i] * force[c])
 
 
 @wp.kernel

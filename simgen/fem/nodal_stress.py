@@ -25,12 +25,16 @@ def nodal_stress_kernel(
     points: wp.array(dtype=wp.vec4d),
     volumes: wp.array(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
+    first: wp.int32,
     # outputs
     stress_out: wp.array3d(dtype=wp.float64),
 ):
-    """Sums of volume times stress (slot, component, env) over elements; a node without a slot (-1) is left out."""
+    """Sums of volume times stress (slot, component, lane) over elements; a node without a slot (-1) is left out.
+
+    Lane 0 is the environment ``active[first]``.
+    """
     i, lane = wp.tid()
-    env = active[lane]
+    env = active[first + lane]
     if env < 0:
         return
     e = elements[i]
@@ -44,43 +48,45 @@ def nodal_stress_kernel(
             F = (rest + interpolate(points[a], ua, ub, uc, ud)) * wp.inverse(rest)
             J = wp.determinant(F)
             sigma = volumes[i] * cauchy(F, J, wp.dot(points[a], pressures), s.mu, s.gamma)
-            wp.atomic_add(stress_out, slot, 0, env, sigma[0, 0])
-            wp.atomic_add(stress_out, slot, 1, env, sigma[1, 1])
-            wp.atomic_add(stress_out, slot, 2, env, sigma[2, 2])
-            wp.atomic_add(stress_out, slot, 3, env, sigma[1, 2])
-            wp.atomic_add(stress_out, slot, 4, env, sigma[0, 2])
-            wp.atomic_add(stress_out, slot, 5, env, sigma[0, 1])
+            wp.atomic_add(stress_out, slot, 0, lane, sigma[0, 0])
+            wp.atomic_add(stress_out, slot, 1, lane, sigma[1, 1])
+            wp.atomic_add(stress_out, slot, 2, lane, sigma[2, 2])
+            wp.atomic_add(stress_out, slot, 3, lane, sigma[1, 2])
+            wp.atomic_add(stress_out, slot, 4, lane, sigma[0, 2])
+            wp.atomic_add(stress_out, slot, 5, lane, sigma[0, 1])
 
 
 class NodalStress:
-    """Stress of a body at some of its nodes (k,), all of them different."""
+    """Stress of a body at some of its nodes (k,), all of them different.
+
+    volumes : (k,) mm3, of the elements around each node: sums of `add_to` over these are stresses
+    """
 
     def __init__(self, body: Elasticity, nodes: np.ndarray):
-        self.body, self.count, device = body, len(nodes), body.device
+        self.body, device = body, body.device
         tetrahedra = body.host_tetrahedra
         slot_of = np.full(tetrahedra.max() + 1, -1, dtype=np.int32)
         slot_of[nodes] = np.arange(len(nodes))
         slots = slot_of[tetrahedra]
         elements = np.flatnonzero((slots >= 0).any(axis=1))
-        volumes = body.solid.volumes.numpy().sum(axis=1)[elements]
-        self._weights = np.zeros(len(nodes))
+        of_elements = body.solid.volumes.numpy().sum(axis=1)[elements]
+        self.volumes = np.zeros(len(nodes))
         here, which = np.nonzero(slots[elements] >= 0)
-        np.add.at(self._weights, slots[elements][here, which], volumes[here])
+        np.add.at(self.volumes, slots[elements][here, which], of_elements[here])
         corners = np.eye(4)
         points = np.vstack([corners, 0.5 * (corners[TET_EDGES[:, 0]] + corners[TET_EDGES[:, 1]])])
         self._inputs = [
             wp.array(elements, dtype=wp.int32, device=device),
             wp.array(slots[elements], dtype=wp.int32, device=device),
             wp.array(points[: tetrahedra.shape[1]], dtype=wp.vec4d, device=device),
-            wp.array(volumes, dtype=wp.float64, device=device),
+            wp.array(of_elements, dtype=wp.float64, device=device),
         ]
 
-    def __call__(self, x) -> np.ndarray:
-        """Stress (node, component, env) at state x in units of the solver, in the order of `COMPONENTS`."""
-        body = self.body
-        n_env = body.active.shape[0]
-        out = wp.zeros((self.count, len(COMPONENTS), n_env), dtype=wp.float64, device=body.device)
-        dim = (self._inputs[0].shape[0], n_env)
-        inputs = [body.solid, x, *self._inputs, body.active]
-        wp.launch(nodal_stress_kernel, dim=dim, inputs=inputs, outputs=[out], device=body.device)
-        return out.numpy() / self._weights[:, None, None]
+    def add_to(self, sums: wp.array, x, first: int = 0):
+        """Add volume times stress at state x to sums (k, component, lane), in the order of `COMPONENTS`, solver units.
+
+        Lanes are the active environments from number ``first`` on.
+        """
+        dim = (self._inputs[0].shape[0], sums.shape[2])
+        inputs = [self.body.solid, x, *self._inputs, self.body.active, first]
+        wp.launch(nodal_stress_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.body.device)
