@@ -16,7 +16,7 @@ from simgen.dataset import PLAN, Dataset, path_arrays
 from simgen.dataset_layout import faults
 from simgen.errors import InputError
 from simgen.finding import SHOWN, Finding, name, named, not_looked_at
-from simgen.job_schema import OF_SURFACE, hash_of
+from simgen.job_schema import SURFACE_COMPONENTS, hash_of
 from simgen.splits import IN_NONE, SPLITS, number_presses, split_presses
 
 FORCE_BALANCE = 1e-3  # of the contact force
@@ -196,7 +196,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         return dataset[f"{sensor}/certificate/{key}"]
 
     liquid = ["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else []
-    for key in ("force", "moment", *liquid, *dataset.job.kept_outputs(sensor)):
+    for key in ("force", "moment", *liquid, *dataset.job.stored_outputs(sensor)):
         finite = _finite(dataset, f"{sensor}/{key}", converged.shape)
         yield named(sensor, f"{key} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("min_det_F")
@@ -213,7 +213,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
 
 def _finite(dataset: Dataset, name: str, shape: tuple[int, int]) -> np.ndarray:
     """(press, depth) whether all numbers of a sample are finite; arrays of surfaces are read a shard at a time."""
-    if name.rpartition("/")[2] not in OF_SURFACE:
+    if name.rpartition("/")[2] not in SURFACE_COMPONENTS:
         return np.isfinite(dataset[name]).reshape(*shape, -1).all(axis=2)
     finite = np.ones(shape, dtype=bool)
     for shard in dataset.finished():

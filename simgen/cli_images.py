@@ -21,7 +21,7 @@ Smoothed = Annotated[
     str | None,
     typer.Option(
         "--blur", metavar="HOW", show_default="whole",
-        help="Smooth height maps as a whole, or across: as ACROSS does, which keeps the contact.",
+        help="whole: smooth the whole height map. across: ACROSS's kernels; the large ones spare the contact.",
     ),
 ]  # fmt: skip
 Sharp = Annotated[bool, typer.Option("--no-blur", help="Do not smooth height maps.")]

@@ -57,7 +57,7 @@ from simgen.chunk_files import check_frames, chunk_path, is_sharded, open_sharde
 from simgen.errors import InputError, shown
 from simgen.indenter_path import IndenterPath
 from simgen.job import job_from_dict
-from simgen.job_schema import OF_SURFACE, OUTPUTS, Job
+from simgen.job_schema import OUTPUTS, SURFACE_COMPONENTS, Job
 
 SCHEMA = 1
 DISPLACEMENT_STEP_M = 1e-7
@@ -67,7 +67,7 @@ ATTRIBUTES = {"job": dict, "job_hash": str, "status": dict}
 INPUTS = {"sensors": dict, "indenters": dict}
 PLAN = "plan.json"  # in the folder of manifests, as the next
 TIMINGS = "timings.jsonl"
-GROWING = ".growing"  # a folder in a dataset's: the plan of more trajectories, until all of it is in its place
+GROWING = ".growing"  # a folder in the dataset: the plan of a growth, until all its files are in place
 
 CERTIFICATE = {
     "residual": ("float64", "out-of-balance forces over contact forces, Euclidean norms over the nodes"),
@@ -120,7 +120,7 @@ def written_arrays(
             f"{sensor}/moment": Array((depths, 3), "float64", "about the origin of the sensor frame", "N m"),
             f"{sensor}/status": Array((depths,), "int8", "0 converged; names in the root attributes"),
         }
-        for output in job.kept_outputs(sensor):
+        for output in job.stored_outputs(sensor):
             arrays[f"{sensor}/{output}"] = _optional_array(output, depths, surface_vertices.get(sensor, 0))
         certificate = CERTIFICATE
         if job.sensors[sensor].fluid != "none":
@@ -134,18 +134,11 @@ def written_arrays(
 
 def _optional_array(output: str, depths: int, surface_vertices: int) -> Array:
     """An output that a job may ask for; `simgen.job_schema.OUTPUTS` says what it means."""
-    if output in OF_SURFACE:
-        sample = (surface_vertices, {"stress": 6, "traction": 3}[output])
+    if output in SURFACE_COMPONENTS:
+        sample = (surface_vertices, SURFACE_COMPONENTS[output])
         return Array((depths, *sample), "float32", OUTPUTS[output], "Pa", (1, *sample))
     shape, unit = {"shear_force": ((depths, 2), "N"), "slip_share": ((depths,), "")}[output]
     return Array(shape, "float64", OUTPUTS[output], unit)
-
-
-def surface_arrays(job: Job, sensor: str, surface_triangles: np.ndarray) -> dict[str, np.ndarray]:
-    """The array, by path, that says which vertices the outputs of a surface belong to; none without such outputs."""
-    if not set(OF_SURFACE) & set(job.kept_outputs(sensor)):
-        return {}
-    return {f"{sensor}/surface_vertices": np.unique(surface_triangles)}
 
 
 def path_arrays(path: IndenterPath) -> dict[str, np.ndarray]:
@@ -168,7 +161,8 @@ class Dataset:
         if not os.path.isfile(self.path / "zarr.json"):
             raise InputError(f"{path}: not a dataset (a folder that `simgen run` wrote, with a zarr.json)")
         if (self.path / GROWING).exists():
-            raise InputError(f"{path}: more trajectories are being added to it; if their run has ended, start it again")
+            advice = "wait for its end; if it was killed, run its command again"
+            raise InputError(f"{path}: a run is adding trajectories to it; {advice}")
         try:
             self.root = zarr.open_group(self.path, mode="r")
             self.attributes = dict(self.root.attrs)
@@ -269,7 +263,7 @@ class Dataset:
 
     @property
     def grown_from(self) -> tuple[int, ...]:
-        """How many trajectories the dataset had before each time that its job asked for more of them."""
+        """Counts of trajectories that the dataset had before each growth, rising."""
         return tuple(self.attributes.get("grown_from", ()))
 
     @cached_property
@@ -294,7 +288,7 @@ class Dataset:
         surface = {
             sensor: self.array(f"{sensor}/surface_vertices").shape[0]
             for sensor in self.sensors
-            if set(OF_SURFACE) & set(self.job.kept_outputs(sensor))
+            if self.job.surface_outputs(sensor)
         }
         return written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()}, surface)
 

@@ -1,9 +1,9 @@
 """Adding trajectories to a dataset: a job whose ``trajectories.count`` is raised goes on where the smaller one ended.
 
 Contacts come from a sequence, so those of the smaller job are the first ones of the larger. The new plan is written
-into a folder aside. From the moment when that folder gets its name, `GROWING`, the growth will happen: a run that is
-killed later is completed by the next one, which puts what is left of the plan in its place. Finished shards stay as
-they are. Only a last shard that was not full is solved again, with the presses that fill it.
+into a folder aside. Renaming this folder to `GROWING` commits the growth. If a run is killed after that, the next run
+moves the remaining files into place. Finished shards stay as they are. Only a last shard that was not full is solved
+again, with the presses that fill it.
 """
 
 import json
@@ -37,36 +37,42 @@ SAME_PLAN = 1e-9  # m and rad: another processor may round a contact otherwise
 
 
 def grow(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
-    """Add the trajectories that a larger job has more; do nothing for any other job, or where there is no dataset.
+    """Add the trajectories that the job has and the dataset lacks. Do nothing for another job, or without a dataset.
 
     Arguments are those of `simgen.dataset_writer.open_or_create`. Raises `InputError` where code, sensors or indenters
     are others than the dataset's, where its contacts are not the first ones of the job, and while it is being filled.
     """
     finish_growth(path)
-    if not path.exists() or not grows(dataset := Dataset(path), job):
+    if not path.exists() or not grows(Dataset(path), job):
         return
-    count = dataset.job.trajectories.count
+    with filling(Dataset(path)):
+        dataset = Dataset(path)  # another run may have added trajectories before this one had the right to
+        if grows(dataset, job):
+            _grow(dataset, attributes, planned, job)
+
+
+def _grow(dataset: Dataset, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
+    path, count = dataset.path, dataset.job.trajectories.count
     smaller = with_count(job, count)
     check_same(dataset, as_stored(attributes) | {"job": smaller, "job_hash": hash_of(smaller)})
     grown_from = [*dataset.grown_from, count]
     arrays = {name: _extended(dataset, name, np.asarray(values)) for name, values in planned.items()}
     arrays["press/split"] = split_presses(job, grown_from)
-    with filling(dataset):
+    with writing(path), folder_aside(dataset) as aside:
+        write_plan(aside / GROWING, dict(attributes) | {"grown_from": grown_from}, arrays, job)
+        flush_tree(aside / GROWING)
         forget_card(dataset)
         if dataset.presses % job.dataset.presses_per_shard:  # the last shard has room for more presses
             forget(dataset, [dataset.shards - 1])
-        with writing(path), folder_aside(dataset) as aside:
-            write_plan(aside / GROWING, dict(attributes) | {"grown_from": grown_from}, arrays, job)
-            flush_tree(aside / GROWING)
-            os.rename(aside / GROWING, path / GROWING)
-            flush(path)
-            _put_plan_in_place(path)
+        os.rename(aside / GROWING, path / GROWING)
+        flush(path)
+        _put_plan_in_place(path)
 
 
 def finish_growth(path: Path) -> None:
     """Complete a growth that a kill has cut short, if there is one.
 
-    Raises `InputError` if another process is at it.
+    Raises `InputError` if another process is doing so.
     """
     if (path / GROWING).exists():
         try:
@@ -84,7 +90,8 @@ def _extended(dataset: Dataset, name: str, values: np.ndarray) -> np.ndarray:
         name == "press/split" or np.allclose(first, own, rtol=0.0, atol=SAME_PLAN, equal_nan=True)
     )
     if not same:
-        raise InputError(f"{dataset.path}/{name}: not what the job begins with; a dataset grows by trajectories alone")
+        raise InputError(f"{dataset.path}/{name}: differs from what the job plans for these trajectories; allowed: a "
+                         "larger trajectories.count, all else unchanged")  # fmt: skip
     return np.concatenate([own, values[len(own) :]])
 
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from simgen.dataset import Dataset, path_arrays
 from simgen.errors import InputError
-from simgen.job_schema import OF_SURFACE
 from simgen.splits import IN_NONE, SPLITS
 
 
@@ -57,7 +56,7 @@ def _expected(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], str | type]]
             f"{sensor}/touchable": ((vertices,), np.bool_),
             f"{sensor}/pose": ((presses, 4, 4), real),
         }
-        if not set(OF_SURFACE).isdisjoint(dataset.job.kept_outputs(sensor)):
+        if dataset.job.surface_outputs(sensor):
             name = f"{sensor}/surface_vertices"
             expected[name] = ((_length(dataset, name),), integer)
     if dataset.imported:  # without contacts, and with flags of vertices only where the mesh had some

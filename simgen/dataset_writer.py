@@ -114,14 +114,14 @@ def check_output(path: Path, job: Job) -> None:
 
 
 def grows(dataset: Dataset, job: Job) -> bool:
-    """Whether the job is the dataset's own but for more trajectories."""
+    """Return True if the job differs from the dataset's only by more trajectories."""
     if dataset.imported or job.trajectories.count <= dataset.job.trajectories.count:
         return False
     return json.dumps(with_count(job, dataset.job.trajectories.count)) == json.dumps(dataset.attributes["job"])
 
 
 def with_count(job: Job, count: int) -> dict[str, Any]:
-    """What the job resolves to with another number of trajectories."""
+    """The resolved job with another number of trajectories."""
     plain = job.resolved()
     return plain | {"trajectories": plain["trajectories"] | {"count": count}}
 

@@ -15,7 +15,7 @@ from simgen.sensor import Camera, Sensor
 from simgen.tetrahedra import OutputMesh
 
 MM = 1e3  # millimetres per metre
-LONGEST, WANTED = 0.6, 0.4  # contact radii: edges that are remarked on, and those to ask the mesher for instead
+LONGEST, WANTED = 0.6, 0.4  # contact radii: longer edges get a remark, which recommends edges of WANTED
 POINTS, SECTIONS = 201, 4  # of the grid on which a contact is measured: on a side, and along the depth
 
 

@@ -6,6 +6,7 @@ axis and points into the sensor, and x and z lie in the surface. A press is a pa
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class IndenterPath:
         return not self.legs.any()
 
     def label(self, step: int) -> str:
-        """Where a step is, in words: its depth, then how far it is off the press axis and turned about it."""
+        """The place of a step in words: its depth, then its offset from the press axis and its turn."""
         x, depth, z = 1e3 * self.offsets_m[step]
         place = f"{depth:g} mm"
         if self.legs[step]:
@@ -48,8 +49,17 @@ class IndenterPath:
 
     @property
     def lateral_reach_m(self) -> float:
-        """m, the largest distance of the tip from the press axis."""
-        return float(np.hypot(self.offsets_m[:, 0], self.offsets_m[:, 2]).max())
+        """m, the largest distance of the tip from the press axis while it is not above the rest surface."""
+        ends = np.vstack([np.zeros(3), self.offsets_m])
+        reach = 0.0
+        for start, end in pairwise(ends):
+            if start[1] < 0.0 or end[1] < 0.0:
+                if max(start[1], end[1]) <= 0.0:
+                    continue
+                surface = start + start[1] / (start[1] - end[1]) * (end - start)
+                start, end = (surface, end) if start[1] < 0.0 else (start, surface)
+            reach = max(reach, np.hypot(start[0], start[2]), np.hypot(end[0], end[2]))
+        return float(reach)
 
 
 def press_path(depths_m: np.ndarray) -> IndenterPath:
@@ -62,14 +72,15 @@ def press_path(depths_m: np.ndarray) -> IndenterPath:
 def with_legs(press: IndenterPath, legs: Sequence[tuple[Sequence[float], float, int]]) -> IndenterPath:
     """The press followed by legs, each ``(move (3,) m, turn rad, steps)`` from where the one before it ended.
 
-    The steps of a leg divide it evenly. Offsets are rounded to whole nanometres.
+    The steps of a leg divide it evenly. Offsets are rounded to whole nanometres, turns to 1e-12 rad, so that every
+    machine has the same.
     """
     offsets, turns = [press.offsets_m], [press.turns_rad]
     numbers = [press.legs]
     for number, (move, turn, steps) in enumerate(legs, start=1):
         share = np.arange(1, steps + 1) / steps
         offsets.append(np.round(offsets[-1][-1] + share[:, None] * np.asarray(move), 9))
-        turns.append(turns[-1][-1] + share * turn)
+        turns.append(np.round(turns[-1][-1] + share * turn, 12))
         numbers.append(np.full(steps, number, np.int32))
     return IndenterPath(np.concatenate(offsets), np.concatenate(turns), np.concatenate(numbers))
 

@@ -65,9 +65,9 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         "indenters": "what is pressed at every contact, each by its name or path, or by the keys below",
         "trajectories": "how many contacts, and how they vary",
         "depths_mm": "the depths that are stored",
-        "outputs": "what is stored of a sensor beside displacement, force and moment. "
+        "outputs": "what is stored for a sensor beside displacement, force and moment. "
                    + "".join(f"`{name}`: {about}. " for name, about in OUTPUTS.items())
-                   + f"{' and '.join(f'`{name}`' for name in OF_PATHS)} are stored of every path with legs",
+                   + f"{' and '.join(f'`{name}`' for name in OF_PATHS)} are stored for every path with legs",
         "solver": "element, tolerances and constants; leave it out unless you study the solver",
         "dataset": "how the samples are stored and split",
     },
@@ -102,7 +102,7 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
     Leg: {
         "move_mm": "how far the indenter moves on this leg: x and z shear or slide, +y presses deeper, -y lets go",
         "turn_deg": "how far it turns on this leg, right-handed about +y",
-        "steps": "samples that are kept of the leg, evenly spaced; the last one is at its end",
+        "steps": "samples stored on the leg, evenly spaced; the last one is at its end",
     },
     Depths: {
         "first": "the least depth, counted from true first touch on each sensor",
@@ -191,7 +191,7 @@ line, which names the file, the key, the value and what is allowed.
 - **Paths** of sensors and indenters start at the folder of the job file. A path has a slash or a mesh's suffix.
 - **Numbers** may be written 539000, 539e3 or 539.0e+3. Units are in the keys.
 - **What would it do?** `simgen run FILE --dry-run` samples the contacts (the first 1,000), says size and time, and
-  solves nothing. It fails where the run would.
+  solves nothing. It fails where the run would, except for later contacts.
 
 Each example below replaces the keys of the same name in the first one. A default of `-` is none.
 """.replace("BUNDLED", ", ".join(f"`{file.stem}`" for file in bundled_jobs()))

@@ -34,13 +34,13 @@ NOT_SENSORS = ("press", "depth", "path", "manifest", "zarr.json", "README.md", "
 FINEST_MM = 1e-6  # depths are whole nanometres
 # Outputs of a press that a job may ask for, with what they are.
 OUTPUTS = {
-    "shear_force": "on the sensor, along x and z of the contact frame",
+    "shear_force": "force on the sensor along x and z of the contact frame",
     "slip_share": "share of the contact area where friction is at its limit, so that the surface slides",
     "stress": "Cauchy stress at surface_vertices, as xx, yy, zz, yz, xz, xy in the sensor's frame",
-    "traction": "of the indenter on the sensor at surface_vertices, force per rest area, in the sensor's frame",
+    "traction": "force of the indenter on the sensor per rest area, at surface_vertices, in the sensor's frame",
 }
-OF_SURFACE = ("stress", "traction")  # with a value at each vertex of the surface
-OF_PATHS = ("shear_force", "slip_share")  # kept of every path that is more than a press
+SURFACE_COMPONENTS = {"stress": 6, "traction": 3}  # outputs with so many numbers at each vertex of the surface
+OF_PATHS = ("shear_force", "slip_share")  # stored for every path that is more than a press
 Output = Literal[tuple(OUTPUTS)]
 MESH_SPACING_MM = 0.2  # of the grid on which an indenter's mesh is sampled
 
@@ -95,11 +95,14 @@ class Leg(Section):
     def _goes_somewhere(self) -> "Leg":
         if not any(self.move_mm) and not self.turn_deg:
             raise ValueError("a leg that neither moves nor turns; allowed: move_mm or turn_deg other than 0")
+        step = max(map(abs, self.move_mm)) / self.steps
+        if step < FINEST_MM and not self.turn_deg:
+            raise ValueError(f"steps of {step:g} mm; allowed: {FINEST_MM:g} mm or more")
         return self
 
 
 class IndenterChoice(Section):
-    """What is pressed: a bundled indenter, or a closed mesh, sampled on a grid. A name or path alone will do."""
+    """A bundled indenter, or a closed mesh, which is sampled on a grid. A name or path alone will do."""
 
     text_means = "file"
 
@@ -135,7 +138,7 @@ class IndenterChoice(Section):
 
 
 class Trajectories(Section):
-    """How many contact poses, how they vary, and the path of the indenters after their press."""
+    """The contact poses, how they vary, and the path of the indenters after their press."""
 
     count: int = Field(ge=1, le=1_000_000, description="a whole number of contact poses, 1 to 1000000")
     max_tilt_deg: float = Field(5.0, ge=0.0, le=45.0, description="0 to 45 degrees")
@@ -238,7 +241,8 @@ class Job(Section):
         for name in outputs:
             if name not in sensors:
                 raise ValueError(f"{shown(repr(name))} is no sensor of the job; allowed: {', '.join(sensors)}")
-        return outputs
+        # In one order, whichever way they are written: the same outputs are the same job.
+        return {name: tuple(filter(outputs[name].__contains__, OUTPUTS)) for name in sensors if outputs.get(name)}
 
     @field_validator("indenters")
     @classmethod
@@ -292,18 +296,23 @@ class Job(Section):
     def indenter_names(self) -> tuple[str, ...]:
         return tuple(each.name for each in self.indenters)
 
-    def kept_outputs(self, sensor: str) -> tuple[str, ...]:
-        """The optional outputs that are kept of a sensor, in the order of `OUTPUTS`."""
+    def stored_outputs(self, sensor: str) -> tuple[str, ...]:
+        """The optional outputs that are stored for a sensor, in the order of `OUTPUTS`."""
         asked = {*self.outputs.get(sensor, ()), *(() if self.indenter_path.is_a_press else OF_PATHS)}
         return tuple(output for output in OUTPUTS if output in asked)
 
+    def surface_outputs(self, sensor: str) -> tuple[str, ...]:
+        """Those with values at the vertices of the sensor's surface."""
+        return tuple(output for output in self.stored_outputs(sensor) if output in SURFACE_COMPONENTS)
+
     @property
     def steps_in_words(self) -> str:
-        """How many steps a press has, and where they lie."""
+        """The steps of a press in words: their number and their depths."""
         depths, legs = self.depths_mm, self.trajectories.path
         words = f"{depths.count} depths ({depths.first:g} to {depths.last:g} mm)"
         if legs:
-            words = f"({words} + {sum(leg.steps for leg in legs)} steps on {len(legs)} legs)"
+            steps, plural = sum(leg.steps for leg in legs), "s" * (len(legs) > 1)
+            words = f"({words} + {steps} step{'s' * (steps > 1)} on {len(legs)} leg{plural})"
         return words
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 
 from simgen.dataset import Dataset
 from simgen.errors import InputError
-from simgen.job_schema import OF_SURFACE
+from simgen.job_schema import SURFACE_COMPONENTS
 from simgen.splits import IN_NONE, SPLITS, leave_out
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Samples(Sequence):
         for sensor in self.sensors:
             displacement = self.dataset.displacement(sensor, press, step)
             sample[f"{sensor}/displacement"] = displacement.astype(np.float32)
-            for name in (f"{sensor}/{key}" for key in OF_SURFACE):
+            for name in (f"{sensor}/{key}" for key in SURFACE_COMPONENTS):
                 if name in self.dataset.arrays:
                     sample[name] = self.dataset.of_samples(name, press, step)
             for name in (f"{sensor}/{key}" for key in OF_SENSOR):

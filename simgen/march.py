@@ -28,6 +28,19 @@ NO_PRESS = -1
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
 
+def longest_of_leg(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """The length (d,) of the longest segment of each segment's leg: of those before and after it in one direction.
+
+    corners (d + 1, c): the path; lengths (d,): of its segments.
+    """
+    directions = np.diff(corners, axis=0) / np.maximum(lengths, 1e-12)[:, None]
+    turns = (directions[1:] * directions[:-1]).sum(axis=1) < 1.0 - 1e-9
+    leg = np.concatenate([[0], np.cumsum(turns)])
+    longest = np.zeros(leg[-1] + 1)
+    np.maximum.at(longest, leg, lengths)
+    return longest[leg]
+
+
 class March:
     """The paths of the scene's b presses, of which ``scene.batch`` are under way, one in each environment.
 
@@ -50,13 +63,14 @@ class March:
         self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_LEVER_MM]])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
-        self.spacing = float(lengths.max())
+        self._spacing = longest_of_leg(self._corners, lengths)
         batch = scene.batch
         self.press = np.full(batch, NO_PRESS)
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
         self._min_det, self._rejections = np.ones(batch), np.zeros(batch, dtype=int)  # of the last state, of its guess
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
         self.goal, self._guessed = np.zeros(batch), np.zeros(batch, dtype=bool)
+        self.spacing = np.full(batch, self._spacing[0])  # of the leg under way
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
         self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
         self._now = np.tile(np.eye(4), (batch, 1, 1))  # poses at the end of the increments under way
@@ -81,13 +95,13 @@ class March:
             array[free] = 0
         self._calm[free] = CALM
         self._min_det[free] = 1.0
-        self.step[free] = self.spacing
+        self.step[free] = self.spacing[free] = self._spacing[0]
         fresh = np.zeros(self.scene.batch, dtype=bool)
         fresh[free] = True
         self.scene.load(fresh, np.maximum(self.press, 0))
 
     def _place(self, way: np.ndarray) -> np.ndarray:
-        """Where the indenters (env,) are on their path, (env, 4) mm: offsets from first touch, and turns as lengths."""
+        """The places (env, 4) mm of the indenters on their path: offsets from first touch, and turns as lengths."""
         return np.stack([np.interp(way, self._way_to, self._corners[:, i]) for i in range(4)], axis=-1)
 
     def _pose(self, way: np.ndarray) -> np.ndarray:
@@ -104,7 +118,11 @@ class March:
             return
         solver = self.solver
         stored = np.array([len(self.rows[press]) if press != NO_PRESS else 0 for press in self.press])
-        self.goal = self._way_to[1 + np.minimum(stored, len(self.path) - 1)]
+        segment = np.minimum(stored, len(self.path) - 1)
+        self.goal = self._way_to[1 + segment]
+        another = self._spacing[segment] != self.spacing
+        self.step = np.where(another, self._spacing[segment], self.step)
+        self.spacing = self._spacing[segment]
         target = np.minimum(self.way + self.step, self.goal)
         self.target = np.where(starting, np.where(self.goal - target < 1e-9, self.goal, target), self.target)
         here = self._place(self.way)
@@ -149,7 +167,9 @@ class March:
                 contact.restore(marked)
         if failed.any():
             self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0
-            hopeless = failed & (self.step < self.scene.settings.smallest_substep * self.spacing)
+            # A leg of few long steps may be cut as finely as the press.
+            least = self.scene.settings.smallest_substep * np.minimum(self.spacing, self._spacing[0])
+            hopeless = failed & (self.step < least)
             for env in np.flatnonzero(hopeless):
                 self._end(env, out.status[env])
         marked = solver.mark(converged)
@@ -161,7 +181,7 @@ class March:
         self._calm[converged] += 1
         self._min_det[converged] = out.min_det[converged]
         longer = converged & (self._calm >= CALM)
-        self.step[longer] = np.minimum(2.0 * self.step[longer], self.spacing)
+        self.step[longer] = np.minimum(2.0 * self.step, self.spacing)[longer]
         self._store(converged & (self.target == self.goal))
         return rejected
 

@@ -99,8 +99,11 @@ def _too_few(room: "Room", others: Sequence["Room"], count: int, counts: tuple[i
     )
     if roomy > 2 * found:  # most had room: the partners are missing
         names = " and ".join(other.name for other in others)
-        return line + f"most of {roomy} that have room have no partner on {names}; put the smallest sensor first"
-    return line + "press less deep, or allow a larger max_indentation_ratio or a smaller min_edge_ratio"
+        return line + f"{roomy} contacts have room, but most have no partner on {names}; put the smallest sensor first"
+    advice = "press less deep, or allow a larger max_indentation_ratio or a smaller min_edge_ratio"
+    if room.lateral_reach:
+        advice += f"; the path goes {room.lateral_reach * 1e3:.3g} mm sideways, shorten it"
+    return line + advice
 
 
 def indenter_poses(contacts: Contacts) -> np.ndarray:
@@ -183,7 +186,7 @@ def _least_rotation(directions: np.ndarray) -> np.ndarray:
 
 
 class Room:
-    """Where on a sensor a contact may be.
+    """The places of a sensor that have room for a contact.
 
     A gel on a rigid support takes presses of up to ``max_indentation_ratio`` of its local thickness. That is the
     diameter of the largest ball that touches the surface at the contact from inside and fits into the gel.
@@ -198,7 +201,7 @@ class Room:
         self.name, self.settings, self.max_depth = sensor.name, settings, max_depth_m
         self.skin = Skin(sensor.surface)
         mesh = sensor.output_mesh
-        on_surface = np.unique(mesh.surface_triangles)
+        on_surface = mesh.surface_vertices
         self.touchable = mesh.touchable[on_surface]
         self.nearest = scipy.spatial.cKDTree(mesh.vertices[on_surface])
         low, high = mesh.vertices[mesh.touchable].min(axis=0), mesh.vertices[mesh.touchable].max(axis=0)
@@ -207,6 +210,8 @@ class Room:
         self.max_arc = np.abs([low[2], high[2]]).max() + high[1] - low[1]
         self.solid_thickness = max_depth_m / settings.max_indentation_ratio
         self.edge_distance = settings.min_edge_ratio * max_depth_m + lateral_reach_m
+        self.wall_piece = 0.25 * (self.solid_thickness + lateral_reach_m)
+        self.lateral_reach = lateral_reach_m
         surface, bounds, normals = sensor.surface, sensor.surface.triangles, sensor.surface.face_normals
         self.surface, self.surface_normals = FinePieces(bounds), normals
         self.inner_skin = None
@@ -244,7 +249,7 @@ class Room:
         return _those(contacts, kept)
 
     def meets(self, contacts: Contacts) -> np.ndarray:
-        """Which contacts (n,) bool of another sensor have a partner here: touchable, and far from side walls."""
+        """Tell, for contacts (n,) of another sensor, if each has a partner here: touchable, and far from side walls."""
         meets = np.zeros(len(contacts.points), dtype=bool)
         for i, (contact, normal) in enumerate(zip(contacts.points, contacts.normals, strict=True)):
             partner = self.skin.point(contact[0], contacts.arcs[i])
@@ -284,5 +289,5 @@ class Room:
         cosine = self.surface_normals @ normal
         high, low = np.cos(np.radians(WALL_TURN_DEG))
         walls = (cosine < high) & (cosine > low)
-        pieces, _ = self.surface.near(point, self.edge_distance, 0.25 * self.solid_thickness, walls)
+        pieces, _ = self.surface.near(point, self.edge_distance, self.wall_piece, walls)
         return bool((np.linalg.norm(pieces.mean(axis=1) - point, axis=1) <= self.edge_distance).any())

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simgen import pairing, provenance
-from simgen.dataset import path_arrays, surface_arrays
+from simgen.dataset import path_arrays
 from simgen.errors import InputError
 from simgen.fem.status import Status
 from simgen.image_resolution import coarse_images
@@ -64,8 +64,9 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             f"{name}/held": mesh.held,
             f"{name}/touchable": mesh.touchable,
             f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
-            **surface_arrays(job, name, mesh.surface_triangles),
         }
+        if job.surface_outputs(name):
+            arrays[f"{name}/surface_vertices"] = mesh.surface_vertices
     deepest = float(job.depths_m.max())
     remarks = [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, deepest)]
     return Plan(job, device, _attributes(job, device, sensors, indenters), arrays, remarks)

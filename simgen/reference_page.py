@@ -98,7 +98,7 @@ def _list(inner: tuple) -> str:
     if Ellipsis not in inner:
         return f"list of {('two', 'three')[len(inner) - 2]} numbers"
     words = "names" if get_origin(inner[0]) is Literal else _kind(inner[0])
-    return f"list of {words}{'s' * (words in ('number', 'section'))}"
+    return f"list of {words}{'s' * words.endswith(('number', 'section'))}"
 
 
 def _default(field: FieldInfo) -> str:

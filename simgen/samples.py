@@ -144,10 +144,11 @@ class Samples:
         overlap, of_edge = self.overlap()
         inverted = self.inverted_elements()
         size = np.maximum(np.linalg.norm(force, axis=1), SMALLEST_FORCE)
+        balance = np.linalg.norm(total, axis=1) / size
         found = {
             "force": force * unit,
             "moment": contact.moment * unit / MM,
-            "force_balance": np.linalg.norm(total, axis=1) / size,
+            "force_balance": np.where(force.any(axis=1), balance, 0.0),  # without contact there is nothing to balance
             "inverted_elements": inverted,
             "slip_share": contact.slip_share,
             "rms_penetration_m": contact.rms_penetration / MM,

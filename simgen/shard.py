@@ -25,7 +25,7 @@ from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
 from simgen.indenter import Indenter, chosen_indenters
 from simgen.indenter_path import IndenterPath
-from simgen.job_schema import OF_SURFACE, Job
+from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
 from simgen.press import PressResult, Scene, SolverSettings, follow
 from simgen.provenance import difference, package_versions, source_hash
@@ -79,7 +79,7 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
     batch = presses_at_once(sensor, device, job.solver.element, settings)
     material, fluid = chosen_material(job, sensor_name, sensor), chosen_fluid(job, sensor_name, sensor)
-    outputs = tuple(name for name in job.kept_outputs(sensor_name) if name in OF_SURFACE)
+    outputs = job.surface_outputs(sensor_name)
     scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid, outputs)
     shapes = [indenter.shape() for indenter in _indenters(job)]
 

@@ -11,6 +11,7 @@ import warp as wp
 from .fem.material import real
 from .fem.nodal_stress import NodalStress
 from .fem.pattern import corners_to_nodes
+from .job_schema import SURFACE_COMPONENTS
 from .tetrahedra import interpolation_matrix
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 wp.set_module_options({"enable_backward": False})
 
-COMPONENTS = {"stress": 6, "traction": 3}
 AT_ONCE = 64  # environments: sums at nodes take as much memory a press as its states
 
 
@@ -71,7 +71,7 @@ class SurfaceOutputs:
 
     def __init__(self, scene: Scene, names: tuple[str, ...]):
         self.scene, mesh, output = scene, scene.mesh, scene.sensor.output_mesh
-        self.shapes = {name: (len(output.surface_vertices), COMPONENTS[name]) for name in names}
+        self.shapes = {name: (len(output.surface_vertices), SURFACE_COMPONENTS[name]) for name in names}
         self._fields: dict[str, _Field] = {}
         if not names:
             return
@@ -85,13 +85,16 @@ class SurfaceOutputs:
             stress = NodalStress(scene.solver.elasticity, nodes)
             self._add("stress", stress.add_to, weights[:, nodes] * (unit / stress.volumes))
         if "traction" in names:
-            weights = of_corners[:, contact.corners] * (unit / contact.corner_areas)
-            self._add("traction", contact.add_corner_forces, weights)
+            # A vertex a little below a face has its traction from the face's corners alone: others carry none.
+            weights = of_corners[:, contact.corners]
+            share = weights.sum(axis=1)
+            weights = sparse.diags_array(1.0 / np.where(share > 0.5, share, 1.0)) @ weights
+            self._add("traction", contact.add_corner_forces, weights * (unit / contact.corner_areas))
 
     def _add(self, name: str, add_to, matrix):
         scene = self.scene
         lanes = min(AT_ONCE, scene.batch)
-        self._fields[name] = _Field(add_to, sparse.csr_array(matrix), COMPONENTS[name], lanes, scene.device)
+        self._fields[name] = _Field(add_to, sparse.csr_array(matrix), SURFACE_COMPONENTS[name], lanes, scene.device)
 
     def take(self, count: int) -> dict[str, np.ndarray]:
         """Arrays (count, v, components) float32, Pa, by name, in the first ``count`` active environments.

@@ -139,7 +139,7 @@ class _Look:
         self.stated = dataset[f"{sensor}/certificate/max_penetration_m"]
         first_touch = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
         self.first_touch = np.linalg.inv(dataset[f"{sensor}/pose"]) @ first_touch
-        self.touched = dataset[f"{sensor}/force"].any(axis=2)  # where an indenter is lifted off, nothing is
+        self.touched = dataset[f"{sensor}/force"].any(axis=2)  # nothing touches a lifted indenter
         self.indenter = dataset["press/indenter"]
         try:
             self.shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)])

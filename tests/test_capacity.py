@@ -34,7 +34,8 @@ def test_what_a_press_takes_is_known_before(model, element):
     for batch in (2, 3):
         scene = Scene(sensor, sensor.materials["solid"], element, batch=batch)
         scene.reset([load_indenter("sphere_7mm").shape()])
-        march, found = March(scene, np.eye(4)[None], np.ones((1, 3)), np.zeros(1, dtype=int), np.arange(1)), {}
+        one = np.ones(1)
+        march, found = March(scene, np.eye(4)[None], np.ones((1, 4)), one, np.zeros(1, dtype=int), np.arange(1)), {}
         for thing in (scene, march):
             arrays(thing, found, set())
         total.append(sum(found.values()))

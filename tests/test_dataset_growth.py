@@ -1,5 +1,6 @@
 """Adding trajectories to a dataset: what is there stays, what is new is solved, and a kill costs nothing."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -90,6 +91,33 @@ def test_a_last_shard_that_was_not_full_is_solved_again(tmp_path):
     np.testing.assert_array_equal(grown["digit/force"], at_once["digit/force"])
 
 
+def test_a_full_disk_costs_nothing(folder, monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
+
+    before = fake.contents(folder)
+    monkeypatch.setattr(dataset_growth, "write_plan", full)
+    with pytest.raises(InputError, match="No space left"):
+        run(fake.make_plan(make_job(7)), folder, build=fake.fake_presser)
+    assert fake.contents(folder) == before and not Dataset(folder).unfinished()
+
+
+def test_a_growth_by_another_run_meanwhile_is_seen(folder, monkeypatch):
+    """Between the first look and the lock another run adds trajectories: nothing is taken back."""
+    filling = dataset_growth.filling
+
+    def late(dataset):
+        with monkeypatch.context() as patch:
+            patch.setattr(dataset_growth, "filling", filling)
+            run(fake.make_plan(make_job(9)), folder, build=fake.fake_presser)
+        return filling(dataset)
+
+    plan = fake.make_plan(make_job(7))
+    monkeypatch.setattr(dataset_growth, "filling", late)
+    grow(folder, plan.attributes, plan.arrays, plan.job)
+    assert Dataset(folder).job.trajectories.count == 9 and passes(check(Dataset(folder)))
+
+
 class KilledError(BaseException):
     pass
 
@@ -125,7 +153,7 @@ def test_a_growth_that_was_cut_short_is_completed(tmp_path, monkeypatch):
         run(fake.make_plan(make_job(4)), folder, build=fake.fake_presser)
         if growth_killed_after(moves, folder, monkeypatch):
             break
-        with pytest.raises(InputError, match="more trajectories are being added"):
+        with pytest.raises(InputError, match="a run is adding trajectories"):
             Dataset(folder)
         run(fake.make_plan(make_job(7)), folder, build=fake.fake_presser)
         assert fake.contents(folder) == expected, moves
@@ -154,15 +182,15 @@ def test_other_changes_than_the_count_are_refused_and_cost_nothing(folder):
         run(other_code, folder, build=fake.fake_presser)
     elsewhere = fake.make_plan(make_job(7))
     elsewhere.arrays["press/contact_pose"] = elsewhere.arrays["press/contact_pose"] + 1e-6
-    with pytest.raises(InputError, match="press/contact_pose: not what the job begins with"):
+    with pytest.raises(InputError, match="press/contact_pose: differs from what the job plans"):
         run(elsewhere, folder, build=fake.fake_presser)
     assert fake.contents(folder) == before
 
 
 def test_a_card_that_was_edited_stays(folder):
-    (folder / "README.md").write_text("mine")
+    (folder / "README.md").write_bytes(b"mine: \xff")
     run(fake.make_plan(make_job(5)), folder, build=fake.fake_presser)
-    assert (folder / "README.md").read_text() == "mine"
+    assert (folder / "README.md").read_bytes() == b"mine: \xff"
     assert len((folder / "presses.csv").read_text().splitlines()) == 16
 
 

@@ -27,6 +27,15 @@ def test_each_leg_begins_where_the_one_before_it_ended():
     assert path.lateral_reach_m == pytest.approx(np.hypot(4e-4, 2e-4))
 
 
+def test_only_the_way_below_the_surface_needs_room():
+    """Lifted off 0.5 mm aside, on the line to a point 3 mm aside and as high as the press was deep: 1.75 mm."""
+    path = with_legs(press_path(np.array([1e-3])), [((5e-4, 0.0, 0.0), 0.0, 1), ((2.5e-3, -2e-3, 0.0), 0.0, 2),
+                                                    ((9e-3, 0.0, 0.0), 0.0, 1)])  # fmt: skip
+    assert path.lateral_reach_m == pytest.approx(1.75e-3)
+    back = with_legs(path, [((0.0, 1.5e-3, 0.0), 0.0, 1)])  # down again at 12 mm
+    assert back.lateral_reach_m == pytest.approx(12e-3)
+
+
 def test_poses_move_along_their_own_axes_and_turn_right_handed():
     pose = np.eye(4)
     pose[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]  # its x is the frame's y

@@ -122,6 +122,22 @@ BAD = {
         ["trajectories.cuont=3"],
         "cuont: unknown key; allowed: count.*did you mean count",
     ),
+    "a leg of nothing": (
+        "", ["trajectories.path=[{move_mm: [1e-7, 0, 0], steps: 1}]"],
+        r"trajectories\.path\.0: steps of 1e-07 mm; allowed: 1e-06 mm or more",
+    ),
+    "a leg that goes nowhere": (
+        "", ["trajectories.path=[{steps: 3}]"], r"trajectories\.path\.0: a leg that neither moves nor turns; allowed",
+    ),
+    "a misspelt key of a leg": (
+        "", ["trajectories.path=[{move: [1, 0, 0], steps: 3}]"],
+        r"trajectories\.path\.0\.move: unknown key; allowed: move_mm, turn_deg, steps \(did you mean move_mm\?\)",
+    ),
+    "a path too long for int16": (
+        "", ["trajectories.path=[{move_mm: [3.5, 0, 0], steps: 3}]"],
+        r"takes the indenter 3\.513 mm from first touch; allowed: displacement float32, or a path that stays",
+    ),
+    "an output of no sensor": ("", ["outputs.finger=[stress]"], "'finger' is no sensor of the job; allowed: digit"),
     "wrong unit in key": ("depths_m: {first: 1}", [], r"depths_m: unknown key.*did you mean depths_mm\?"),
     "unit in value": (
         "",

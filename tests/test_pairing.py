@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from simgen.curved import CORE
 from simgen.errors import InputError
-from simgen.pairing import Contacts, ContactSettings, indenter_poses, partners, sample_contacts, unfold
+from simgen.pairing import Contacts, ContactSettings, Room, indenter_poses, partners, sample_contacts, unfold
 from simgen.sensor import load_sensor
 from simgen.shape import mesh_distance
 from simgen.skin import Skin
@@ -63,7 +63,8 @@ def hollow_slab() -> SimpleNamespace:
 
 def sensor(surface, touchable, core=None, region=None) -> SimpleNamespace:
     """What pairing needs of a sensor."""
-    output = SimpleNamespace(vertices=surface.vertices, surface_triangles=surface.faces, touchable=touchable)
+    on_surface = np.arange(len(surface.vertices))
+    output = SimpleNamespace(vertices=surface.vertices, surface_vertices=on_surface, touchable=touchable)
     return SimpleNamespace(name="slab", surface=surface, surface_region=region, core=core, output_mesh=output)
 
 
@@ -254,3 +255,12 @@ def test_a_contact_without_partner_is_refused(digit, contacts):
     short = SimpleNamespace(name="short", surface=trimesh.creation.box(extents=[1e-3, 0.01, 0.02]))
     with pytest.raises(InputError, match="short: its skin has no partner for contact"):
         unfold(digit, short, contacts)
+
+
+def test_room_for_a_long_leg_is_found_with_few_pieces():
+    """A depth of 0.01 mm and 3 mm sideways: pieces are as large as the distance that is asked for, not as the depth."""
+    digit = load_sensor("digit", "coarse")
+    room = Room(digit, 1e-5, ContactSettings(), lateral_reach_m=3e-3)
+    assert room.edge_distance > 3e-3 and room.wall_piece > 0.2 * room.edge_distance
+    contacts = sample_contacts(digit, 4, 0, 1e-5, lateral_reach_m=3e-3)
+    assert len(contacts.points) == 4

@@ -12,10 +12,14 @@ from simgen.exchange.across import export_across
 from simgen.exchange.paraview import export_vtk
 from simgen.exchange.selection import select, untracked
 from simgen.exchange.training_arrays import export_npy
+from simgen.indenter import load_indenter
 from simgen.job import job_from_dict
+from simgen.march import longest_of_leg
 from simgen.plan import make_plan
+from simgen.press import Scene, follow
 from simgen.report import write_report
 from simgen.run import run
+from simgen.sensor import load_sensor
 
 LEGS = [
     {"move_mm": [0.2, 0.0, -0.1], "steps": 2},
@@ -81,6 +85,36 @@ def test_a_press_is_the_special_case(dataset, tmp_path):
         np.testing.assert_array_equal(path[f"digit/{name}"][:, :PRESSED], plain[f"digit/{name}"])
     assert "path" not in plain.root and "slip_share" not in plain.root["digit"]
     assert (path["path/leg"] == [0, 0, 1]).all()
+
+
+def test_a_long_leg_leaves_the_press_its_load_steps():
+    """A cube needs sub-steps of the press; a leg of half a turn in one step must not make them coarser."""
+    digit = load_sensor("digit", "coarse")
+    pose = np.eye(4)[None].copy()
+    pose[0, :3, 3] = [-4e-3, -8.3e-3, 3e-3]
+    path = 1e-3 * np.array([[0.0, depth, 0.0] for depth in (0.4, 0.8, 1.2, 1.6)])
+    cube, scene = [load_indenter("cube_14mm").shape()], Scene(digit, digit.materials["solid"])
+    alone = follow(scene, cube, pose, path)[0]
+    turned = follow(scene, cube, pose, np.vstack([path, path[-1:]]), np.radians([0.0, 0.0, 0.0, 0.0, 180.0]))[0]
+    assert (alone.status == 0).all() and alone.certificate["substeps"].max() > 1
+    np.testing.assert_array_equal(turned.force[:4], alone.force)
+
+
+def test_legs_are_segments_in_one_direction():
+    corners = np.array([[0.0, 0.0], [0.0, 0.1], [0.0, 0.3], [0.5, 0.3], [1.5, 0.3], [1.5, 0.1]])
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    np.testing.assert_allclose(longest_of_leg(corners, lengths), [0.2, 0.2, 1.0, 1.0, 0.2])
+
+
+def test_a_skin_that_is_let_go_passes_its_audit(tmp_path):
+    """Nothing is in balance with a contact force where there is none."""
+    legs = [{"move_mm": [0.3, 0.0, 0.0], "steps": 1}, {"move_mm": [0.0, -1.3, 0.0], "steps": 2}]
+    sensors = {"biotac": {"model": "biotac", "mesh": "coarse", "material": "effective"}}
+    job = make_job(legs, sensors=sensors, depths_mm={"first": 0.5, "last": 1.0, "count": 2}, seed=0)
+    released = run(make_plan(job), tmp_path / "b.zarr")
+    assert (released["biotac/status"] == 0).all() and not released["biotac/force"][:, -1].any()
+    findings = check(released)
+    assert passes(findings), [finding for finding in findings if finding.failed]
 
 
 def test_samples_say_where_the_indenter_is(dataset):

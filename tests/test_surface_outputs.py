@@ -169,6 +169,23 @@ def test_a_number_that_is_missing_is_found(dataset, tmp_path):
     assert found.what == "stress gaps" and found.bad == ((1, 0),)
 
 
+def test_the_order_of_outputs_is_no_other_job():
+    one, other, none = (fake.make_job(outputs=outputs) for outputs in
+                        ({"digit": ["stress", "traction"]}, {"digit": ["traction", "stress", "stress"]}, {"digit": []}))
+    assert one.hash == other.hash and none.hash == fake.make_job().hash
+
+
+def test_vertices_below_the_surface_have_the_traction_above_them(pressed_layer):
+    """A mesh of the job's own may have vertices a little inside the gel; interior corners carry no traction."""
+    scene, result = pressed_layer
+    below = scene.sensor.output_mesh.vertices + np.array([0.0, 0.03e-3, 0.0])
+    output = replace(scene.sensor.output_mesh, vertices=below)
+    inside = Scene(replace(scene.sensor, output_mesh=output), scene.material, outputs=("traction",))
+    again = press(inside, [rigid_shape(Kind.SPHERE, 3.5)], np.eye(4)[None], 1e-4 * np.arange(1, 3))[0]
+    largest = np.abs(result.traction[1]).max()
+    np.testing.assert_allclose(again.traction[1], result.traction[1], atol=0.03 * largest)
+
+
 def test_outputs_that_are_not_there_are_refused():
     for outputs, told in (({"finger": ["stress"]}, "no sensor of the job"), ({"digit": ["heat"]}, "allowed")):
         with pytest.raises(InputError, match=told):

@@ -37,7 +37,7 @@ def write_card(dataset: Dataset, aside: Path) -> None:
 def forget_card(dataset: Dataset) -> None:
     """Remove the card of a dataset that is about to change; a ``README.md`` that its owner has edited stays."""
     file = dataset.path / "README.md"
-    edited = file.is_file() and file.read_text() != readme(dataset)
+    edited = file.is_file() and file.read_bytes() != readme(dataset).encode()
     for name in CARD:
         if not (name == "README.md" and edited):
             (dataset.path / name).unlink(missing_ok=True)

@@ -58,7 +58,9 @@ def import_results(
     found = read_catalogue(files, {sensor: mesh.path for sensor, mesh in rest.items()}, track)
     own = _own_job(found)
     axis = depth_axis(found, depths_mm, own)
-    legs = own.resolved()["trajectories"].get("path", []) if own and depths_mm is None else []
+    legs = own.resolved()["trajectories"].get("path", []) if own else []
+    if legs and depths_mm is not None:
+        raise InputError("--depths-mm: the files' job has legs, whose steps are kept as they are; leave it out")
     job = _job(found, rest, axis, legs, own, name or (own.name if own else output.name.removesuffix(".zarr")))
     samples, left_out = on_axis(found, job.indenter_path)
     attributes = _attributes(found, rest, job, left_out)

@@ -18,7 +18,7 @@ from simgen.errors import InputError
 from simgen.exchange.selection import Selection, Track, vertex_flags
 from simgen.geometry import advanced
 from simgen.indenter_path import moved
-from simgen.job_schema import OF_SURFACE
+from simgen.job_schema import SURFACE_COMPONENTS
 from simgen.quiet import start_warp
 from simgen.touch_audit import pressed_indenter
 from simgen.whole_files import check_room
@@ -54,7 +54,7 @@ class _Series:
         self.rest, self.tetrahedra = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/tetrahedra"]
         self.flags, self.offsets = vertex_flags(dataset, sensor), dataset.offsets_of(sensor)
         self.turns = dataset.indenter_path.turns_rad
-        self.surface_outputs = [name for name in OF_SURFACE if f"{sensor}/{name}" in dataset.arrays]
+        self.surface_outputs = [name for name in SURFACE_COMPONENTS if f"{sensor}/{name}" in dataset.arrays]
         self.surface_vertices = dataset[f"{sensor}/surface_vertices"] if self.surface_outputs else None
         self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
         self.pose = dataset[f"{sensor}/pose"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from simgen.dataset import Dataset
 from simgen.exchange.selection import Selection, Track, vertex_flags
-from simgen.job_schema import OF_SURFACE
+from simgen.job_schema import SURFACE_COMPONENTS
 from simgen.splits import IN_NONE, SPLITS
 
 OF_MESH = ("rest_positions", "tetrahedra", "surface_triangles")
@@ -67,10 +67,10 @@ def export_npy(selection: Selection, folder: Path, track: Track) -> None:
             files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], "sample, 3", unit)
         for name, values in _surface_vertices(dataset, sensor).items():
             files.whole(name, values, "surface vertex")
-        for name in dataset.job.kept_outputs(sensor):
+        for name in dataset.job.stored_outputs(sensor):
             array = dataset.arrays[f"{sensor}/{name}"]
             axes = ", ".join(["sample", *map(str, array.shape[1:])])
-            if name not in OF_SURFACE:
+            if name not in SURFACE_COMPONENTS:
                 files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], axes, array.unit)
                 continue
             shape = (len(press), *array.shape[1:])

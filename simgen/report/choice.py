@@ -21,8 +21,8 @@ def steps_axis(dataset: Dataset) -> tuple[np.ndarray, str]:
 
 def step_title(dataset: Dataset, step: int) -> str:
     """A few words above a picture of a step: its depth, or its number where a press is a path."""
-    steps, label = steps_axis(dataset)
-    return f"{steps[step]:g} mm" if label == "depth, mm" else f"step {steps[step]:g}"
+    number = f"{steps_axis(dataset)[0][step]:g}"
+    return f"{number} mm" if dataset.indenter_path.is_a_press else f"step {number}"
 
 
 def furthest_press(dataset: Dataset, indenter: int | None = None) -> tuple[int, int]:

@@ -61,9 +61,9 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
     position, length = (
         np.float32(1e3 * values) for values in (rest + moved, np.linalg.norm(moved, axis=-1))
     )
-    steps, axis_label = steps_axis(dataset)
+    steps, _ = steps_axis(dataset)
     labels = ["0", *(f"{step:g}" for step in steps[:reached])]
-    prefix, unit = ("depth ", " mm") if axis_label == "depth, mm" else ("step ", "")
+    prefix, unit = ("depth ", " mm") if dataset.indenter_path.is_a_press else ("step ", "")
 
     def mesh(step: int, **fixed) -> Mesh3d:
         x, y, z = np.ascontiguousarray(position[step].T)

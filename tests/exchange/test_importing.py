@@ -72,6 +72,8 @@ def test_a_path_comes_back_step_by_step(tmp_path):
     assert np.abs(moved).max() <= storage_error(dataset, "digit")
     np.testing.assert_allclose(imported["press/pose"], dataset["press/pose"], atol=1e-15)
     assert passes(check(imported))
+    with pytest.raises(InputError, match="--depths-mm: the files' job has legs"):
+        import_all(tmp_path / "out", tmp_path / "again.zarr", depths_mm="0.1:0.4:4")
 
 
 def test_a_dataset_that_has_grown_keeps_its_splits(tmp_path):

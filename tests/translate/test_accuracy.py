@@ -10,11 +10,15 @@ from simgen.errors import InputError
 from simgen.translate.accuracy import FILE, Accuracy, read_contact, summarise, write_summary
 
 NAN = float("nan")
-HEADER = b"off_mm,deepest_mm,rmse_um\n"
+HEADER = b"depth_mm,off_mm,deepest_mm,rmse_um\n"
 
 
-def press(off: list[float], deepest: list[float], rmse: list[float]) -> dict[str, np.ndarray]:
-    return {"off_mm": np.array(off), "deepest_mm": np.array(deepest), "rmse_um": np.array(rmse)}
+def press(
+    off: list[float], deepest: list[float], rmse: list[float], depth: list[float] | None = None
+) -> dict[str, np.ndarray]:
+    """Columns of a press whose indenter goes deeper and deeper, unless its depths are given."""
+    columns = {"depth_mm": depth or np.arange(len(off)), "off_mm": off, "deepest_mm": deepest, "rmse_um": rmse}
+    return {name: np.array(values) for name, values in columns.items()}
 
 
 ONE = press([0.2, 1.0, 1.5, 0.4], [0.1, 0.3, 0.2, 0.4], [1.0, 2.0, 3.0, 4.0])
@@ -51,6 +55,12 @@ def test_the_order_does_not_reach_from_press_to_press():
     assert (found.followed, found.in_order) == (2, 1.0)
 
 
+def test_only_where_the_indenter_goes_deeper_must_the_contact():
+    """Pressed, sheared at one depth, pressed deeper, let go."""
+    found = Accuracy.of([press([0.0] * 5, [0.1, 0.2, 0.19, 0.3, 0.1], [0.0] * 5, depth=[0.1, 0.2, 0.2, 0.3, 0.1])])
+    assert (found.followed, found.in_order) == (2, 1.0)
+
+
 def write(file, lines) -> None:
     file.write_text("\n".join(lines) + "\n")
 
@@ -59,7 +69,7 @@ def write(file, lines) -> None:
 def files(tmp_path):
     """Of two indenters, one of which has no press."""
     write(tmp_path / "a.csv", ["depth_mm,rmse_um,off_mm,deepest_mm", "0.1,2,0.5,0.1", "0.2,4,nan,0.05"])
-    write(tmp_path / "b.csv", ["off_mm,deepest_mm,rmse_um", "2,0.1,6"])
+    write(tmp_path / "b.csv", ["off_mm,deepest_mm,rmse_um,depth_mm", "2,0.1,6,0.1"])
     return {"ring": [tmp_path / "a.csv"], "sphere": [tmp_path / "b.csv"], "edge": []}
 
 
