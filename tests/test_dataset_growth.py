@@ -187,6 +187,13 @@ def test_other_changes_than_the_count_are_refused_and_cost_nothing(folder):
     assert fake.contents(folder) == before
 
 
+def test_shards_of_a_grown_dataset_can_be_solved_again(folder):
+    run(fake.make_plan(make_job(7)), folder, build=fake.fake_presser)
+    before = fake.contents(folder)
+    run(fake.make_plan(make_job(7)), folder, build=fake.fake_presser, again=[1, 5])
+    assert fake.contents(folder) == before
+
+
 def test_a_card_that_was_edited_stays(folder):
     (folder / "README.md").write_bytes(b"mine: \xff")
     run(fake.make_plan(make_job(5)), folder, build=fake.fake_presser)

@@ -18,7 +18,7 @@ from simgen.indenter import (
     sampled_shape,
     signed_distance,
 )
-from simgen.shape import shape_array
+from simgen.shape import lateral_reach, shape_array
 from simgen.validate.published_geometry import tip_distances
 
 NAMES = indenter_names()
@@ -261,3 +261,15 @@ def test_an_indenter_is_known_by_its_sizes_or_its_file(tmp_path):
     assert load_indenter(file).identity() == {
         "kind": "mesh", "unit": "m", "spacing_mm": 0.2, "sha256": expected,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_shape_reaches_further_than_it_says(name):
+    """Beside its reach there is nothing of it, and nearer there is."""
+    shape = load_indenter(name).shape()
+    reach, angles = lateral_reach(shape), np.linspace(0.0, 2.0 * np.pi, 73)
+    ring = np.stack([np.cos(angles), np.zeros_like(angles), np.sin(angles)], axis=1)
+    heights = np.linspace(-9.0, 0.0, 19)[:, None, None] * [0.0, 1.0, 0.0]
+    beyond, within = ((heights + share * reach * ring).reshape(-1, 3) for share in (1.001, 0.9))
+    assert signed_distance(shape, beyond)[0].min() > 0.0
+    assert signed_distance(shape, within)[0].min() < 0.0

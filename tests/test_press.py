@@ -1,5 +1,6 @@
 """Presses into a small block: what must hold whatever the sensor."""
 
+import doctest
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from simgen.errors import InputError
 from simgen.fem.contact import Contact
 from simgen.fem.pattern import corners_to_nodes
 from simgen.fem.preconditioner import BlockTriangular
+from simgen.indenter_path import turn_about_press_axis
 from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
@@ -277,3 +279,37 @@ def test_a_pin_between_the_integration_points_is_refused(block):
 def test_a_path_that_is_none_is_refused(scene, path):
     with pytest.raises(InputError, match="allowed: one or more points"):
         follow(scene, [SPHERE], pose(), path)
+
+
+def test_the_example_of_follow_runs():
+    (example,) = doctest.DocTestFinder(recurse=False).find(follow)
+    result = doctest.DocTestRunner().run(example)
+    assert result.attempted > 10 and result.failed == 0
+
+
+def test_turns_that_are_none_are_refused(scene):
+    with pytest.raises(InputError, match="turns of shape"):
+        follow(scene, [SPHERE], pose(), np.zeros((2, 3)), np.zeros(3))
+
+
+def test_without_friction_a_turned_sphere_moves_nothing_and_slides_everywhere(block):
+    scene = Scene(block, GEL.model_copy(update={"friction": 0.0}))
+    path = np.array([[0.0, 0.4, 0.0]] * 2) * MM
+    pressed = follow(scene, [SPHERE], pose(), path, np.array([0.0, 1.0]))[0]
+    np.testing.assert_allclose(pressed.displacement[1], pressed.displacement[0], atol=1e-9)
+    assert (pressed.slip_share == 1.0).all()
+
+
+def test_a_cube_that_is_turned_as_it_goes_down_ends_where_one_that_is_rolled_presses(block):
+    """Without friction nothing remembers the way."""
+    scene = Scene(block, GEL.model_copy(update={"friction": 0.0}))
+    small, angle = rigid_shape(Kind.CUBE, 2.5, 1.0), np.radians(30.0)
+    rolled = pose()
+    rolled[0, :3, :3] = turn_about_press_axis(angle)
+    path = np.array([[0.0, 0.2, 0.0], [0.0, 0.3, 0.0]]) * MM
+    straight = follow(scene, [small], rolled, path)[0]
+    turned = follow(scene, [small], pose(), path, np.array([0.5 * angle, angle]))[0]
+    assert (straight.status == 0).all() and (turned.status == 0).all()
+    tolerance = scene.settings.contact_tolerance
+    np.testing.assert_allclose(turned.force[1], straight.force[1], atol=tolerance * straight.force[1, 1])
+    np.testing.assert_allclose(turned.displacement[1], straight.displacement[1], atol=tolerance * 0.3 * MM)
