@@ -43,7 +43,8 @@ def job_scene(job: Job, sensor: str, batch: int, device: str) -> Scene:
     """As `simgen run` makes it."""
     model = chosen_sensor(job, sensor)
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
-    return Scene(model, chosen_material(job, sensor, model), device=device, batch=batch, settings=settings)
+    material, outputs = chosen_material(job, sensor, model), job.surface_outputs(sensor)
+    return Scene(model, material, device=device, batch=batch, settings=settings, outputs=outputs)
 
 
 def summary(results: list[PressResult], seconds: float) -> dict:
