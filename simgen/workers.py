@@ -119,14 +119,17 @@ def start_workers(
         yield Workers(device)
         return
     from dask.distributed import Client
+    from distributed.comm.addressing import parse_address
+    from distributed.comm.registry import get_backend
     from distributed.utils import silence_logging_cmgr
 
     if scheduler is not None:
         try:
+            get_backend(parse_address(scheduler)[0])  # raises for an unknown kind of address, which a client would try
             client = Client(scheduler, timeout=ANSWER_S)
         except Exception as error:  # dask's, of many kinds, for addresses that are none
             allowed = "allowed: the address of one that answers, as tcp://host:8786, or sync"
-            raise InputError(f"scheduler {scheduler!r}: {error or type(error).__name__}; {allowed}") from None
+            raise InputError(f"scheduler {scheduler!r}: {str(error) or type(error).__name__}; {allowed}") from None
         with silence_logging_cmgr("CRITICAL"), client:  # a lost scheduler would be pages of tracebacks
 
             def joined() -> tuple[Client, list]:
