@@ -1,4 +1,4 @@
-"""What do long edges of the output mesh cost in images?
+"""Cost of long edges of the output mesh in images.
 
     python benchmarks/output_edges.py
 

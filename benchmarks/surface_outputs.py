@@ -1,4 +1,4 @@
-"""What stress and traction at the surface cost: the same presses with and without them, in turns.
+"""Cost of stress and traction at the surface: the same presses with and without them, in turns.
 
     python benchmarks/surface_outputs.py --device cuda --presses 512 --rounds 3
 """

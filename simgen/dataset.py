@@ -103,8 +103,10 @@ class Array:
 def written_arrays(
     job: Job, output_vertices: Mapping[str, int], surface_vertices: Mapping[str, int]
 ) -> dict[str, Array]:
-    """What the tasks write, by path; `output_vertices` gives their number on each sensor, `surface_vertices` the number
-    of those on its surface, of sensors with such outputs.
+    """The arrays that tasks write, by path.
+
+    output_vertices : number of each sensor's output vertices
+    surface_vertices : number of those on its surface, for sensors with outputs there
     """
     depths, displacement = len(job.depths_m), job.dataset.displacement
     about = "indenter to shared frame at first touch, or the contact pose where there is none"

@@ -119,7 +119,7 @@ def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Ind
 
 
 def _bytes(job: Job, sensors: list[SensorPreview]) -> float:
-    """What tasks will write; only displacements are taken to be compressed."""
+    """Bytes that tasks will write; only displacements count as compressed."""
     arrays = written_arrays(
         job,
         {sensor.name: sensor.output_vertices for sensor in sensors},

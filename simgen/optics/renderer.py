@@ -27,7 +27,7 @@ TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.y
 
 @dataclass(frozen=True)
 class Look:
-    """How images are made of a sensor's meshes. Raises `InputError` for a ``blur`` that is not known.
+    """The way that images are made of a sensor's meshes. Raises `InputError` for a ``blur`` that is not known.
 
     table, background : files of Taxim's layout, and an image of nothing; by default the sensor's own
     height, width : px; by default the camera's own
