@@ -19,7 +19,7 @@ def number(text: str) -> int:
 
 
 def trained_on(rows: int) -> int:
-    """Number of rows that train, by the published rule: of each hundred the loader tests with 11 and validates with 10."""
+    """Number of rows that train: of each hundred the published loader tests with 11 and validates with 10."""
     return sum(row % 100 > 20 for row in range(1, rows + 1))
 
 
