@@ -115,7 +115,7 @@ def test_a_repair_leaves_the_owner_s_text_and_renews_the_table(dataset, tmp_path
 
 
 class Page(HTMLParser):
-    """What a browser would show of a card: its tags, and its text."""
+    """The tags and the text that a browser would show of a card."""
 
     def __init__(self, card: str):
         super().__init__()

@@ -62,7 +62,7 @@ def hollow_slab() -> SimpleNamespace:
 
 
 def sensor(surface, touchable, core=None, region=None) -> SimpleNamespace:
-    """What pairing needs of a sensor."""
+    """A stand-in with those parts of a sensor that pairing reads."""
     on_surface = np.arange(len(surface.vertices))
     output = SimpleNamespace(vertices=surface.vertices, surface_vertices=on_surface, touchable=touchable)
     return SimpleNamespace(name="slab", surface=surface, surface_region=region, core=core, output_mesh=output)

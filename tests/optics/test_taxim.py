@@ -109,7 +109,7 @@ def test_a_table_of_real_pictures_brightens_towards_the_lights(reference, camera
 
 @pytest.mark.parametrize("simulation", ["formula", "package"])
 def test_images_are_taxim_s(renderer, table, gel, simulation, tmp_path):
-    """Of the same heights, its response to flat gel taken off. Pixels have one size there, and the gel is flat."""
+    """Taxim's image of the same heights, less its response to flat gel. Its gel is flat, its pixels have one size."""
     simulate = by_formula if simulation == "formula" else partial(by_package, folder=tmp_path)
     pixel_mm = 1e3 * float(np.median(renderer.heights.rest_depth[renderer.heights.seen])) / renderer.pinhole.focal
     picture = partial(simulate, table, pixel_mm=pixel_mm, background=lie(renderer.background).astype(float))
