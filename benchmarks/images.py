@@ -21,6 +21,7 @@ import record
 import warp as wp
 
 from simgen.dataset import Dataset
+from simgen.fem.status import is_valid
 from simgen.optics.image_files import write_image
 from simgen.optics.renderer import Look, Renderer
 
@@ -30,7 +31,7 @@ TURNS = 5
 
 def samples(dataset: Dataset, sensor: str, count: int) -> np.ndarray:
     """(count, vertex, 3) float32 m, converged ones, repeated if there are not as many."""
-    found, converged = [], dataset[f"{sensor}/status"] == 0
+    found, converged = [], is_valid(dataset[f"{sensor}/status"])
     for press in np.flatnonzero(converged.any(axis=1)):
         found.append(dataset.displacement(sensor, int(press))[converged[press]])
         if sum(map(len, found)) >= count:

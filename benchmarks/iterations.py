@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from record import write
 
+from simgen.fem.status import has_values
 from simgen.indenter import load_indenter
 from simgen.press import Scene, SolverSettings, press
 from simgen.quiet import start_warp
@@ -37,7 +38,7 @@ def measure(sensor, nu: float, indenter: str, settings: SolverSettings, device: 
         "krylov_per_newton": np.round(krylov / newton, 2)[shown].tolist(),
         "mean_newton_per_depth": float(np.mean(newton)),
         "mean_krylov_per_newton": float(krylov.sum() / newton.sum()),
-        "converged": int((result.status == 0).sum()),
+        "converged": int(has_values(result.status).sum()),
         "of": len(DEPTHS_MM),
         "seconds": round(result.seconds, 1),
     }

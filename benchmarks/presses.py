@@ -6,6 +6,7 @@ import numpy as np
 
 from simgen.distance import RigidShape
 from simgen.fem.newton import SolverSettings
+from simgen.fem.status import has_values
 from simgen.indenter import chosen_indenters
 from simgen.job import load_job
 from simgen.job_schema import Job
@@ -50,7 +51,7 @@ def job_scene(job: Job, sensor: str, batch: int, device: str) -> Scene:
 def summary(results: list[PressResult], seconds: float) -> dict:
     """Solves a second, what converged, and iterations of a solve."""
     status = np.stack([result.status for result in results])
-    converged = int((status == 0).sum())
+    converged = int(has_values(status).sum())
     newton, krylov = (
         sum(float(np.nansum(result.certificate[f"{kind}_iterations"])) for result in results)
         for kind in ("newton", "krylov")
@@ -59,7 +60,7 @@ def summary(results: list[PressResult], seconds: float) -> dict:
         "presses": len(results),
         "solves": int(status.size),
         "converged": converged,
-        "presses_converged": int((status == 0).all(axis=1).sum()),
+        "presses_converged": int(has_values(status).all(axis=1).sum()),
         "seconds": round(seconds, 3),
         "solves_per_second": round(converged / seconds, 3),
         "newton_per_solve": round(newton / max(converged, 1), 2),

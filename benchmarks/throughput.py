@@ -18,6 +18,7 @@ import numpy as np
 from record import write
 
 from simgen.audit import check, passes
+from simgen.fem.status import has_values
 from simgen.job import load_job
 from simgen.plan import make_plan
 from simgen.run import run
@@ -36,13 +37,13 @@ def measure(job, device: str, workers: int, folder: Path) -> dict:
     solving = {sensor: sum(report.seconds_by_sensor[sensor] for report in reports if report.seconds_by_sensor)
                for sensor in job.sensors}  # fmt: skip
     status = {sensor: dataset[f"{sensor}/status"] for sensor in job.sensors}
-    converged = sum(int((values == 0).sum()) for values in status.values())
+    converged = sum(int(has_values(values).sum()) for values in status.values())
     return {
         "workers": workers,
         "presses": dataset.presses,
         "solves": sum(values.size for values in status.values()),
         "converged": converged,
-        "presses_converged": int(np.logical_and.reduce([(v == 0).all(axis=1) for v in status.values()]).sum()),
+        "presses_converged": int(np.logical_and.reduce([has_values(v).all(axis=1) for v in status.values()]).sum()),
         "outcomes": {str(code): sum(int((v == code).sum()) for v in status.values())
                      for code in np.unique(np.concatenate([v.ravel() for v in status.values()]))},
         "errors": sorted({report.error for report in reports if report.error}),

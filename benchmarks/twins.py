@@ -21,6 +21,7 @@ import record
 from presses import job_scene
 from scipy.spatial.distance import cdist
 
+from simgen.fem.status import has_values
 from simgen.indenter import load_indenter
 from simgen.job import load_job
 from simgen.job_schema import Job
@@ -116,7 +117,7 @@ def pressed(twins: Twins, gauge: ContactGauge, poses: np.ndarray, sensors: np.nd
                      for name, own in (("digit", poses), ("biotac", np.linalg.inv(sensors) @ poses)))  # fmt: skip
     rows = []
     for step, depth in enumerate(DEPTHS_M):
-        if any(result.status[step] for result in (*digit, *biotac)):
+        if not all(has_values(result.status[step]) for result in (*digit, *biotac)):
             continue
         one, other = (result.displacement[step] for result in biotac)
         centroids = gauge.centroid(np.stack([result.displacement[step] for result in digit]))

@@ -15,6 +15,7 @@ from simgen import touch_audit
 from simgen.dataset import PLAN, Dataset, path_arrays
 from simgen.dataset_layout import faults
 from simgen.errors import InputError
+from simgen.fem.status import NOT_THERE, has_values, is_planned_end
 from simgen.finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.job_schema import SURFACE_COMPONENTS, hash_of
 from simgen.splits import IN_NONE, SPLITS, number_presses, split_presses
@@ -170,18 +171,16 @@ def _splits(dataset: Dataset) -> Iterator[Finding]:
 def _imported(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     """Which samples there are; whether they converged, the files of others do not say."""
     status = dataset[f"{sensor}/status"]
-    found = f"{np.count_nonzero(status == 0)} of {status.size}"
-    yield Finding(sensor, "samples in the files", found, "stated", None, _failures(dataset, status))
+    there = has_values(status)
+    found = f"{np.count_nonzero(there)} of {there.size}"
+    yield Finding(sensor, "samples in the files", found, "stated", None, _sentences(dataset, status, ~there))
     yield not_looked_at(sensor, "certificates", "the files that were imported hold none")
 
 
 def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     status = dataset[f"{sensor}/status"]
-    converged = status == 0
-    found = f"{np.count_nonzero(converged)} of {status.size}"
-    yield Finding(
-        sensor, "samples converged", found, "all", bool(converged.all()), _failures(dataset, status)
-    )
+    converged = has_values(status)
+    yield from _outcomes(dataset, sensor, status)
     limits = [
         ("residual", "residual", dataset.job.solver.residual_tolerance),
         ("contact_error", "contact error", dataset.job.solver.contact_tolerance),
@@ -203,8 +202,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(converged & ~(least > 0)))
     found = f"{np.min(least, initial=np.inf, where=converged):.3f}"
     yield Finding(sensor, "det F, least", found, "> 0", not bad, name("det F", bad), bad)
-    inverted = np.max(stored("inverted_elements"), initial=0, where=converged)
-    yield Finding(sensor, "elements inverted in part", f"{inverted} at most", "stated", None)
+    yield _inside_out(sensor, np.where(converged, stored("inverted_elements"), 0), np.count_nonzero(converged))
     rms, deepest = (
         np.max(stored(f"{each}_penetration_m"), initial=0.0, where=converged) * 1e6 for each in ("rms", "max")
     )
@@ -223,12 +221,41 @@ def _finite(dataset: Dataset, name: str, shape: tuple[int, int]) -> np.ndarray:
     return finite
 
 
-def _failures(dataset: Dataset, status: np.ndarray) -> str:
-    """What befell the samples that did not converge, one line for each status."""
+def _outcomes(dataset: Dataset, sensor: str, status: np.ndarray) -> Iterator[Finding]:
+    """Samples that converged, of those that were to be pressed; those that were not, if there are any."""
+    planned, converged = is_planned_end(status), has_values(status)
+    missed = ~(planned | converged)
+    found, note = f"{np.count_nonzero(converged)} of {np.count_nonzero(~planned)}", _sentences(dataset, status, missed)
+    yield Finding(sensor, "samples converged", found, "all", not missed.any(), note, listed=_first_of_presses(missed))
+    if planned.any():
+        found, note = f"{np.count_nonzero(planned)} of {status.size}", _sentences(dataset, status, planned)
+        yield Finding(sensor, "not pressed, as planned", found, "stated", None, note, listed=_first_of_presses(planned))
+
+
+def _inside_out(sensor: str, elements: np.ndarray, converged: int) -> Finding:
+    """Converged samples in which elements (press, depth) are inside out, press by press."""
+    samples = np.argwhere(elements > 0)
+    presses, first, counts = np.unique(samples[:, 0], return_index=True, return_counts=True)
+    lines = [f"press {press}: {count} samples, the first at depth {depth}, {elements[press].max()} elements at most"
+             for press, depth, count in zip(presses, samples[first, 1], counts, strict=True)]  # fmt: skip
+    note = "inside out: " + "; ".join(lines[:SHOWN]) if lines else ""
+    note += f"; and {len(lines) - SHOWN} more presses" if len(lines) > SHOWN else ""
+    found, listed = f"{len(samples)} of {converged}", tuple((int(press), int(depth)) for press, depth in samples)
+    return Finding(sensor, "of these inside out", found, "stated", None, note, listed=listed)
+
+
+def _first_of_presses(samples: np.ndarray) -> tuple[tuple[int, int], ...]:
+    """Of samples (press, depth) bool the first of each press."""
+    presses = np.flatnonzero(samples.any(axis=1))
+    return tuple((int(press), int(samples[press].argmax())) for press in presses)
+
+
+def _sentences(dataset: Dataset, status: np.ndarray, of: np.ndarray) -> str:
+    """One line for each status of the samples ``of`` (press, depth) bool."""
     lines = []
-    for code in np.unique(status[status != 0]):
+    for code in np.unique(status[of]):
         press, depth = np.argwhere(status == code)[0]
         count = np.count_nonzero(status == code)
-        words = dataset.sentence(code) if code != -1 else "Not there yet, or in a file that has changed."
+        words = dataset.sentence(code) if code != NOT_THERE else "Not there yet, or in a file that has changed."
         lines.append(f"{count} samples, the first at press {press}, depth {depth}: {words}")
     return "\n".join(lines)

@@ -171,10 +171,10 @@ def status(dataset: DatasetFolder):
     from simgen.console import print_status
     from simgen.dataset import Dataset
     from simgen.dataset_layout import checked
-    from simgen.run_status import failures, run_status
+    from simgen.run_status import outcomes, run_status
 
     opened = checked(Dataset(dataset))
-    print_status(dataset, run_status(opened), failures(opened))
+    print_status(dataset, run_status(opened), outcomes(opened))
 
 
 @app.command()

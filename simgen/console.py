@@ -120,7 +120,7 @@ class _Watch:
             TextColumn("{task.fields[failures]}"),
             console=console,
         )
-        self.done = self.already = self.failed = self.errors = 0
+        self.done = self.already = self.failed = self.planned = self.inside_out = self.errors = 0
         self.workers: Workers | None = None
         self.presses, self.began = job.presses, time.monotonic()
         self.bar = self.progress.add_task(job.name, total=job.presses, rate="starting", failures="")
@@ -142,12 +142,16 @@ class _Watch:
         else:
             self.done += report.presses
             self.failed += report.failed
+            self.planned += report.planned
+            self.inside_out += report.inside_out
         rate = (self.done - self.already) / (time.monotonic() - self.began)
         self.progress.update(self.bar, completed=self.done, rate=f"{rate:.3g}/s", failures=self.failures())
 
     def failures(self) -> str:
+        inside_out = f", {self.inside_out} inside out" if self.inside_out else ""
+        planned = f", {self.planned} not pressed, as planned" if self.planned else ""
         shards = f", {self.errors} shards not written" if self.errors else ""
-        return f"{self.failed or 'no'} samples failed{shards}"
+        return f"{self.failed or 'no'} samples failed{inside_out}{planned}{shards}"
 
 
 def print_findings(path: Path, findings: list[Finding]) -> None:
@@ -174,7 +178,7 @@ def print_findings(path: Path, findings: list[Finding]) -> None:
     console.print(f"{path} {verdict}")
 
 
-def print_status(path: Path, found: RunStatus, failures: Mapping[str, int]) -> None:
+def print_status(path: Path, found: RunStatus, outcomes: Mapping[str, int]) -> None:
     share = 100.0 * found.finished / found.presses
     console.print(f"{path}: {found.finished} of {found.presses} presses, {share:.1f} %")
     if found.at_work:
@@ -186,8 +190,8 @@ def print_status(path: Path, found: RunStatus, failures: Mapping[str, int]) -> N
         console.print(f"last shard: {_time(found.last_s)} ago{rate}")
     if found.left_s is not None:
         console.print(f"left: about {_time(found.left_s)}")
-    for sentence, count in failures.items():
-        console.print(f"{count} samples failed: {sentence}", soft_wrap=True)
+    for outcome, count in outcomes.items():
+        console.print(f"{count} samples {outcome}", soft_wrap=True)
     for shard, error in found.errors.items():
         console.print(f"[red]shard {shard} was not written: {escape(error)}[/]", soft_wrap=True)
 

@@ -27,7 +27,8 @@ One zarr v3 directory, in SI units::
       <sensor>/surface_vertices (s,)                   where asked for: indices of the vertices on the surface, and
       <sensor>/stress (press, depth, s, 6)             Pa at these: Cauchy stress xx, yy, zz, yz, xz, xy, and the
       <sensor>/traction (press, depth, s, 3)           indenter's force per rest area, in the sensor's frame
-      <sensor>/status (press, depth)                   0 converged; the sentences are in the attributes
+      <sensor>/status (press, depth)                   0 valid, 9 inside out: both converged; the sentences are in
+                                                       the attributes
       <sensor>/certificate/* (press, depth)            residual, force_balance, min_det_F, ...
       README.md, presses.csv, croissant.json           what it is, for people and machines (`simgen.card`)
       manifest/*.json                                  sha256 of every file: the plan's, each finished shard's
@@ -37,7 +38,7 @@ One zarr v3 directory, in SI units::
 A shard is what one task writes: the same presses of every array, one file per array. Two writers never share
 one. Each file is written aside, flushed to disk and renamed, the manifests last: a shard without one does not
 exist, so a run that is killed at any moment goes on from there. A sample that was not reached holds the fill
-value (NaN, -1, or -32768 in int16) and its status.
+value (NaN, -1, or -32768 in int16) and its status. One that converged but is inside out holds its values.
 """
 
 import json
@@ -74,7 +75,7 @@ CERTIFICATE = {
     "contact_error": ("float64", "relative change (L2, weighted by edges) that one more multiplier update would make"),
     "force_balance": ("float64", "|contact force + reaction of what is held| / |contact force|"),
     "min_det_F": ("float64", "least det F over the elements' quadrature points"),
-    "inverted_elements": ("int32", "elements with det F <= 0 at corners, thirds of edges or middles of faces"),
+    "inverted_elements": ("int32", "elements that are inside out somewhere, by a bound over each (conservative)"),
     "rms_penetration_m": ("float64", "root mean square pointwise penetration over the contact area, m"),
     "max_penetration_m": ("float64", "largest pointwise penetration, m"),
     "newton_iterations": ("int32", "Newton iterations of this depth, all sub-steps"),

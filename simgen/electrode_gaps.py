@@ -13,6 +13,7 @@ import warp as wp
 
 from simgen.dataset import Dataset
 from simgen.errors import InputError
+from simgen.fem.status import has_values
 from simgen.quiet import check_device
 from simgen.sensor import cavity_faces, load_geometry, place_electrodes
 from simgen.touch_audit import nearest_on_surface
@@ -221,7 +222,7 @@ def _checked_samples(
     for name, values, count in (("press", press, dataset.presses), ("step", step, len(dataset["depth"]))):
         if values.min() < 0 or values.max() >= count:
             raise InputError(f"samples: {name} {values.min()} to {values.max()}; allowed: 0 to {count - 1}")
-    if sensor in dataset.sensors and (bad := dataset[f"{sensor}/status"][press, step] != 0).any():
+    if sensor in dataset.sensors and (bad := ~has_values(dataset[f"{sensor}/status"][press, step])).any():
         at = np.argmax(bad)
         raise InputError(f"{dataset.path}/{sensor}: press {press[at]}, depth {step[at]}: it did not converge; allowed: "
                          "converged samples")  # fmt: skip

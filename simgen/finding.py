@@ -14,6 +14,7 @@ class Finding:
     """One line of an audit; ``passed`` is None for a figure that is stated but has no limit.
 
     bad : samples to be solved again, (press, depth)
+    listed : samples to know of, (press, depth), which solving again would not mend
     spoiled : names of manifests that, or files of which, have changed
     """
 
@@ -25,6 +26,7 @@ class Finding:
     note: str = ""
     bad: tuple[tuple[int, int], ...] = ()
     spoiled: tuple[str, ...] = ()
+    listed: tuple[tuple[int, int], ...] = ()
 
     @property
     def failed(self) -> bool:

@@ -96,6 +96,9 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
     },
     Trajectories: {
         "count": "contact poses; each is pressed with every indenter into every sensor",
+        "max_force_n": "a press ends where its force along the press axis exceeds this, on each sensor for itself. The "
+                       "sample there is not kept; this step and all later ones have status 7. Only stored steps count: "
+                       "between them the force may be larger",
         "path": "what the indenter does after it has pressed to the last depth, leg after leg",
         **contact_meanings(),
     },

@@ -147,6 +147,9 @@ class Trajectories(Section):
     )
     max_indentation_ratio: float = Field(0.6, gt=0.0, lt=1.0, description="between 0 and 1")
     min_edge_ratio: float = Field(1.5, ge=0.0, le=10.0, description="0 to 10")
+    max_force_n: float | None = Field(
+        None, gt=0.0, le=1e4, exclude_if=lambda force: force is None, description="above 0, to 10000 N"
+    )
     path: tuple[Leg, ...] = Field(
         (), exclude_if=lambda legs: not legs, description="a list of legs {move_mm, turn_deg, steps}"
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from simgen.dataset import Dataset
 from simgen.errors import InputError
+from simgen.fem.status import has_values, is_valid
 from simgen.job_schema import SURFACE_COMPONENTS
 from simgen.splits import IN_NONE, SPLITS, leave_out
 
@@ -25,11 +26,13 @@ def load_dataset(
     split: str | None = None,
     sensors: Sequence[str] | None = None,
     left_out: str | None = None,
+    include_inside_out: bool = False,
 ) -> "Samples":
-    """The samples of a dataset that converged on all `sensors` (default: all of the dataset).
+    """The valid samples of a dataset on all `sensors` (default: all of the dataset): converged, nothing inside out.
 
     `split`: train, validation or test; None is all of them. `left_out`, the name of an indenter, tests that one alone
     at the trajectories of the test, and leaves it out of training and validation; by default as the dataset says.
+    `include_inside_out` adds converged samples in which an element is inside out somewhere.
     Raises `InputError` for a name that is not there, and where no sample is left.
     """
     dataset = Dataset(path)
@@ -46,15 +49,16 @@ def load_dataset(
     stored = dataset.job.dataset.leave_out
     if left_out is not None and stored not in (None, left_out):
         raise InputError(f"{path}: left_out {left_out!r}: allowed: {stored}, which the dataset leaves out itself")
-    converged = np.all([dataset[f"{name}/status"] == 0 for name in names], axis=0)
+    is_chosen = has_values if include_inside_out else is_valid
+    there = np.all([is_chosen(dataset[f"{name}/status"]) for name in names], axis=0)
     own = dataset["press/split"]
     if left_out is not None and stored is None:
         own = leave_out(own, dataset["press/indenter"], dataset.indenters.index(left_out))
     chosen = own != IN_NONE if split is None else own == list(SPLITS).index(split)
-    if not (converged & chosen[:, None]).any():
+    if not (there & chosen[:, None]).any():
         counts = ", ".join(f"{name} {np.count_nonzero(own == code)}" for code, name in enumerate(SPLITS))
-        raise InputError(f"{path}: no sample of split {split!r} has converged; presses: {counts}")
-    return Samples(dataset.path, names, np.argwhere(converged & chosen[:, None]))
+        raise InputError(f"{path}: no sample of split {split!r} is valid; presses: {counts}")
+    return Samples(dataset.path, names, np.argwhere(there & chosen[:, None]))
 
 
 class Samples(Sequence):

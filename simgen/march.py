@@ -46,20 +46,23 @@ class March:
 
     poses (b, 4, 4) mm at first touch; path (d, 4): offsets, mm, and turns about the press axis, rad; lateral (b,) mm:
     how far each indenter reaches from that axis; status (b,): those that have not converged there do not begin; the
-    others do in this ``order`` (b,).
-    ``rows`` are the samples of each press, ``displacement`` (d, v, 3) m of each that has any, ``final`` how it ended.
+    others do in this ``order`` (b,). A press ends after its ``steps`` (b,), and where its force along the press axis
+    exceeds ``max_force_n``, which may be infinite.
+    ``rows`` are the samples of each press with their ``status``, ``displacement`` (d, v, 3) m of each that has any,
+    ``final`` how it ended.
     ``way`` is the length of path that lies behind an environment, mm.
     """
 
     def __init__(
         self, scene: Scene, poses: np.ndarray, path: np.ndarray, lateral: np.ndarray, status: np.ndarray,
-        order: np.ndarray,
+        order: np.ndarray, steps: np.ndarray, max_force_n: float,
     ):  # fmt: skip
         self.scene, self.solver, self.path, self._poses, self._lateral = scene, scene.solver, path, poses, lateral
         self.rows: list[list[dict]] = [[] for _ in poses]
         self.displacement: list[np.ndarray | None] = [None for _ in poses]
-        self.final = status.copy()
-        self._waiting = deque(order[status[order] == Status.CONVERGED])
+        self._steps, self._max_force_n = steps, max_force_n
+        self.final = np.where((status == Status.CONVERGED) & (steps == 0), Status.NO_ROOM, status)
+        self._waiting = deque(order[self.final[order] == Status.CONVERGED])
         self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_LEVER_MM]])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -198,6 +201,9 @@ class March:
             press = self.press[env]
             rows, displacement = self.rows[press], sample.pop("displacement")
             overlap, of_edge = sample.pop("overlap_mm"), sample.pop("overlap_of_edge")
+            if abs(sample["force"] @ self._poses[press][:3, 1]) > self._max_force_n:
+                self._end(env, Status.FORCE_LIMIT)
+                continue
             entered = not rows and self.path[0, 1] > LEAST_OVERLAP_MM
             missed = not sample["force"].any() and (entered or overlap > LEAST_OVERLAP_MM)
             if missed or of_edge > MOST_OVERLAP:
@@ -208,7 +214,10 @@ class March:
             self.displacement[press][len(rows)] = displacement
             costs = dict(zip(("newton_iterations", "krylov_iterations", "substeps"), self.cost[:, env], strict=True))
             solved = {name: getattr(out, name)[env] for name in ("residual", "contact_error")}
-            rows.append(sample | costs | solved | {"min_det_F": out.min_det[env]})
+            status = Status.INSIDE_OUT if sample["inverted_elements"] else Status.CONVERGED
+            rows.append(sample | costs | solved | {"min_det_F": out.min_det[env], "status": status})
             self.cost[:, env] = 0
             if len(rows) == len(self.path):
                 self._end(env, Status.CONVERGED)
+            elif len(rows) == self._steps[press]:
+                self._end(env, Status.NO_ROOM)

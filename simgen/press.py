@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
 import numpy as np
 
 from .distance import RigidShape
-from .errors import InputError
+from .errors import InputError, shown
 from .fem.newton import SolverSettings
 from .fem.status import Status
 from .first_touch import first_touch
@@ -40,11 +41,11 @@ class PressResult:
     displacement : (d, v, 3) m, NaN where the press did not get that far
     force : (d, 3) N on the sensor, normal and friction together, in the sensor's frame
     moment : (d, 3) N m about the origin of the sensor's frame
-    status : (d,) int8, codes of :class:`simgen.fem.status.Status`
+    status : (d,) int8, codes of :class:`simgen.fem.status.Status`. A press that has a sample inside out goes on
     certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core
-        and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, elements inverted
-        in part between these, penetration in m, iterations, sub-steps; with a liquid also liquid_volume_error, over
-        the volume of the cavity
+        and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, number of elements
+        that are inside out somewhere (see ``fem/validity.py``), penetration in m, iterations, sub-steps; with a liquid
+        also liquid_volume_error, over the volume of the cavity
     touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of those that were solved together
     cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none
@@ -85,6 +86,8 @@ def follow(
     poses: np.ndarray,
     path_m: np.ndarray,
     turns_rad: np.ndarray | None = None,
+    steps: np.ndarray | None = None,
+    max_force_n: float = math.inf,
 ) -> list[PressResult]:
     """Move indenters along one path from first touch, and keep a sample at every point of it.
 
@@ -94,8 +97,12 @@ def follow(
     path_m : (d, 3) m, offsets of the tip from first touch in the contact frame, which is the indenter's frame at first
         touch: +y presses, x and z shear
     turns_rad : (d,) rad, right-handed turns of the indenter about its +y; none by default
+    steps : (b,) number of points, 0 to d, after which each press ends with `Status.NO_ROOM`; all by default
+    max_force_n : N, along the press axis. A press ends with `Status.FORCE_LIMIT` at the first point where its force
+        exceeds this; the sample there is not kept. Forces between the points are not looked at
 
-    Raises `InputError` for a path without points, or with numbers that are not finite.
+    Raises `InputError` for a path without points, or with numbers that are not finite, and for steps or a force out of
+    range.
 
     This presses a sphere 0.4 mm deep into the DIGIT, shears it by 0.2 mm, turns it by 10 degrees and lets go:
 
@@ -125,6 +132,12 @@ def follow(
     turns_rad = np.zeros(len(path_m)) if turns_rad is None else np.asarray(turns_rad, dtype=float)
     if turns_rad.shape != path_m.shape[:1] or not np.isfinite(turns_rad).all():
         raise InputError(f"turns of shape {turns_rad.shape}: allowed: a finite angle, rad, for each point of the path")
+    steps = np.full(len(shapes), len(path_m)) if steps is None else np.asarray(steps)
+    if steps.shape != (len(shapes),) or ((steps < 0) | (steps > len(path_m))).any():
+        raise InputError(f"steps {shown(str(steps.tolist()))}: allowed: 0 to {len(path_m)} for each of {len(shapes)} "
+                         "presses")  # fmt: skip
+    if not max_force_n > 0.0:
+        raise InputError(f"max_force_n {max_force_n}: allowed: above 0 N")
     if not np.isfinite(poses).all():
         raise InputError("poses: not finite; allowed: rigid transforms, m")
     if not len(shapes):
@@ -140,7 +153,7 @@ def follow(
     poses_mm[:, :3, 3] += travel[:, None] * poses_mm[:, :3, 1]
     # Those that touch the most take the longest: they go first, as the end of a batch waits for its slowest presses.
     lateral = np.array([lateral_reach(shape) for shape in shapes])
-    march = March(scene, poses_mm, path, lateral, status, np.argsort(-near, kind="stable"))
+    march = March(scene, poses_mm, path, lateral, status, np.argsort(-near, kind="stable"), steps, max_force_n)
     march.to_the_end()
     seconds = (time.perf_counter() - begin) / len(shapes)
     touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)
@@ -171,7 +184,7 @@ def _result(
         return out
 
     status = np.full(d, final, dtype=np.int8)
-    status[: len(rows)] = Status.CONVERGED
+    status[: len(rows)] = [row["status"] for row in rows]
     certificate = {key: column(key) for key in CERTIFICATE}
     liquid = scene.cavity is not None
     if liquid:

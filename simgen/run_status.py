@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.dataset import Dataset
+from simgen.fem.status import NOT_THERE, in_words, is_valid
 from simgen.folder_lock import holder
 
 # What a shard's line says at least.
@@ -17,7 +18,7 @@ class RunStatus:
     """State of a dataset that is, or was, being filled.
 
     presses, finished : how many there are to be, and how many are there
-    failed : samples of finished shards that did not converge, of all sensors
+    failed : samples of finished shards that failed, of all sensors
     at_work : the process that fills it, and since when; None if there is none
     last_s : seconds since the last shard was finished; None if there is none
     rate : presses a second since the last run began, the start of its workers with it; None before its first shard
@@ -66,8 +67,9 @@ def _is_of_shard(line: dict) -> bool:
     return all(isinstance(line.get(key), kind) for key, kind in SHARD.items())
 
 
-def failures(dataset: Dataset) -> dict[str, int]:
-    """Samples of all sensors by what befell them, in sentences, those that converged and are to come left out."""
+def outcomes(dataset: Dataset) -> dict[str, int]:
+    """Samples of all sensors by their outcome in words; those that are valid, or not there yet, are left out."""
     status = np.concatenate([dataset[f"{sensor}/status"].ravel() for sensor in dataset.sensors])
-    codes, counts = np.unique(status[status > 0], return_counts=True)
-    return {dataset.sentence(code): int(count) for code, count in zip(codes, counts, strict=True)}
+    codes, counts = np.unique(status[~is_valid(status) & (status != NOT_THERE)], return_counts=True)
+    words = [f"{in_words(code)}: {dataset.sentence(code)}" for code in codes]
+    return {outcome: int(count) for outcome, count in zip(words, counts, strict=True)}

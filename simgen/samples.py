@@ -12,7 +12,6 @@ from .fem.krylov_kernels import CHUNK, chunks
 from .fem.material import real
 from .fem.newton import SMALLEST_FORCE
 from .first_touch import dense_shapes
-from .interpolation import CUBIC_LATTICE
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -81,7 +80,6 @@ class Samples:
         self._sums = wp.zeros((3, batch), dtype=wp.float64, device=device)
         corners = scene.indenter_contact.host_faces.shape[1] == 3
         self._dense = wp.array(dense_shapes(SUBDIVISIONS, linear=corners), dtype=wp.float64, device=device)
-        self._lattice = wp.array(CUBIC_LATTICE, dtype=wp.vec4d, device=device)
         self._rest_overlap = 0.0
         if scene.core_contact is not None:
             scene.core_contact.set_pose(np.tile(np.eye(4), (batch, 1, 1)))
@@ -122,8 +120,8 @@ class Samples:
         return deepest, of_edge
 
     def inverted_elements(self) -> np.ndarray:
-        """Elements (env,) with det F <= 0 at one of 20 points; the solver keeps it positive at its own."""
-        return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x, self._lattice)
+        """Number of elements (env,) that are inside out somewhere; the solver sees its integration points alone."""
+        return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x)
 
     def take(self, reached: np.ndarray) -> Iterator[tuple[int, dict]]:
         """Samples of the environments (env,) bool that have just converged: their forces have been measured.

@@ -5,6 +5,7 @@ next one is solved; a worker with two threads begins the next task meanwhile.
 """
 
 import json
+import math
 import os
 import socket
 import threading
@@ -14,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from simgen.capacity import presses_at_once
 from simgen.dataset import Dataset
 from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
+from simgen.fem.status import Status, is_failure, is_planned_end
 from simgen.indenter import Indenter, chosen_indenters
 from simgen.indenter_path import IndenterPath
 from simgen.job_schema import Job
@@ -33,8 +35,18 @@ from simgen.quiet import start_warp
 from simgen.sensor import Sensor
 from simgen.shard_writer import ShardWriter, put_shards_in_place
 
-Presser = Callable[[Sequence[int], np.ndarray, IndenterPath], list[PressResult]]
-"""(indenter indices, poses in the sensor's frame (b, 4, 4) m, path) -> one result each."""
+
+class Presser(Protocol):
+    """Presses one sensor.
+
+    indenters (b,): indices; poses (b, 4, 4) m, in the sensor's frame; steps (b,): how many points of the path each
+    press may reach, all by default. Returns one result each.
+    """
+
+    def __call__(
+        self, indenters: Sequence[int], poses: np.ndarray, path: IndenterPath, steps: np.ndarray | None = None
+    ) -> list[PressResult]: ...
+
 
 # Of what this process has loaded: the files may change while a worker lives, what it runs does not.
 LOADED = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
@@ -44,7 +56,10 @@ SOLVING = threading.Lock()  # one task of a process solves, others read and writ
 
 @dataclass(frozen=True)
 class ShardReport:
-    """What came of one shard; `failed` counts samples not converged, an `error` means nothing was written.
+    """Outcome of one shard; an `error` means that nothing was written.
+
+    Samples of all sensors are counted: those that `failed`, that were not pressed as `planned`, and that converged with
+    an element `inside_out`.
 
     `seconds` is the shard's share in those of its task, from the first press to the last file. Two tasks of a worker
     overlap: one writes while the other solves.
@@ -53,6 +68,8 @@ class ShardReport:
     shard: int
     presses: int
     failed: int = 0
+    planned: int = 0
+    inside_out: int = 0
     seconds: float = 0.0
     seconds_by_sensor: dict[str, float] | None = None
     host: str = ""
@@ -83,8 +100,13 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid, outputs)
     shapes = [indenter.shape() for indenter in _indenters(job)]
 
-    def presser(indenters: Sequence[int], poses: np.ndarray, path: IndenterPath) -> list[PressResult]:
-        return follow(scene, [shapes[i] for i in indenters], poses, path.offsets_m, path.turns_rad)
+    max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
+
+    def presser(
+        indenters: Sequence[int], poses: np.ndarray, path: IndenterPath, steps: np.ndarray | None = None
+    ) -> list[PressResult]:
+        pressed = [shapes[i] for i in indenters]
+        return follow(scene, pressed, poses, path.offsets_m, path.turns_rad, steps, max_force_n)
 
     return presser
 
@@ -184,4 +206,8 @@ def _report(writer: ShardWriter, seconds_per_press: float) -> ShardReport:
     if failure := writer.failure:
         return ShardReport(writer.shard, count, error=failure.sentence, errno=failure.errno)
     seconds = round(seconds_per_press * count, 3)
-    return ShardReport(writer.shard, count, writer.failed, seconds, writer.seconds, socket.gethostname())
+    samples = writer.outcomes
+    failed = sum(number for code, number in samples.items() if is_failure(code))
+    planned = sum(number for code, number in samples.items() if is_planned_end(code))
+    counts = (failed, planned, samples[Status.INSIDE_OUT])
+    return ShardReport(writer.shard, count, *counts, seconds, writer.seconds, socket.gethostname())

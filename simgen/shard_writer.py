@@ -1,5 +1,6 @@
 """Writing what came of a shard's presses, a sensor at a time, while the next sensor is solved."""
 
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ import numpy as np
 from simgen.dataset import Dataset
 from simgen.dataset_writer import forget, manifest_aside, write_aside
 from simgen.errors import NOT_WRITABLE, InputError
+from simgen.fem.status import is_valid
 from simgen.geometry import advanced
 from simgen.press import PressResult
 from simgen.whole_files import Aside, put_in_place
@@ -36,14 +38,14 @@ class ShardWriter:
     """Writes one shard's files into a folder aside.
 
     presses : (n,) numbers of the shard's presses
-    failed : samples that have not converged, of all sensors
+    outcomes : status -> number of samples, of all sensors, valid ones left out
     seconds : sensor -> seconds of solving
     failure : why it could not be written, of the first sensor, or None; known when ``files`` has been asked for
     """
 
     def __init__(self, dataset: Dataset, shard: int, folder: Path, threads: ThreadPoolExecutor):
         self.dataset, self.shard, self.presses = dataset, shard, np.array(dataset.shard_presses(shard))
-        self.failed, self.seconds, self.failure = 0, {}, None
+        self.outcomes, self.seconds, self.failure = Counter(), {}, None
         self._folder, self._threads, self._writing = folder, threads, []
         self._first_touch = np.zeros(len(self.presses))
 
@@ -59,7 +61,7 @@ class ShardWriter:
             self._first_touch = np.nan_to_num(touch)
             values["press/pose"] = advanced(contact_pose, self._first_touch)
         values[f"{sensor}/touch"] = touch - self._first_touch
-        self.failed += sum(int(np.count_nonzero(result.status)) for result in results)
+        self.outcomes.update(int(code) for result in results for code in result.status[~is_valid(result.status)])
         self.seconds[sensor] = round(sum(result.seconds for result in results), 3)
         self._writing.append(self._threads.submit(self._write, values))
 

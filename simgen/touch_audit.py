@@ -13,6 +13,7 @@ from trimesh.triangles import closest_point
 from simgen.dataset import Dataset
 from simgen.distance import RigidShape, distance
 from simgen.errors import InputError
+from simgen.fem.status import has_values
 from simgen.finding import Finding, named, not_looked_at
 from simgen.geometry import advanced
 from simgen.indenter import Indenter, chosen_indenter
@@ -152,7 +153,7 @@ class _Look:
         presses = self.dataset.shard_presses(shard)
         rows = slice(presses.start, presses.stop)
         displacement = self.dataset.displacement(self.sensor, rows)
-        converged = self.status[rows] == 0
+        converged = has_values(self.status[rows])
         held = displacement[:, :, [] if self.held is None else self.held]
         moved = np.nan_to_num(np.abs(held)).max(axis=(2, 3), initial=0.0)
         gap = converged & ~np.isfinite(displacement).all(axis=(2, 3))

@@ -6,6 +6,7 @@ import io
 import numpy as np
 
 from simgen.dataset import Dataset
+from simgen.fem.status import is_valid
 from simgen.splits import split_names
 
 SHARED = {
@@ -22,9 +23,10 @@ SHARED = {
 def columns(dataset: Dataset) -> dict[str, tuple[str, str]]:
     """Type, in the vocabulary of schema.org, and meaning of each column."""
     of_sensors = {
-        f"{sensor}_converged": ("sc:Integer", f"number of the depths at which the press converged on {sensor}")
+        f"{sensor}_converged": ("sc:Integer", f"number of the depths with a valid sample of {sensor}: it has converged, "
+                                              "and no element is inside out")
         for sensor in dataset.sensors
-    }
+    }  # fmt: skip
     return SHARED | of_sensors
 
 
@@ -32,13 +34,13 @@ def presses_csv(dataset: Dataset) -> str:
     """The table as text, with a line of names."""
     trajectory, indenter, split = (dataset[f"press/{key}"] for key in ("trajectory", "indenter", "split"))
     contact = dataset["press/contact_pose"][:, :3, 3]
-    converged = [np.count_nonzero(dataset[f"{sensor}/status"] == 0, axis=1) for sensor in dataset.sensors]
+    valid = [np.count_nonzero(is_valid(dataset[f"{sensor}/status"]), axis=1) for sensor in dataset.sensors]
     names = split_names(split)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns(dataset))
     for press in range(dataset.presses):
         point = [f"{value:.9f}" for value in contact[press]]
-        counts = [int(count[press]) for count in converged]
+        counts = [int(count[press]) for count in valid]
         writer.writerow([press, trajectory[press], dataset.indenters[indenter[press]], names[press], *point, *counts])
     return text.getvalue()

@@ -7,13 +7,14 @@ import numpy as np
 import yaml
 
 from simgen.dataset import Dataset
+from simgen.fem.status import in_words, is_planned_end, is_valid
 from simgen.splits import SPLITS, split_names
 
 READING = """```python
 import torch
 from simgen import load_dataset
 
-samples = load_dataset("{path}", split="train")  # this folder; samples that converged on all sensors
+samples = load_dataset("{path}", split="train")  # this folder; samples that are valid on all sensors
 sample = samples[0]                         # arrays by name, float32, SI units
 u = sample["{sensor}/displacement"]         # (vertex, 3) m; rest positions are in samples.rest_positions
 loader = torch.utils.data.DataLoader(samples.torch(), batch_size=32, shuffle=True)
@@ -73,15 +74,16 @@ def _contents(dataset: Dataset) -> Iterator[str]:
     yield ""
     indenter, split = dataset["press/indenter"], split_names(dataset["press/split"])
     kinds = [*SPLITS, *(["none"] if "none" in split else [])]
-    header = ["presses of", *kinds, *(f"depths converged on {sensor}" for sensor in dataset.sensors)]
+    header = ["presses of", *kinds, *(f"valid samples of {sensor}" for sensor in dataset.sensors)]
     yield from _row(header)
     yield from _row(["---"] * len(header))
     status = {sensor: dataset[f"{sensor}/status"] for sensor in dataset.sensors}
     for index, name in enumerate(dataset.indenters):
         own = indenter == index
         counts = [np.count_nonzero(own & (split == kind)) for kind in kinds]
-        converged = [f"{np.count_nonzero(each[own] == 0)} of {each[own].size}" for each in status.values()]
-        yield from _row([_plain(name), *counts, *converged])
+        valid = [f"{np.count_nonzero(is_valid(each[own]))} of {np.count_nonzero(~is_planned_end(each[own]))}"
+                 for each in status.values()]  # fmt: skip
+        yield from _row([_plain(name), *counts, *valid])
     yield ""
     yield "No contact (trajectory) is in two splits. `presses.csv` lists the presses, `croissant.json` describes table"
     yield "and arrays, and the folder itself is a zarr v3 group."
@@ -92,30 +94,31 @@ def _contents(dataset: Dataset) -> Iterator[str]:
 def _worth(dataset: Dataset) -> Iterator[str]:
     yield "## What its samples are worth"
     yield ""
-    yield "Worst over the samples that converged; every sample carries its own."
+    yield "A sample is valid if its forces balance and no element is inside out anywhere."
+    yield "Worst over the valid samples; every sample carries its own."
     yield ""
     keys = {"residual": "{:.1e}", "contact_error": "{:.1e}", "force_balance": "{:.1e}", "min_det_F": "{:.3f}",
             "inverted_elements": "{:.0f}", "max_penetration_m": "{:.1e}"}  # fmt: skip
     yield from _row(["sensor", *keys])
     yield from _row(["---"] * (1 + len(keys)))
     for sensor in dataset.sensors:
-        good = dataset[f"{sensor}/status"] == 0
+        good = is_valid(dataset[f"{sensor}/status"])
         worst = []
         for key, form in keys.items():
             values = dataset[f"{sensor}/certificate/{key}"][good]
             pick = np.min if key == "min_det_F" else np.max
             worst.append(form.format(pick(values)) if len(values) else "")
         yield from _row([sensor, *worst])
-    yield from _failures(dataset)
+    yield from _others(dataset)
 
 
-def _failures(dataset: Dataset) -> Iterator[str]:
+def _others(dataset: Dataset) -> Iterator[str]:
     status = np.concatenate([dataset[f"{sensor}/status"].ravel() for sensor in dataset.sensors])
-    codes, counts = np.unique(status[status != 0], return_counts=True)
+    codes, counts = np.unique(status[~is_valid(status)], return_counts=True)
     yield ""
-    yield "Samples that did not converge, with their reason:" if len(codes) else "All samples converged."
+    yield "Samples that are not valid, with their reason:" if len(codes) else "All samples are valid."
     for code, count in zip(codes, counts, strict=True):
-        yield f"- {count}: {dataset.attributes['status'].get(str(code), 'not there')}"
+        yield f"- {count} {in_words(code)}: {dataset.attributes['status'].get(str(code), 'not there')}"
 
 
 def _making(dataset: Dataset) -> Iterator[str]:

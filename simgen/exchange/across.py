@@ -32,7 +32,7 @@ def export_biotac_sim(selection: Selection, folder: Path, track: Track) -> None:
     for sensor in selection.sensors:
         samples = Samples(dataset, sensor)
         for trial, part in track(list(selection.by_trajectory().items()), sensor):
-            if (samples.status[part.presses] == 0).any():
+            if samples.valid[part.presses].any():
                 path = folder / f"results_{sensor}_{dataset.job.name}_trial_{trial}.hdf5"
                 write(path, "biotac_sim", sensor, samples.of(part.presses), about(dataset) | {"trial": trial})
         write_rest_mesh(dataset, sensor, folder)

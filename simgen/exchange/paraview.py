@@ -16,6 +16,7 @@ import pyvista
 from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.exchange.selection import Selection, Track, vertex_flags
+from simgen.fem.status import is_valid
 from simgen.geometry import advanced
 from simgen.indenter_path import moved
 from simgen.job_schema import SURFACE_COMPONENTS
@@ -56,13 +57,13 @@ class _Series:
         self.turns = dataset.indenter_path.turns_rad
         self.surface_outputs = [name for name in SURFACE_COMPONENTS if f"{sensor}/{name}" in dataset.arrays]
         self.surface_vertices = dataset[f"{sensor}/surface_vertices"] if self.surface_outputs else None
-        self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
+        self.valid, self.force = is_valid(dataset[f"{sensor}/status"]), dataset[f"{sensor}/force"]
         self.pose = dataset[f"{sensor}/pose"]
         self.touched = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
 
     def write(self, press: int, indenter: pyvista.PolyData | None, folder: Path) -> None:
-        """All depths that converged of a press; nothing where none did."""
-        steps = np.flatnonzero(self.status[press] == 0)
+        """All valid samples of a press; nothing where there is none."""
+        steps = np.flatnonzero(self.valid[press])
         if not len(steps):
             return
         (folder / self.sensor).mkdir(parents=True)

@@ -12,6 +12,7 @@ import numpy as np
 from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.exchange.result_files import Sample
+from simgen.fem.status import is_valid
 from simgen.geometry import advanced
 from simgen.indenter_path import moved
 from simgen.splits import SPLITS
@@ -39,8 +40,8 @@ class Selection:
 
     @cached_property
     def paired(self) -> np.ndarray:
-        """(n, depth) bool: samples that are there on all of the sensors."""
-        return np.all([self.dataset[f"{sensor}/status"][self.presses] == 0 for sensor in self.sensors], axis=0)
+        """(n, depth) bool: samples that are valid on all of the sensors."""
+        return np.all([is_valid(self.dataset[f"{sensor}/status"][self.presses]) for sensor in self.sensors], axis=0)
 
     def check(self) -> None:
         """Raises `InputError` unless there is a sample."""
@@ -103,20 +104,20 @@ def _shown(numbers: np.ndarray) -> str:
 
 
 class Samples:
-    """The converged samples of one sensor, in its frame."""
+    """The valid samples of one sensor, in its frame."""
 
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor = dataset, sensor
         self.offsets, self.turns = dataset.offsets_of(sensor), dataset.indenter_path.turns_rad
         self.trajectory, self.indenter = dataset["press/trajectory"], dataset["press/indenter"]
         self.rest, self.sensor_pose = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/pose"]
-        self.status, self.force = dataset[f"{sensor}/status"], dataset[f"{sensor}/force"]
+        self.valid, self.force = is_valid(dataset[f"{sensor}/status"]), dataset[f"{sensor}/force"]
         self.first_touch = first_touch(dataset, sensor)
 
     def of(self, presses: Iterable[int]) -> Iterator[Sample]:
         """One press after the other, which alone is in memory."""
         for press in presses:
-            steps = np.flatnonzero(self.status[press] == 0)
+            steps = np.flatnonzero(self.valid[press])
             displacement = self.dataset.displacement(self.sensor, int(press)) if len(steps) else ()
             for step in steps:
                 yield Sample(

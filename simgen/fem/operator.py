@@ -19,6 +19,7 @@ from .element_fields import corner_gradients, corner_pressures, interpolate, sca
 from .material import NeoHookean, cofactor, first_piola, first_piola_increment, mat33, mat33f, real, single, vec3f
 from .operator_blocks import REGISTERS, blocks_kernel, corner_blocks_kernel, diagonal_kernel
 from .solid import SingleSolid, Solid, modulus
+from .validity import LEVELS, PARTS, inside_out_kernel
 
 wp.set_module_options({"enable_backward": False})
 
@@ -58,28 +59,6 @@ def residual_kernel(
     scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, residual_out)
     scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, residual_out)
     wp.atomic_min(min_det_out, env, least)
-
-
-@wp.kernel
-def inverted_kernel(
-    s: Solid,
-    x: wp.array2d(dtype=wp.float64),
-    points: wp.array(dtype=wp.vec4d),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    count_out: wp.array(dtype=wp.int32),
-):
-    e, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
-    Fa, Fb, Fc, Fd = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
-    least = real(1.0e30)
-    for k in range(points.shape[0]):
-        least = wp.min(least, wp.determinant(interpolate(points[k], Fa, Fb, Fc, Fd)))
-    if least <= real(0.0):
-        wp.atomic_add(count_out, env, 1)
 
 
 @wp.kernel
@@ -151,6 +130,7 @@ class Elasticity:
             np.add.at(self.pressure_mass, tetrahedra[:, b], shares)
         self._gradients = wp.array(geometry.local_gradients, dtype=vec3f, device=device)
         self._positions = wp.array(nodes.ravel(), dtype=wp.float64, device=device)
+        self._parts = wp.array(PARTS, dtype=wp.mat44d, device=device)
         self._solid, self._single, self._rough = Solid(), SingleSolid(), SingleSolid()
         self._solid.rest = wp.array(geometry.corner_jacobians, dtype=mat33, device=device)
         rough = tet_geometry(replace(element, quadrature_points=element.preconditioner_points), nodes, tetrahedra)
@@ -189,10 +169,10 @@ class Elasticity:
         """Add the action of the derivative on v; a rough one will do for a preconditioner."""
         self._launch(tangent_kernel, [self._rough if rough else self._single, v, self.active], [action_out])
 
-    def inverted_elements(self, x, points: wp.array) -> np.ndarray:
-        """How many elements (env,) have det F <= 0 at one of the barycentric points (k,) at state x."""
+    def inverted_elements(self, x) -> np.ndarray:
+        """Number of elements (env,) that are inside out somewhere at state x; see ``validity.py``."""
         count = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
-        self._launch(inverted_kernel, [self._solid, x, points, self.active], [count])
+        self._launch(inside_out_kernel, [self._solid, x, self._parts, LEVELS, self.active], [count])
         return count.numpy()
 
     @property

@@ -1,12 +1,22 @@
-"""How a press can end at one depth: each outcome is a sentence that says what to try."""
+"""Outcomes of a press at one depth: each is a sentence, and each belongs to one of four kinds.
+
+A sample is **converged** if its forces balance, and **valid** if, besides, no element is inside out. A press **fails**
+where the solver finds no state, and **ends as planned** where the job or the geometry stops it.
+"""
 
 from __future__ import annotations
 
 from enum import IntEnum
 
+import numpy as np
+
 
 class Status(IntEnum):
-    """Outcome of a press at one depth; ``sentence`` says what it means and what to try."""
+    """Outcome of a press at one depth; ``sentence`` says what it means and what to try.
+
+    ``has_values``: forces and displacements of this depth are stored. ``is_planned_end``: the press was meant to end.
+    ``is_failure``: neither.
+    """
 
     CONVERGED = 0
     NEWTON_STALLED = 1
@@ -15,10 +25,25 @@ class Status(IntEnum):
     NEVER_TOUCHES = 4
     STARTS_INSIDE = 5
     NOT_RESOLVED = 6
+    FORCE_LIMIT = 7
+    NO_ROOM = 8
+    INSIDE_OUT = 9
 
     @property
     def sentence(self) -> str:
         return _SENTENCES[self]
+
+    @property
+    def has_values(self) -> bool:
+        return self in (Status.CONVERGED, Status.INSIDE_OUT)
+
+    @property
+    def is_planned_end(self) -> bool:
+        return self in (Status.FORCE_LIMIT, Status.NO_ROOM)
+
+    @property
+    def is_failure(self) -> bool:
+        return not (self.has_values or self.is_planned_end)
 
 
 _SENTENCES = {
@@ -30,7 +55,48 @@ _SENTENCES = {
     Status.LINEAR_SOLVER_STALLED: "The linear solver did not reach its tolerance even in the smallest sub-step; try a "
     "larger krylov_size.",
     Status.NEVER_TOUCHES: "The indenter does not meet the touchable surface along its axis; check its pose.",
+    Status.STARTS_INSIDE: "The indenter already overlaps the sensor where it starts; start it further away.",
     Status.NOT_RESOLVED: "The mesh does not resolve the contact: the surface overlaps the indenter or the core by too "
     "much of a face; try a finer mesh, or a smaller depth.",
-    Status.STARTS_INSIDE: "The indenter already overlaps the sensor where it starts; start it further away.",
+    Status.FORCE_LIMIT: "The press ended here as planned: its force exceeds the job's max_force_n.",
+    Status.NO_ROOM: "The press ended here as planned: too little gel would be left under the indenter.",
+    Status.INSIDE_OUT: "Forces balance, but an element is inside out somewhere; the sample is stored, and left out "
+    "unless asked for.",
 }
+
+NOT_THERE = -1  # code of a sample that no task has written yet
+
+
+def is_valid(codes: np.ndarray) -> np.ndarray:
+    """Samples that are converged and have no element inside out, by their codes; bool of the same shape."""
+    return np.asarray(codes) == Status.CONVERGED
+
+
+def has_values(codes: np.ndarray) -> np.ndarray:
+    """Samples that are converged, by their codes: their values are stored; bool of the same shape."""
+    return _are(codes, "has_values")
+
+
+def is_planned_end(codes: np.ndarray) -> np.ndarray:
+    """Depths that a press does not reach as planned, by their codes; bool of the same shape."""
+    return _are(codes, "is_planned_end")
+
+
+def is_failure(codes: np.ndarray) -> np.ndarray:
+    """Depths that a press fails to reach, by their codes; bool of the same shape. Unknown codes are failures."""
+    return ~(has_values(codes) | is_planned_end(codes)) & (np.asarray(codes) != NOT_THERE)
+
+
+def in_words(code: int) -> str:
+    """The kind of a code in words, as they follow a number of samples."""
+    if code == NOT_THERE:
+        return "not there yet"
+    if code == Status.INSIDE_OUT:
+        return "inside out"
+    if is_planned_end(code):
+        return "not pressed, as planned"
+    return "failed" if is_failure(code) else "converged"
+
+
+def _are(codes: np.ndarray, kind: str) -> np.ndarray:
+    return np.isin(codes, [status for status in Status if getattr(status, kind)])

@@ -28,6 +28,7 @@ import numpy as np
 from simgen.dataset import Dataset
 from simgen.errors import InputError, writing
 from simgen.exchange.selection import Selection
+from simgen.fem.status import is_valid
 from simgen.folder_lock import LOCK, HeldError, held
 from simgen.optics.image_files import write_image
 from simgen.optics.renderer import Look, Renderer
@@ -93,10 +94,10 @@ class StoredMeshes:
     """Those of the dataset itself."""
 
     def __init__(self, dataset: Dataset, sensor: str):
-        self.dataset, self.sensor, self._converged = dataset, sensor, dataset[f"{sensor}/status"] == 0
+        self.dataset, self.sensor, self._valid = dataset, sensor, is_valid(dataset[f"{sensor}/status"])
 
     def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
-        steps = np.flatnonzero(self._converged[press])
+        steps = np.flatnonzero(self._valid[press])
         return steps, self.dataset.displacement(self.sensor, press)[steps], {}
 
 

@@ -3,13 +3,14 @@
 import numpy as np
 
 from simgen.dataset import Dataset
+from simgen.fem.status import has_values
 
 NOTHING_YET = "<p>No press has converged yet.</p>"
 
 
 def depths_reached(dataset: Dataset, sensor: str) -> np.ndarray:
     """(press,) number of depths, from the first on, that converged on a sensor."""
-    return np.logical_and.accumulate(dataset[f"{sensor}/status"] == 0, axis=1).sum(axis=1)
+    return np.logical_and.accumulate(has_values(dataset[f"{sensor}/status"]), axis=1).sum(axis=1)
 
 
 def steps_axis(dataset: Dataset) -> tuple[np.ndarray, str]:

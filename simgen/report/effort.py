@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from simgen.dataset import CERTIFICATE, Dataset
+from simgen.fem.status import Status, has_values, is_planned_end
 from simgen.page import picture, table, tiles
 
 from .choice import NOTHING_YET
@@ -66,7 +67,7 @@ def effort_section(dataset: Dataset) -> Iterator[str]:
 
 
 def _converged(dataset: Dataset, sensor: str) -> dict[str, np.ndarray]:
-    good = dataset[f"{sensor}/status"] == 0
+    good = has_values(dataset[f"{sensor}/status"])
     return {each.key: dataset[f"{sensor}/certificate/{each.key}"][good] for each in QUANTITIES}
 
 
@@ -86,22 +87,24 @@ def _draw_histogram(dataset: Dataset, quantity: Quantity, values: list[np.ndarra
 
 
 def _certificates(dataset: Dataset) -> str:
-    header = ["sensor", "indenter", "converged", "residual", "contact error", "force balance", "least det F",
-              "elements inverted in part", "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
+    header = ["sensor", "indenter", "converged", "of these inside out", "residual", "contact error", "force balance",
+              "least det F", "elements inside out", "penetration rms, max (um)",
+              "Newton, Krylov iterations (mean)"]  # fmt: skip
     rows = []
     for sensor in dataset.sensors:
         status = dataset[f"{sensor}/status"]
         stored = {key: dataset[f"{sensor}/certificate/{key}"] for key in CERTIFICATE}
         for index, name in enumerate(dataset.indenters):
             own = (dataset["press/indenter"] == index)[:, None]
-            good = own & (status == 0)
-            converged = f"{np.count_nonzero(good)} of {np.count_nonzero(own) * status.shape[1]}"
+            good = own & has_values(status)
+            converged = f"{np.count_nonzero(good)} of {np.count_nonzero(own & ~is_planned_end(status))}"
+            inside_out = np.count_nonzero(own & (status == Status.INSIDE_OUT))
             if not good.any():
-                rows.append([sensor, name, converged] + [""] * 7)
+                rows.append([sensor, name, converged] + [""] * 8)
                 continue
             values = {key: array[good] for key, array in stored.items()}
             rows.append([
-                sensor, name, converged,
+                sensor, name, converged, f"{inside_out}",
                 f"{values['residual'].max():.1e}", f"{values['contact_error'].max():.1e}",
                 f"{values['force_balance'].max():.1e}", f"{values['min_det_F'].min():.3f}",
                 f"{values['inverted_elements'].max()}",

@@ -1,4 +1,4 @@
-"""How presses end: which status befell how many of each indenter, and how many get to each depth."""
+"""The ends of presses: how many of each indenter have which status, and how many get to each depth."""
 
 from collections.abc import Iterator
 
@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from simgen.dataset import Dataset
+from simgen.fem.status import NOT_THERE, in_words
 from simgen.page import picture, table, tiles
 
 from .choice import depths_reached, steps_axis
@@ -22,7 +23,7 @@ def endings(dataset: Dataset, sensor: str) -> dict[int, np.ndarray]:
 
 def survival(dataset: Dataset, sensor: str) -> np.ndarray:
     """(indenter, depth) share of the presses that are there which reach each depth; NaN where none is there."""
-    reached, there = depths_reached(dataset, sensor), dataset[f"{sensor}/status"][:, 0] != -1
+    reached, there = depths_reached(dataset, sensor), dataset[f"{sensor}/status"][:, 0] != NOT_THERE
     depths = np.arange(1, len(dataset["depth"]) + 1)
     shares = np.full((len(dataset.indenters), len(depths)), np.nan)
     for index, share in enumerate(shares):
@@ -34,12 +35,13 @@ def survival(dataset: Dataset, sensor: str) -> np.ndarray:
 
 def outcomes_section(dataset: Dataset) -> Iterator[str]:
     yield "<p>Presses of each indenter, by their status at the last depth.</p>"
-    sentences = {**dataset.attributes["status"], "-1": NOT_THERE_YET}
+    sentences = {**dataset.attributes["status"], str(NOT_THERE): NOT_THERE_YET}
     rows = []
     for sensor in dataset.sensors:
         for code, counts in endings(dataset, sensor).items():
-            rows.append([sensor, sentences.get(str(code), f"Status {code}."), *(f"{n:,}" if n else "" for n in counts)])
-    yield table(["sensor", "status", *dataset.indenters], rows)
+            words = [in_words(code), sentences.get(str(code), f"Status {code}.")]
+            rows.append([sensor, *words, *(f"{n:,}" if n else "" for n in counts)])
+    yield table(["sensor", "outcome", "status", *dataset.indenters], rows)
     shares = {sensor: survival(dataset, sensor) for sensor in dataset.sensors}
     known = [share for share in shares.values() if np.isfinite(share).any()]
     if not known:

@@ -1,4 +1,4 @@
-"""A dataset as tensors: the samples that converged on all sensors, whole on one device.
+"""A dataset as tensors: the samples that are valid on all sensors, whole on one device.
 
 Displacements stay the int16 steps that are stored, 2 bytes a coordinate: 123,000 samples of the DIGIT's 6,198 vertices
 are 4.6 GB, so a GPU holds a whole dataset, and a batch is a row index away.
@@ -18,6 +18,7 @@ from torch import Tensor
 from simgen.dataset import Dataset
 from simgen.dataset_layout import checked
 from simgen.errors import InputError
+from simgen.fem.status import is_valid
 from simgen.splits import SPLITS
 
 Track = Callable[[list, str], list]
@@ -71,29 +72,29 @@ def load_training_data(path: str | Path, sensors: tuple[str, ...], device: torch
     for sensor in sensors:
         if sensor not in dataset.sensors:
             raise InputError(f"{path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
-    converged = np.all([dataset[f"{sensor}/status"] == 0 for sensor in sensors], axis=0)
-    if not converged.any():
-        raise InputError(f"{path}: no sample has converged on {' and '.join(sensors)}")
-    press, step = np.nonzero(converged)
+    valid = np.all([is_valid(dataset[f"{sensor}/status"]) for sensor in sensors], axis=0)
+    if not valid.any():
+        raise InputError(f"{path}: no sample is valid on {' and '.join(sensors)}")
+    press, step = np.nonzero(valid)
     columns = {name: dataset[f"press/{name}"][press] for name in ("trajectory", "indenter", "split")}
-    meshes = {sensor: _load_meshes(dataset, sensor, converged, device, track) for sensor in sensors}
+    meshes = {sensor: _load_meshes(dataset, sensor, valid, device, track) for sensor in sensors}
     return TrainingData(dataset, meshes, press, step, depth=dataset["depth"][step], **columns)
 
 
 def _load_meshes(
-    dataset: Dataset, sensor: str, converged: np.ndarray, device: torch.device, track: Track
+    dataset: Dataset, sensor: str, valid: np.ndarray, device: torch.device, track: Track
 ) -> Meshes:
-    """The samples `converged` (press, depth) of a sensor, read side by side, a shard at a time."""
+    """The samples `valid` (press, depth) of a sensor, read side by side, a shard at a time."""
     rest = dataset[f"{sensor}/rest_positions"]
     scale = dataset.displacement_scale(sensor)
-    first = np.concatenate([[0], np.cumsum(converged.sum(axis=1))])
+    first = np.concatenate([[0], np.cumsum(valid.sum(axis=1))])
     steps = np.empty((first[-1], rest.size), np.float32 if scale is None else np.int16)
 
     def read(shard: int) -> None:
         presses = dataset.shard_presses(shard)
         rows = slice(presses.start, presses.stop)
-        if converged[rows].any():
-            stored = dataset.stored_displacement(sensor, rows)[converged[rows]]
+        if valid[rows].any():
+            stored = dataset.stored_displacement(sensor, rows)[valid[rows]]
             steps[first[presses.start] : first[presses.stop]] = stored.reshape(-1, rest.size)
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:

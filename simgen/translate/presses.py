@@ -22,6 +22,7 @@ from simgen.dataset import Dataset
 from simgen.electrode_gaps import checked_gaps, gauge_of
 from simgen.electrode_model import measured, voltage
 from simgen.errors import InputError
+from simgen.fem.status import is_valid
 from simgen.optics.images import Images
 from simgen.optics.renderer import Renderer
 from simgen.provenance import source_hash
@@ -78,9 +79,9 @@ class TranslatedMeshes:
         check_meshes(self.translator, dataset, self.job.source, self.job.target)
         self.contact = ContactGauge.of_dataset(dataset, self.job.target)
         self._gauge = gauge_of(dataset, self.job.source, device)
-        # Depths that converged on both sensors: what is felt on one has its truth on the other.
+        # Depths with a valid sample on both sensors: what is felt on one has its truth on the other.
         both = self.job.source, self.job.target
-        self._converged = np.all([dataset[f"{sensor}/status"] == 0 for sensor in both], axis=0)
+        self._valid = np.all([is_valid(dataset[f"{sensor}/status"]) for sensor in both], axis=0)
         self._depths = dataset["depth"]
 
     @property
@@ -90,14 +91,14 @@ class TranslatedMeshes:
 
     def steps(self, press: int) -> np.ndarray:
         """(n,) indices of depths."""
-        return np.flatnonzero(self._converged[press])
+        return np.flatnonzero(self._valid[press])
 
     def signals(self, press: int, steps: np.ndarray) -> np.ndarray:
         """(n, channel) V, of these depths of a press. Raises `InputError` as `simgen.electrode_gaps.gaps` does."""
         settings, at = self.job.signals.synthetic, np.full(len(steps), press)
         gap = self._gauge(self.dataset.displacement(self.job.source, press)[steps])
         checked_gaps(gap, f"{self.dataset.path}/{self.job.source}", at, steps)
-        return measured(voltage(gap, settings), at, steps, self._converged.shape[1], settings)
+        return measured(voltage(gap, settings), at, steps, self._valid.shape[1], settings)
 
     def translated(self, press: int, steps: np.ndarray) -> Translated:
         """The samples at these depths of a press."""

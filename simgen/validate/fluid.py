@@ -12,7 +12,7 @@ import trimesh
 from simgen.fem.cavity import Cavity
 from simgen.fem.element import P2P1
 from simgen.fem.newton import NewtonSolver, SolverSettings
-from simgen.fem.status import Status
+from simgen.fem.status import Status, has_values
 from simgen.indenter import load_indenter
 from simgen.press import PressResult, Scene, press
 from simgen.sensor import Sensor, cavity_faces, load_sensor
@@ -188,7 +188,7 @@ def biotac(context: Context) -> Outcome:
 def verdicts(indenter: str, pressed: dict[str, Pressed]) -> list[Row]:
     empty, filled = pressed["solid, none"], pressed["solid, incompressible"]
     certificate = filled.result.certificate
-    unconverged = sum(int(np.count_nonzero(p.result.status)) for p in pressed.values())
+    unconverged = sum(int(np.count_nonzero(~has_values(p.result.status))) for p in pressed.values())
     share = np.abs(filled.volume).max() / np.abs(empty.volume).max()
     work = {name: np.trapezoid(np.append(0.0, p.force), np.append(0.0, DEPTHS_MM)) for name, p in pressed.items()}
     ratio = work["solid, incompressible"] / work["solid, none"]
@@ -233,6 +233,6 @@ def costs(indenter: str, pressed: dict[str, Pressed]) -> list[list]:
     for name, p in pressed.items():
         c = p.result.certificate
         counts = [int(np.nansum(c[key])) for key in ("substeps", "newton_iterations", "krylov_iterations")]
-        rows.append([indenter, name, f"{np.count_nonzero(p.result.status == 0)} of {len(DEPTHS_MM)}", *counts,
+        rows.append([indenter, name, f"{np.count_nonzero(has_values(p.result.status))} of {len(DEPTHS_MM)}", *counts,
                      round(p.seconds, 1)])  # fmt: skip
     return rows

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.distance import Kind, RigidShape
+from simgen.fem.status import has_values
 from simgen.press import PressResult, Scene, Status, follow
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
@@ -40,8 +41,8 @@ def slide(
     pose = np.eye(4)
     pose[[0, 2], 3] = x / MM, z / MM
     result = follow(scene, [shape], pose[None], path / MM)[0]
-    if result.status.any():
-        failed = int(np.flatnonzero(result.status)[0])
+    if not has_values(result.status).all():
+        failed = int(has_values(result.status).argmin())
         raise RuntimeError(f"point {failed} of the path was not reached: {Status(result.status[failed]).sentence}")
     return scene, result
 

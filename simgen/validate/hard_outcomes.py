@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.distance import RigidShape
+from simgen.fem.status import has_values
 from simgen.press import PressResult, Scene, SolverSettings, Status, follow
 
 from .case import Row, Table
 
 UM, MM = 1e6, 1e3
 GIVEN_UP = (Status.NEWTON_STALLED, Status.INVERTED, Status.LINEAR_SOLVER_STALLED)
-ANY_REFUSAL = tuple(status for status in Status if status != Status.CONVERGED)
+ANY_REFUSAL = tuple(status for status in Status if status.is_failure)
 FORCE_BALANCE = 1e-3  # the 0.1 %
 
 
@@ -38,7 +39,7 @@ class Attempt:
 
     @property
     def converged(self) -> int:
-        return int((self.result.status == Status.CONVERGED).sum())
+        return int(has_values(self.result.status).sum())
 
     @property
     def reached(self) -> float:
@@ -47,15 +48,15 @@ class Attempt:
 
     @property
     def as_declared(self) -> bool:
-        last = self.result.status[-1]
+        last = Status(self.result.status[-1])
         if self.refusals:
             return last in self.refusals
-        return last == Status.CONVERGED or (self.reach_mm is not None and self.reached >= self.reach_mm - 1e-6)
+        return last.has_values or (self.reach_mm is not None and self.reached >= self.reach_mm - 1e-6)
 
     @property
     def outcome(self) -> str:
         last = Status(self.result.status[-1])
-        words = "converges" if last == Status.CONVERGED else f"refused: {last.sentence}"
+        words = "converges" if last.has_values else f"refused: {last.sentence}"
         if not self.as_declared:
             return f"NOT AS DECLARED; {words}"
         return words if self.reach_mm is None else f"declared limit {self.reach_mm:g} mm; {words}"
@@ -122,7 +123,7 @@ def verdicts(attempts: list[Attempt]) -> list[Row]:
 
 COLUMNS = [
     "press", "outcome", "reached, mm", "force, N", "residual", "contact error", "force balance", "least det F",
-    "elements inverted in part", "deepest overlap, um", "Newton", "Krylov", "samples", "sub-steps",
+    "elements inside out", "deepest overlap, um", "Newton", "Krylov", "samples", "sub-steps",
     "seconds",
 ]  # fmt: skip
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.distance import Kind
+from simgen.fem.status import has_values
 from simgen.press import PressResult, Scene, Status, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape, signed_distance
@@ -96,8 +97,8 @@ def press_layer(
     )
     scene = Scene(quarter_layer(size, radii, radius), material, device=device)
     result = press(scene, [rigid_shape(Kind.SPHERE, sphere)], np.eye(4)[None], np.asarray(depths) / MM)[0]
-    if result.status.any():
-        failed = int(np.flatnonzero(result.status)[0])
+    if not has_values(result.status).all():
+        failed = int(has_values(result.status).argmin())
         raise RuntimeError(f"{depths[failed]:g} mm was not reached: {Status(result.status[failed]).sentence}")
     moved = result.displacement.reshape(len(depths), len(AZIMUTHS), len(radii), 3) * MM
     rings, pressure = ring_pressures(scene)

@@ -15,6 +15,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
+from ..fem.status import has_values
 from ..indenter import indenter_names, load_indenter
 from ..pairing import Contacts, indenter_poses
 from ..press import PressResult, Scene, press
@@ -123,7 +124,7 @@ def compare(name: str, solutions: list[Solution]) -> Outcome:
     columns = ["depth, mm", *(f"force, N, {s.mesh}" for s in solutions), "extrapolated", "error, %", "from fine, %",
                "RMSE from fine, um, coarse", "default", "extrapolated", "order"]  # fmt: skip
     meshes = [[s.mesh, s.hash[:12], s.unknowns, s.result.seconds / len(DEPTHS_MM),
-               int((s.result.status != 0).sum()), float(np.nanmin(s.result.certificate["min_det_F"]))]
+               int((~has_values(s.result.status)).sum()), float(np.nanmin(s.result.certificate["min_det_F"]))]
               for s in solutions]  # fmt: skip
     tables = [
         Table(f"{name}: the same press on three meshes", columns, table),
