@@ -236,7 +236,7 @@ def _inside_out(sensor: str, elements: np.ndarray, converged: int) -> Finding:
     """Converged samples in which elements (press, depth) are inside out, press by press."""
     samples = np.argwhere(elements > 0)
     presses, first, counts = np.unique(samples[:, 0], return_index=True, return_counts=True)
-    lines = [f"press {press}: {count} samples, the first at depth {depth}, {elements[press].max()} elements at most"
+    lines = [f"press {press}, {count} from depth {depth} on, in at most {elements[press].max()} elements"
              for press, depth, count in zip(presses, samples[first, 1], counts, strict=True)]  # fmt: skip
     note = "inside out: " + "; ".join(lines[:SHOWN]) if lines else ""
     note += f"; and {len(lines) - SHOWN} more presses" if len(lines) > SHOWN else ""

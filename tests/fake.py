@@ -78,7 +78,8 @@ def make_plan(job: Job) -> SimpleNamespace:
         "packages": package_versions(),
         "sensors": {},  # the ball is no sensor that could be loaded again
         "indenters": indenter_identities(chosen_indenters(job)),
-        "status": {"0": "Converged.", "1": "Stalled.", "2": "Never touched."},
+        "status": {"0": "Converged.", "1": "Stalled.", "2": "Never touched.", "7": "Too strong.", "8": "No room.",
+                   "9": "Inside out."},
     }
     return SimpleNamespace(job=job, device="cpu", attributes=attributes, arrays=arrays)
 
@@ -137,6 +138,26 @@ def failing_presser(job, sensor, device):
                     *result.certificate.values(),
                 ):
                     values[2:] = np.nan
+        return results
+
+    return presser
+
+
+def ending_presser(job, sensor, device):
+    """Of three indenters the first reaches a force limit at the last depth, the second has no room from the third
+    depth on, and the third is inside out at the second depth.
+    """
+
+    def presser(indenters, poses, path):
+        results = fake_presser(job, sensor, device)(indenters, poses, path)
+        for indenter, result in zip(indenters, results, strict=True):
+            if indenter == 2:
+                result.status[1], result.certificate["inverted_elements"][1] = 9, 4
+                continue
+            reached, code = ((len(path.depths_m) - 1, 7), (2, 8))[indenter]
+            result.status[reached:] = code
+            for values in (result.displacement, result.force, result.moment, *result.certificate.values()):
+                values[reached:] = np.nan
         return results
 
     return presser

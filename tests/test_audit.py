@@ -116,6 +116,37 @@ def test_failed_samples_are_explained(dataset):
     assert notes == ["2 samples, the first at press 3, depth 1: Stalled."]
 
 
+def test_planned_ends_and_samples_inside_out_are_listed_apart(tmp_path):
+    """They fail no audit; of the samples that were to be pressed all have converged."""
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.ending_presser)
+    found = {finding.what: finding for finding in check(dataset) if finding.subject == "digit"}
+    assert passes(check(dataset)) and to_repair(dataset, check(dataset)) == []
+    assert found["samples converged"].found == "36 of 36"  # 4 x (3 + 2 + 4)
+    planned, inside_out = found["not pressed, as planned"], found["of these inside out"]
+    assert (planned.found, planned.passed) == ("12 of 48", None)
+    assert planned.note.splitlines() == [
+        "4 samples, the first at press 0, depth 3: Too strong.", "8 samples, the first at press 1, depth 2: No room."
+    ]  # fmt: skip
+    ends = {(3 * i, 3) for i in range(4)} | {(3 * i + 1, 2) for i in range(4)}
+    assert set(planned.listed) == ends and not planned.bad
+    assert (inside_out.found, inside_out.passed) == ("4 of 36", None)
+    assert inside_out.listed == tuple((3 * i + 2, 1) for i in range(4)) and not inside_out.bad
+    assert inside_out.note.startswith("inside out: press 2, 1 from depth 1 on, in at most 4 elements; press 5, 1 from")
+
+
+def test_a_sample_inside_out_is_looked_at_like_others(tmp_path):
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.ending_presser)
+    fake.change(dataset, "digit/certificate/residual", (2, 1), 1.0)
+    fake.change(dataset, "digit/displacement", (5, 1, FREE, 0), -32768)
+    assert failures(dataset) == {"digit: residual", "digit: displacement gaps"}
+
+
+def test_a_press_that_fails_is_listed_with_its_first_depth(dataset):
+    fake.change(dataset, "digit/status", (3, slice(1, 4)), 1)
+    (found,) = (finding for finding in check(Dataset(dataset.path)) if finding.failed)
+    assert found.found == "45 of 48" and found.listed == ((3, 1),) and found.bad == ()
+
+
 def test_presses_that_never_touch_fail_as_samples_and_nowhere_else(tmp_path):
     plan = fake.make_plan(fake.make_job())
     dataset = run(plan, tmp_path / "missed.zarr", build=fake.missing_presser)

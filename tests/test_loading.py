@@ -30,6 +30,16 @@ def test_samples_are_those_that_converged(dataset):
     assert found == {tuple(row) for row in np.argwhere(dataset["digit/status"] == 0)}
 
 
+def test_samples_inside_out_are_left_out_unless_asked_for(tmp_path):
+    path = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.ending_presser).path
+    valid, all_of_them = load_dataset(path), load_dataset(path, include_inside_out=True)
+    assert (len(valid), len(all_of_them)) == (4 * (3 + 2 + 3), 4 * (3 + 2 + 4))
+    more = {tuple(row) for row in all_of_them.rows} - {tuple(row) for row in valid.rows}
+    assert more == {(3 * i + 2, 1) for i in range(4)}
+    added = all_of_them[[tuple(row) for row in all_of_them.rows].index((2, 1))]
+    assert all(np.isfinite(value).all() for value in added.values())
+
+
 def test_a_sample_is_what_the_dataset_holds(dataset):
     samples = load_dataset(dataset.path, sensors=["biotac"])
     sample, (press, step) = samples[37], samples.rows[37]
@@ -100,7 +110,7 @@ def test_a_liquid_s_pressure(tmp_path):
 
 def test_a_split_without_samples_is_said(tmp_path):
     small = run(fake.make_plan(fake.make_job(trajectories={"count": 1})), tmp_path / "d.zarr", build=fake.fake_presser)
-    with pytest.raises(InputError, match="of split 'test' has converged; presses: train 3, validation 0, test 0"):
+    with pytest.raises(InputError, match="of split 'test' is valid; presses: train 3, validation 0, test 0"):
         load_dataset(small.path, "test")
 
 

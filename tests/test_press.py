@@ -15,6 +15,7 @@ from simgen.fem.contact import Contact
 from simgen.fem.pattern import corners_to_nodes
 from simgen.fem.preconditioner import BlockTriangular
 from simgen.indenter_path import turn_about_press_axis
+from simgen.interpolation import geometry_jacobian
 from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
 from simgen.sensor import Material, Sensor
 from simgen.shape import rigid_shape
@@ -180,6 +181,74 @@ def test_a_press_that_cannot_converge_keeps_what_it_reached(block):
     stopped = press(Scene(block, GEL, settings=settings), [SPHERE], pose(), DEPTHS)[0]
     assert (stopped.status == Status.NEWTON_STALLED).all()
     assert "sub-step" in Status(stopped.status[0]).sentence
+
+
+def test_a_press_ends_at_the_first_depth_whose_force_exceeds_the_limit(block):
+    """Of two under way together one is stopped; what it has is what it has without a limit."""
+    scene, depths = Scene(block, GEL, batch=2), np.array([0.2e-3, 0.4e-3, 0.6e-3])
+    small, poses = rigid_shape(Kind.SPHERE, 0.8), np.concatenate([pose(), pose(tilt_deg=10.0)])
+    path = depths[:, None] * [0.0, 1.0, 0.0]
+    free = follow(scene, [SPHERE, small], poses, path)
+    limit, axial = 0.95 * free[0].force[1, 1], free[1].force @ poses[1, :3, 1]
+    assert max(axial[2], free[0].force[0, 1]) < limit and (free[0].status == 0).all()
+    stopped, weaker = follow(scene, [SPHERE, small], poses, path, max_force_n=limit)
+    assert stopped.status.tolist() == [Status.CONVERGED, Status.FORCE_LIMIT, Status.FORCE_LIMIT]
+    np.testing.assert_array_equal(stopped.force[0], free[0].force[0])
+    assert np.isnan(stopped.force[1:]).all() and np.isnan(stopped.displacement[1:]).all()
+    np.testing.assert_array_equal(weaker.displacement, free[1].displacement)
+    at_once = follow(scene, [SPHERE], poses[:1], path, max_force_n=1e-3)[0]
+    assert (at_once.status == Status.FORCE_LIMIT).all() and np.isfinite(at_once.touch)
+
+
+def test_only_the_force_along_the_press_axis_counts_and_legs_end_too(block):
+    """A sheared sphere feels more in all than along its axis; what it feels on its way back is limited as well."""
+    scene, path = Scene(block, GEL), np.array([[0.0, 0.4, 0.0], [0.3, 0.4, 0.0], [0.3, 0.6, 0.0], [0.3, 0.2, 0.0]]) * MM
+    free = follow(scene, [SPHERE], pose(), path)[0]
+    axial, whole = np.abs(free.force[:, 1]), np.linalg.norm(free.force, axis=1)
+    limit = 0.5 * (axial[1] + whole[1])
+    assert max(axial[:2]) < limit < min(whole[1], axial[2]) and axial[3] < limit
+    stopped = follow(scene, [SPHERE], pose(), path, max_force_n=limit)[0]
+    assert stopped.status.tolist() == [0, 0, Status.FORCE_LIMIT, Status.FORCE_LIMIT]
+
+
+def test_presses_end_after_the_steps_that_they_have_room_for(block):
+    scene, depths = Scene(block, GEL, batch=2), np.array([[0.0, 0.2, 0.0], [0.0, 0.3, 0.0], [0.0, 0.4, 0.0]]) * MM
+    poses = np.tile(pose(), (4, 1, 1))
+    poses[3] = pose(x=30.0)
+    whole, short, none, misses = follow(scene, 4 * [SPHERE], poses, depths, steps=np.array([3, 1, 0, 0]))
+    assert (whole.status == Status.CONVERGED).all()
+    assert short.status.tolist() == [Status.CONVERGED, Status.NO_ROOM, Status.NO_ROOM]
+    np.testing.assert_array_equal(short.displacement[0], whole.displacement[0])
+    assert (none.status == Status.NO_ROOM).all() and np.isnan(none.force).all() and none.touch == whole.touch
+    assert (misses.status == Status.NEVER_TOUCHES).all()
+
+
+@pytest.mark.parametrize("steps", [[4], [-1], [1, 1]])
+def test_steps_that_a_path_does_not_have_are_refused(scene, steps):
+    with pytest.raises(InputError, match="allowed: 0 to 3 for each of 1 presses"):
+        follow(scene, [SPHERE], pose(), np.ones((3, 3)), steps=np.array(steps))
+
+
+@pytest.mark.parametrize("force", [0.0, -1.0, np.nan])
+def test_a_force_limit_that_is_none_is_refused(scene, force):
+    with pytest.raises(InputError, match="allowed: above 0 N"):
+        follow(scene, [SPHERE], pose(), np.ones((3, 3)), max_force_n=force)
+
+
+def test_samples_that_are_inside_out_keep_their_values_and_the_press_goes_on(block):
+    """Against 455 points of every element, at a depth before and at the last one; between, two samples are flagged."""
+    dense = np.array([p for p in np.ndindex(13, 13, 13, 13) if sum(p) == 12]) / 12.0
+    scene = Scene(block, GEL)
+    for depths, expected in ((np.array([0.8, 1.2, 1.6]), [0, 0, 0]), (np.array([1.2, 1.6, 1.8, 2.0]), [0, 0, 9, 9])):
+        result = press(scene, [rigid_shape(Kind.CUBE, 2.5, 0.3)], pose(), depths * MM)[0]
+        assert result.status.tolist() == expected
+        nodes = scene.nodes + scene.solver.x.numpy()[: scene.nodes.size, 0].reshape(-1, 3)
+        det = np.linalg.det(geometry_jacobian(nodes[scene.mesh.tetrahedra][:, None], dense[None]))
+        assert (det.min() <= 0.0) == (expected[-1] == Status.INSIDE_OUT)
+        assert result.certificate["inverted_elements"][-1] >= np.count_nonzero(det.min(axis=1) <= 0.0)
+    assert np.isfinite(result.force).all() and np.isfinite(result.displacement).all()
+    assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
+    assert (result.certificate["min_det_F"] > 0.0).all()
 
 
 def test_large_steps_are_cut(block):

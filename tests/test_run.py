@@ -120,6 +120,17 @@ def test_a_press_that_fails_is_a_row_with_its_status(tmp_path):
     assert dataset.unfinished() == []
 
 
+def test_planned_ends_and_samples_inside_out_are_no_failures(tmp_path):
+    """Four trajectories, three indenters, four depths, two sensors."""
+    reports = []
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", on_report=reports.append,
+                  build=fake.ending_presser)  # fmt: skip
+    counts = np.sum([(report.failed, report.planned, report.inside_out) for report in reports], axis=0)
+    assert counts.tolist() == [0, 4 * 2 * (1 + 2), 4 * 2]
+    codes, counts = np.unique(dataset["biotac/status"], return_counts=True)
+    assert dict(zip(codes.tolist(), counts.tolist(), strict=True)) == {0: 4 * (3 + 2 + 3), 7: 4, 8: 8, 9: 4}
+
+
 def test_a_task_that_raises_is_reported_and_its_shard_is_left_for_the_next_run(tmp_path):
     path = tmp_path / "d.zarr"
     reports = []

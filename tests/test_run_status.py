@@ -9,7 +9,7 @@ from simgen.dataset import Dataset
 from simgen.dataset_writer import filling, log_timing, open_or_create
 from simgen.errors import InputError
 from simgen.run import run
-from simgen.run_status import failures, run_status
+from simgen.run_status import outcomes, run_status
 from simgen.shard import run_shards
 
 
@@ -53,7 +53,7 @@ def test_a_dataset_without_a_shard(tmp_path):
     empty = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
     found = run_status(empty)
     assert (found.finished, found.last_s, found.rate, found.left_s, found.errors) == (0, None, None, None, {})
-    assert failures(empty) == {}
+    assert outcomes(empty) == {}
 
 
 def test_a_line_that_a_kill_left_half_written_is_left_out(tmp_path):
@@ -64,12 +64,21 @@ def test_a_line_that_a_kill_left_half_written_is_left_out(tmp_path):
     assert [line.get("shard") for line in dataset.timings()] == [None, 0, 1, 2, 3, 4, 7]
 
 
-def test_failures_are_counted_by_what_befell_them(half):
+def test_failures_are_counted_by_their_status(half):
     """The ring, one press in three, stalls at the last two of four depths on both sensors."""
-    assert failures(half) == {"Stalled.": 2 * 2 * 2}
+    assert outcomes(half) == {"failed: Stalled.": 2 * 2 * 2}
+
+
+def test_planned_ends_and_samples_inside_out_are_told_from_failures(tmp_path):
+    """What is not there yet is no outcome."""
+    plan = fake.make_plan(fake.make_job())
+    dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
+    run_shards(dataset.path, [0, 1, 2], plan.job, "cpu", fake.ending_presser)
+    expected = {"not pressed: Too strong.": 2 * 2, "not pressed: No room.": 2 * 2 * 2, "inside out: Inside out.": 2 * 2}
+    assert outcomes(dataset) == expected and run_status(dataset).failed == 0
 
 
 def test_a_file_that_cannot_be_read_is_one_line(half):
     (half.path / "digit/status/c/0/0").write_bytes(b"rotten")
     with pytest.raises(InputError, match=r"d\.zarr/digit/status: cannot be read .*`simgen check` names the file"):
-        failures(Dataset(half.path))
+        outcomes(Dataset(half.path))

@@ -23,8 +23,8 @@ SHARED = {
 def columns(dataset: Dataset) -> dict[str, tuple[str, str]]:
     """Type, in the vocabulary of schema.org, and meaning of each column."""
     of_sensors = {
-        f"{sensor}_converged": ("sc:Integer", f"number of the depths with a valid sample of {sensor}: it has converged, "
-                                              "and no element is inside out")
+        f"{sensor}_converged": ("sc:Integer", f"number of the depths with a valid sample of {sensor}, which has "
+                                              "converged and no element inside out")
         for sensor in dataset.sensors
     }  # fmt: skip
     return SHARED | of_sensors

@@ -58,10 +58,10 @@ _SENTENCES = {
     Status.STARTS_INSIDE: "The indenter already overlaps the sensor where it starts; start it further away.",
     Status.NOT_RESOLVED: "The mesh does not resolve the contact: the surface overlaps the indenter or the core by too "
     "much of a face; try a finer mesh, or a smaller depth.",
-    Status.FORCE_LIMIT: "The press ended here as planned: its force exceeds the job's max_force_n.",
-    Status.NO_ROOM: "The press ended here as planned: too little gel would be left under the indenter.",
-    Status.INSIDE_OUT: "Forces balance, but an element is inside out somewhere; the sample is stored, and left out "
-    "unless asked for.",
+    Status.FORCE_LIMIT: "As planned, the press ended where its force exceeded the job's max_force_n.",
+    Status.NO_ROOM: "As planned, the press ended where too little gel would be left under the indenter.",
+    Status.INSIDE_OUT: "Converged, but an element is inside out somewhere: load_dataset leaves the sample out by "
+    "default.",
 }
 
 NOT_THERE = -1  # code of a sample that no task has written yet
@@ -94,7 +94,7 @@ def in_words(code: int) -> str:
     if code == Status.INSIDE_OUT:
         return "inside out"
     if is_planned_end(code):
-        return "not pressed, as planned"
+        return "not pressed"
     return "failed" if is_failure(code) else "converged"
 
 

@@ -31,7 +31,7 @@ from simgen.job import load_job
 from simgen.job_schema import MESH_SUFFIXES, Job
 from simgen.resources import resource
 from simgen.run import run
-from simgen.run_status import failures, run_status
+from simgen.run_status import outcomes, run_status
 from simgen.sensor import load_geometry, place_camera, place_electrodes
 from simgen.sensor_meshes import check_count
 from simgen.tetrahedra import sizing_grid
@@ -263,7 +263,7 @@ def dataset_reader(tmp_path_factory):
         accepted(dataset.displacement, dataset.sensors[0], 0)
         accepted(audit.check, dataset)
         if not faults(dataset):
-            run_status(dataset), accepted(failures, dataset)
+            run_status(dataset), accepted(outcomes, dataset)
 
     def read(chosen: tuple[str, bytes]) -> None:
         file, data = chosen
