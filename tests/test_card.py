@@ -5,6 +5,7 @@ import hashlib
 import io
 import json
 import logging
+import re
 import shutil
 from html.parser import HTMLParser
 
@@ -47,8 +48,21 @@ def test_its_counts_are_those_of_the_arrays(text):
     """Twenty trajectories, 16, 2 and 2; the ring, left out, stalls after two of four depths."""
     assert "| sphere_7mm | 16 | 2 | 0 | 2 | 80 of 80 | 80 of 80 |" in text
     assert "| ring_7mm | 0 | 0 | 2 | 18 | 40 of 80 | 40 of 80 |" in text
-    assert "- 80: Stalled." in text
+    assert "- 80 failed: Stalled." in text
     assert "Licence of this dataset: CC-BY-4.0." in text
+
+
+def test_planned_ends_are_no_part_of_what_was_to_be_pressed(tmp_path):
+    """Four trajectories, four depths; the worst certificate is that of the valid samples."""
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.ending_presser)
+    text = readme(dataset)
+    counts = {"sphere_7mm": "12 of 12", "ring_7mm": "8 of 8", "texture_14mm": "12 of 16"}
+    for indenter, found in counts.items():
+        assert re.search(rf"^\| {indenter} .*\| {found} \| {found} \|$", text, re.MULTILINE)
+    assert "- 8 not pressed: Too strong.\n- 16 not pressed: No room.\n- 8 inside out: Inside out." in text
+    assert re.search(r"^\| digit \| .* \| 0 \| 3\.0e-06 \|$", text, re.MULTILINE)
+    rows = list(csv.DictReader(io.StringIO((dataset.path / "presses.csv").read_text())))
+    assert [int(row["digit_converged"]) for row in rows] == 4 * [3, 2, 3]
 
 
 def test_its_front_matter_is_yaml(text):

@@ -9,8 +9,10 @@ import sys
 import fake
 import pytest
 
+from simgen.console import _Watch
 from simgen.resources import resource
 from simgen.run import run
+from simgen.shard import ShardReport
 
 
 def simgen(*arguments, cwd) -> subprocess.CompletedProcess:
@@ -103,3 +105,12 @@ def test_report_writes_one_page_named_after_the_dataset(dataset, tmp_path):
     done = simgen("report", dataset, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "d.html").is_file()
+
+
+def test_a_run_counts_planned_ends_and_samples_inside_out_apart_from_failures():
+    watch = _Watch(fake.make_job())
+    watch.on_report(ShardReport(0, 2))
+    assert watch.failures() == "no samples failed"
+    watch.on_report(ShardReport(1, 2, planned=5, inside_out=1))
+    watch.on_report(ShardReport(2, 2, failed=3, planned=2))
+    assert watch.failures() == "3 samples failed, 1 inside out, 7 not pressed, as planned"

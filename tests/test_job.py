@@ -101,6 +101,18 @@ def test_a_mesh_says_its_unit_and_its_grid(write):
     assert job_from_dict(job.resolved()).hash == job.hash != plain.hash
 
 
+def test_a_job_without_a_force_limit_resolves_as_it_did_before_there_was_the_key(write):
+    plain, limited = load_job(write(MINIMAL)), load_job(write(MINIMAL), ["trajectories.max_force_n=7.5"])
+    assert "max_force_n" not in plain.resolved()["trajectories"] and plain.trajectories.max_force_n is None
+    assert job_from_dict(limited.resolved()).trajectories.max_force_n == 7.5 and limited.hash != plain.hash
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "2e4", "strong"])
+def test_a_force_limit_out_of_range_is_refused(write, value):
+    with pytest.raises(InputError, match=r"trajectories\.max_force_n: .*above 0, to 10000 N"):
+        load_job(write(MINIMAL), [f"trajectories.max_force_n={value}"])
+
+
 def test_relative_paths_start_at_the_job_file(tmp_path, monkeypatch):
     (tmp_path / "there").mkdir()
     text = MINIMAL.replace("model: digit", "model: ./slab").replace("sphere_7mm", "pin.stl")

@@ -12,6 +12,7 @@ from simgen.exchange.across import export_across
 from simgen.exchange.paraview import export_vtk
 from simgen.exchange.selection import select, untracked
 from simgen.exchange.training_arrays import export_npy
+from simgen.fem.status import Status
 from simgen.indenter import load_indenter
 from simgen.job import job_from_dict
 from simgen.march import longest_of_leg
@@ -50,6 +51,20 @@ def test_all_converges_and_passes_its_audit(dataset):
     findings = check(dataset)
     assert passes(findings), [finding for finding in findings if finding.failed]
     assert "steps of the path" in {finding.what for finding in findings}
+
+
+def test_a_force_limit_of_the_job_ends_presses(dataset, tmp_path):
+    """The largest force of the job without a limit, less a little: presses that had it end, and keep what came before."""
+    axis = np.linalg.inv(dataset["digit/pose"]) @ dataset["press/contact_pose"]
+    axial = np.abs(np.einsum("pdi,pi->pd", dataset["digit/force"], axis[:, :3, 1]))
+    limit = 0.999 * axial.max()
+    trajectories = {"count": 1, "path": LEGS, "max_force_n": float(limit)}
+    limited = run(make_plan(make_job(LEGS, trajectories=trajectories)), tmp_path / "limited.zarr")
+    ended = np.logical_or.accumulate(axial > limit, axis=1)
+    assert ended.any() and not ended.all()
+    np.testing.assert_array_equal(limited["digit/status"], np.where(ended, Status.FORCE_LIMIT, Status.CONVERGED))
+    np.testing.assert_array_equal(limited["digit/force"], np.where(ended[..., None], np.nan, dataset["digit/force"]))
+    assert passes(check(limited))
 
 
 def test_forces_follow_the_legs(dataset):

@@ -1,6 +1,7 @@
 """What the report shows, against the same computed in another way from the stand-in dataset."""
 
 import io
+import re
 from itertools import pairwise
 
 import fake
@@ -13,9 +14,9 @@ from simgen.report import patches as patches_module
 from simgen.report.choice import depths_reached, drawn_presses, furthest_press
 from simgen.report.coverage import contacts_on, coverage
 from simgen.report.curves import axial_force, band, draw_curves
-from simgen.report.effort import histogram
+from simgen.report.effort import effort_section, histogram
 from simgen.report.motion import animated_press
-from simgen.report.outcomes import endings, survival
+from simgen.report.outcomes import endings, outcomes_section, survival
 from simgen.report.patches import Patches, patches_section
 from simgen.report.solid_view import solid_view
 from simgen.run import run
@@ -133,6 +134,16 @@ def test_endings_count_presses(failing, missing):
     assert counted(failing, "biotac") == {0: [4, 0, 4], 1: [0, 4, 0]}
     assert counted(missing, "digit") == {0: [4, 0, 4], 2: [0, 4, 0]}
     assert counted(missing, "biotac") == {0: [4, 4, 4]}
+
+
+def test_presses_reach_depths_that_are_inside_out_and_no_depths_after_a_planned_end(tmp_path):
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.ending_presser)
+    assert depths_reached(dataset, "digit").tolist() == 4 * [3, 2, 4]
+    page = "".join([*outcomes_section(dataset), *effort_section(dataset)])
+    assert "<td>digit</td><td>not pressed</td><td>No room.</td>" in page
+    cells = [re.findall("<td>(.*?)</td>", row)[1:4] for row in re.findall("<tr>(<td>digit</td>.*?)</tr>", page)]
+    found = [" ".join(row) for row in cells[-3:]]
+    assert found == ["sphere_7mm 12 of 12 0", "ring_7mm 8 of 8 0", "texture_14mm 16 of 16 4"]
 
 
 def test_survival_is_the_share_that_reaches_each_depth(failing, missing):

@@ -26,6 +26,12 @@ def dataset(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def ending(tmp_path_factory):
+    """As `dataset`, but presses end as planned, and the last indenter is inside out at the second depth."""
+    return make_dataset(tmp_path_factory.mktemp("exchange") / "ending.zarr", fake.ending_presser)
+
+
+@pytest.fixture(scope="session")
 def one_sided(tmp_path_factory):
     """As `dataset`, but the ring never touches the first sensor, and reaches every depth on the second."""
     return make_dataset(tmp_path_factory.mktemp("exchange") / "one_sided.zarr", fake.missing_presser)

@@ -23,6 +23,12 @@ def series(path):
         yield time, reader.read()[0]
 
 
+def test_samples_inside_out_are_left_out(ending, tmp_path):
+    export(ending, "vtk", tmp_path / "out", trajectories="0")
+    times = [time for time, _ in series(tmp_path / "out/trajectory_0/texture_14mm/digit.pvd")]
+    np.testing.assert_allclose(times, 1e3 * ending["depth"][[0, 2, 3]])
+
+
 def press_of(dataset, trajectory, indenter):
     at = (dataset["press/trajectory"] == trajectory) & (dataset["press/indenter"] == indenter)
     return int(np.flatnonzero(at)[0])

@@ -29,6 +29,12 @@ def test_splits_divide_the_presses(dataset):
     np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(dataset.presses))
 
 
+def test_samples_inside_out_are_not_exported(ending):
+    last = np.flatnonzero(ending["press/indenter"] == 2)
+    assert select(ending).paired[last].tolist() == 4 * [[True, False, True, True]]
+    assert [sample.step for sample in Samples(ending, "digit").of(last[:2])] == 2 * [0, 2, 3]
+
+
 def test_paired_samples_are_on_all_sensors(one_sided):
     ring = one_sided["press/indenter"] == 1
     assert select(one_sided, ["biotac"]).paired.all()

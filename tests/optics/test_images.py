@@ -1,18 +1,22 @@
 """Images on disk: what is there, what a second call makes, and that a folder is of one kind of images."""
 
 import json
+import shutil
 
 import cv2
+import fake
 import numpy as np
 import pytest
 from PIL import Image
 
+from simgen.dataset import Dataset
 from simgen.errors import InputError
 from simgen.exchange.selection import select
+from simgen.fem.status import Status
 from simgen.folder_lock import held
 from simgen.optics.album import write_gif, write_montages, write_stages
 from simgen.optics.image_files import read_image
-from simgen.optics.images import Images, render, unmade
+from simgen.optics.images import Images, StoredMeshes, render, unmade
 from simgen.optics.renderer import Look, Renderer
 
 SMALL = Look(height=64, width=48)
@@ -47,6 +51,14 @@ def test_every_sample_has_the_image_that_the_renderer_makes(seen, images, render
         for file, image in zip(files, renderer(seen.displacement("digit", press)), strict=True):
             np.testing.assert_array_equal(read_image(file), image)
     assert images.of_press(seen, 5).name == "t0001_texture_14mm"
+
+
+def test_a_sample_inside_out_gets_no_image(seen, tmp_path):
+    shutil.copytree(seen.path, tmp_path / "d.zarr")
+    fake.change(Dataset(tmp_path / "d.zarr"), "digit/status", (0, 1), Status.INSIDE_OUT)
+    steps, displacement, _ = StoredMeshes(Dataset(tmp_path / "d.zarr"), "digit").of_press(0)
+    expected = np.delete(np.arange(len(seen["depth"])), 1)
+    assert steps.tolist() == expected.tolist() and len(displacement) == len(expected)
 
 
 def test_workers_make_the_same_bytes(seen, images, chosen, renderer, tmp_path):

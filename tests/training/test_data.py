@@ -1,10 +1,13 @@
 """A dataset as tensors, against the dataset's own arrays; splits share no trajectory."""
 
+import fake
 import numpy as np
 import pytest
 import torch
 
+from simgen.dataset import Dataset
 from simgen.errors import InputError
+from simgen.fem.status import Status
 from simgen.splits import SPLITS
 from simgen.training.data import load_training_data
 
@@ -22,6 +25,17 @@ def test_rows_are_the_samples_that_converged_on_both(data, learnable):
     assert len(data) == converged.sum() == 12 * (4 + 2 + 4)
     assert np.array_equal(np.stack([data.press, data.step], axis=1), np.argwhere(converged))
     assert np.array_equal(data.depth, learnable["depth"][data.step])
+
+
+def test_samples_inside_out_are_left_out(tmp_path):
+    path = make_dataset(tmp_path / "d.zarr").path
+    before = load_training_data(path, ("digit", "biotac"), CPU, plain)
+    fake.change(Dataset(path), "biotac/status", (2, 3), Status.INSIDE_OUT)
+    after = load_training_data(path, ("digit", "biotac"), CPU, plain)
+    kept = (before.press != 2) | (before.step != 3)
+    assert np.count_nonzero(~kept) == 1
+    np.testing.assert_array_equal(np.stack([after.press, after.step]), np.stack([before.press, before.step])[:, kept])
+    assert torch.equal(after.meshes["digit"].steps, before.meshes["digit"].steps[torch.from_numpy(kept)])
 
 
 @pytest.mark.parametrize("sensor", ["digit", "biotac"])

@@ -15,6 +15,7 @@ from simgen.dataset import Dataset
 from simgen.electrode_model import ElectrodeSettings, synthetic_signals
 from simgen.errors import InputError
 from simgen.exchange.selection import Selection, select
+from simgen.fem.status import Status
 from simgen.optics.images import Images, render, unmade
 from simgen.optics.renderer import Look, Renderer
 from simgen.provenance import file_hash, source_hash
@@ -151,6 +152,8 @@ def test_a_sample_counts_if_it_is_there_on_both_sensors(with_electrodes, network
     fake.change(Dataset(tmp_path / "d.zarr"), "biotac/status", (6, 3), 1)
     meshes = TranslatedMeshes(Dataset(tmp_path / "d.zarr"), networks, "ours")
     assert meshes.steps(6).tolist() == [0, 2]
+    fake.change(Dataset(tmp_path / "d.zarr"), "digit/status", (6, 2), Status.INSIDE_OUT)
+    assert TranslatedMeshes(Dataset(tmp_path / "d.zarr"), networks, "ours").steps(6).tolist() == [0]
     assert TranslatedMeshes(with_electrodes, networks, "ours").steps(6).tolist() == [0, 1, 2, 3]
 
 
