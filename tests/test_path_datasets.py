@@ -12,7 +12,7 @@ from simgen.exchange.across import export_across
 from simgen.exchange.paraview import export_vtk
 from simgen.exchange.selection import select, untracked
 from simgen.exchange.training_arrays import export_npy
-from simgen.fem.status import Status
+from simgen.fem.status import Status, has_values
 from simgen.indenter import load_indenter
 from simgen.job import job_from_dict
 from simgen.march import longest_of_leg
@@ -54,7 +54,7 @@ def test_all_converges_and_passes_its_audit(dataset):
 
 
 def test_a_force_limit_of_the_job_ends_presses(dataset, tmp_path):
-    """The largest force of the job without a limit, less a little: presses that had it end, and keep what came before."""
+    """The largest force of the job without a limit, less a little: presses that had it end there."""
     axis = np.linalg.inv(dataset["digit/pose"]) @ dataset["press/contact_pose"]
     axial = np.abs(np.einsum("pdi,pi->pd", dataset["digit/force"], axis[:, :3, 1]))
     limit = 0.999 * axial.max()
@@ -111,7 +111,7 @@ def test_a_long_leg_leaves_the_press_its_load_steps():
     cube, scene = [load_indenter("cube_14mm").shape()], Scene(digit, digit.materials["solid"])
     alone = follow(scene, cube, pose, path)[0]
     turned = follow(scene, cube, pose, np.vstack([path, path[-1:]]), np.radians([0.0, 0.0, 0.0, 0.0, 180.0]))[0]
-    assert (alone.status == 0).all() and alone.certificate["substeps"].max() > 1
+    assert has_values(alone.status).all() and alone.certificate["substeps"].max() > 1
     np.testing.assert_array_equal(turned.force[:4], alone.force)
 
 
