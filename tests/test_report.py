@@ -98,7 +98,7 @@ def test_failures_are_shown(tmp_path):
     page = page_of(tmp_path, fake.failing_presser)
     assert "<span class='fail'>fails</span>" in page
     assert "8 samples, the first at press 1, depth 2: Stalled." in page
-    assert "<td>digit</td><td>Stalled.</td><td></td><td>4</td><td></td>" in page
+    assert "<td>digit</td><td>failed</td><td>Stalled.</td><td></td><td>4</td><td></td>" in page
     assert "<td>ring_7mm</td><td>8 of 16</td>" in page
     assert pictures(page, "share of presses that reach each depth on") == 2
 
@@ -113,14 +113,14 @@ def test_without_any_shard_there_is_a_page_too(tmp_path):
 def test_without_some_shards_there_is_a_page_too(tmp_path):
     """The first shard holds a sphere's press and a ring's."""
     page = page_of(tmp_path, fake.fake_presser, missing=[0])
-    assert "<td>digit</td><td>Not there yet.</td><td>1</td><td>1</td><td></td>" in page
+    assert "<td>digit</td><td>not there yet</td><td>Not there yet.</td><td>1</td><td>1</td><td></td>" in page
     assert pictures(page, "deformed by") == 3
 
 
 def test_where_nothing_touches_there_is_a_page_too(tmp_path):
     page = page_of(tmp_path, never_touching_presser)
     assert sections(page) == ALWAYS
-    assert "<td>digit</td><td>Never touched.</td><td>4</td><td>4</td><td>4</td>" in page
+    assert "<td>digit</td><td>failed</td><td>Never touched.</td><td>4</td><td>4</td><td>4</td>" in page
 
 
 def test_one_sensor_one_press_and_one_depth_are_enough(tmp_path):
