@@ -135,7 +135,7 @@ def check(
         bool, typer.Option("--repair", help="Solve again what is damaged or missing, and only that.")
     ] = False,
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write all findings, with every bad sample.")
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all findings, with every sample they name.")
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,

@@ -8,8 +8,6 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
-# Corners, thirds of edges and middles of faces: 20 points that fix a cubic, such as det F of a quadratic element.
-CUBIC_LATTICE = np.array([p for p in np.ndindex(4, 4, 4, 4) if sum(p) == 3]) / 3.0
 INSIDE = 1e-12  # of the mesh's size: a point this near to an element's point is in the element
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from fem.box import box
+from fem.box import box, lattice
 
 from simgen.distance import Kind
 from simgen.errors import InputError
@@ -237,8 +237,7 @@ def test_a_force_limit_that_is_none_is_refused(scene, force):
 
 def test_samples_that_are_inside_out_keep_their_values_and_the_press_goes_on(block):
     """Against 455 points of every element, at a depth before and at the last one; between, two samples are flagged."""
-    dense = np.array([p for p in np.ndindex(13, 13, 13, 13) if sum(p) == 12]) / 12.0
-    scene = Scene(block, GEL)
+    scene, dense = Scene(block, GEL), lattice(12)
     for depths, expected in ((np.array([0.8, 1.2, 1.6]), [0, 0, 0]), (np.array([1.2, 1.6, 1.8, 2.0]), [0, 0, 9, 9])):
         result = press(scene, [rigid_shape(Kind.CUBE, 2.5, 0.3)], pose(), depths * MM)[0]
         assert result.status.tolist() == expected

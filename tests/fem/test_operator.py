@@ -6,9 +6,9 @@ from simgen.fem import blocks, columns
 from simgen.fem.element import P1, P2P1
 from simgen.fem.material import NeoHookean
 from simgen.fem.operator import Elasticity
-from simgen.interpolation import CUBIC_LATTICE, shape_functions
+from simgen.interpolation import shape_functions
 
-from .box import box
+from .box import box, lattice
 
 SINGLE = 2e-6  # relative: the tangent's rounding, 6e-8 for each of some hundred operations
 
@@ -109,6 +109,6 @@ def test_elements_that_are_inside_out_in_part_are_counted():
     bent = np.zeros((term.n_displacements + term.n_pressures, 2))
     bent[: term.n_displacements : 3, 1] = -(nodes[:, 0] ** 2) / 2.2
     count = term.inverted_elements(wp.array(bent, dtype=wp.float64, device="cpu"))
-    x = np.einsum("qn,en->eq", shape_functions(CUBIC_LATTICE), nodes[term.host_tetrahedra][:, :, 0])
+    x = np.einsum("qn,en->eq", shape_functions(lattice(3)), nodes[term.host_tetrahedra][:, :, 0])
     assert count[0] == 0
     assert 0 < count[1] == (x > 1.1).any(axis=1).sum() < len(x)

@@ -8,10 +8,12 @@ from simgen.fem import validity
 from simgen.fem.element import TET_EDGES
 from simgen.fem.material import mat33
 from simgen.fem.validity import LEVELS, PARTS, is_inside_out
-from simgen.interpolation import CUBIC_LATTICE, geometry_jacobian
+from simgen.interpolation import geometry_jacobian
+
+from .box import lattice
 
 REFERENCE = np.vstack([np.zeros(3), np.eye(3)])  # x(xi) = xi
-EVERYWHERE = np.array([p for p in np.ndindex(25, 25, 25, 25) if sum(p) == 24]) / 24.0
+EVERYWHERE = lattice(24)
 
 
 @wp.kernel
@@ -51,7 +53,7 @@ def determinants(elements: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
 
 def test_an_element_that_is_inverted_between_twenty_valid_points_is_found():
     element = with_dip(-0.005, at=0.5)[None]
-    assert determinants(element, CUBIC_LATTICE).min() == pytest.approx(1.0 / 36.0 - 0.005)
+    assert determinants(element, lattice(3)).min() == pytest.approx(1.0 / 36.0 - 0.005)
     assert determinants(element, np.array([[0.25, 0.5, 0.25, 0.0]]))[0, 0] == pytest.approx(-0.005)
     assert inside_out(element).all()
 
