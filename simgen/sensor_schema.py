@@ -204,14 +204,10 @@ class Core(OneOf):
     polar_core: PolarCore | None = None
 
 
-class SupportPlane(Section):
-    """A flat plate whose face is perpendicular to an axis. It ends ``beyond_outline_mm`` beyond the gel's outline there.
+class SupportPlane(Plane):
+    """A flat plate: its face lies in the plane and ends ``beyond_outline_mm`` beyond the gel's outline there."""
 
-    The default is wider than gel bulges over its outline in the presses of the bundled jobs (docs/physics.md).
-    """
-
-    axis: Literal["x", "y", "z"]
-    at_mm: Number
+    # Presses of 1.5 mm with the widest indenters push the DIGIT's gel up to 2.7 mm over its outline (docs/physics.md).
     beyond_outline_mm: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = 3.0
 
 

@@ -26,7 +26,6 @@ MM = 1e-3
 SPACING_MM = 0.25  # grid of the signed distance, as the core's
 MARGIN_MM = 3.0  # that the grid reaches beyond the body
 THICKNESS_MM = 5.0  # of a plate: gel beside its edge does not come to lie below it
-IN_PLANE_MM = 0.01  # how far a triangle that lies in a plane may be off it, as in a held region
 RESTS_MM = 0.05  # how far a gel that rests on a body may be off it, or in it
 # How far along the surface gel comes from that is pressed down onto the support, over the gel's height: as far as
 # presses go (`trajectories.max_indentation_ratio`). On the DIGIT 2.4 mm: its wall, its rim and a little of its dome.
@@ -64,8 +63,10 @@ class Plate:
         The formula for an extruded outline is Quilez's ("Distance functions", iquilezles.org). It is exact outside;
         deep inside, at corners that point inwards, it is a bound.
         """
-        flat, inverse = np.unique(np.delete(points_mm, self.axis, axis=1), axis=0, return_inverse=True)
-        across = (distance_to_outline(flat, self.outline_mm) - self.beyond_mm)[inverse.ravel()]
+        flat = np.delete(points_mm, self.axis, axis=1)
+        flat, inverse = np.unique(flat[:, 0] + 1j * flat[:, 1], return_inverse=True)  # a grid's columns once each
+        flat = np.column_stack([flat.real, flat.imag])
+        across = (distance_to_outline(flat, self.outline_mm) - self.beyond_mm)[inverse]
         height = self.side * (points_mm[:, self.axis] - self.at_mm)
         along = np.abs(height + THICKNESS_MM / 2.0) - THICKNESS_MM / 2.0
         outside = np.hypot(np.maximum(across, 0.0), np.maximum(along, 0.0))
@@ -114,8 +115,8 @@ def load_support(keys: SupportKeys, folder: Path, gel: LabelledSurface) -> Suppo
     nearest = support.distance(gel.surface.vertices[free]).min()
     if abs(nearest) > RESTS_MM:
         raise InputError(
-            f"{path}: support.mesh.file = {keys.mesh.file!r}: the free surface of the gel comes within {nearest:.3g} mm "
-            f"of it (negative: inside); allowed: -{RESTS_MM:g} to {RESTS_MM:g} mm"
+            f"{path}: support.mesh.file = {keys.mesh.file!r}: the free surface of the gel comes within {nearest:.3g} "
+            f"mm of it (negative: inside); allowed: -{RESTS_MM:g} to {RESTS_MM:g} mm"
         )
     return support
 
@@ -126,18 +127,18 @@ def plate_under(gel: trimesh.Trimesh, plane: SupportPlane, path: Path) -> Plate:
     height = gel.vertices[:, axis] / MM - plane.at_mm
     where = f"{path}: support.plane.at_mm = {plane.at_mm:g}"
     low, high = plane.at_mm + height.min(), plane.at_mm + height.max()
-    if height.min() < -IN_PLANE_MM and height.max() > IN_PLANE_MM:
-        raise InputError(f"{where}: it cuts the gel; allowed: where the gel ends, {plane.axis} = {low:.6g} or {high:.6g}")
-    lies = (np.abs(height) <= IN_PLANE_MM)[gel.faces].all(axis=1)
+    if height.min() < -plane.within_mm and height.max() > plane.within_mm:
+        allowed = f"allowed: where the gel ends, {plane.axis} = {low:.6g} or {high:.6g}"
+        raise InputError(f"{where}: it cuts the gel; {allowed}")
+    lies = (np.abs(height) <= plane.within_mm)[gel.faces].all(axis=1)
     if not lies.any():
-        raise InputError(
-            f"{where}: no triangle of the gel lies in it; allowed: where a flat face of the gel ends it, "
-            f"{plane.axis} = {low:.6g} or {high:.6g} if that is flat"
-        )
+        allowed = f"allowed: a flat end of the gel, which ends at {plane.axis} = {low:.6g} and {high:.6g}"
+        raise InputError(f"{where}: no triangle of the gel lies within {plane.within_mm:g} mm of it; {allowed}")
     edges = np.sort(gel.faces[lies][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edges, count = np.unique(edges, axis=0, return_counts=True)
     outline = np.delete(gel.vertices[edges[count == 1]], axis, axis=2) / MM
-    return Plate(axis, plane.at_mm, 1 if height.max() > IN_PLANE_MM else -1, outline, plane.beyond_outline_mm)
+    side = 1 if height.max() > plane.within_mm else -1
+    return Plate(axis, plane.at_mm, side, outline, plane.beyond_outline_mm)
 
 
 def distance_to_outline(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
