@@ -42,9 +42,9 @@ class PressResult:
     moment : (d, 3) N m about the origin of the sensor's frame
     status : (d,) int8, codes of :class:`simgen.fem.status.Status`
     certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter,
-        core, support and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, elements inverted
-        in part between these, penetration in m, iterations, sub-steps; with a liquid also liquid_volume_error, over
-        the volume of the cavity
+        core, support and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points,
+        elements inverted in part between these, penetration in m, iterations, sub-steps; with a liquid also
+        liquid_volume_error, over the volume of the cavity
     touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of those that were solved together
     cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none

@@ -207,7 +207,7 @@ class Core(OneOf):
 class SupportPlane(Plane):
     """A flat plate: its face lies in the plane and ends ``beyond_outline_mm`` beyond the gel's outline there."""
 
-    # Presses of 1.5 mm with the widest indenters push the DIGIT's gel up to 2.7 mm over its outline (docs/physics.md).
+    # Wide enough for a gel of a fingertip's size: on its plate the DIGIT's bulges up to 2.2 mm (docs/physics.md).
     beyond_outline_mm: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = 3.0
 
 
