@@ -112,7 +112,7 @@ def load_support(keys: SupportKeys, folder: Path, gel: LabelledSurface) -> Suppo
     digest.update(file.read_bytes())
     support = Support(body, keys.friction, digest.hexdigest())
     free = np.unique(gel.surface.faces[gel.region == FREE])
-    nearest = support.distance(gel.surface.vertices[free]).min()
+    nearest = support.distance(gel.surface.vertices[free]).min() if len(free) else 0.0
     if abs(nearest) > RESTS_MM:
         raise InputError(
             f"{path}: support.mesh.file = {keys.mesh.file!r}: the free surface of the gel comes within {nearest:.3g} "
@@ -131,6 +131,9 @@ def plate_under(gel: trimesh.Trimesh, plane: SupportPlane, path: Path) -> Plate:
         allowed = f"allowed: where the gel ends, {plane.axis} = {low:.6g} or {high:.6g}"
         raise InputError(f"{where}: it cuts the gel; {allowed}")
     lies = (np.abs(height) <= plane.within_mm)[gel.faces].all(axis=1)
+    if (np.abs(height) <= plane.within_mm).all():
+        allowed = f"allowed: less than the gel's height, {high - low:.6g}"
+        raise InputError(f"{path}: support.plane.within_mm = {plane.within_mm:g}: all of the gel lies in it; {allowed}")
     if not lies.any():
         allowed = f"allowed: a flat end of the gel, which ends at {plane.axis} = {low:.6g} and {high:.6g}"
         raise InputError(f"{where}: no triangle of the gel lies within {plane.within_mm:g} mm of it; {allowed}")

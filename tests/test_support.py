@@ -273,6 +273,8 @@ def test_a_slab_may_rest_on_a_plane_or_on_a_mesh(tmp_path, own_cache):
          "support.plane.at_mm = 1: it cuts the gel; allowed: where the gel ends, y = -2 or 2"),
         ({"plane": {"axis": "y", "at_mm": 2.5}},
          "support.plane.at_mm = 2.5: no triangle of the gel lies within 0.01 mm of it; allowed: a flat end of the gel"),
+        ({"plane": {"axis": "y", "at_mm": 2.0, "within_mm": 9.0}},
+         "support.plane.within_mm = 9: all of the gel lies in it; allowed: less than the gel's height, 4"),
         ({"mesh": {"file": "gone.stl", "unit": "mm"}}, "gone.stl: no such mesh file"),
         ({"mesh": {"file": "table.stl", "unit": "mm"}},
          "support.mesh.file = 'table.stl': the free surface of the gel comes within 1 mm of it (negative: inside); "
