@@ -7,6 +7,7 @@ from simgen.fem.element import ELEMENTS
 from simgen.fem.krylov_kernels import WINDOW
 from simgen.fem.newton import SolverSettings
 from simgen.sensor import Sensor
+from simgen.support import faces_in_reach
 
 AT_ONCE = {"cpu": 1, "cuda": 512}  # a core does one after the other; of an H200, 256 lose a tenth to the host
 USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
@@ -24,6 +25,7 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     unknowns = 3 * nodes + (corners if kind.pressures else 0)
     edges = len(mesh.nodes) - corners
     faces = [mesh.touchable] + ([mesh.facing_core] if sensor.core is not None else [])
+    faces += [faces_in_reach(sensor.support, mesh)] if sensor.support is not None else []
     points = kind.face_points * sum(map(len, faces))
     double = 8 * unknowns  # x, trial, step, two parts of the forces and their sum, two earlier states
     vectors = settings.krylov_size + WINDOW + 5  # directions, images; the solver's four; where derivatives are taken

@@ -141,12 +141,12 @@ class March:
         columns.go_beyond(self.x_previous, self.x_start, onwards, marked, solver.trial)
         self._now[starting] = self._pose(self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
-        indenter, core = self.scene.indenter_contact, self.scene.core_contact
         # No point of an indenter moves further: the tip's way, and an arc at the rim.
         travel = np.linalg.norm(now[:, :3], axis=1) + self._lateral[self.press] * np.abs(now[:, 3]) / TURN_LEVER_MM
-        indenter.begin_increment(self.x_start, solver.trial, self._pose(self.way), self._now, travel)
-        if core is not None:
-            core.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
+        before = self._pose(self.way)
+        self.scene.indenter_contact.begin_increment(self.x_start, solver.trial, before, self._now, travel)
+        for contact in self.scene.fixed_contacts:
+            contact.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
         if rejected.any():
             columns.go_beyond(self.x_previous, self.x_start, factor, marked, solver.trial)
         for contact in solver.contacts:

@@ -128,13 +128,18 @@ def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:
 
 
 def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
-    """All of a sensor that decides the physics; the meshes' hashes cover gel, held regions and core too."""
+    """All of a sensor that decides the physics; the meshes' hashes cover gel, held regions and core, too.
+
+    A sensor without a support has no key for it.
+    """
+    support = {"support": sensor.support.source} if sensor.support is not None else {}
     return {
         "simulation_mesh": sensor.simulation_mesh.hash,
         "output_mesh": sensor.output_mesh.hash,
         "core_friction": sensor.core_friction,
         "material": chosen_material(job, name, sensor).model_dump(),
         "fluid": chosen_fluid(job, name, sensor),
+        **support,
     }
 
 

@@ -42,10 +42,10 @@ class PressResult:
     force : (d, 3) N on the sensor, normal and friction together, in the sensor's frame
     moment : (d, 3) N m about the origin of the sensor's frame
     status : (d,) int8, codes of :class:`simgen.fem.status.Status`. A press that has a sample inside out goes on
-    certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core
-        and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, number of elements
-        that are inside out somewhere (see ``fem/validity.py``), penetration in m, iterations, sub-steps; with a liquid
-        also liquid_volume_error, over the volume of the cavity
+    certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core,
+        support and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, number of
+        elements that are inside out somewhere (see ``fem/validity.py``), penetration in m, iterations, sub-steps; with
+        a liquid also liquid_volume_error, over the volume of the cavity
     touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of those that were solved together
     cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none

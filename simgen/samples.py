@@ -80,10 +80,9 @@ class Samples:
         self._sums = wp.zeros((3, batch), dtype=wp.float64, device=device)
         corners = scene.indenter_contact.host_faces.shape[1] == 3
         self._dense = wp.array(dense_shapes(SUBDIVISIONS, linear=corners), dtype=wp.float64, device=device)
-        self._rest_overlap = 0.0
-        if scene.core_contact is not None:
-            scene.core_contact.set_pose(np.tile(np.eye(4), (batch, 1, 1)))
-            self._rest_overlap = max(-self._nearest(scene.core_contact)[0], 0.0)
+        for contact in scene.fixed_contacts:
+            contact.set_pose(np.tile(np.eye(4), (batch, 1, 1)))
+        self._rest_overlaps = [max(-self._nearest(contact)[0], 0.0) for contact in scene.fixed_contacts]
 
     def _nearest(self, contact) -> np.ndarray:
         return contact.nearest(self.scene.solver.x, self._dense)
@@ -107,16 +106,17 @@ class Samples:
         return self._displacement[:k].numpy()
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
-        """Deepest overlap with indenter and core, mm, on points denser than the integration's; and over a face's edge.
+        """Deepest overlap with indenter, core and support, mm, on points denser than the integration's; and over a
+        face's edge.
 
-        Each (env,). What the rest surface and the core overlap does not count.
+        Each (env,). The overlap of core and support with the surface at rest does not count.
         """
-        indenter, core = self.scene.indenter_contact, self.scene.core_contact
+        indenter = self.scene.indenter_contact
         deepest = -self._nearest(indenter)
         of_edge = deepest / indenter.edge
-        if core is not None:
-            into_core = -self._nearest(core) - self._rest_overlap
-            deepest, of_edge = np.maximum(deepest, into_core), np.maximum(of_edge, into_core / core.edge)
+        for contact, at_rest in zip(self.scene.fixed_contacts, self._rest_overlaps, strict=True):
+            into = -self._nearest(contact) - at_rest
+            deepest, of_edge = np.maximum(deepest, into), np.maximum(of_edge, into / contact.edge)
         return deepest, of_edge
 
     def inverted_elements(self) -> np.ndarray:
@@ -134,8 +134,8 @@ class Samples:
         contact = scene.indenter_contact.resultants(solver.x)
         force = contact.force
         total = force + self._reactions().T
-        if scene.core_contact is not None:
-            total += scene.core_contact.resultants(solver.x).force
+        for fixed in scene.fixed_contacts:
+            total += fixed.resultants(solver.x).force
         if scene.cavity is not None:
             total += scene.cavity.resultant(solver.x)
             lacking, pressure = (array[scene.cavity.row].numpy() for array in (solver.balance.surface, solver.x))

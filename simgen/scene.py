@@ -18,6 +18,7 @@ from .fem.pattern import corners_to_nodes
 from .samples import Samples
 from .sensor import Material, Sensor
 from .shape import sampled_shape
+from .support import faces_in_reach
 from .surface_outputs import SurfaceOutputs
 from .sweep import in_sweep_order
 from .tetrahedra import interpolation_matrix
@@ -60,7 +61,13 @@ class Scene:
         self.core_contact = None
         if sensor.core is not None and len(mesh.facing_core):
             self.core_contact = Contact(kind, self.nodes, mesh.facing_core, k, sensor.core_friction, device, active)
-        contacts = [c for c in (self.indenter_contact, self.core_contact) if c is not None]
+        self.support_contact = None
+        supported = faces_in_reach(sensor.support, mesh) if sensor.support is not None else ()
+        if len(supported):
+            friction = material.friction if sensor.support.friction is None else sensor.support.friction
+            self.support_contact = Contact(kind, self.nodes, supported, k, friction, device, active)
+        self.fixed_contacts = [c for c in (self.core_contact, self.support_contact) if c is not None]
+        contacts = [self.indenter_contact, *self.fixed_contacts]
         self.cavity = None
         if fluid != "none":
             if not len(mesh.facing_core):
@@ -72,6 +79,9 @@ class Scene:
         if self.core_contact is not None:
             core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0, device=device)
             self.core_contact.set_shapes([core], count_overlap_as_touching=self.solver.x)
+        if self.support_contact is not None:
+            support = sensor.support.shape(device)
+            self.support_contact.set_shapes([support], count_overlap_as_touching=self.solver.x)
         # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
         self.to_output = free @ interpolation_matrix(mesh, sensor.output_points)
@@ -86,7 +96,7 @@ class Scene:
         """Physical terms: name, whether this scene carries it, and why."""
         material = self.material
         pressure = self.solver.elasticity.n_pressures
-        core = self.core_contact is not None
+        core, supported = self.core_contact is not None, self.support_contact is not None
         return [
             ("elasticity", True, f"E = {material.youngs_modulus_pa:g} Pa, nu = {material.poisson_ratio:g}"),
             ("volume constraint", pressure > 0, f"{pressure} pressures" if pressure else "the element has no pressure"),
@@ -95,8 +105,17 @@ class Scene:
             ("core contact", core, "the inner skin faces a rigid core" if core else "the sensor has no core"),
             ("core friction", core and self.sensor.core_friction > 0,
              f"Coulomb coefficient {self.sensor.core_friction:g}" if core else "the sensor has no core"),
+            ("support contact", supported, self._about_support),
+            ("support friction", supported and self.support_contact.friction > 0,
+             f"Coulomb coefficient {self.support_contact.friction:g}" if supported else self._about_support),
             ("cavity pressure", self.cavity is not None, self._about_cavity),
         ]  # fmt: skip
+
+    @property
+    def _about_support(self) -> str:
+        if self.support_contact is not None:
+            return f"{len(self.support_contact.host_faces)} free faces can come to lie on it"
+        return "no free face can reach it" if self.sensor.support is not None else "the sensor has no support"
 
     @property
     def _about_cavity(self) -> str:

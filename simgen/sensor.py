@@ -32,6 +32,7 @@ from simgen.sensor_schema import (
     SensorDescription,
     read_description,
 )
+from simgen.support import Support, load_support
 from simgen.surface import ClosestPoint, enclosed_volume, patches_at, shells, smooth_patches
 from simgen.tetrahedra import OutputMesh, SimulationMesh
 
@@ -69,6 +70,7 @@ class Sensor:
     camera: Camera | None
     held_regions: dict[str, np.ndarray]  # name -> (faces,) bool on ``surface``
     output_moves_with: np.ndarray | None = None  # (v, 3) points of the gel for vertices off it; None: the vertices
+    support: Support | None = None  # rigid body under the gel; free faces may come to lie on it
 
     @property
     def output_points(self) -> np.ndarray:
@@ -150,6 +152,7 @@ def load_sensor(model: str | Path, mesh: str = "default", output: OutputMeshFile
         camera=place_camera(description.camera) if description.camera else None,
         held_regions=shape.held_regions,
         output_moves_with=moves_with,
+        support=load_support(description.support, shape.folder, shape.true) if description.support else None,
     )
 
 

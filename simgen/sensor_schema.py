@@ -27,11 +27,12 @@ class Section(BaseModel):
 
 
 class OneOf(Section):
-    """Exactly one of the keys that are optional must stand."""
+    """A group with exactly one of its optional sections."""
 
     @model_validator(mode="after")
     def _exactly_one(self):
-        choices = [name for name, field in type(self).model_fields.items() if not field.is_required()]
+        fields = type(self).model_fields.items()
+        choices = [name for name, field in fields if not field.is_required() and _sections(field.annotation)]
         given = [name for name in choices if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(
@@ -203,6 +204,21 @@ class Core(OneOf):
     polar_core: PolarCore | None = None
 
 
+class SupportPlane(Plane):
+    """A flat plate: its face lies in the plane and ends ``beyond_outline_mm`` beyond the gel's outline there."""
+
+    # Wide enough for a gel of a fingertip's size: on its plate the DIGIT's bulges up to 2.2 mm (docs/physics.md).
+    beyond_outline_mm: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = 3.0
+
+
+class Support(OneOf):
+    """The rigid body that the gel rests on: a plate, or the largest closed body of a file."""
+
+    friction: Annotated[float, Field(ge=0.0, le=2.0)] | None = None  # None: the material's
+    plane: SupportPlane | None = None
+    mesh: MeshFile | None = None
+
+
 class MeshSize(Section):
     """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards the
     held regions.
@@ -279,6 +295,7 @@ class SensorDescription(Section):
     gel: Gel
     held: Annotated[dict[str, Selection], Field(min_length=1)]
     core: Core | None = None
+    support: Support | None = None
     meshes: Meshes
     materials: Annotated[dict[str, Material], Field(min_length=1)]
     camera: CameraSettings | None = None

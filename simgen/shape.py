@@ -3,7 +3,8 @@
 Shapes and points are in mm, meshes in m.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import scipy.ndimage
@@ -92,19 +93,30 @@ def grid_counts(extents_m: np.ndarray, spacing_mm: float, margin_mm: float) -> n
 def sampled_shape(mesh: trimesh.Trimesh, spacing_mm: float, margin_mm: float, device: str = "cpu") -> RigidShape:
     """Cubic B-spline of the signed distance of a closed mesh (m), on a grid around it; ``device`` measures it.
 
-    Twice differentiable, so it has a curvature. The grid reaches ``margin_mm`` beyond the mesh; outside, the
-    distance to the grid is added. Raises InputError if the mesh is not closed or the grid passes `MOST_GRID_POINTS`.
+    See `sampled_distance`. Raises InputError if the mesh is not closed, too.
     """
     if not mesh.is_watertight:
         raise InputError("a sampled shape needs a closed (watertight) surface; this one has open edges")
-    low = mesh.bounds[0] * 1e3 - margin_mm - 2.0 * spacing_mm
-    counts = grid_counts(mesh.extents, spacing_mm, margin_mm)
+    measure = partial(mesh_distance, mesh, device=device)
+    return sampled_distance(measure, mesh.bounds * 1e3, spacing_mm, margin_mm)
+
+
+def sampled_distance(
+    distance: Callable[[np.ndarray], np.ndarray], bounds_mm: np.ndarray, spacing_mm: float, margin_mm: float
+) -> RigidShape:
+    """Cubic B-spline of a signed distance on a grid: points (n, 3) mm -> (n,) mm of a body with bounds (2, 3) mm.
+
+    Twice differentiable, so it has a curvature. The grid reaches ``margin_mm`` beyond the body; outside, the distance
+    to the grid is added. Raises InputError if the grid passes `MOST_GRID_POINTS`.
+    """
+    low = bounds_mm[0] - margin_mm - 2.0 * spacing_mm
+    counts = grid_counts(1e-3 * np.ptp(bounds_mm, axis=0), spacing_mm, margin_mm)
     if counts.prod() > MOST_GRID_POINTS:
         allowed = f"allowed: {MOST_GRID_POINTS:.2g}"
         raise InputError(f"spacing_mm: {spacing_mm:g} makes {counts.prod():.2g} grid points; {allowed}")
     axes = [low[axis] + spacing_mm * np.arange(counts[axis]) for axis in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    values = mesh_distance(mesh, points.reshape(-1, 3), device).reshape(counts)
+    values = distance(points.reshape(-1, 3)).reshape(counts)
     shape = RigidShape()
     shape.kind = int(Kind.SAMPLED)
     shape.grid_origin = wp.vec3d(*low)

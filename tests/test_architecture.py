@@ -17,7 +17,7 @@ HOUSE = {
     "job": ["section", "job", "job_schema", "indenter_path"],
     "shapes": ["distance", "shape"],
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
-               "interpolation", "mesh_files", "mesh_quality", "region_edges", "sweep"],
+               "interpolation", "mesh_files", "mesh_quality", "region_edges", "support", "sweep"],
     "indenter": ["indenter"],
     "pairing": ["pairing", "skin"],
     "fem": ["fem"],

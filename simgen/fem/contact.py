@@ -1,8 +1,8 @@
 """Contact of one surface with one rigid shape per environment, as a term of the solver.
 
 The formulas are in ``traction.py``; the kernels of ``contact_forces``, ``contact_history`` (multipliers and slip) and
-``contact_results`` gather and scatter. Used twice: the touchable surface against the indenter, and the BioTac's
-inner skin against its core.
+``contact_results`` gather and scatter. The touchable surface meets the indenter, the BioTac's inner skin its core, the
+DIGIT's rim the plate below it.
 """
 
 from __future__ import annotations

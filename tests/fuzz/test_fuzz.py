@@ -34,6 +34,7 @@ from simgen.run import run
 from simgen.run_status import outcomes, run_status
 from simgen.sensor import load_geometry, place_camera, place_electrodes
 from simgen.sensor_meshes import check_count
+from simgen.support import load_support
 from simgen.tetrahedra import sizing_grid
 
 from .mutations import mutated_bytes, mutated_tree
@@ -182,6 +183,7 @@ SLAB = {
         "pin": {"cylinder": {"axis": "y", "center_mm": [0.0, 0.0], "radius_mm": 1.0, "along_mm": [1.0, 3.0]}},
         "glue": {"touching": {"file": "slab.stl", "unit": "mm", "within_mm": 0.1}},
     },
+    "support": {"mesh": {"file": "table.stl", "unit": "mm"}, "friction": 0.5},
     "meshes": {"default": {"edge_length_mm": 4.0, "held_edge_length_mm": 6.0}, "coarse": "as_given"},
     "materials": {"solid": {"youngs_modulus_pa": 539e3, "poisson_ratio": 0.499, "friction": 0.78}},
 }
@@ -204,6 +206,7 @@ def sensor_trees() -> list[dict]:
 def sensor_reader(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sensor")
     trimesh.creation.box([20.0, 4.0, 20.0]).export(folder / "slab.stl")
+    trimesh.creation.box([24.0, 2.0, 24.0]).apply_translation([0.0, 3.0, 0.0]).export(folder / "table.stl")
     trees = sensor_trees()
 
     def everything(path: Path):
@@ -216,6 +219,8 @@ def sensor_reader(tmp_path_factory):
         parts = [shape.true.surface.vertices]
         if about.camera is not None:
             parts += place_camera(about.camera).lights.values()
+        if about.support is not None:
+            parts.append(load_support(about.support, folder, shape.true).distance(shape.true.surface.vertices))
         if about.electrodes is not None:
             parts.append(place_electrodes(about.electrodes, shape.core))
         return parts
