@@ -56,13 +56,24 @@ class Columns:
 
 
 @wp.kernel
-def columns_kernel(
+def vertices_kernel(
     vertices: wp.array(dtype=vec3),
-    faces: wp.array2d(dtype=wp.int32),
-    kinds: wp.array(dtype=wp.int32),
-    layer_of: wp.array2d(dtype=wp.int32),
     rotation: wp.array(dtype=mat33),
     origin: wp.array(dtype=vec3),
+    # outputs
+    seen: wp.array2d(dtype=vec3),
+):
+    """Vertices (pose, vertex) in each indenter's frame."""
+    n, v = wp.tid()
+    seen[n, v] = wp.transpose(rotation[n]) * (vertices[v] - origin[n])
+
+
+@wp.kernel
+def columns_kernel(
+    vertices: wp.array2d(dtype=vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    kinds: wp.array(dtype=wp.int32),
+    layer_of: wp.array2d(dtype=wp.int32),
     spacing: wp.float64,
     half_x: wp.int32,
     half_z: wp.int32,
@@ -71,10 +82,8 @@ def columns_kernel(
 ):
     """Least height (pose, layer, column) at which each column meets the faces of each layer."""
     n, f = wp.tid()
-    toward = wp.transpose(rotation[n])
-    a = toward * (vertices[faces[f, 0]] - origin[n])
-    b = toward * (vertices[faces[f, 1]] - origin[n])
-    c = toward * (vertices[faces[f, 2]] - origin[n])
+    face = faces[f]
+    a, b, c = vertices[n, face[0]], vertices[n, face[1]], vertices[n, face[2]]
     first_i = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[0], b[0]), c[0]) / spacing)), -half_x)
     last_i = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[0], b[0]), c[0]) / spacing)), half_x)
     first_k = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[2], b[2]), c[2]) / spacing)), -half_z)
@@ -109,25 +118,26 @@ class GelColumns:
             faces = np.concatenate([faces, sensor.core.faces + len(vertices)])
             vertices = np.concatenate([vertices, sensor.core.vertices])
             kinds = np.concatenate([kinds, np.full(len(sensor.core.faces), BODY, np.int32)])
-        self.faces = len(faces)
+        self._vertices = wp.array(vertices * MM, dtype=vec3, device="cpu")
         self._surfaces = [
-            wp.array(vertices * MM, dtype=vec3, device="cpu"),
-            wp.array(np.ascontiguousarray(faces, dtype=np.int32), device="cpu"),
+            wp.array(np.ascontiguousarray(faces, dtype=np.int32), dtype=wp.vec3i, device="cpu"),
             wp.array(kinds, dtype=wp.int32, device="cpu"),
             wp.array([LAYER_OF[kind] for kind in range(len(LAYER_OF))], dtype=wp.int32, device="cpu"),
         ]
 
     def __call__(self, poses: np.ndarray, lattice: Lattice) -> Columns:
         """The columns under poses (n, 4, 4) m, indenter frame -> sensor frame."""
+        seen = wp.empty((len(poses), len(self._vertices)), dtype=vec3, device="cpu")
+        rotation = wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device="cpu")
+        origin = wp.array(poses[:, :3, 3] * MM, dtype=vec3, device="cpu")
+        wp.launch(
+            vertices_kernel, seen.shape, inputs=[self._vertices, rotation, origin], outputs=[seen], device="cpu"
+        )
         count = (2 * lattice.half_x + 1) * (2 * lattice.half_z + 1)
         layers = wp.full((len(poses), len(LAYERS), count), np.inf, dtype=wp.float64, device="cpu")
-        inputs = [
-            *self._surfaces,
-            wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device="cpu"),
-            wp.array(poses[:, :3, 3] * MM, dtype=vec3, device="cpu"),
-            lattice.spacing, lattice.half_x, lattice.half_z,
-        ]  # fmt: skip
-        wp.launch(columns_kernel, dim=(len(poses), self.faces), inputs=inputs, outputs=[layers], device="cpu")
+        inputs = [seen, *self._surfaces, lattice.spacing, lattice.half_x, lattice.half_z]
+        dim = (len(poses), len(self._surfaces[0]))
+        wp.launch(columns_kernel, dim, inputs=inputs, outputs=[layers], device="cpu")
         return _columns(*np.moveaxis(layers.numpy(), 1, 0))
 
 

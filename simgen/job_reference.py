@@ -97,6 +97,8 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
     Trajectories: {
         "count": "contact poses; each is pressed with every indenter into every sensor",
         "path": "what the indenter does after it has pressed to the last depth, leg after leg",
+        "too_thin": "what becomes of presses that would leave less: `redraw` draws another contact for all indenters, "
+                    "`stop` keeps the contacts and ends each such press before it is too deep",
         **contact_meanings(),
     },
     Leg: {

@@ -114,7 +114,7 @@ class LeastThickness:
         depths = np.full(len(places), -np.inf)
         np.maximum.at(depths, self._position, path.depths_m * MM)
         self._depths = wp.array(depths, dtype=wp.float64, device="cpu")
-        reach = max(map(lateral_reach, shapes)) 
+        reach = max(map(lateral_reach, shapes))
         spacing = min(SPACING_MM, reach / LEAST_ACROSS)
         furthest = min(reach + MM * path.lateral_reach_m, MM * float(np.linalg.norm(sensor.surface.extents)))
         half = int(np.ceil(furthest / spacing))
@@ -123,7 +123,7 @@ class LeastThickness:
         self._lattice, self._height = _cropped(square, height)
 
     def _faces(self, shapes: Sequence[RigidShape], places: np.ndarray, points: np.ndarray, ends: float) -> np.ndarray:
-        """Heights (position, shape, column) of the indenters' faces over the lattice, with their tips at first touch."""
+        """Heights (position, shape, column) of the indenters' faces, with the tip at height 0, above points (column, 2)."""
         from_tip = points[None] - places[:, None, :2]
         cos, sin = np.cos(places[:, 2:]), np.sin(places[:, 2:])
         x, z = from_tip[..., 0], from_tip[..., 1]

@@ -33,8 +33,11 @@ from simgen.quiet import start_warp
 from simgen.sensor import Sensor
 from simgen.shard_writer import ShardWriter, put_shards_in_place
 
-Presser = Callable[[Sequence[int], np.ndarray, IndenterPath], list[PressResult]]
-"""(indenter indices, poses in the sensor's frame (b, 4, 4) m, path) -> one result each."""
+Presser = Callable[..., list[PressResult]]
+"""(indenter indices, poses in the sensor's frame (b, 4, 4) m, path) -> one result each.
+
+A job with ``too_thin: stop`` adds the number of steps (b,) of the path that each press may take.
+"""
 
 # Of what this process has loaded: the files may change while a worker lives, what it runs does not.
 LOADED = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
@@ -83,7 +86,9 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid, outputs)
     shapes = [indenter.shape() for indenter in _indenters(job)]
 
-    def presser(indenters: Sequence[int], poses: np.ndarray, path: IndenterPath) -> list[PressResult]:
+    def presser(
+        indenters: Sequence[int], poses: np.ndarray, path: IndenterPath, steps: np.ndarray | None = None
+    ) -> list[PressResult]:
         return follow(scene, [shapes[i] for i in indenters], poses, path.offsets_m, path.turns_rad)
 
     return presser
@@ -172,7 +177,8 @@ def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: s
     _check_inputs(job, inputs)
     for sensor in dataset.sensors:
         poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
-        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.indenter_path)
+        limits = [dataset[f"{sensor}/pressable_steps"][rows]] if job.stops_early else []
+        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.indenter_path, *limits)
         for writer, end in zip(writers, ends, strict=True):
             own = slice(end - len(writer.presses), end)
             writer.take(sensor, results[own], contact_pose[own])
