@@ -123,7 +123,7 @@ class LeastThickness:
         self._lattice, self._height = _cropped(square, height)
 
     def _faces(self, shapes: Sequence[RigidShape], places: np.ndarray, points: np.ndarray, ends: float) -> np.ndarray:
-        """Heights (position, shape, column) of the indenters' faces, with the tip at height 0, above points (column, 2)."""
+        """Heights (position, shape, column) mm of the indenters' faces at points (column, 2) mm, tips at height 0."""
         from_tip = points[None] - places[:, None, :2]
         cos, sin = np.cos(places[:, 2:]), np.sin(places[:, 2:])
         x, z = from_tip[..., 0], from_tip[..., 1]
