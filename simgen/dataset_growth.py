@@ -88,7 +88,8 @@ def _extended(dataset: Dataset, name: str, values: np.ndarray) -> np.ndarray:
     """A planned array that begins with what the dataset has. Raises `InputError` if the two differ there."""
     beginnings, ends = GROW
     grows = name.startswith(beginnings) or name.endswith(ends)
-    own = dataset[name] if name in dataset.root or not grows else values[:0]
+    first_refused = name.startswith("refused/") and name not in dataset.root
+    own = values[:0] if first_refused else dataset[name]
     first = values[: len(own)] if grows else values
     same = first.shape == own.shape and (
         name == "press/split" or np.allclose(first, own, rtol=0.0, atol=SAME_PLAN, equal_nan=True)
