@@ -108,7 +108,7 @@ def main(folder: Path) -> None:
     draw_contacts([digit, biotac], contacts, folder / "paired_contacts.png")
     arrays = make_plan(load_job("paired")).arrays
     figure = draws_map(touchable_surface(arrays, "digit"), draws_of(arrays), "DIGIT")
-    figure.savefig(folder / "refused_contacts.png", dpi=110)
+    figure.savefig(folder / "refused_contacts.jpg", dpi=110, pil_kwargs={"quality": 85})
 
 
 if __name__ == "__main__":
