@@ -60,12 +60,14 @@ def vertices_kernel(
     vertices: wp.array(dtype=vec3),
     rotation: wp.array(dtype=mat33),
     origin: wp.array(dtype=vec3),
+    spacing: wp.float64,
     # outputs
     seen: wp.array2d(dtype=vec3),
 ):
-    """Vertices (pose, vertex) in each indenter's frame."""
+    """Vertices (pose, vertex) in each indenter's frame: x and z in units of the spacing, y in mm."""
     n, v = wp.tid()
-    seen[n, v] = wp.transpose(rotation[n]) * (vertices[v] - origin[n])
+    own = wp.transpose(rotation[n]) * (vertices[v] - origin[n])
+    seen[n, v] = vec3(own[0] / spacing, own[1], own[2] / spacing)
 
 
 @wp.kernel
@@ -74,7 +76,6 @@ def columns_kernel(
     faces: wp.array(dtype=wp.vec3i),
     kinds: wp.array(dtype=wp.int32),
     layer_of: wp.array2d(dtype=wp.int32),
-    spacing: wp.float64,
     half_x: wp.int32,
     half_z: wp.int32,
     # outputs
@@ -84,10 +85,10 @@ def columns_kernel(
     n, f = wp.tid()
     face = faces[f]
     a, b, c = vertices[n, face[0]], vertices[n, face[1]], vertices[n, face[2]]
-    first_i = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[0], b[0]), c[0]) / spacing)), -half_x)
-    last_i = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[0], b[0]), c[0]) / spacing)), half_x)
-    first_k = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[2], b[2]), c[2]) / spacing)), -half_z)
-    last_k = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[2], b[2]), c[2]) / spacing)), half_z)
+    first_i = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[0], b[0]), c[0]))), -half_x)
+    last_i = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[0], b[0]), c[0]))), half_x)
+    first_k = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[2], b[2]), c[2]))), -half_z)
+    last_k = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[2], b[2]), c[2]))), half_z)
     if first_i > last_i or first_k > last_k:
         return
     # Twice the signed area of the face seen along the axis: the y component of its normal.
@@ -97,9 +98,9 @@ def columns_kernel(
         return
     edge = real(-1.0e-9)  # columns on an edge belong to both faces, so that none falls between them
     for i in range(first_i, last_i + 1):
-        x = spacing * real(i)
+        x = real(i)
         for k in range(first_k, last_k + 1):
-            z = spacing * real(k)
+            z = real(k)
             u = ((c[2] - b[2]) * (x - b[0]) - (c[0] - b[0]) * (z - b[2])) / area
             v = ((a[2] - c[2]) * (x - c[0]) - (a[0] - c[0]) * (z - c[2])) / area
             w = real(1.0) - u - v
@@ -130,12 +131,11 @@ class GelColumns:
         seen = wp.empty((len(poses), len(self._vertices)), dtype=vec3, device="cpu")
         rotation = wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device="cpu")
         origin = wp.array(poses[:, :3, 3] * MM, dtype=vec3, device="cpu")
-        wp.launch(
-            vertices_kernel, seen.shape, inputs=[self._vertices, rotation, origin], outputs=[seen], device="cpu"
-        )
+        inputs = [self._vertices, rotation, origin, lattice.spacing]
+        wp.launch(vertices_kernel, seen.shape, inputs=inputs, outputs=[seen], device="cpu")
         count = (2 * lattice.half_x + 1) * (2 * lattice.half_z + 1)
         layers = wp.full((len(poses), len(LAYERS), count), np.inf, dtype=wp.float64, device="cpu")
-        inputs = [seen, *self._surfaces, lattice.spacing, lattice.half_x, lattice.half_z]
+        inputs = [seen, *self._surfaces, lattice.half_x, lattice.half_z]
         dim = (len(poses), len(self._surfaces[0]))
         wp.launch(columns_kernel, dim, inputs=inputs, outputs=[layers], device="cpu")
         return _columns(*np.moveaxis(layers.numpy(), 1, 0))
