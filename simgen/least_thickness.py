@@ -22,13 +22,13 @@ from simgen.distance import RigidShape, distance
 from simgen.gel_columns import MM, GelColumns, Lattice
 from simgen.indenter_path import IndenterPath
 from simgen.sensor import Sensor
-from simgen.shape import lateral_reach, shape_array
+from simgen.shape import highest, lateral_reach, shape_array
 
 wp.set_module_options({"enable_backward": False})
 
 SPACING_MM = 0.25  # of the columns
 LEAST_ACROSS = 20  # columns between the axis and the rim of the widest indenter: small ones have finer columns
-STARTS_MM = 1.0  # above the tip plane, where the search for an indenter's face begins
+STARTS_MM = 1.0  # above the highest indenter, where the search for an indenter's face begins
 ENDS_MM = 10.0  # below the tip plane and the widest indenter's reach, where it ends
 STEPS, CLOSE_MM = 200, 1e-6  # of the search
 MOST_VALUES = 4_000_000  # of columns that are held at a time
@@ -106,7 +106,12 @@ class LeastThickness:
 
     def __init__(self, sensor: Sensor, shapes: Sequence[RigidShape], path: IndenterPath):
         self._gel, self._path = GelColumns(sensor), path
+        reach = max(map(lateral_reach, shapes))
+        spacing = min(SPACING_MM, reach / LEAST_ACROSS)
+        # Moves are rounded to whole columns, and turns to as much half way to the rim, so that fine steps share places.
+        unit = np.array([spacing, spacing, 2.0 * spacing / reach])
         places = np.column_stack([path.offsets_m[:, [0, 2]] * MM, path.turns_rad])
+        places = unit * np.round(places / unit)
         # Position 0 is that of the first touch; a press stays there.
         places, self._position = np.unique(np.vstack([np.zeros(3), places]), axis=0, return_inverse=True)
         order = np.argsort(np.arange(len(places)) != self._position[0], kind="stable")
@@ -114,8 +119,6 @@ class LeastThickness:
         depths = np.full(len(places), -np.inf)
         np.maximum.at(depths, self._position, path.depths_m * MM)
         self._depths = wp.array(depths, dtype=wp.float64, device="cpu")
-        reach = max(map(lateral_reach, shapes))
-        spacing = min(SPACING_MM, reach / LEAST_ACROSS)
         furthest = min(reach + MM * path.lateral_reach_m, MM * float(np.linalg.norm(sensor.surface.extents)))
         half = int(np.ceil(furthest / spacing))
         square = Lattice(spacing, half, half)
@@ -129,7 +132,8 @@ class LeastThickness:
         x, z = from_tip[..., 0], from_tip[..., 1]
         own = np.stack([cos * x - sin * z, sin * x + cos * z], axis=-1)
         height = wp.empty((len(places), len(shapes), len(points)), dtype=wp.float64, device="cpu")
-        inputs = [shape_array(shapes), wp.array(own, dtype=wp.vec2d, device="cpu"), STARTS_MM, ends]
+        starts = STARTS_MM + max(map(highest, shapes))
+        inputs = [shape_array(shapes), wp.array(own, dtype=wp.vec2d, device="cpu"), starts, ends]
         wp.launch(face_kernel, dim=height.shape, inputs=inputs, outputs=[height], device="cpu")
         return height.numpy()
 

@@ -14,7 +14,7 @@ from simgen.indenter_path import press_path, with_legs
 from simgen.least_thickness import LeastThickness
 from simgen.pairing import indenter_poses, sample_contacts
 from simgen.sensor import load_sensor
-from simgen.shape import signed_distance
+from simgen.shape import sampled_shape, signed_distance
 
 THICK, SLOPE, LAST = 4.0, 0.15, 2.0  # mm, of wedges; the last depth, mm
 PRESS = press_path(1e-3 * np.linspace(0.1, LAST, 20))
@@ -96,6 +96,13 @@ def test_a_skin_has_the_gap_on_top():
     for depth in (0.5, 1.0, 2.0):
         path = press_path([1e-3 * depth])
         assert share(skin_over_core(1.5, 1.0), CUBE, path) == pytest.approx((2.5 - depth) / 1.5, abs=1e-6)
+
+
+def test_a_mesh_of_a_user_counts_wherever_its_tip_is():
+    """A box of 6 mm, its face 5 mm above the tip plane or below: first touch comes as much earlier or later."""
+    for height in (-5.0, 5.0):
+        box = trimesh.creation.box([6e-3, 6e-3, 6e-3]).apply_translation([0.0, 1e-3 * height - 3e-3, 0.0])
+        assert share(wedge(), sampled_shape(box, 0.2, 3.0)) == pytest.approx(1.0 - LAST / THICK, abs=1e-3)
 
 
 def test_places_beyond_the_outline_do_not_count():
