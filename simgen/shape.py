@@ -44,7 +44,7 @@ def highest(shape: RigidShape) -> float:
     """The height that the shape nowhere exceeds, mm: its tip, or for a sampled shape the top of its grid."""
     if Kind(shape.kind) is not Kind.SAMPLED:
         return 0.0
-    return float(shape.grid_origin[1] + shape.grid_spacing * (shape.coefficients.shape[1] - 1))
+    return float(np.array(shape.grid_origin)[1] + shape.grid_spacing * (shape.coefficients.shape[1] - 1))
 
 
 @wp.kernel
