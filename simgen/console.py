@@ -36,6 +36,15 @@ console = Console(highlight=False)
 INTERRUPTED = 130
 
 
+def _redrawn(job: Job, seen: "Preview") -> str:
+    """The share of proposals that leave too little gel, in words; nothing where no contact is drawn again for that."""
+    left = job.trajectories.least_thickness_left
+    if not left or job.stops_early:
+        return ""
+    share = seen.refused / (seen.refused + seen.contacts)
+    return f"; {share:.1%} of the proposals would leave less than {left:g} of the gel, and are drawn again"
+
+
 def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
     sensors = " and ".join(sensor.name for sensor in seen.sensors)
     console.print(f"[bold]{job.name}[/]  job {job.hash[:12]}  ->  {output}")
@@ -45,7 +54,7 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         f"each on {sensors}, in {seen.shards:,} shards"
     )
     some = "all" if seen.contacts == seen.trajectories else f"the first {seen.contacts:,} of"
-    console.print(f"contacts: {some} {seen.trajectories:,} fit")
+    console.print(f"contacts: {some} {seen.trajectories:,} fit{_redrawn(job, seen)}")
     console.print(f"size: about {_size(seen.bytes)} ({seen.bytes_source})")
     device_name = "core" if device == "cpu" else device
     duration = f"about {_time(seen.seconds)} of one {device_name} ({seen.seconds_source})"

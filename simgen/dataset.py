@@ -16,7 +16,10 @@ One zarr v3 directory, in SI units::
                                                        reference sensor, or contact_pose if never touched
       <sensor>/rest_positions (vertex, 3)              the output mesh in the sensor's own frame
       <sensor>/tetrahedra, surface_triangles, held, touchable
+      refused/points, normals (contact, 3)             contacts that were drawn again because an indenter would leave
+                                                       too little gel: m in the shared frame; absent if there are none
       <sensor>/pose (press, 4, 4)                      sensor -> shared frame: the unfolding transform
+      <sensor>/pressable_steps (press,)                number of steps that leave enough gel; with too_thin: stop
       <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor;
                                                        NaN if never touched
       <sensor>/displacement (press, depth, vertex, 3)  int16 in steps of 1e-7 m, or float32 in m
@@ -57,7 +60,7 @@ import zarr
 from simgen.chunk_files import check_frames, chunk_path, is_sharded, open_sharded
 from simgen.errors import InputError, shown
 from simgen.indenter_path import IndenterPath
-from simgen.job import job_from_dict
+from simgen.job import job_from_resolved
 from simgen.job_schema import OUTPUTS, SURFACE_COMPONENTS, Job
 
 SCHEMA = 1
@@ -241,7 +244,7 @@ class Dataset:
         """The job, whose relative paths start where they did when it was run last; here, if that is not known."""
         folders = [line["folder"] for line in self.timings() if isinstance(line.get("folder"), str)]
         source, folder = f"{self.path}: job", Path(folders[-1]) if folders else Path()
-        return job_from_dict(self.attributes["job"], source, folder=folder)
+        return job_from_resolved(self.attributes["job"], source, folder=folder)
 
     def timings(self) -> list[dict]:
         """When and where runs began, and when, where and how each shard ended, in order.

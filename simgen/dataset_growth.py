@@ -33,6 +33,8 @@ from simgen.job_schema import Job, hash_of
 from simgen.splits import split_presses
 from simgen.whole_files import flush, flush_tree
 
+# Planned arrays that have more rows with more trajectories; the others are the same.
+GROW = ("press/", "refused/"), ("/pose", "/pressable_steps")
 SAME_PLAN = 1e-9  # m and rad: another processor may round a contact otherwise
 
 
@@ -84,8 +86,11 @@ def finish_growth(path: Path) -> None:
 
 def _extended(dataset: Dataset, name: str, values: np.ndarray) -> np.ndarray:
     """A planned array that begins with what the dataset has. Raises `InputError` if the two differ there."""
-    own = dataset[name]
-    first = values[: len(own)] if name.startswith("press/") or name.endswith("/pose") else values
+    beginnings, ends = GROW
+    grows = name.startswith(beginnings) or name.endswith(ends)
+    first_refused = name.startswith("refused/") and name not in dataset.root
+    own = values[:0] if first_refused else dataset[name]
+    first = values[: len(own)] if grows else values
     same = first.shape == own.shape and (
         name == "press/split" or np.allclose(first, own, rtol=0.0, atol=SAME_PLAN, equal_nan=True)
     )

@@ -9,6 +9,8 @@ from simgen.dataset import Dataset, path_arrays
 from simgen.errors import InputError
 from simgen.splits import IN_NONE, SPLITS
 
+REFUSED = ("refused/points", "refused/normals")
+
 
 def faults(dataset: Dataset) -> dict[str, str]:
     """What is wrong with which array, by its path; the arrays that tasks write are looked at from outside alone."""
@@ -46,6 +48,9 @@ def _expected(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], str | type]]
         "press/contact_pose": ((presses, 4, 4), real),
         "press/contact_normal": ((presses, 3), real),
     }
+    for name in REFUSED:
+        if name in dataset.root:
+            expected[name] = ((_length(dataset, name), 3), real)
     for sensor in dataset.sensors:
         vertices = dataset.array(f"{sensor}/rest_positions").shape[0]
         expected |= {
@@ -56,6 +61,8 @@ def _expected(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], str | type]]
             f"{sensor}/touchable": ((vertices,), np.bool_),
             f"{sensor}/pose": ((presses, 4, 4), real),
         }
+        if dataset.job.stops_early:
+            expected[f"{sensor}/pressable_steps"] = ((presses,), integer)
         if dataset.job.surface_outputs(sensor):
             name = f"{sensor}/surface_vertices"
             expected[name] = ((_length(dataset, name),), integer)
@@ -80,7 +87,7 @@ def _bad_values(dataset: Dataset) -> dict[str, str]:
         "press/indenter": (0, len(job.indenters) - 1),
         "press/split": (IN_NONE, len(SPLITS) - 1),
     }
-    finite, poses = [*path_arrays(dataset.indenter_path)], []
+    finite, poses = [*path_arrays(dataset.indenter_path), *(name for name in REFUSED if name in dataset.root)], []
     if not dataset.imported:
         finite.append("press/contact_normal")
         poses.append("press/contact_pose")
@@ -88,6 +95,8 @@ def _bad_values(dataset: Dataset) -> dict[str, str]:
         last = dataset.array(f"{sensor}/rest_positions").shape[0] - 1
         indices = ("tetrahedra", "surface_triangles", "surface_vertices")
         bounds |= {f"{sensor}/{key}": (0, last) for key in indices if f"{sensor}/{key}" in dataset.root}
+        if job.stops_early:
+            bounds[f"{sensor}/pressable_steps"] = (0, len(dataset.indenter_path))
         finite.append(f"{sensor}/rest_positions")
         poses += [] if dataset.imported else [f"{sensor}/pose"]  # which files may leave unsaid
     for name, (low, high) in bounds.items():

@@ -44,3 +44,14 @@ def job_from_dict(
     job = section_from_dict(Job, data, source, sources)
     job._folder = folder
     return job
+
+
+def job_from_resolved(resolved: Mapping[str, Any], source: str = "job", *, folder: Path = Path()) -> Job:
+    """Make the `Job` that resolved to this when a dataset was written.
+
+    ``least_thickness_left`` is absent where it was 0, and in jobs from before there was this rule. Raises `InputError`.
+    """
+    trajectories = resolved.get("trajectories")
+    if isinstance(trajectories, Mapping):
+        resolved = {**resolved, "trajectories": {"least_thickness_left": 0.0, **trajectories}}
+    return job_from_dict(resolved, source, folder=folder)

@@ -100,6 +100,8 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
                        "sample there is not kept; this step and all later ones have status 7. Only stored steps count: "
                        "between them the force may be larger",
         "path": "what the indenter does after it has pressed to the last depth, leg after leg",
+        "too_thin": "what becomes of presses that would leave less: `redraw` draws another contact for all indenters, "
+                    "`stop` keeps the contacts and ends each such press before it is too deep",
         **contact_meanings(),
     },
     Leg: {

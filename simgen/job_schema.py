@@ -30,7 +30,9 @@ Move = Annotated[float, Field(ge=-10.0, le=10.0)]
 DEEPEST_INT16_MM = 3.2
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]{0,99}$"
 # What else a dataset's folder holds.
-NOT_SENSORS = ("press", "depth", "path", "manifest", "zarr.json", "README.md", "presses.csv", "croissant.json")
+NOT_SENSORS = (
+    "press", "depth", "path", "refused", "manifest", "zarr.json", "README.md", "presses.csv", "croissant.json"
+)  # fmt: skip
 FINEST_MM = 1e-6  # depths are whole nanometres
 # Outputs of a press that a job may ask for, with what they are.
 OUTPUTS = {
@@ -147,6 +149,13 @@ class Trajectories(Section):
     )
     max_indentation_ratio: float = Field(0.6, gt=0.0, lt=1.0, description="between 0 and 1")
     min_edge_ratio: float = Field(1.5, ge=0.0, le=10.0, description="0 to 10")
+    # Off, a job has the hash that it had before there was this rule.
+    least_thickness_left: float = Field(
+        0.15, ge=0.0, lt=1.0, exclude_if=lambda share: share == 0.0, description="a share, 0 (off) to below 1"
+    )
+    too_thin: Literal["redraw", "stop"] = Field(
+        "redraw", exclude_if=lambda how: how == "redraw", description="redraw or stop"
+    )
     max_force_n: float | None = Field(
         None, gt=0.0, le=1e4, exclude_if=lambda force: force is None, description="above 0, to 10000 N"
     )
@@ -294,6 +303,11 @@ class Job(Section):
     def depths_m(self) -> np.ndarray:
         """(step,) float64, m: the depth at each step of the path."""
         return self.indenter_path.depths_m
+
+    @property
+    def stops_early(self) -> bool:
+        """True if presses end early where they would leave too little gel, and keep their contacts."""
+        return self.trajectories.too_thin == "stop" and self.trajectories.least_thickness_left > 0.0
 
     @property
     def indenter_names(self) -> tuple[str, ...]:

@@ -16,11 +16,13 @@ import scipy.spatial
 
 from simgen.curved import CORE
 from simgen.errors import InputError
+from simgen.least_thickness import LeastThickness
 from simgen.sensor import Sensor
 from simgen.skin import Skin
 from simgen.surface import ClosestPoint, FinePieces
 
 BLOCK = 256  # contacts that are proposed at a time: a power of two, as a Sobol sequence wants
+SLICE = 32  # of them, for which the gel under the indenters is measured at a time
 MOST_PROPOSED = 200  # per contact found, once there have been 16 blocks: with less there is no room
 WALL_TURN_DEG = (60.0, 120.0)  # a surface turned so far from the contact's is a side wall; more is the back
 
@@ -33,6 +35,7 @@ class ContactSettings:
     roll_range_deg: tuple[float, float] = (-90.0, 90.0)  # of the indenter about its axis
     max_indentation_ratio: float = 0.6  # deepest press / thickness (largest ball that fits); a core's gap comes on top
     min_edge_ratio: float = 1.5  # distance to the nearest side wall / deepest press
+    least_thickness_left: float = 0.15  # least gel left under every indenter, on every sensor / thickness there
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,14 @@ class Contacts:
     arcs: np.ndarray  # (n,) lateral arc length from the centre line
 
 
+@dataclass(frozen=True)
+class Draw:
+    """Contacts that were kept, and those before the last of them that leave too little gel under an indenter."""
+
+    kept: Contacts
+    refused: Contacts
+
+
 def sample_contacts(
     reference: Sensor,
     count: int,
@@ -55,49 +66,85 @@ def sample_contacts(
     others: Sequence[Sensor] = (),
     lateral_reach_m: float = 0.0,
 ) -> Contacts:
-    """``count`` contacts on ``reference``, each with room for the deepest press and a partner on all ``others``.
+    """The contacts that `draw_contacts` keeps when no indenters are known."""
+    return draw_contacts(reference, count, seed, max_depth_m, settings, others, lateral_reach_m).kept
 
-    An indenter that moves sideways keeps ``lateral_reach_m`` more distance from side walls. Contacts are a scrambled
-    Sobol sequence in (x, arc, tilt, azimuth, roll), with rejection: the first n contacts do not depend on how many more
-    are asked for. Raises InputError if there is too little room, or too few partners.
+
+def draw_contacts(
+    reference: Sensor,
+    count: int,
+    seed: int,
+    max_depth_m: float,
+    settings: ContactSettings | None = None,
+    others: Sequence[Sensor] = (),
+    lateral_reach_m: float = 0.0,
+    indented: Sequence[LeastThickness] = (),
+) -> Draw:
+    """Draw ``count`` contacts on ``reference``, each with room for the deepest press and a partner on all ``others``.
+
+    An indenter that moves sideways keeps ``lateral_reach_m`` more distance from side walls. Contacts where an indenter
+    leaves less than ``least_thickness_left`` of a sensor's gel are drawn again; ``indented`` has the indenters on
+    ``reference`` and on each of ``others``, and without it this rule is off. Contacts are a scrambled Sobol sequence in
+    (x, arc, tilt, azimuth, roll), with rejection: the first n contacts do not depend on how many more are asked for.
+    Raises InputError if there is too little room, or too few partners.
     """
     from scipy.stats import qmc  # a third of a second, which processes that only press do without
 
     settings = settings or ContactSettings()
-    room, *others = (Room(sensor, max_depth_m, settings, lateral_reach_m) for sensor in (reference, *others))
+    sensors = (reference, *others)
+    room, *others = rooms = [Room(sensor, max_depth_m, settings, lateral_reach_m) for sensor in sensors]
+    if not settings.least_thickness_left:
+        indented = ()
     sequence = qmc.Sobol(5, scramble=True, rng=seed)
-    blocks: list[Contacts] = []
-    found = roomy = proposed = 0
+    fitting, enough = [], []  # proposals that have room and partners, and if indenters leave enough gel there
+    found = roomy = partnered = proposed = 0
     while found < count:
         if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
-            raise InputError(_too_few(room, others, count, (found, roomy, proposed)))
+            raise InputError(_too_few(room, others, count, (found, partnered, roomy, proposed)))
         block = room.keep(room.propose(sequence.random(BLOCK)))
         roomy += len(block.points)
         for other in others:
             block = _those(block, other.meets(block))
-        blocks.append(block)
-        found += len(block.points)
+        partnered += len(block.points)
         proposed += BLOCK
-    return Contacts(**{
-        field.name: np.concatenate([getattr(block, field.name) for block in blocks])[:count]
-        for field in fields(Contacts)
+        for first in range(0, len(block.points), SLICE):
+            fitting.append(_those(block, slice(first, first + SLICE)))
+            enough.append(np.ones(len(fitting[-1].points), dtype=bool))
+            for sensor, own, thickness in zip(sensors, rooms, indented, strict=False):
+                poses = np.linalg.inv(unfold(reference, sensor, fitting[-1], own.skin)) @ indenter_poses(fitting[-1])
+                enough[-1] &= (thickness.shares(poses) >= settings.least_thickness_left).all(axis=1)
+            found += int(enough[-1].sum())
+            if found >= count:
+                break
+    kept = np.concatenate(enough)
+    drawn = np.arange(len(kept)) <= np.flatnonzero(kept)[count - 1]
+    contacts = Contacts(**{
+        field.name: np.concatenate([getattr(some, field.name) for some in fitting]) for field in fields(Contacts)
     })  # fmt: skip
+    return Draw(_those(contacts, drawn & kept), _those(contacts, drawn & ~kept))
 
 
-def _those(contacts: Contacts, kept: np.ndarray) -> Contacts:
+def _those(contacts: Contacts, kept: np.ndarray | slice) -> Contacts:
     """The contacts (n,) bool that are kept."""
     return Contacts(**{field.name: getattr(contacts, field.name)[kept] for field in fields(Contacts)})
 
 
-def _too_few(room: "Room", others: Sequence["Room"], count: int, counts: tuple[int, int, int]) -> str:
-    """The error line: how many contacts were found, had room and were proposed, and what helps."""
-    found, roomy, proposed = counts
+def _too_few(room: "Room", others: Sequence["Room"], count: int, counts: tuple[int, int, int, int]) -> str:
+    """The error line: how many contacts were found, had a partner, had room and were proposed, and what helps."""
+    found, partnered, roomy, proposed = counts
     line = (
         f"{room.name}: {found} of {count} contacts fit after {proposed} proposals of presses of "
         f"{room.max_depth * 1e3:g} mm with max_indentation_ratio {room.settings.max_indentation_ratio:g} and "
         f"min_edge_ratio {room.settings.min_edge_ratio:g}; "
     )
-    if roomy > 2 * found:  # most had room: the partners are missing
+    if partnered > 2 * found:
+        return line + (
+            f"{partnered} contacts fit otherwise, but an indenter leaves less than least_thickness_left "
+            f"{room.settings.least_thickness_left:g} of the gel there; press less deep, tilt less, leave out the "
+            "widest indenters, allow a smaller least_thickness_left (0: off), or end such presses early "
+            "(too_thin: stop)"
+        )
+    if roomy > 2 * partnered:  # most had room: the partners are missing
         names = " and ".join(other.name for other in others)
         return line + f"{roomy} contacts have room, but most have no partner on {names}; put the smallest sensor first"
     advice = "press less deep, or allow a larger max_indentation_ratio or a smaller min_edge_ratio"
@@ -120,16 +167,16 @@ def indenter_poses(contacts: Contacts) -> np.ndarray:
     return poses
 
 
-def unfold(reference: Sensor, other: Sensor, contacts: Contacts) -> np.ndarray:
+def unfold(reference: Sensor, other: Sensor, contacts: Contacts, skin: Skin | None = None) -> np.ndarray:
     """(n, 4, 4) pose of ``other``: its own frame -> shared frame, one for each contact on ``reference``.
 
-    The rotation is a roll about x, then a pitch about z, without yaw. Raises InputError if the other sensor
-    has no partner for a contact.
+    The rotation is a roll about x, then a pitch about z, without yaw. ``skin`` is that of ``other``, if it is known.
+    Raises InputError if the other sensor has no partner for a contact.
     """
     poses = np.tile(np.eye(4), (len(contacts.points), 1, 1))
     if other is reference:
         return poses
-    points, normals = partners(other, contacts)
+    points, normals = partners(other, contacts, skin)
     for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
         rotation = _roll_then_pitch(normal, contacts.normals[i])
         if rotation is None:
@@ -140,9 +187,9 @@ def unfold(reference: Sensor, other: Sensor, contacts: Contacts) -> np.ndarray:
     return poses
 
 
-def partners(other: Sensor, contacts: Contacts) -> tuple[np.ndarray, np.ndarray]:
+def partners(other: Sensor, contacts: Contacts, skin: Skin | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) and outward normals (n, 3) on ``other``, in its own frame, at the contacts' (x, arc)."""
-    skin = Skin(other.surface)
+    skin = skin or Skin(other.surface)
     found = [skin.point(point[0], arc) for point, arc in zip(contacts.points, contacts.arcs, strict=True)]
     for i, partner in enumerate(found):
         if partner is None:

@@ -1,4 +1,4 @@
-"""Pictures for the documentation, drawn off-screen: the indenters, and paired contacts in matching colours.
+"""Pictures for the documentation, drawn off-screen: the indenters, paired contacts in matching colours, refused ones.
 
 ``python -m simgen.pictures FOLDER`` makes them again.
 """
@@ -11,8 +11,12 @@ import numpy as np
 import pyvista
 
 from simgen.indenter import Indenter, indenter_names, load_indenter
+from simgen.job import load_job
 from simgen.pairing import Contacts, partners, sample_contacts
+from simgen.plan import make_plan
+from simgen.report.refused import draws_map, draws_of
 from simgen.sensor import Sensor, load_sensor
+from simgen.touchable import touchable_surface
 
 GEL = "#d9d4c7"
 STEEL = "#b9cbd9"
@@ -102,6 +106,9 @@ def main(folder: Path) -> None:
     digit, biotac = load_sensor("digit"), load_sensor("biotac")
     contacts = sample_contacts(digit, count=860, seed=1, max_depth_m=2e-3)
     draw_contacts([digit, biotac], contacts, folder / "paired_contacts.png")
+    arrays = make_plan(load_job("paired")).arrays
+    figure = draws_map(touchable_surface(arrays, "digit"), draws_of(arrays), "DIGIT")
+    figure.savefig(folder / "refused_contacts.jpg", dpi=110, pil_kwargs={"quality": 85})
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from simgen.fem.status import Status
 from simgen.image_resolution import coarse_images
 from simgen.indenter import Indenter, chosen_indenters
 from simgen.job_schema import Job
+from simgen.least_thickness import LeastThickness
 from simgen.quiet import check_device_name, start_warp
 from simgen.sensor import Material, Sensor, load_sensor
 from simgen.sensor_meshes import OutputMeshFile
@@ -45,7 +46,9 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     indenters = chosen_indenters(job)  # first: it takes no time
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
-    contacts = first_contacts(job, sensors, job.trajectories.count)
+    indented = gel_under_indenters(job, sensors, indenters)
+    draw = first_contacts(job, sensors, job.trajectories.count, indented)
+    contacts = draw.kept
     trajectory, indenter = number_presses(job)
     arrays = {
         **path_arrays(job.indenter_path),
@@ -55,6 +58,8 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
         "press/contact_pose": pairing.indenter_poses(contacts)[trajectory],
         "press/contact_normal": contacts.normals[trajectory],
     }
+    if len(draw.refused.points):
+        arrays |= {"refused/points": draw.refused.points, "refused/normals": draw.refused.normals}
     for name, sensor in sensors.items():
         mesh = sensor.output_mesh
         arrays |= {
@@ -67,15 +72,32 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
         }
         if job.surface_outputs(name):
             arrays[f"{name}/surface_vertices"] = mesh.surface_vertices
+        if job.stops_early:
+            poses = np.linalg.inv(arrays[f"{name}/pose"]) @ arrays["press/contact_pose"]
+            steps = indented[name].steps_that_leave(poses[:: len(indenters)], job.trajectories.least_thickness_left)
+            arrays[f"{name}/pressable_steps"] = steps.ravel().astype(np.int32)
     deepest = float(job.depths_m.max())
     remarks = [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, deepest)]
     return Plan(job, device, _attributes(job, device, sensors, indenters), arrays, remarks)
 
 
-def first_contacts(job: Job, sensors: Mapping[str, Sensor], count: int) -> pairing.Contacts:
-    """The first ``count`` contacts of a job on the first of its sensors. Raises `InputError` if too few fit.
+def gel_under_indenters(
+    job: Job, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]
+) -> dict[str, LeastThickness]:
+    """For each sensor, the measure of the gel that the job's indenters leave; none if the job does not limit it."""
+    if not job.trajectories.least_thickness_left:
+        return {}
+    shapes = [indenter.shape() for indenter in indenters]
+    return {name: LeastThickness(sensor, shapes, job.indenter_path) for name, sensor in sensors.items()}
+
+
+def first_contacts(
+    job: Job, sensors: Mapping[str, Sensor], count: int, indented: Mapping[str, LeastThickness]
+) -> pairing.Draw:
+    """Draw the first ``count`` contacts of a job on the first of its sensors. Raises `InputError` if too few fit.
 
     The same job with other output meshes has the same contacts: they are sampled with the sensors' own output meshes.
+    ``indented`` is what `gel_under_indenters` gives.
     """
     own = {field.name for field in fields(pairing.ContactSettings)}
     settings = pairing.ContactSettings(**job.trajectories.model_dump(include=own))
@@ -84,7 +106,8 @@ def first_contacts(job: Job, sensors: Mapping[str, Sensor], count: int) -> pairi
     )
     path = job.indenter_path
     deepest, reach = float(path.depths_m.max()), path.lateral_reach_m
-    return pairing.sample_contacts(reference, count, job.seed, deepest, settings, others, reach)
+    measures = () if job.stops_early else tuple(indented.values())
+    return pairing.draw_contacts(reference, count, job.seed, deepest, settings, others, reach, measures)
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:

@@ -12,7 +12,7 @@ from simgen.fem.newton import SolverSettings
 from simgen.image_resolution import coarse_images
 from simgen.indenter import Indenter, chosen_indenters
 from simgen.job_schema import Job
-from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts
+from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts, gel_under_indenters
 from simgen.press import Scene
 from simgen.quiet import start_warp
 from simgen.sensor import Material, Sensor
@@ -59,6 +59,7 @@ class Preview:
 
     trajectories: int
     contacts: int  # that were sampled, and fit
+    refused: int  # that fit but for the gel that an indenter would leave, and were drawn again
     indenters: int
     samples: int
     shards: int
@@ -79,13 +80,14 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     indenters = chosen_indenters(job)
     loaded = {name: chosen_sensor(job, name) for name in job.sensors}
     contacts = min(job.trajectories.count, MOST_CONTACTS)
-    first_contacts(job, loaded, contacts)
+    draw = first_contacts(job, loaded, contacts, gel_under_indenters(job, loaded, indenters))
     sensors = [_preview_sensor(job, name, sensor, indenters) for name, sensor in loaded.items()]
     kind = device.partition(":")[0]
     unknowns = sum(sensor.unknowns for sensor in sensors)
     return Preview(
         trajectories=job.trajectories.count,
         contacts=contacts,
+        refused=len(draw.refused.points),
         indenters=len(job.indenters),
         samples=job.samples,
         shards=job.shards,

@@ -41,6 +41,13 @@ def lateral_reach(shape: RigidShape) -> float:
     return float(size[0] * np.sqrt(2.0) if kind in (Kind.CUBE, Kind.TEXTURE) else size[0])
 
 
+def highest(shape: RigidShape) -> float:
+    """The height that the shape nowhere exceeds, mm: its tip, or for a sampled shape the top of its grid."""
+    if Kind(shape.kind) is not Kind.SAMPLED:
+        return 0.0
+    return float(np.array(shape.grid_origin)[1] + shape.grid_spacing * (shape.coefficients.shape[1] - 1))
+
+
 @wp.kernel
 def _mesh_distance_kernel(
     mesh: wp.uint64,

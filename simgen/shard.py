@@ -194,7 +194,8 @@ def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: s
     _check_inputs(job, inputs)
     for sensor in dataset.sensors:
         poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
-        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.indenter_path)
+        limits = [dataset[f"{sensor}/pressable_steps"][rows]] if job.stops_early else []
+        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.indenter_path, *limits)
         for writer, end in zip(writers, ends, strict=True):
             own = slice(end - len(writer.presses), end)
             writer.take(sensor, results[own], contact_pose[own])

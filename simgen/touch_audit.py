@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -193,7 +193,7 @@ class _Look:
         return distances[:count], distances[count:]
 
 
-def touchable_points(dataset: Dataset, sensor: str) -> np.ndarray:
+def touchable_points(dataset: Dataset | Mapping[str, np.ndarray], sensor: str) -> np.ndarray:
     """(n,) the vertices of a sensor's surface that may touch an indenter."""
     on_surface = np.unique(dataset[f"{sensor}/surface_triangles"])
     return on_surface[dataset[f"{sensor}/touchable"][on_surface]]

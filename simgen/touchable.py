@@ -1,5 +1,6 @@
 """The touchable surface of a sensor: its points, and the area that each stands for."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +29,8 @@ class TouchableSurface:
         return whole
 
 
-def touchable_surface(dataset: Dataset, sensor: str) -> TouchableSurface:
+def touchable_surface(dataset: Dataset | Mapping[str, np.ndarray], sensor: str) -> TouchableSurface:
+    """The touchable surface of a sensor, from a dataset or from the arrays of a plan."""
     vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
     touchable = dataset[f"{sensor}/touchable"]
     points = touchable_points(dataset, sensor)

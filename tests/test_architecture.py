@@ -19,7 +19,7 @@ HOUSE = {
     "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
                "interpolation", "mesh_files", "mesh_quality", "region_edges", "support", "sweep"],
     "indenter": ["indenter"],
-    "pairing": ["pairing", "skin"],
+    "pairing": ["pairing", "skin", "least_thickness", "gel_columns"],
     "fem": ["fem"],
     "press": ["press", "march", "samples", "surface_outputs", "scene", "first_touch", "capacity"],
     "dataset": ["dataset", "dataset_layout", "dataset_writer", "dataset_growth", "chunk_files", "whole_files",

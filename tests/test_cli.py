@@ -78,6 +78,16 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, words):
     assert words in done.stderr
 
 
+def test_a_dry_run_says_how_many_contacts_leave_too_little_gel(tmp_path):
+    command = ["run", "smoke", "trajectories.count=20", "depths_mm.last=2", "--dry-run"]
+    done = simgen(*command, cwd=tmp_path)
+    refused = re.search(r"all 20 fit; (\d+\.\d)% of the proposals would leave less than 0.15 of the gel", done.stdout)
+    assert 5.0 < float(refused[1]) < 50.0, done.stdout
+    for change in ("least_thickness_left=0", "too_thin=stop"):
+        done = simgen(*command, f"trajectories.{change}", cwd=tmp_path)
+        assert "all 20 fit" in done.stdout and "proposals" not in done.stdout
+
+
 def test_check_passes_a_sound_dataset_and_fails_a_broken_one(dataset, tmp_path):
     done = simgen("check", dataset, cwd=tmp_path)
     assert done.returncode == 0, done.stdout

@@ -261,3 +261,11 @@ with tempfile.TemporaryDirectory() as folder:
     asyncio.run_coroutine_threadsafe(meet(), zarr.core.sync.loop[0]).result(30.0)
 """
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_a_dataset_from_before_the_rule_of_thin_gel_has_its_job_and_hash(tmp_path):
+    """Its job lacks the key, as that of a job which switches the rule off."""
+    job = fake.make_job(trajectories={"count": 4, "least_thickness_left": 0.0})
+    old = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
+    assert "least_thickness_left" not in old.attributes["job"]["trajectories"]
+    assert Dataset(old.path).job.hash == old.attributes["job_hash"] == job.hash

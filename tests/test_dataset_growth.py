@@ -206,3 +206,22 @@ def test_nothing_to_finish_is_nothing(folder, tmp_path):
     finish_growth(folder)
     finish_growth(tmp_path / "not there")
     assert fake.contents(folder) == before
+
+
+@pytest.mark.parametrize("before", [0, 2])
+def test_refused_contacts_grow_with_the_contacts(tmp_path, before):
+    refused = np.random.default_rng(0).normal(size=(5, 3))
+
+    def plan(count, rows):
+        made = fake.make_plan(make_job(count))
+        made.arrays |= {f"refused/{name}": refused[:rows] for name in ("points", "normals") if rows}
+        return made
+
+    folder = tmp_path / "d.zarr"
+    run(plan(4, before), folder, build=fake.fake_presser)
+    grown = run(plan(7, 5), folder, build=fake.fake_presser)
+    np.testing.assert_array_equal(grown["refused/points"], refused)
+    assert passes(check(grown)), [finding for finding in check(grown) if finding.failed]
+    refused[0] += 1.0
+    with pytest.raises(InputError, match="refused/points: differs from what the job plans"):
+        run(plan(9, 5), folder, build=fake.fake_presser)

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from simgen.errors import InputError
-from simgen.job import job_from_dict, load_job
+from simgen.job import job_from_dict, job_from_resolved, load_job
 from simgen.provenance import difference
 from simgen.resources import resource
 
@@ -111,6 +111,16 @@ def test_a_job_without_a_force_limit_resolves_as_it_did_before_there_was_the_key
 def test_a_force_limit_out_of_range_is_refused(write, value):
     with pytest.raises(InputError, match=r"trajectories\.max_force_n: .*above 0, to 10000 N"):
         load_job(write(MINIMAL), [f"trajectories.max_force_n={value}"])
+
+
+def test_a_job_without_the_rule_of_thin_gel_has_the_hash_from_before_there_was_one(write):
+    job = load_job(write(MINIMAL), ["trajectories.least_thickness_left=0"])
+    assert not {"least_thickness_left", "too_thin"} & job.resolved()["trajectories"].keys()
+    again = job_from_resolved(job.resolved())
+    assert again.trajectories.least_thickness_left == 0.0 and again.hash == job.hash
+    ruled = load_job(write(MINIMAL), ["trajectories.too_thin=stop"])
+    assert job_from_resolved(ruled.resolved()).trajectories == ruled.trajectories
+    assert ruled.stops_early and not job.stops_early
 
 
 def test_relative_paths_start_at_the_job_file(tmp_path, monkeypatch):
@@ -224,6 +234,17 @@ BAD = {
     "mesh twice": ("", ["indenters=[a.stl, {file: b/a.obj, unit: mm}]"], "indenters: 'a' is listed twice"),
     "indenter twice": ("", ["indenters=[a, b, a]"], "indenters: 'a' is listed twice"),
     "value for a section": ("", ["trajectories=3"], "trajectories: 3 is not allowed; allowed: a mapping"),
+    "all of the gel left": (
+        "",
+        ["trajectories.least_thickness_left=1"],
+        r"trajectories\.least_thickness_left: 1 is not allowed; allowed: a share, 0 \(off\) to below 1$",
+    ),
+    "what of thin gel": (
+        "",
+        ["trajectories.too_thin=skip"],
+        r'trajectories\.too_thin: "skip" is not allowed; allowed: redraw or stop$',
+    ),
+    "name of an array": ("", ["sensors.refused.model=digit"], "sensors: 'refused' cannot name a sensor"),
     "reserved sensor name": ("", ["sensors.press.model=digit"], "sensors: 'press' cannot name a sensor"),
     "missing": (
         "",

@@ -6,4 +6,5 @@ from simgen.job_schema import Solver, Trajectories
 
 def test_every_constant_of_the_solver_and_of_the_contacts_is_explained():
     assert set(solver_meanings()) == set(Solver.model_fields) - {"element"}
-    assert set(contact_meanings()) == set(Trajectories.model_fields) - {"count", "max_force_n", "path"}
+    own = {"count", "max_force_n", "path", "too_thin"}
+    assert set(contact_meanings()) == set(Trajectories.model_fields) - own

@@ -8,11 +8,25 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from simgen.curved import CORE
+from simgen.curved import CORE, FREE, HELD
 from simgen.errors import InputError
-from simgen.pairing import Contacts, ContactSettings, Room, indenter_poses, partners, sample_contacts, unfold
+from simgen.first_touch import first_touch
+from simgen.geometry import advanced
+from simgen.indenter import load_indenter
+from simgen.indenter_path import press_path
+from simgen.least_thickness import LeastThickness
+from simgen.pairing import (
+    Contacts,
+    ContactSettings,
+    Room,
+    draw_contacts,
+    indenter_poses,
+    partners,
+    sample_contacts,
+    unfold,
+)
 from simgen.sensor import load_sensor
-from simgen.shape import mesh_distance
+from simgen.shape import mesh_distance, signed_distance
 from simgen.skin import Skin
 
 COUNT, SEED, DEPTH = 200, 1, 2.0e-3
@@ -264,3 +278,77 @@ def test_room_for_a_long_leg_is_found_with_few_pieces():
     assert room.edge_distance > 3e-3 and room.wall_piece > 0.2 * room.edge_distance
     contacts = sample_contacts(digit, 4, 0, 1e-5, lateral_reach_m=3e-3)
     assert len(contacts.points) == 4
+
+
+def wedge() -> SimpleNamespace:
+    """A gel that gets thinner towards +x, 4.6 to 3.4 mm; its slanted back is held."""
+    surface = trimesh.creation.box(extents=[0.030, 4e-3, 0.030]).subdivide_to_size(2.5e-3)
+    back = surface.vertices[:, 1] > 2e-3 - 1e-9
+    surface.vertices[back, 1] -= 0.04 * surface.vertices[back, 0]
+    held = back[surface.faces].all(axis=1)
+    return sensor(surface, touchable=~back, region=np.where(held, HELD, FREE))
+
+
+CUBES = [load_indenter(name).shape() for name in ("sphere_3.5mm", "cube_14mm")]
+PRESS = press_path([1e-3, DEPTH])
+
+
+def draw(count: int, share: float, **changes):
+    settings = ContactSettings(least_thickness_left=share, **changes)
+    gel = wedge()
+    return draw_contacts(gel, count, SEED, DEPTH, settings, indented=[LeastThickness(gel, CUBES, PRESS)])
+
+
+def test_contacts_where_an_indenter_leaves_too_little_are_drawn_again():
+    drawn, measure = draw(40, 0.45), LeastThickness(wedge(), CUBES, PRESS)
+    assert len(drawn.kept.points) == 40 and len(drawn.refused.points) > 10
+    shares = measure.shares(indenter_poses(drawn.kept))
+    assert (shares >= 0.45).all()
+    refused = measure.shares(indenter_poses(drawn.refused))
+    assert (refused.min(axis=1) < 0.45).all() and (refused[:, 0] >= 0.45).any()  # by any indenter
+    assert drawn.kept.points[:, 0].mean() < drawn.refused.points[:, 0].mean() - 2e-3  # the thin side is at +x
+
+
+def test_kept_and_refused_contacts_are_those_without_the_rule():
+    drawn, all_of_them = draw(40, 0.45), draw(80, 0.0)
+    assert not len(all_of_them.refused.points)
+    both = np.concatenate([drawn.kept.points, drawn.refused.points])
+    first = all_of_them.kept.points[: len(both)]
+    np.testing.assert_array_equal(both[np.lexsort(both.T)], first[np.lexsort(first.T)])
+    np.testing.assert_array_equal(sample_contacts(wedge(), 80, SEED, DEPTH).points, all_of_them.kept.points)
+
+
+def test_the_first_contacts_and_refusals_are_those_of_more():
+    more, fewer = draw(40, 0.45), draw(11, 0.45)
+    for part in ("kept", "refused"):
+        few, many = getattr(fewer, part), getattr(more, part)
+        for name in ("points", "normals", "axes", "rolls", "arcs"):
+            np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[: len(few.points)])
+
+
+def test_too_few_contacts_that_leave_enough_name_the_key_and_what_helps():
+    expected = r"slab: 0 of 5 contacts fit .*; \d+ contacts fit other.*, .* least_thickness_left 0\.7 .*too_thin: stop"
+    with pytest.raises(InputError, match=expected) as caught:
+        draw(5, 0.7)
+    assert "\n" not in str(caught.value)
+
+
+def test_kept_contacts_press_no_indenter_into_the_core(digit, biotac):
+    """By first touch on the mesh that is pressed, and signed distances of the core's vertices.
+
+    Without the rule the ring ends in the core at one of the first 23 contacts.
+    """
+    ring = [load_indenter("ring_7mm").shape()]
+    measures = [LeastThickness(each, ring, PRESS) for each in (digit, biotac)]
+
+    def least_gaps(contacts):
+        poses = np.linalg.inv(unfold(digit, biotac, contacts)) @ indenter_poses(contacts)
+        in_mm, mesh, core = poses.copy(), biotac.simulation_mesh, biotac.core.vertices
+        in_mm[:, :3, 3] *= 1e3
+        travel, _, _ = first_touch(mesh.nodes * 1e3, mesh.touchable, ring * len(poses), in_mm)
+        ends = advanced(poses, 1e-3 * travel + DEPTH)
+        return np.array([signed_distance(ring[0], 1e3 * (core - end[:3, 3]) @ end[:3, :3])[0].min() for end in ends])
+
+    drawn = draw_contacts(digit, 21, SEED, DEPTH, others=[biotac], indented=measures)
+    assert least_gaps(drawn.kept).min() > 0.15 * 1.4  # mm: the share of the skin's least thickness
+    assert len(drawn.refused.points) and least_gaps(drawn.refused).min() < 0.0

@@ -15,12 +15,21 @@ from simgen.indenter import chosen_indenters
 from simgen.job import load_job
 from simgen.job_schema import Solver, Trajectories
 from simgen.pairing import ContactSettings
-from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, make_plan, sensor_identity
+from simgen.plan import (
+    chosen_fluid,
+    chosen_material,
+    chosen_sensor,
+    gel_under_indenters,
+    indenter_identities,
+    make_plan,
+    sensor_identity,
+)
 from simgen.provenance import difference
 from simgen.quiet import check_device
 from simgen.resources import resource
 from simgen.sensor import load_sensor
 from simgen.sensor_meshes import output_settings
+from simgen.shape import mesh_distance
 
 
 def test_the_job_and_the_solver_agree_on_names_and_defaults():
@@ -63,6 +72,32 @@ def test_the_same_job_makes_the_same_plan(plan):
 def test_more_trajectories_leave_the_first_ones_alone(plan):
     more = make_plan(load_job("smoke.yaml", ["trajectories.count=5"]))
     np.testing.assert_array_equal(more.arrays["press/contact_pose"][:6], plan.arrays["press/contact_pose"])
+
+
+def test_refused_contacts_are_part_of_the_plan():
+    """They lie on the gel of the reference sensor. Those of fewer trajectories are the first of more."""
+    few, more = (make_plan(load_job("paired", [f"trajectories.count={count}"])) for count in (6, 9))
+    points, normals = more.arrays["refused/points"], more.arrays["refused/normals"]
+    assert points.shape == normals.shape and len(points) >= 2
+    assert np.abs(mesh_distance(load_sensor("digit").surface, 1e3 * points)).max() < 1e-4  # mm
+    np.testing.assert_array_equal(few.arrays["refused/points"], points[: len(few.arrays["refused/points"])])
+    off = make_plan(load_job("paired", ["trajectories.count=9", "trajectories.least_thickness_left=0"]))
+    assert not [name for name in off.arrays if name.startswith("refused/") or name.endswith("/pressable_steps")]
+
+
+def test_presses_that_stop_early_keep_their_contacts_and_say_after_which_step():
+    changes = ["trajectories.count=6", "indenters=[sphere_7mm, ring_7mm]"]
+    job = load_job("paired", [*changes, "trajectories.too_thin=stop", "trajectories.least_thickness_left=0.4"])
+    plan, off = make_plan(job), make_plan(load_job("paired", [*changes, "trajectories.least_thickness_left=0"]))
+    np.testing.assert_array_equal(plan.arrays["press/contact_pose"], off.arrays["press/contact_pose"])
+    assert "refused/points" not in plan.arrays
+    for name in job.sensors:
+        steps = plan.arrays[f"{name}/pressable_steps"].reshape(6, 2)
+        assert steps.min() < steps.max() == 20
+        measure = gel_under_indenters(job, {name: chosen_sensor(job, name)}, chosen_indenters(job))[name]
+        poses = np.linalg.inv(plan.arrays[f"{name}/pose"][::2]) @ plan.arrays["press/contact_pose"][::2]
+        deepest = measure.depths_that_leave(poses, job.trajectories.least_thickness_left)[:, :, 0]
+        np.testing.assert_array_equal(steps, (job.depths_m <= deepest[:, :, None]).sum(axis=2))
 
 
 def test_a_material_is_a_preset_with_the_values_of_the_job_in_its_place():

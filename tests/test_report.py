@@ -14,7 +14,9 @@ from simgen.drawing import camera, draw_points, draw_surface
 from simgen.report import SECTIONS, write_report
 from simgen.report.choice import furthest_press
 from simgen.report.meshes import draw_press
+from simgen.report.refused import Draws, areas
 from simgen.run import run
+from simgen.touchable import touchable_surface
 
 ALWAYS = [title for title in SECTIONS if title not in ("Cavity pressure against depth", "Forces along the path")]
 
@@ -101,6 +103,28 @@ def test_failures_are_shown(tmp_path):
     assert "<td>digit</td><td>failed</td><td>Stalled.</td><td></td><td>4</td><td></td>" in page
     assert "<td>ring_7mm</td><td>8 of 16</td>" in page
     assert pictures(page, "share of presses that reach each depth on") == 2
+
+
+def test_contacts_that_were_drawn_again_are_counted_and_shown(tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    normals = np.array([[0.0, -1.0, 0.0], [np.sqrt(0.75), -0.5, 0.0]])
+    plan.arrays |= {"refused/points": fake.RADIUS_M * normals, "refused/normals": normals}
+    run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
+    write_report(Dataset(tmp_path / "d.zarr"), tmp_path / "d.html")
+    page = (tmp_path / "d.html").read_text()
+    assert "At 2 of 6 places that fit otherwise (33.3%) an indenter would leave less than 0.15" in page
+    assert pictures(page, "contacts drawn again on digit") == 1
+
+
+def test_the_area_without_contacts_is_that_around_the_refused_ones():
+    """On a ball, 2 pi r h of a cap whose points are that far, as chords, from a lone contact at its middle."""
+    plan = fake.make_plan(fake.make_job())
+    surface = touchable_surface(plan.arrays, "digit")
+    side = np.array([[0.0, -0.6, 0.8], [0.0, -0.6, -0.8]])
+    near = 3e-3
+    found = areas(surface, Draws((7e-3 * side[:1], side[:1]), (7e-3 * side, side)), near)
+    cap = np.pi * near**2
+    np.testing.assert_allclose(found, [2.0 * cap, cap], rtol=0.1)  # vertices are 1 mm apart
 
 
 def test_without_any_shard_there_is_a_page_too(tmp_path):

@@ -3,10 +3,12 @@
 import re
 
 import fake
+import numpy as np
 import pytest
 import trimesh
 
 from simgen import shard
+from simgen.audit import check, passes
 from simgen.dataset import Dataset
 from simgen.indenter import chosen_indenters
 from simgen.plan import indenter_identities, sensor_identity
@@ -86,3 +88,26 @@ def test_what_was_checked_last_is_what_is_pressed(monkeypatch):
         assert shard._sensor(job, "digit") == mesh
     shard._sensor.cache_clear()
     shard._inputs.cache_clear()
+
+
+def test_pressers_are_told_how_many_steps_leave_enough_gel(tmp_path):
+    """By press, whatever the shards; a job that draws contacts again tells them nothing."""
+    told = []
+
+    def build(job, sensor, device):
+        def presser(indenters, poses, path, *steps):
+            told.append((sensor, steps))
+            return fake.fake_presser(job, sensor, device)(indenters, poses, path)
+
+        return presser
+
+    plan = fake.make_plan(fake.make_job(trajectories={"count": 2, "too_thin": "stop"}))
+    steps = {"digit": np.array([4, 0, 2, 3, 1, 4], np.int32), "biotac": np.array([4, 4, 3, 2, 1, 0], np.int32)}
+    plan.arrays |= {f"{name}/pressable_steps": own for name, own in steps.items()}
+    dataset = run(plan, tmp_path / "d.zarr", build=build)
+    for name, own in steps.items():
+        np.testing.assert_array_equal(np.concatenate([each[0] for sensor, each in told if sensor == name]), own)
+    assert passes(check(dataset))
+    told.clear()
+    run(fake.make_plan(fake.make_job()), tmp_path / "e.zarr", build=build)
+    assert told and not any(steps for _, steps in told)

@@ -11,6 +11,7 @@ import yaml
 from simgen.capacity import bytes_per_press
 from simgen.distance import Kind
 from simgen.errors import InputError
+from simgen.fem.status import has_values
 from simgen.indenter import load_indenter
 from simgen.job import job_from_dict
 from simgen.plan import sensor_identity
@@ -158,7 +159,7 @@ def below_plate_mm(scene) -> float:
 
 def test_gel_that_bulges_over_its_bond_rests_on_the_plate(at_the_rim):
     (bare_scene, bare), (scene, found) = at_the_rim
-    assert (bare.status == Status.CONVERGED).all() and (found.status == Status.CONVERGED).all()
+    assert has_values(bare.status).all() and has_values(found.status).all()
     assert below_plate_mm(bare_scene) > 0.3
     # The overlap that a sample may have is a quarter of a face's edge; beside the bond it is a twentieth.
     assert below_plate_mm(scene) < 0.06 * scene.support_contact.edge

@@ -23,7 +23,7 @@ from simgen.exchange.depths import depth_axis, on_axis
 from simgen.exchange.rest_meshes import RestMesh, read_rest_meshes
 from simgen.exchange.result_files import ResultFile, Sample
 from simgen.exchange.selection import Track, untracked
-from simgen.job import job_from_dict
+from simgen.job import job_from_dict, job_from_resolved
 from simgen.job_schema import Job, hash_of
 from simgen.provenance import file_hash
 from simgen.splits import SPLITS, leave_out, split_by_trajectory
@@ -74,7 +74,7 @@ def _own_job(found: Catalogue) -> Job | None:
     """The job that files of simgen came from."""
     for text, path in found.own_jobs.items():
         try:
-            return job_from_dict(json.loads(text), f"{path}: job")
+            return job_from_resolved(json.loads(text), f"{path}: job")
         except (TypeError, json.JSONDecodeError):
             raise InputError(f"{path}: attribute job: not what simgen wrote") from None
     return None

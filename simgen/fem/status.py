@@ -56,8 +56,8 @@ _SENTENCES = {
     "larger krylov_size.",
     Status.NEVER_TOUCHES: "The indenter does not meet the touchable surface along its axis; check its pose.",
     Status.STARTS_INSIDE: "The indenter already overlaps the sensor where it starts; start it further away.",
-    Status.NOT_RESOLVED: "The mesh does not resolve the contact: the surface overlaps the indenter, the core or the support by too "
-    "much of a face; try a finer mesh, or a smaller depth.",
+    Status.NOT_RESOLVED: "The mesh does not resolve the contact: the surface overlaps the indenter, the core or the "
+    "support by too much of a face; try a finer mesh, or a smaller depth.",
     Status.FORCE_LIMIT: "As planned, the press ended where its force exceeded the job's max_force_n.",
     Status.NO_ROOM: "As planned, the press ended where too little gel would be left under the indenter.",
     Status.INSIDE_OUT: "Converged, but an element is inside out somewhere: load_dataset leaves the sample out by "

@@ -12,6 +12,7 @@ from simgen.touchable import TouchableSurface, touchable_surface
 
 from .choice import NOTHING_YET, depths_reached
 from .maps import draw_map
+from .refused import refused_lines
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ def coverage_section(dataset: Dataset) -> Iterator[str]:
         draw_map(surfaces[s], own.distance * 1e3, s, "nearest contact, mm", largest=largest) for s, own in found.items()
     )
     yield tiles((picture(figure, f"coverage of {s}") for s, figure in zip(found, maps, strict=True)), wide=True)
+    yield from refused_lines(dataset, surfaces[dataset.sensors[0]])
 
 
 def _picture_of_contacts(sensor: str, surface: TouchableSurface, contacts: Contacts, colours: np.ndarray) -> str:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..exchange import ResultFile, Sample, is_result_file
 from ..indenter import Indenter, chosen_indenter, indenter_names, load_indenter
-from ..job import job_from_dict
+from ..job import job_from_resolved
 from ..job_schema import Job
 from ..plan import chosen_fluid, chosen_material, chosen_sensor
 from ..press import PressResult, Scene, SolverSettings, follow
@@ -83,7 +83,7 @@ def scene_of(file: ResultFile, published: Path, device: str) -> tuple[Scene, Job
     (trial, env), steps = next(iter(file.presses().items()))
     vertices = len(file.sample(trial, env, steps[0]).nodal_coordinates)
     if "job" in file.attributes:
-        job = job_from_dict(json.loads(file.attributes["job"]), source=f"{file.path}: job")
+        job = job_from_resolved(json.loads(file.attributes["job"]), source=f"{file.path}: job")
         sensor = chosen_sensor(job, file.sensor)
         if len(sensor.output_mesh.vertices) != vertices:
             raise InputError(
