@@ -101,7 +101,7 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
                        "between them the force may be larger",
         "path": "what the indenter does after it has pressed to the last depth, leg after leg",
         "too_thin": "what becomes of presses that would leave less: `redraw` draws another contact for all indenters, "
-                    "`stop` keeps the contacts and ends each such press before it is too deep",
+                    "`stop` keeps the contacts and ends each such press before it is too deep (needs a share above 0)",
         **contact_meanings(),
     },
     Leg: {

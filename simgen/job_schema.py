@@ -163,6 +163,16 @@ class Trajectories(Section):
         (), exclude_if=lambda legs: not legs, description="a list of legs {move_mm, turn_deg, steps}"
     )
 
+    @field_validator("too_thin")
+    @classmethod
+    def _stop_needs_a_share(cls, too_thin: str, info: ValidationInfo) -> str:
+        if too_thin == "stop" and info.data.get("least_thickness_left") == 0.0:
+            raise ValueError(
+                "stop needs a share at which presses stop, and least_thickness_left is 0 (off); "
+                "allowed: redraw, or a least_thickness_left above 0"
+            )
+        return too_thin
+
 
 class Depths(Section):
     """Depths from true first touch, evenly spaced, both ends included."""
@@ -307,7 +317,7 @@ class Job(Section):
     @property
     def stops_early(self) -> bool:
         """True if presses end early where they would leave too little gel, and keep their contacts."""
-        return self.trajectories.too_thin == "stop" and self.trajectories.least_thickness_left > 0.0
+        return self.trajectories.too_thin == "stop"
 
     @property
     def indenter_names(self) -> tuple[str, ...]:

@@ -7,18 +7,22 @@ import subprocess
 import sys
 
 import fake
+import numpy as np
 import pytest
 
 from simgen.console import _Watch
+from simgen.dataset import Dataset
+from simgen.fem.status import Status
+from simgen.loading import load_dataset
 from simgen.resources import resource
 from simgen.run import run
 from simgen.shard import ShardReport
 
 
-def simgen(*arguments, cwd) -> subprocess.CompletedProcess:
+def simgen(*arguments, cwd, timeout_s=120) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "simgen.cli", *map(str, arguments)]
     environment = {**os.environ, "COLUMNS": "100"}
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=timeout_s)
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +90,40 @@ def test_a_dry_run_says_how_many_contacts_leave_too_little_gel(tmp_path):
     for change in ("least_thickness_left=0", "too_thin=stop"):
         done = simgen(*command, f"trajectories.{change}", cwd=tmp_path)
         assert "all 20 fit" in done.stdout and "proposals" not in done.stdout
+
+
+def test_presses_that_would_leave_too_little_gel_end_as_planned(tmp_path):
+    """Geometry alone says after which step. Here some presses end before the first step, others never."""
+    thin = ["trajectories.too_thin=stop", "trajectories.least_thickness_left=0.925"]
+    depths = "depths_mm={first: 0.2, last: 0.8, count: 4}"
+    done = simgen("run", "smoke", *thin, depths, "indenters=[sphere_7mm, ring_7mm]", cwd=tmp_path, timeout_s=600)
+    assert done.returncode == 0, done.stderr
+    dataset = Dataset(tmp_path / "smoke.zarr")
+    steps, status = (np.stack([dataset[f"{sensor}/{name}"] for sensor in ("digit", "biotac")])
+                     for name in ("pressable_steps", "status"))  # fmt: skip
+    assert steps.min() == 0 and steps.max() == 4
+    ends = np.arange(4) >= steps[:, :, None]
+    np.testing.assert_array_equal(status, np.where(ends, Status.NO_ROOM, Status.CONVERGED))
+    assert len(load_dataset(dataset.path)) == steps.min(axis=0).sum()
+
+    planned, sentence = np.count_nonzero(ends), Status.NO_ROOM.sentence
+    words = f"smoke.zarr: 4 of 4 presses; no samples failed, {planned} not pressed, as planned"
+    assert words in done.stdout.splitlines()
+    done = simgen("status", "smoke.zarr", cwd=tmp_path)
+    assert done.returncode == 0 and done.stdout.splitlines()[-1] == f"{planned} samples not pressed: {sentence}"
+    done = simgen("check", "smoke.zarr", "--json", "found.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+    found = json.loads((tmp_path / "found.json").read_text())
+    for sensor, own in zip(("digit", "biotac"), ends, strict=True):
+        rows = {each["what"]: each for each in found if each["subject"] == sensor}
+        left = own.size - own.sum()
+        assert rows["samples converged"]["found"] == f"{left} of {left}"
+        assert rows["not pressed, as planned"]["found"] == f"{own.sum()} of {own.size}"
+    done = simgen("report", "smoke.zarr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    spheres, rings = ends[0, :, -1].reshape(2, 2).sum(axis=0)
+    row = f"<td>digit</td><td>not pressed</td><td>{sentence}</td><td>{spheres}</td><td>{rings}</td>"
+    assert row in (tmp_path / "smoke.html").read_text()
 
 
 def test_check_passes_a_sound_dataset_and_fails_a_broken_one(dataset, tmp_path):

@@ -244,6 +244,12 @@ BAD = {
         ["trajectories.too_thin=skip"],
         r'trajectories\.too_thin: "skip" is not allowed; allowed: redraw or stop$',
     ),
+    "stop at no share": (
+        "",
+        ["trajectories.too_thin=stop", "trajectories.least_thickness_left=0"],
+        r"^override trajectories\.too_thin=stop: trajectories\.too_thin: stop needs a share .*least_thickness_left is "
+        r"0 \(off\); allowed: redraw, or a least_thickness_left above 0$",
+    ),
     "name of an array": ("", ["sensors.refused.model=digit"], "sensors: 'refused' cannot name a sensor"),
     "reserved sensor name": ("", ["sensors.press.model=digit"], "sensors: 'press' cannot name a sensor"),
     "missing": (
