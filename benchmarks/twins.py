@@ -22,11 +22,11 @@ from presses import job_scene
 from scipy.spatial.distance import cdist
 
 from simgen.fem.status import has_values
-from simgen.indenter import load_indenter
+from simgen.indenter import chosen_indenters, load_indenter
 from simgen.job import load_job
 from simgen.job_schema import Job
-from simgen.pairing import Contacts, ContactSettings, Room, indenter_poses, sample_contacts, unfold
-from simgen.plan import chosen_sensor, make_plan
+from simgen.pairing import Contacts, Room, indenter_poses, unfold
+from simgen.plan import chosen_sensor, contact_settings, first_contacts, gel_under_indenters, make_plan
 from simgen.press import press
 from simgen.quiet import start_warp
 from simgen.sensor import Sensor
@@ -46,13 +46,15 @@ class Twins:
     """Contacts of the first sensor (the DIGIT) at which the other one, the BioTac, feels the same flat face."""
 
     def __init__(self, job: Job):
-        self.digit, self.biotac = (chosen_sensor(job, name) for name in ("digit", "biotac"))
-        self.settings = ContactSettings(**job.trajectories.model_dump(exclude={"count"}))
-        deepest = float(job.depths_m[-1])
-        self.contacts = sample_contacts(self.digit, job.trajectories.count, job.seed, deepest, self.settings)
+        sensors = {name: chosen_sensor(job, name) for name in ("digit", "biotac")}
+        self.digit, self.biotac = sensors.values()
+        self.settings, deepest = contact_settings(job), float(job.depths_m[-1])
+        self.gel = gel_under_indenters(job, sensors, chosen_indenters(job))
+        self.contacts = first_contacts(job, sensors, job.trajectories.count, self.gel).kept
         self.poses = indenter_poses(self.contacts)
         self.unfolded = unfold(self.digit, self.biotac, self.contacts)
-        self.skin, self.room = Skin(self.digit.surface), Room(self.digit, deepest, self.settings)
+        self.skin = Skin(self.digit.surface)
+        self.room, self.partners = (Room(sensor, deepest, self.settings) for sensor in sensors.values())
         self.surfaces = [finely(sensor) for sensor in (self.digit, self.biotac)]
 
     def of(self, contact: int) -> tuple[np.ndarray, np.ndarray]:
@@ -65,8 +67,12 @@ class Twins:
         cosine = -np.einsum("ni,ni->n", near.normals, poses[:, :3, 1])
         allowed = cosine >= np.cos(np.radians(self.settings.max_tilt_deg))
         allowed &= np.linalg.norm(near.points - self.contacts.points[contact], axis=1) > ITSELF_M
-        return (np.concatenate([self.poses[[contact]], poses[allowed]]),
-                np.concatenate([self.unfolded[[contact]], sensor[allowed]]))  # fmt: skip
+        allowed &= self.partners.meets(near)
+        poses, sensor = poses[allowed], sensor[allowed]
+        left = [self.gel["digit"].shares(poses), self.gel["biotac"].shares(np.linalg.inv(sensor) @ poses)]
+        enough = (np.min(left, axis=0) >= self.settings.least_thickness_left).all(axis=1)
+        return (np.concatenate([self.poses[[contact]], poses[enough]]),
+                np.concatenate([self.unfolded[[contact]], sensor[enough]]))  # fmt: skip
 
     def around(self, x: float, arc: float) -> Contacts:
         """A grid of the developed skin, axes left open."""

@@ -19,6 +19,7 @@ from simgen.plan import (
     chosen_fluid,
     chosen_material,
     chosen_sensor,
+    contact_settings,
     gel_under_indenters,
     indenter_identities,
     make_plan,
@@ -38,6 +39,15 @@ def test_the_job_and_the_solver_agree_on_names_and_defaults():
 
 def test_the_job_and_the_pairing_agree_on_names_and_defaults():
     assert Trajectories(count=1).model_dump(exclude={"count"}) == asdict(ContactSettings())
+
+
+def test_contacts_are_drawn_by_the_job_s_own_values():
+    """Keys that a job leaves out of its hash, because they switch a rule off, count as well."""
+    values = {"max_tilt_deg": 1.0, "roll_range_deg": (-3.0, 4.0), "max_indentation_ratio": 0.2, "min_edge_ratio": 0.5,
+              "least_thickness_left": 0.0}  # fmt: skip
+    job = load_job("smoke", [f"trajectories.{key}={list(value) if isinstance(value, tuple) else value}"
+                             for key, value in values.items()])  # fmt: skip
+    assert asdict(contact_settings(job)) == values
 
 
 @pytest.fixture(scope="module")
