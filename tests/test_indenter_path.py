@@ -59,7 +59,7 @@ def test_the_path_of_a_job():
 
 
 def test_a_job_without_legs_is_the_job_it_was():
-    """Its hash is the one that it had before there were legs."""
-    job = load_job("smoke")
+    """Its hash is the one that it had before there were legs, and before there was a rule for thin gel."""
+    job = load_job("smoke", ["trajectories.least_thickness_left=0"])
     assert "path" not in job.resolved()["trajectories"]
     assert job.hash == "1ff92174593ff2d5baf8b3a1b88310dbf206a43b8ee9964afd633716cabac6a2"
