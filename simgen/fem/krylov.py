@@ -109,7 +109,7 @@ class ConjugateResiduals:
         self._close_ranks(most)
 
         def iterate():
-            inputs = [self._residual, self._images, self._count, self._stuck, self.active]
+            inputs = [self._residual, self._images, self._inverse_squares, self._count, self._stuck, self.active]
             self._launch(source_kernel, sections, inputs, [self._source])
             preconditioner(self._source, self._direction)
             operator(self._direction, self._image)

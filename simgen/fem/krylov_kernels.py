@@ -260,21 +260,28 @@ def judge_kernel(
 def source_kernel(
     residual: wp.array2d(dtype=wp.float32),
     images: wp.array3d(dtype=wp.float32),
+    inverse_squares: wp.array2d(dtype=wp.float64),
     count: wp.array(dtype=wp.int32),
     stuck: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
     source_out: wp.array2d(dtype=wp.float32),
 ):
-    """What the next direction is made of."""
+    """The vector that the next direction is made of: the residual, or the last image.
+
+    An image is normalised, or the images of many such steps overflow single precision.
+    """
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
+    scale = single(1.0)
+    if stuck[env] == 1:
+        scale = single(wp.sqrt(inverse_squares[count[env] - 1, env]))
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual.shape[0])):
         value = residual[i, env]
         if stuck[env] == 1:
-            value = images[(count[env] - 1) % WINDOW, i, env]
+            value = scale * images[(count[env] - 1) % WINDOW, i, env]
         source_out[i, env] = value
 
 
