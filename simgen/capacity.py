@@ -34,7 +34,7 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
         vectors += 3
         blocks = 2 * nodes + blocks + corners
     single = vectors * unknowns + 12 * corners
-    in_contact = points * (3 * 24 + 36) + sum(20 * len(f) + 132 * len(set(f[:, :3].ravel())) for f in faces)
+    in_contact = points * (3 * 24 + 36) + sum(44 * len(f) + 132 * len(set(f[:, :3].ravel())) for f in faces)
     output = 24 * len(sensor.output_mesh.vertices)
     products = 8 * settings.krylov_size * (settings.krylov_size + 2)
     return 8 * double + 4 * single + 36 * blocks + products + in_contact + output

@@ -24,7 +24,14 @@ from .contact_forces import (
     contact_residual_kernel,
     contact_tangent_kernel,
 )
-from .contact_history import anchor_kernel, carry_kernel, change_kernel, extrapolate_kernel, update_kernel
+from .contact_history import (
+    anchor_kernel,
+    carry_kernel,
+    change_kernel,
+    extrapolate_kernel,
+    stiffen_kernel,
+    update_kernel,
+)
 from .contact_results import corner_forces_kernel, gap_kernel, nearest_kernel, resultant_kernel
 from .element import Element, face_geometry
 from .material import mat33, vec3
@@ -90,6 +97,8 @@ class Contact:
         self._is_candidate = wp.zeros((len(faces), self.n_env), dtype=wp.int32, device=device)
         self._travel = wp.zeros(self.n_env, dtype=wp.float64, device=device)
         s.stiffness, s.friction_stiffness = stiffness
+        s.stiffening = wp.ones((len(faces), self.n_env), dtype=wp.float64, device=device)
+        self._stiffening = wp.ones_like(s.stiffening)  # of the increment that begins
         s.friction = friction
 
         self._tangent = zeros(geometry.areas.size, self.n_env, device)  # by candidates, not by faces
@@ -152,15 +161,19 @@ class Contact:
             columns.copy(array, self.active, saved)
         self.set_pose(poses)
         self._find_candidates(x_predicted, travel)  # faces with multipliers among them: none else carries slip
+        self.set_pose(start_poses)
+        self._launch(stiffen_kernel, [x_start, self.active], [self._stiffening])
         if self.friction > 0.0:
-            self.set_pose(start_poses)
             wp.copy(self._start_rotation, self.surface.rotation)
             wp.copy(self._start_origin, self.surface.origin)
-            self._launch(carry_kernel, [x_start, self._saved[-1], self.active], [self._carried])
-            self.set_pose(poses)
+            inputs = [x_start, self._saved[-1], self._stiffening, self.active]
+            self._launch(carry_kernel, inputs, [self._carried])
+        self.set_pose(poses)
+        if self.friction > 0.0:
             start = [self._start_rotation, self._start_origin]
             inputs = [x_start, x_predicted, *start, self._carried, self.active]
             self._launch(anchor_kernel, inputs, [self.surface.anchor])
+        columns.copy(self._stiffening, self.active, self.surface.stiffening)
 
     def extrapolate(self, factor: np.ndarray):
         """Let the multipliers of the active environments start this increment where ``factor`` (env,) times what the
@@ -185,7 +198,7 @@ class Contact:
 
     def _history(self):
         s = self.surface
-        return s.normal, s.tangential, s.anchor.reshape((-1, self.n_env)), self._is_candidate
+        return s.normal, s.tangential, s.anchor.reshape((-1, self.n_env)), s.stiffening, self._is_candidate
 
     def restore(self, marked):
         """Return the listed environments (env,) to where their increment began."""

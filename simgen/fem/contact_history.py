@@ -9,9 +9,45 @@ import warp as wp
 
 from ..distance import distance
 from .material import mat33, real, vec3
-from .traction import Surface, at_point, face_positions, return_to_cone, traction_at
+from .traction import Surface, at_point, face_positions, gap_at, return_to_cone, traction_at
 
 wp.set_module_options({"enable_backward": False})
+
+
+MOST_STIFFENING = wp.constant(wp.float64(16.0))
+HELD_OVERLAP = wp.constant(wp.float64(0.15))  # of a face's edge: beyond, its stiffness grows with the overlap
+
+
+@wp.kernel
+def stiffen_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    stiffening_out: wp.array2d(dtype=wp.float64),
+):
+    """The stiffness that a face needs at x, where an increment begins, as a power of two from 1 to 16.
+
+    That is its largest multiplier over E, or what holds a deep overlap. It is held during the increment: a stiffness
+    that followed every change would be one more nonlinearity.
+    """
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    needed = real(0.0)
+    for i in range(3):
+        needed = wp.max(needed, s.normal[s.slots[f, i], env])
+    if needed > real(0.0):
+        nodes = face_positions(s, x, f, env)
+        for q in range(s.areas.shape[1]):
+            overlap = -gap_at(s, at_point(s, nodes, q), f, q, env) / s.edges[f]
+            if overlap > HELD_OVERLAP:
+                needed = wp.max(needed, s.stiffening[f, env] * overlap / HELD_OVERLAP)
+    factor = real(1.0)
+    while factor < needed and factor < MOST_STIFFENING:
+        factor *= real(2.0)
+    stiffening_out[f, env] = factor
 
 
 @wp.kernel
@@ -58,6 +94,7 @@ def carry_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
     was_candidate: wp.array2d(dtype=wp.int32),
+    stiffening: wp.array2d(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     # outputs
     carried_out: wp.array3d(dtype=vec3),
@@ -76,7 +113,7 @@ def carry_kernel(
     f = s.candidates[k, env]
     touched = was_candidate[f, env] == 1  # else its anchor is of an earlier increment, or of another press
     nodes = face_positions(s, x, f, env)
-    k_inverse = s.edges[f] / s.friction_stiffness
+    k_inverse = s.edges[f] / (stiffening[f, env] * s.friction_stiffness)
     for q in range(s.areas.shape[1]):
         found = traction_at(s, at_point(s, nodes, q), f, q, env)
         slip = vec3()

@@ -6,7 +6,9 @@ Normal traction at a surface point: ``t = max(0, lambda - k g)``. Friction tract
 later.
 
 k is a number times E over the face's edge, so that a mesh holds the indenter equally well at any size, and so do its
-fine and its coarse faces (as in Nitsche's method: Chouly and Hild, SIAM J. Numer. Anal. 51, 2013).
+fine and its coarse faces (as in Nitsche's method: Chouly and Hild, SIAM J. Numer. Anal. 51, 2013). Where the pressure
+exceeds E, k grows with it (see ``stiffen_kernel``): under fillets pressures reach 9 E, and with one k for all faces the
+surface overlaps the indenter there by half a face.
 
 Multipliers are linear on each face (one per corner) and contact is integrated over the quadratic faces at 12 points:
 with one multiplier per quadratic node they oscillate against incompressibility. An update moves each multiplier by the
@@ -57,6 +59,7 @@ class Surface:
     edges: wp.array(dtype=wp.float64)  # (face,) mm: an edge of a triangle of the face's area
     candidates: wp.array2d(dtype=wp.int32)  # (k, env) faces that can touch in this increment, so many of them:
     count: wp.array(dtype=wp.int32)  # (env,)
+    stiffening: wp.array2d(dtype=wp.float64)  # (face, env) factor on both stiffnesses in this increment
     stiffness: wp.float64  # k times edge, of the normal traction
     friction_stiffness: wp.float64  # k times edge, of the friction traction
     friction: wp.float64
@@ -173,7 +176,7 @@ def traction_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.in
     for i in range(3):
         out.multiplier += s.multiplier_shapes[q, i] * s.normal[s.slots[f, i], env]
         out.tangential += s.multiplier_shapes[q, i] * s.tangential[s.slots[f, i], env]
-    normal_k = s.stiffness / s.edges[f]
+    normal_k = s.stiffening[f, env] * s.stiffness / s.edges[f]
     out.pressure = out.multiplier - normal_k * out.gap
     if out.pressure <= real(0.0):
         out.pressure = real(0.0)
@@ -183,7 +186,7 @@ def traction_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.in
     out.tangent = normal_k * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
     if s.friction > real(0.0):
         slip = out.position - (s.origin[env] + s.rotation[env] * s.anchor[f, q, env])
-        k = s.friction_stiffness / s.edges[f]
+        k = s.stiffening[f, env] * s.friction_stiffness / s.edges[f]
         plane = wp.identity(n=3, dtype=wp.float64) - wp.outer(out.normal, out.normal)
         trial = plane * (out.tangential - k * slip)
         radius = s.friction * out.pressure
