@@ -17,6 +17,7 @@ from . import columns
 from .balance import Balance
 from .cavity import Cavity
 from .contact import Contact
+from .damping import Damping
 from .krylov import ConjugateResiduals
 from .krylov_kernels import SOON
 from .line_search import LineSearch
@@ -131,7 +132,8 @@ class NewtonSolver:
         self.x, self.trial, self._step = (self.vector() for _ in range(3))
         self.balance = Balance(elasticity, contacts, cavity, self.held, self._step)
         self.increment, self.working = Increment.empty(n_env), np.zeros(n_env, dtype=bool)
-        self._first, self._solving = np.zeros((2, n_env), dtype=bool)
+        self._first, self._solving, self._fresh = np.zeros((3, n_env), dtype=bool)  # _fresh: cycles of this state
+        self.damping = Damping(n_env)
         self._search, self._size = LineSearch(n_env), np.zeros(n_env)
         # A press alone waits for itself. A batch does not wait for its slowest linear system.
         self._at_once = settings.krylov_size if n_env == 1 else KRYLOV_AT_ONCE
@@ -193,6 +195,7 @@ class NewtonSolver:
             setattr(now, name, np.where(environments, values, getattr(now, name)))
         self._best[environments], self._since_best[environments] = np.inf, 0
         self._last_krylov[environments] = self.settings.krylov_size
+        self.damping.begin(environments)
 
     def iterate(self) -> np.ndarray:
         """Carry on all working environments; returns those (env,) bool that have ended, by ``increment.status``.
@@ -203,6 +206,7 @@ class NewtonSolver:
         trying = self.working & ~self._solving
         again, ended = self._try_steps(trying) if trying.any() else (trying, trying)
         solved, stalled = self._go_on_solving()
+        stalled &= ~self._solve_anew(stalled)
         self.increment.status[stalled] = Status.LINEAR_SOLVER_STALLED
         if solved.any():
             self.mark(solved)
@@ -223,6 +227,13 @@ class NewtonSolver:
         taken, again = self._search.judge(measured, least, self._first, trying)
         inverted = trying & ~(measured.min_det > least)
         lost = trying & ~taken & ~again
+        damped = lost & ~self._first & self.damping.can_raise(now.newton_iterations)
+        if damped.any():  # once more from the state that the search began at
+            self.damping.raise_(damped)
+            columns.copy(self.x, self.mark(damped), self.trial)
+            self._first |= damped
+            self._least_start[damped] = -np.inf
+            lost, trying = lost & ~damped, trying & ~damped
         now.status[lost & inverted] = Status.INVERTED
         columns.copy(self.trial, self.mark(taken), self.x)
         # Multipliers that are good enough rest, so that Newton's method ends with quadratic convergence.
@@ -240,7 +251,9 @@ class NewtonSolver:
         better = taken & (relative < 0.9 * self._best)
         self._best[better], self._since_best[better] = relative[better], 0
         self._since_best[taken & ~better] += 1
-        hopeless = (self._since_best > PATIENCE) | (now.newton_iterations >= s.max_newton_iterations)
+        self.damping.raise_(~done & self.damping.follow(taken, relative, self._since_best))
+        patience, most = self.damping.limits(PATIENCE, s.max_newton_iterations)
+        hopeless = (self._since_best > patience) | (now.newton_iterations >= most)
         onwards = taken & ~done & ~hopeless
         self._size[onwards] = measured.size[onwards]
         self._first &= ~taken & ~lost
@@ -253,12 +266,14 @@ class NewtonSolver:
         self._solving |= environments
         self.mark(environments)
         self.increment.newton_iterations[environments] += 1
+        self.elasticity.damp(self.damping.eta)
         self.elasticity.linearize(self.x)
         for term in self.surface_terms:
             term.linearize(self.x)
         # A cycle is kept while it serves: to make one costs two thirds of a use.
         most = self._at_once if self._together else SOON
         stale = environments & ~self.preconditioner.factored & (self._last_krylov > most)
+        self._fresh[environments] = stale[environments]
         if stale.any():
             self.mark(stale)
             self.preconditioner.follow()
@@ -278,7 +293,7 @@ class NewtonSolver:
         """Iterations of the linear systems under way; returns which (env,) are solved, with ``_step``, and stalled."""
         factored = self.preconditioner.factored
         solved, missed = self._krylov_iterations(self._solving & ~factored, self._at_once, factored=False)
-        missed &= ~self.preconditioner.fall_back(missed)
+        missed &= ~self.preconditioner.fall_back(missed & self._fresh)
         by_factor = self._solving & factored
         if by_factor.any():
             singular = self._prepare(by_factor, factored=True)
@@ -286,6 +301,18 @@ class NewtonSolver:
             solved, missed = solved | also, missed | stalled | singular
         self._solving &= ~(solved | missed)
         return solved, missed
+
+    def _solve_anew(self, stalled: np.ndarray) -> np.ndarray:
+        """Begin once more on linear systems that were not solved: with a new cycle, or with more damping.
+
+        Returns which (env,) of the ``stalled`` ones go on.
+        """
+        anew = stalled & self.damping.can_raise(self.increment.newton_iterations)
+        if anew.any():
+            self.damping.raise_(anew & (self._fresh | self.preconditioner.factored))
+            self._last_krylov[anew] = self.settings.krylov_size
+            self._begin_solving(anew)
+        return anew
 
     def _krylov_iterations(self, wanted: np.ndarray, most: int, factored: bool) -> tuple[np.ndarray, np.ndarray]:
         """Carry the wanted systems (env,) on; returns which are solved and which have missed their tolerance."""

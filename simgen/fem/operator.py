@@ -100,10 +100,10 @@ def tangent_kernel(
     constraints = wp.vec4f()
     for q in range(s.volumes.shape[1]):
         shapes = s.shapes[q]
-        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
+        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q, env)
         dF = interpolate(shapes, Ha, Hb, Hc, Hd)
         dp = wp.dot(shapes, increments)
-        dP = first_piola_increment(dF, m.cofactor, s.metric[e, q], m.alpha, m.beta, dp)
+        dP = first_piola_increment(dF, m.cofactor, m.metric, m.alpha, m.beta, dp)
         weights = s.volumes[e, q] * shapes
         Pa += weights[0] * dP
         Pb += weights[1] * dP
@@ -150,6 +150,8 @@ class Elasticity:
         unknowns = self.n_displacements + self.n_pressures
         self._single.state = wp.zeros((unknowns, active.shape[0]), dtype=wp.float32, device=device)
         self._rough.state = self._single.state
+        self._damping = wp.zeros(active.shape[0], dtype=wp.float32, device=device)
+        self._single.damping = self._rough.damping = self._damping
 
     def _launch(self, kernel, inputs, outputs):
         dim = (len(self.host_tetrahedra), self.active.shape[0])
@@ -158,6 +160,10 @@ class Elasticity:
     def residual(self, x, residual_out, min_det_out):
         """Add the internal forces and the volume constraint; lower ``min_det_out`` (env,) to the least det F."""
         self._launch(residual_kernel, [self._solid, x, self.active], [residual_out, min_det_out])
+
+    def damp(self, eta: np.ndarray):
+        """Damp the derivatives of the environments by eta (env,), see ``damping.py``."""
+        self._damping.assign((self.material.mu * eta).astype(np.float32))
 
     def linearize(self, x):
         """Take derivatives at state x from now on."""

@@ -40,8 +40,8 @@ def corner_blocks_kernel(
     K22, K23, K33 = mat33f(), mat33f(), mat33f()
     for q in range(s.volumes.shape[1]):
         shapes = s.shapes[q]
-        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
-        M, volume = s.metric[e, q], s.volumes[e, q]
+        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q, env)
+        M, volume = m.metric, s.volumes[e, q]
         K11 += volume * tangent_block(x, x, m.cofactor, M, m.alpha, m.beta)
         K12 += volume * tangent_block(x, y, m.cofactor, M, m.alpha, m.beta)
         K13 += volume * tangent_block(x, z, m.cofactor, M, m.alpha, m.beta)
@@ -95,10 +95,10 @@ def blocks_kernel(
     pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
     for q in range(s.volumes.shape[1]):
         shapes = s.shapes[q]
-        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
+        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q, env)
         for a in range(gradients.shape[1]):
             for b in range(gradients.shape[1]):
-                K = tangent_block(gradients[q, a], gradients[q, b], m.cofactor, s.metric[e, q], m.alpha, m.beta)
+                K = tangent_block(gradients[q, a], gradients[q, b], m.cofactor, m.metric, m.alpha, m.beta)
                 add_block(blocks_out, block_index[e, a, b], env, s.volumes[e, q] * K)
 
 
@@ -129,8 +129,8 @@ def diagonal_kernel(
     Kad, Kbd, Kcd = mat33f(), mat33f(), mat33f()
     for q in range(s.volumes.shape[1]):
         shapes = s.shapes[q]
-        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q)
-        M, volume = s.metric[e, q], s.volumes[e, q]
+        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q, env)
+        M, volume = m.metric, s.volumes[e, q]
         Ka += own_block(edge_gradient(shapes, 0, 0), m, M, volume)
         Kb += own_block(edge_gradient(shapes, 1, 1), m, M, volume)
         Kc += own_block(edge_gradient(shapes, 2, 2), m, M, volume)

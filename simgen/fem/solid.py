@@ -9,6 +9,9 @@ from .material import cofactor, mat33, mat33f, single, tangent_transposed, tange
 wp.set_module_options({"enable_backward": False})
 
 
+LEAST_DAMPED = wp.constant(wp.float32(0.02))  # det F: below, damping no longer grows with its inverse
+
+
 @wp.struct
 class Solid:
     """Mesh and material of the body in double precision, for its forces; e elements with q quadrature points."""
@@ -38,23 +41,28 @@ class SingleSolid:
     mu: wp.float32
     gamma: wp.float32
     pressure_compliance: wp.float32
+    damping: wp.array(dtype=wp.float32)  # (env,) eta mu of the damped tangent, see damping.py
     state: wp.array2d(dtype=wp.float32)  # (unknowns, env) deformed positions and pressures: where derivatives are taken
 
 
 @wp.struct
 class Modulus:
-    """What the tangent needs at a point: cof dx/dX (dxi/dX)^T, and alpha and beta of material.first_piola_increment."""
+    """What the tangent needs at a point: cof dx/dX (dxi/dX)^T, and metric, alpha and beta of first_piola_increment."""
 
     cofactor: mat33f
+    metric: mat33f
     alpha: wp.float32
     beta: wp.float32
 
 
 @wp.func
-def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32) -> Modulus:
+def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32, env: wp.int32) -> Modulus:
     out = Modulus()
     J = s.contraction[e, q] * wp.determinant(F)
     out.cofactor = s.contraction[e, q] * cofactor(F)
+    out.metric = s.metric[e, q]
+    if s.damping[env] > single(0.0):
+        out.metric += (s.damping[env] / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
     out.alpha = tangent_transposed(J, p, s.mu, s.gamma)
     out.beta = tangent_volumetric(J, p, s.gamma)
     return out
