@@ -22,7 +22,7 @@ One zarr v3 directory, in SI units::
       <sensor>/pressable_steps (press,)                number of steps that leave enough gel; with too_thin: stop
       <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor;
                                                        NaN if never touched
-      <sensor>/displacement (press, depth, vertex, 3)  int16 in steps of 1e-7 m, or float32 in m
+      <sensor>/displacement (press, depth, vertex, 3)  int16 in steps of `scale_factor` m, or float32 in m
       <sensor>/force, moment (press, depth, 3)         N, N m: on the sensor, in its frame, with friction
       <sensor>/cavity_pressure (press, depth)          Pa above ambient; only with a fluid in its cavity
       <sensor>/shear_force (press, depth, 2)           N along x and z of the contact frame, and the share of the
@@ -64,7 +64,6 @@ from simgen.job import job_from_resolved
 from simgen.job_schema import OUTPUTS, SURFACE_COMPONENTS, Job
 
 SCHEMA = 1
-DISPLACEMENT_STEP_M = 1e-7
 NOT_REACHED = np.iinfo(np.int16).min  # of int16 displacement; -1 of the integers, NaN of the floats
 # Of the group, at least; of a dataset that a run made, also those of `INPUTS`.
 ATTRIBUTES = {"job": dict, "job_hash": str, "status": dict}
@@ -116,7 +115,7 @@ def written_arrays(
     about = "indenter to shared frame at first touch, or the contact pose where there is none"
     arrays = {"press/pose": Array((4, 4), "float64", about, "m")}
     for sensor, vertices in output_vertices.items():
-        scale = {"scale_factor": DISPLACEMENT_STEP_M} if displacement == "int16" else {}
+        scale = {"scale_factor": job.displacement_step_m} if displacement == "int16" else {}
         arrays |= {
             f"{sensor}/touch": Array((), "float64", "travel from press/pose to first touch, NaN if none", "m"),
             f"{sensor}/displacement": Array(

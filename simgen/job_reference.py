@@ -121,7 +121,7 @@ MEANINGS: dict[type[Section], dict[str, str]] = {
         **solver_meanings(),
     },
     DatasetSettings: {
-        "displacement": "of what numbers displacements are stored as; int16 rounds to 0.1 um",
+        "displacement": "of what numbers displacements are stored as; int16 rounds to half a step",
         "presses_per_shard": "what one task solves and writes, and what a kill may cost",
         "leave_out": "an indenter that is tested alone: training and validation have all others, at other places",
         "license": "stands in the dataset's card; a name of the SPDX list is understood by most readers",

@@ -26,8 +26,8 @@ from simgen.section import Section
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 Move = Annotated[float, Field(ge=-10.0, le=10.0)]
-# int16 in steps of 0.1 um reaches 3.2767 mm; the gel follows the indenter, and a little beyond it.
-DEEPEST_INT16_MM = 3.2
+FINEST_STEP_M = 1e-7  # of int16 displacements
+DEEPEST_INT16_MM = 3.2  # deeper presses would need steps of more than 0.2 um, see `Job.displacement_step_m`
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]{0,99}$"
 # What else a dataset's folder holds.
 NOT_SENSORS = (
@@ -212,7 +212,7 @@ class DatasetSettings(Section):
     """How the samples are stored."""
 
     displacement: Literal["int16", "float32"] = Field(
-        "int16", description="int16 (steps of 0.1 um) or float32"
+        "int16", description="int16 (steps of 0.1 um, of 0.2 um in presses deeper than 1.6 mm) or float32"
     )
     presses_per_shard: int = Field(
         9, ge=1, le=4096, description="a whole number of presses that one task solves and writes, 1 to 4096"
@@ -282,13 +282,13 @@ class Job(Section):
             return dataset
         if depths.last > DEEPEST_INT16_MM:
             raise ValueError(
-                f"displacement int16 holds up to 3.2767 mm, too little for depths_mm.last = {depths.last:g}; "
+                f"displacement int16 is too coarse for depths_mm.last = {depths.last:g}; "
                 f"allowed: displacement float32, or depths_mm.last up to {DEEPEST_INT16_MM:g}"
             )
         furthest = 1e3 * _furthest_in_contact_m(_path(depths, trajectories)) if trajectories else 0.0
         if furthest > DEEPEST_INT16_MM:
             raise ValueError(
-                f"displacement int16 holds up to 3.2767 mm, too little for trajectories.path, which takes the "
+                f"displacement int16 is too coarse for trajectories.path, which takes the "
                 f"indenter {furthest:.4g} mm from first touch; allowed: displacement float32, or a path that stays "
                 f"within {DEEPEST_INT16_MM:g} mm"
             )
@@ -318,6 +318,15 @@ class Job(Section):
     def stops_early(self) -> bool:
         """True if presses end early where they would leave too little gel, and keep their contacts."""
         return self.trajectories.too_thin == "stop"
+
+    @property
+    def displacement_step_m(self) -> float:
+        """The step of int16 displacements, m: 0.1 um, or a multiple.
+
+        The range is at least twice as far as the indenter goes: gel that is squeezed out moves up to 1.7 times as far.
+        """
+        range_m = FINEST_STEP_M * np.iinfo(np.int16).max
+        return FINEST_STEP_M * max(1, int(np.ceil(2.0 * _furthest_in_contact_m(self.indenter_path) / range_m)))
 
     @property
     def indenter_names(self) -> tuple[str, ...]:

@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simgen.chunk_files import chunk_path
-from simgen.dataset import DISPLACEMENT_STEP_M, Dataset
+from simgen.dataset import Dataset
 from simgen.dataset_writer import create, folder_aside, manifest_aside, open_or_create, write_aside
 from simgen.errors import InputError
+from simgen.job_schema import FINEST_STEP_M
 from simgen.provenance import difference
 from simgen.run import run
 from simgen.whole_files import put_in_place
@@ -64,7 +65,7 @@ def test_what_is_written_is_read_back(dataset):
         if name.endswith("displacement"):
             decoded = dataset.displacement(name.split("/")[0], slice(None))
             # Rounding to the nearest step is off by half a step, plus the last bits of the product.
-            assert np.abs(decoded - expected).max() <= 0.5 * DISPLACEMENT_STEP_M * (1 + 1e-9)
+            assert np.abs(decoded - expected).max() <= 0.5 * FINEST_STEP_M * (1 + 1e-9)
         else:
             np.testing.assert_array_equal(stored, expected)
 
@@ -97,10 +98,10 @@ def test_samples_that_were_not_reached_hold_the_fill_value(dataset):
 @pytest.mark.parametrize("steps, fits", [(32767.4, True), (-32767.4, True), (32767.6, False), (65536.0, False)])
 def test_int16_rounds_or_refuses_but_never_wraps(dataset, steps, fits):
     values = shard_values(dataset, 0)
-    values["digit/displacement"][0, 0, 0, 0] = steps * DISPLACEMENT_STEP_M
+    values["digit/displacement"][0, 0, 0, 0] = steps * FINEST_STEP_M
     if fits:
         write_shard(dataset, 0, values)
-        assert np.rint(dataset.displacement("digit", 0, 0)[0, 0] / DISPLACEMENT_STEP_M) == np.rint(steps)
+        assert np.rint(dataset.displacement("digit", 0, 0)[0, 0] / FINEST_STEP_M) == np.rint(steps)
     else:
         with pytest.raises(OverflowError, match=r"digit/displacement: .* dataset.displacement: float32"):
             write_shard(dataset, 0, values)
@@ -144,7 +145,7 @@ def test_displacement_of_one_sample_is_one_chunk_and_scaled_by_its_attribute(dat
     array = zarr.open_group(dataset.path, mode="r")["biotac/displacement"]
     assert array.chunks == (1, 1, len(fake.VERTICES), 3)
     assert array.shards == (2, 4, len(fake.VERTICES), 3)
-    assert array.attrs["scale_factor"] == DISPLACEMENT_STEP_M
+    assert array.attrs["scale_factor"] == FINEST_STEP_M
 
 
 def test_every_file_but_manifests_has_a_checksum(dataset):

@@ -321,3 +321,10 @@ def test_a_job_that_names_no_output_mesh_resolves_as_it_did_before_there_was_the
 def test_an_output_mesh_is_a_file_and_its_unit(write, wrong, says):
     with pytest.raises(InputError, match=says):
         load_job(write(OWN_OUTPUT.replace("{file: own.tet, unit: mm}", wrong)))
+
+
+@pytest.mark.parametrize("deepest, step_um", [(1.6, 0.1), (1.7, 0.2), (3.2, 0.2)])
+def test_int16_displacements_reach_twice_as_far_as_the_indenter(write, deepest, step_um):
+    job = load_job(write(MINIMAL), [f"depths_mm={{first: 0.1, last: {deepest}, count: 2}}"])
+    assert job.displacement_step_m == pytest.approx(1e-6 * step_um)
+    assert job.displacement_step_m * np.iinfo(np.int16).max >= 2e-3 * deepest

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from simgen import load_dataset
-from simgen.dataset import DISPLACEMENT_STEP_M, Dataset
+from simgen.dataset import Dataset
 from simgen.errors import InputError
+from simgen.job_schema import FINEST_STEP_M
 from simgen.run import run
 
 JOB = {"trajectories": {"count": 20}}
@@ -47,7 +48,7 @@ def test_a_sample_is_what_the_dataset_holds(dataset):
     rest, pose = dataset["biotac/rest_positions"], dataset["press/contact_pose"][press]
     expected = fake.fake_result(int(sample["indenter"]), pose, dataset["depth"], 0.0)
     error = np.abs(sample["biotac/displacement"] - expected.displacement[step]).max()
-    assert error <= 0.5 * DISPLACEMENT_STEP_M + np.spacing(np.float32(4e-4))  # stored in steps, read as float32
+    assert error <= 0.5 * FINEST_STEP_M + np.spacing(np.float32(4e-4))  # stored in steps, read as float32
     np.testing.assert_allclose(sample["biotac/force"], expected.force[step], rtol=1e-6)
     assert sample["biotac/displacement"].shape == rest.shape == samples.rest_positions["biotac"].shape
     assert sample["depth"] == np.float32(dataset["depth"][step])

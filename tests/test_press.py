@@ -14,10 +14,12 @@ from simgen.errors import InputError
 from simgen.fem.contact import Contact
 from simgen.fem.pattern import corners_to_nodes
 from simgen.fem.preconditioner import BlockTriangular
+from simgen.fem.status import has_values
+from simgen.indenter import load_indenter
 from simgen.indenter_path import turn_about_press_axis
 from simgen.interpolation import geometry_jacobian
 from simgen.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
-from simgen.sensor import Material, Sensor
+from simgen.sensor import Material, Sensor, load_sensor
 from simgen.shape import rigid_shape
 from simgen.tetrahedra import OutputMesh, SimulationMesh
 
@@ -316,6 +318,34 @@ def test_shear_sticks_then_slides(block, central):
     # The sphere ploughs: its front carries more, where the surface leans against it, so the ratio is above the
     # coefficient. 0.84 on meshes of 200 and 560 top faces; a cone from the lagged multipliers gave 0.5 and 0.64.
     assert GEL.friction < far[0] / far[1] < 1.15 * GEL.friction
+
+
+@pytest.fixture(scope="module")
+def edges():
+    """A ring and a cube that are pressed 2 mm into the coarse DIGIT, half its thickness."""
+    digit = load_sensor("digit", mesh="coarse")
+    scene = Scene(digit, digit.materials["solid"], settings=SolverSettings(smallest_substep=0.25))
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[:, :3, 3] = [[-8.0 * MM, -8.3 * MM, 1.0 * MM], [-8.0 * MM, -8.3 * MM, -1.0 * MM]]
+    poses[:, :3, :3] = [turn(np.radians(5.0)), turn(np.radians(-4.0))]
+    shapes = [load_indenter(name).shape() for name in ("ring_7mm", "cube_14mm")]
+    return press(scene, shapes, poses, 1e-4 * np.arange(1, 21))
+
+
+def turn(angle: float) -> np.ndarray:
+    """A rotation about x."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def test_presses_with_edges_reach_two_millimetres(edges):
+    for result in edges:
+        assert has_values(result.status).all(), result.status
+        certificate = result.certificate
+        assert (certificate["residual"] <= SolverSettings().residual_tolerance).all()
+        assert (certificate["contact_error"] <= SolverSettings().contact_tolerance).all()
+        assert (certificate["force_balance"] < 1e-3).all()
+        assert (np.diff(result.force[:, 1]) > 0.0).all()
 
 
 def test_components_can_be_held_alone(block, central):

@@ -64,6 +64,32 @@ def test_a_flat_overlap_presses_with_stiffness_times_depth_times_area():
     np.testing.assert_allclose(nodal, -force[0], atol=1e-12)
 
 
+@pytest.mark.parametrize("pressure, factor", [(0.9, 1.0), (1.1, 2.0), (3.0, 4.0), (4.0, 4.0), (99.0, 16.0)])
+def test_stiffness_follows_the_pressure_in_powers_of_two(pressure, factor):
+    """The pressure is counted in E, which is 1 here; the stiffness holds from the next increment on."""
+    nodes, term = contact(0.0, CUBE)
+    rest = state(np.zeros(3 * len(nodes)))
+    term.surface.normal.fill_(pressure)
+    touching, overlapping = pose(0.0, 0.0, 0.0), pose(0.0, 0.01, 0.0)
+    term.begin_increment(rest, rest, touching, overlapping, NEAR)
+    force = term.resultants(rest).force[0]
+    np.testing.assert_allclose(force, [0.0, (pressure + factor * K * 0.01) * 36.0, 0.0], atol=1e-12)
+    term.restore(columns.all_of(1, "cpu"))
+    force = term.resultants(rest).force[0]
+    np.testing.assert_allclose(force, [0.0, (pressure + K * 0.01) * 36.0, 0.0], atol=1e-12)
+
+
+def test_stiffness_grows_where_the_overlap_is_deep():
+    """Faces have edges of 2 mm: 0.5 mm are a quarter, 1.67 times what a face holds with its own stiffness."""
+    nodes, term = contact(0.0, CUBE)
+    rest = state(np.zeros(3 * len(nodes)))
+    term.surface.normal.fill_(0.1)
+    deep = pose(0.0, 0.5, 0.0)
+    for factor in (2.0, 4.0, 8.0, 16.0, 16.0):
+        term.begin_increment(rest, rest, deep, deep, NEAR)
+        assert (term.surface.stiffening.numpy() == factor).all()
+
+
 def test_stiffness_goes_with_one_over_the_edge():
     nodes, _, _, faces = box()
     big = Contact(P2P1, 3.0 * nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", columns.all_of(1, "cpu"))

@@ -187,3 +187,13 @@ def test_a_system_that_was_solved_stays_so_when_it_breaks_down():
         if solved:
             left = np.linalg.norm(A[0] @ x.numpy()[:, 0] - b[:, 0]) / np.linalg.norm(b[:, 0])
             assert left == pytest.approx(relative[0], rel=1e-3)
+
+
+def test_a_residual_that_stays_put_for_long_does_not_overflow():
+    """A cyclic shift leaves the residual as it is until the last iteration, and its images grow by 1e6 each time."""
+    n = 12
+    A = 1e6 * np.roll(np.eye(n), 1, axis=0)[None]
+    b = np.eye(n)[:, :1]
+    x, used, relative = solve(A, b, lambda v: v, 1e-4, n)
+    assert used[0] == n <= WINDOW and relative[0] <= 1e-4
+    np.testing.assert_allclose(A[0] @ x, b, atol=2e-4)

@@ -52,6 +52,20 @@ def test_tangent_against_finite_differences(element):
     assert error[1e-5] < SINGLE < error[1e-13]
 
 
+def test_damping_adds_the_stress_of_a_viscous_increment_to_the_tangent_alone():
+    """At rest cof F is the unit matrix: the damped part is eta mu times the Laplacian, whose energy a shear states."""
+    nodes, term = body(P2P1)
+    rest = np.zeros(term.n_displacements + term.n_pressures)
+    shear = np.zeros_like(rest)
+    shear[: term.n_displacements : 3] = nodes[:, 1]  # dF = e_x e_y^T
+    plain, forces = action(term, rest, shear), residual(term, 0.1 * shear)[0]
+    term.damp(np.array([0.5]))
+    damped = action(term, rest, shear)
+    volume = np.prod(nodes.max(axis=0) - nodes.min(axis=0))
+    assert shear @ (damped - plain) == pytest.approx(0.5 * term.material.mu * volume, rel=1e-4)
+    np.testing.assert_array_equal(residual(term, 0.1 * shear)[0], forces)
+
+
 def test_tangent_is_symmetric():
     _, term = body(P2P1)
     n = term.n_displacements + term.n_pressures
