@@ -17,7 +17,7 @@ from simgen.indenter import load_indenter
 from simgen.job import job_from_dict
 from simgen.march import longest_of_leg
 from simgen.plan import make_plan
-from simgen.press import Scene, follow
+from simgen.press import Scene, SolverSettings, follow
 from simgen.report import write_report
 from simgen.run import run
 from simgen.sensor import load_sensor
@@ -103,16 +103,17 @@ def test_a_press_is_the_special_case(dataset, tmp_path):
 
 
 def test_a_long_leg_leaves_the_press_its_load_steps():
-    """A cube needs sub-steps of the press; a leg of half a turn in one step must not make them coarser."""
+    """A press with few Newton iterations needs sub-steps; a leg of a turn in one step must not make them coarser."""
     digit = load_sensor("digit", "coarse")
     pose = np.eye(4)[None].copy()
     pose[0, :3, 3] = [-4e-3, -8.3e-3, 3e-3]
-    path = 1e-3 * np.array([[0.0, depth, 0.0] for depth in (0.4, 0.8, 1.2, 1.6)])
-    cube, scene = [load_indenter("cube_14mm").shape()], Scene(digit, digit.materials["solid"])
+    path = 1e-3 * np.array([[0.0, depth, 0.0] for depth in (0.4, 0.8, 1.2)])
+    cube = [load_indenter("cube_14mm").shape()]
+    scene = Scene(digit, digit.materials["solid"], settings=SolverSettings(max_newton_iterations=7))
     alone = follow(scene, cube, pose, path)[0]
-    turned = follow(scene, cube, pose, np.vstack([path, path[-1:]]), np.radians([0.0, 0.0, 0.0, 0.0, 180.0]))[0]
+    turned = follow(scene, cube, pose, np.vstack([path, path[-1:]]), np.radians([0.0, 0.0, 0.0, 20.0]))[0]
     assert has_values(alone.status).all() and alone.certificate["substeps"].max() > 1
-    np.testing.assert_array_equal(turned.force[:4], alone.force)
+    np.testing.assert_array_equal(turned.force[:3], alone.force)
 
 
 def test_legs_are_segments_in_one_direction():

@@ -64,8 +64,11 @@ class FilledSphere:
     def settle(self, injected: float = 0.0, outer_pressure: float = 0.0) -> Settled:
         """Equilibrium after liquid, mm3 in the whole sphere, was injected and the outside put under pressure, E.
 
-        Raises RuntimeError where the solver gives up.
+        Raises RuntimeError where the sphere does not hold as much as is to be taken out, and where the solver gives up.
         """
+        held = 4.0 / 3.0 * np.pi * RADII[0] ** 3
+        if injected <= -held:
+            raise RuntimeError(f"{injected:.3g} mm3: the sphere holds {held:.3g} mm3")
         self.cavity.injected.assign(np.array([injected / 8.0]))
         self.load.share = outer_pressure
         out = self.solver.solve(np.ones(1, dtype=bool))

@@ -56,7 +56,7 @@ class Attempt:
     @property
     def outcome(self) -> str:
         last = Status(self.result.status[-1])
-        words = "converges" if last.has_values else f"refused: {last.sentence}"
+        words = "converges" if last.has_values and not self.refusals else f"refused: {last.sentence}"
         if not self.as_declared:
             return f"NOT AS DECLARED; {words}"
         return words if self.reach_mm is None else f"declared limit {self.reach_mm:g} mm; {words}"
