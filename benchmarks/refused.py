@@ -1,4 +1,4 @@
-"""What `trajectories.least_thickness_left` costs: contacts that are drawn again, and touchable area without contacts.
+"""The cost of `trajectories.least_thickness_left`: contacts drawn again, and touchable area without contacts.
 
     python benchmarks/refused.py [JOB]     # the tables of docs/design.md; 2 minutes on a core
 """

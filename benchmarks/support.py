@@ -1,4 +1,4 @@
-"""What changes when the DIGIT's gel rests on its plate?
+"""Changes that the plate makes on which the DIGIT's gel rests.
 
     python benchmarks/support.py docs/images/support.png --mesh coarse
 

@@ -245,7 +245,7 @@ def _inside_out(sensor: str, elements: np.ndarray, converged: int) -> Finding:
 
 
 def _first_of_presses(samples: np.ndarray) -> tuple[tuple[int, int], ...]:
-    """Of samples (press, depth) bool the first of each press."""
+    """The first sample of each press, from samples (press, depth) bool."""
     presses = np.flatnonzero(samples.any(axis=1))
     return tuple((int(press), int(samples[press].argmax())) for press in presses)
 

@@ -75,7 +75,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Support:
-    """What a gel rests on.
+    """The support that a gel rests on.
 
     body : a plate, or a closed mesh in m
     friction : Coulomb coefficient; None: the material's

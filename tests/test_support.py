@@ -1,4 +1,4 @@
-"""What a gel rests on: exact distances, exact compression, a rim that no longer hangs below its plate, bad input."""
+"""The support of a gel: exact distances, exact compression, a rim that no longer hangs below its plate, bad input."""
 
 import shutil
 from dataclasses import replace

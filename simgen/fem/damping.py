@@ -35,7 +35,7 @@ class Damping:
         self.used[environments], self._since_raised[environments] = False, 0
 
     def can_raise(self, iterations: np.ndarray) -> np.ndarray:
-        """Which environments (env,) may be damped more after so many Newton iterations (env,)."""
+        """Tell which environments (env,) may be damped more after so many Newton iterations (env,)."""
         return (self.eta < MOST) & (iterations < ITERATIONS)
 
     def raise_(self, environments: np.ndarray):

@@ -47,7 +47,7 @@ class SingleSolid:
 
 @wp.struct
 class Modulus:
-    """What the tangent needs at a point: cof dx/dX (dxi/dX)^T, and metric, alpha and beta of first_piola_increment."""
+    """The tangent at a point: cof dx/dX (dxi/dX)^T, and metric, alpha and beta of material.first_piola_increment."""
 
     cofactor: mat33f
     metric: mat33f
