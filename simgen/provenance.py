@@ -10,7 +10,7 @@ from typing import Any
 import simgen
 from simgen.resources import PACKAGE
 
-PACKAGES = ("warp-lang", "numpy", "scipy", "pyamg", "zarr", "zarrs", "numcodecs", "trimesh")
+PACKAGES = ("warp-lang", "numpy", "scipy", "pymetis", "zarr", "zarrs", "numcodecs", "trimesh")
 
 
 def code_version() -> dict[str, str | bool | None]:

@@ -1,29 +1,34 @@
-"""The coarsest space of the multigrid preconditioner: rigid motions of aggregates of corners, smoothed once.
+"""The coarsest space of the multigrid preconditioner: rigid motions of aggregates of corners.
 
-Vanek, Mandel and Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth order elliptic problems",
-Computing 56, 1996. Aggregates and their bases are pyamg's.
+Aggregates are parts of the mesh's graph (Karypis and Kumar, SIAM J. Sci. Comput. 20, 1998; METIS). Their motions are
+not smoothed, as those of Vanek, Mandel and Brezina (Computing 56, 1996) are: a corner then belongs to one aggregate,
+and the matrix of the space is cheap enough to be made for every state (see ``coarse_level``). Measured on a cube and a
+ring 1.6 mm deep in the DIGIT: 64 such aggregates that follow the state take 4.3 Krylov iterations a system, 153
+smoothed ones of the state of rest 9 to 12.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import pymetis
 import scipy.sparse as sparse
-import scipy.sparse.linalg
-from pyamg.aggregation import fit_candidates, standard_aggregation
 
-SMALL = 600  # free unknowns up to which the coarsest space is the whole one
+AGGREGATES = 64
+MOTIONS = 6  # of an aggregate
+SMALL = AGGREGATES * MOTIONS  # free unknowns up to which the coarsest space is the whole one
 POWER_STEPS = 20
+INDEPENDENT = 1e-6  # of the largest motion: what is smaller is a combination of others, as in an aggregate of one corner
 
 
 def rigid_motions(positions: np.ndarray) -> np.ndarray:
     """The six linearised rigid motions (3 n, 6) of points (n, 3)."""
     x = positions - positions.mean(axis=0)
-    motions = np.zeros((len(x), 3, 6))
+    motions = np.zeros((len(x), 3, MOTIONS))
     for i in range(3):
         motions[:, i, i] = 1.0
         j, k = (i + 1) % 3, (i + 2) % 3
         motions[:, k, 3 + i], motions[:, j, 3 + i] = x[:, j], -x[:, k]
-    return motions.reshape(-1, 6)
+    return motions.reshape(-1, MOTIONS)
 
 
 def largest_eigenvalue(apply, n: int) -> float:
@@ -40,31 +45,34 @@ def largest_eigenvalue(apply, n: int) -> float:
     return size
 
 
-def dense_inverse(matrix: sparse.csr_array) -> np.ndarray:
-    """The inverse (m, m) of a sparse matrix, by SuperLU: LAPACK's rounding depends on its threads."""
-    return scipy.sparse.linalg.splu(sparse.csc_matrix(matrix)).solve(np.eye(matrix.shape[0]))
+def parts_of(graph: sparse.csr_array, count: int) -> np.ndarray:
+    """The part (n,), 0 to count - 1, of each node of a symmetric graph (n, n)."""
+    graph = sparse.csr_array(graph - sparse.diags_array(graph.diagonal()))
+    graph.eliminate_zeros()
+    _, parts = pymetis.part_graph(count, pymetis.CSRAdjacency(graph.indptr, graph.indices))
+    return np.array(parts)
 
 
-def coarse_space(matrix: sparse.csr_array, positions: np.ndarray, free: np.ndarray, inverse_diagonal, largest: float):
-    """Prolongation (3 n, m) from the coarsest space of a stiffness matrix (3 n, 3 n) of points (n, 3).
+def coarse_space(graph: sparse.csr_array, positions: np.ndarray, free: np.ndarray) -> sparse.csr_array:
+    """Prolongation (3 n, m) with orthonormal columns from the coarsest space of n points (n, 3).
 
-    free (3 n,) bool; ``inverse_diagonal`` (3 n, 3 n) sparse, block diagonal, zero where not free; ``largest`` the
-    largest eigenvalue of its product with the matrix.
+    graph (n, n): which points are neighbours; free (3 n,) bool. No row has entries in more than `MOTIONS` columns.
     """
     if free.sum() <= SMALL:
         return sparse.csr_array(sparse.eye_array(len(free), format="csc")[:, free])
-    n = len(positions)
-    nodes = np.flatnonzero(free.reshape(n, 3).any(axis=1))
-    blocks = matrix.tobsr((3, 3))
-    graph = sparse.csr_array((np.ones(len(blocks.indices)), blocks.indices, blocks.indptr), shape=(n, n))
-    aggregates, _ = standard_aggregation(sparse.csr_matrix(graph[nodes][:, nodes]))
-    components = (3 * nodes[:, None] + np.arange(3)).ravel()
-    motions = np.where(free[components, None], rigid_motions(positions[nodes]), 0.0)
-    tentative, _ = fit_candidates(aggregates, motions)
-    tentative = sparse.csr_array(tentative)
-    tentative = tentative[:, np.flatnonzero(abs(tentative).sum(axis=0))]  # a motion that an aggregate cannot make
-    place = sparse.csr_array(
-        (np.ones(len(components)), (components, np.arange(len(components)))), (3 * n, len(components))
-    )
-    whole = place @ tentative
-    return sparse.csr_array(whole - (4.0 / 3.0 / largest) * (inverse_diagonal @ (matrix @ whole)))
+    nodes = np.flatnonzero(free.reshape(-1, 3).any(axis=1))
+    parts = parts_of(sparse.csr_array(graph[nodes][:, nodes]), AGGREGATES)
+    rows, columns, values, first = [], [], [], 0
+    for part in np.unique(parts):
+        members = nodes[parts == part]
+        components = (3 * members[:, None] + np.arange(3)).ravel()
+        is_free = free[components]
+        components, motions = components[is_free], rigid_motions(positions[members])[is_free]
+        basis, size, _ = np.linalg.svd(motions, full_matrices=False)
+        basis = basis[:, size > INDEPENDENT * size[0]]
+        rows.append(np.repeat(components, basis.shape[1]))
+        columns.append(np.tile(first + np.arange(basis.shape[1]), len(components)))
+        values.append(basis.ravel())
+        first += basis.shape[1]
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return sparse.csr_array(entries, shape=(len(free), first))

@@ -1,4 +1,4 @@
-"""The lower levels of multigrid: linear displacements, smoothed by Chebyshev polynomials, and aggregates of corners."""
+"""The middle level of multigrid: linear displacements, smoothed by Chebyshev polynomials, with aggregates below."""
 
 from __future__ import annotations
 
@@ -6,21 +6,17 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from .aggregation import coarse_space, dense_inverse, largest_eigenvalue
+from .aggregation import coarse_space, largest_eigenvalue
 from .blocks import Blocks, block, clear, invert_kernel, load, of_environment, store, zeros
+from .coarse_level import CoarseLevel
 from .material import single, vec3f
 from .operator import Elasticity
 from .pattern import BlockPattern
-from .transfer import Transfer
 
 wp.set_module_options({"enable_backward": False})
 
 CORNER_SPREAD, CORNER_STEPS = 10.0, 3  # largest over smallest eigenvalue that smoothing acts on
-STRIP = 8  # rows of the dense inverse that one thread multiplies
 MARGIN = 1.15  # on the largest eigenvalue at rest: contact and large strains raise it a little
-
-
-strip_of_rows = wp.types.vector(length=STRIP, dtype=wp.float32)
 
 
 def chebyshev(largest: float, steps: int, spread: float) -> list[tuple[float, float]]:
@@ -119,30 +115,6 @@ def chebyshev_kernel(
     store(x_out, row, env, load(x, row, env) + d)
 
 
-@wp.kernel
-def dense_kernel(
-    columns_of: wp.array2d(dtype=wp.float32),
-    x: wp.array2d(dtype=wp.float32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    y_out: wp.array2d(dtype=wp.float32),
-):
-    """Some rows of a matrix, given by its columns, times x: what is read of x serves all of them."""
-    strip, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    first = strip * STRIP
-    sums = strip_of_rows()
-    for k in range(x.shape[0]):
-        value = x[k, env]
-        for r in range(STRIP):
-            sums[r] += columns_of[k, first + r] * value
-    for r in range(STRIP):
-        if first + r < y_out.shape[0]:
-            y_out[first + r, env] = sums[r]
-
-
 class CornerCycle:
     """Linear displacements: a V-cycle with the aggregates below, on blocks that are assembled for every state."""
 
@@ -159,21 +131,23 @@ class CornerCycle:
         )
         diagonal = np.repeat(np.arange(n), np.diff(self.pattern.host_row_starts)) == self.pattern.host_columns
         self._diagonal = wp.array(np.flatnonzero(diagonal), dtype=wp.int32, device=device)
-        self.update()
+        self._assemble()
         matrix = self.pattern.matrix(of_environment(self._blocks, 0))
         inverse = of_environment(self._inverse, 0)
         inverse = sparse.csr_array(sparse.bsr_array((inverse, np.arange(n), np.arange(n + 1)), shape=matrix.shape))
         largest = largest_eigenvalue(lambda v: inverse @ (matrix @ v), 3 * n)
         self._smoothing = chebyshev(largest, CORNER_STEPS, CORNER_SPREAD)
-        space = coarse_space(matrix, elasticity.host_nodes[:n], self.held.numpy() == 0, inverse, largest)
-        self.space = Transfer(space, self.active)
-        coarse = dense_inverse(space.T @ matrix @ space)
-        padded = np.pad(coarse.T, ((0, 0), (0, -len(coarse) % STRIP)))
-        self._coarse_inverse = wp.array(padded, dtype=wp.float32, device=device)
-        self._coarse, self._coarse_x = (wp.zeros((len(coarse), n_env), dtype=wp.float32, device=device) for _ in "rx")
+        space = coarse_space(self.pattern.graph(), elasticity.host_nodes[:n], self.held.numpy() == 0)
+        self.coarse = CoarseLevel(self.pattern, space, self.active)
+        self.coarse.update(self._blocks)
 
     def update(self):
-        """Assemble the blocks of the last linearisation of the active environments."""
+        """Follow the last linearisation in the active environments."""
+        self._assemble()
+        self.coarse.update(self._blocks)
+
+    def _assemble(self):
+        """Assemble the blocks of the last linearisation of the active environments, and invert the diagonal ones."""
         clear(self._blocks, self.active)
         self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=True)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
@@ -201,9 +175,5 @@ class CornerCycle:
         self._launch(chebyshev_start_kernel, [self._inverse, b, first, self.active], [self._direction, x])
         x, other = self._steps(others, b, x, other)
         self._launch(residual_kernel, [*self._rows(), x, b, self.active], [self._residual])
-        self.space.restrict(self._residual, self._coarse)
-        inputs = [self._coarse_inverse, self._coarse, self.active]
-        dim = (self._coarse_inverse.shape[1] // STRIP, b.shape[1])
-        wp.launch(dense_kernel, dim=dim, inputs=inputs, outputs=[self._coarse_x], device=b.device)
-        self.space.prolong(self._coarse_x, x)
+        self.coarse.correct(self._residual, x)
         self._steps(self._smoothing, b, x, other)

@@ -39,8 +39,7 @@ class SparseFactor:
         faces = [term.host_faces for term in surface_terms]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra, faces, device)
         self._blocks = blocks.zeros(self.pattern.n_blocks, n_env, device)
-        graph = self.pattern.matrix(np.ones((self.pattern.n_blocks, 3, 3)))[::3, ::3]
-        unknowns = (3 * elimination_order(graph)[:, None] + np.arange(3)).ravel()
+        unknowns = (3 * elimination_order(self.pattern.graph())[:, None] + np.arange(3)).ravel()
         self.free = unknowns[held.numpy()[unknowns] == 0]
         self._action = wp.zeros((len(held), n_env), dtype=wp.float32, device=device)
         self.factors, self._solved = [None] * n_env, np.zeros(0, dtype=int)

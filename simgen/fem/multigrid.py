@@ -3,12 +3,10 @@
     level                     operator              smoother                         what it keeps to
     quadratic displacements   matrix-free           Jacobi with 3 x 3 blocks         the current state
     linear ones (corners)     blocks, assembled     Chebyshev, the same blocks       the current state
-    aggregates                dense inverse         -                                the state of rest
+    aggregates                dense inverse         -                                the current state
 
-Quadratic to linear is p-multigrid (Ronquist and Patera, J. Sci. Comput. 2, 1987), below it is smoothed aggregation
-(see ``aggregation``). The tangent changes under an indenter, and the upper two levels follow it. What is left to the
-lowest changes little: with the state of rest there, a press 2 mm deep takes one Krylov iteration more. It is made once
-for a sensor, shared by all presses, and so large only that a dense inverse of it costs nothing.
+Quadratic to linear is p-multigrid (Ronquist and Patera, J. Sci. Comput. 2, 1987), below it is aggregation (see
+``aggregation`` and ``coarse_level``). The tangent changes under an indenter, and all levels follow it.
 """
 
 from __future__ import annotations

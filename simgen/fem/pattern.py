@@ -37,6 +37,11 @@ class BlockPattern:
             f = f.astype(np.int64)
             self.face_index.append(on_device(np.searchsorted(unique, f[:, :, None] * n + f[:, None, :])))
 
+    def graph(self) -> sparse.csr_array:
+        """Which nodes (n, n) have blocks together."""
+        ones = np.ones(self.n_blocks)
+        return sparse.csr_array((ones, self.host_columns, self.host_row_starts), shape=(self.n, self.n))
+
     def matrix(self, blocks: np.ndarray) -> sparse.csr_array:
         """The matrix (3 n, 3 n) of one environment's blocks (n_blocks, 3, 3)."""
         shape = (3 * self.n, 3 * self.n)

@@ -10,8 +10,9 @@ import pytest
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import blocks, columns
 from simgen.fem.aggregation import SMALL, coarse_space, largest_eigenvalue, rigid_motions
+from simgen.fem.coarse_level import CoarseLevel
 from simgen.fem.corner_cycle import CORNER_SPREAD, CORNER_STEPS, MARGIN, chebyshev
 from simgen.fem.element import P2P1
 from simgen.fem.krylov import ConjugateResiduals
@@ -40,7 +41,6 @@ class Block:
         self.preconditioner = BlockTriangular(
             self.body, [], None, wp.array(held, dtype=wp.int32, device="cpu"), self.add_tangent
         )
-        self.space = self.preconditioner.multigrid.corners.space
         x, y, z = (2.0 * np.pi * mesh.nodes / SIZE).T
         u = amplitude * np.column_stack([np.sin(x + y), np.sin(y - z), np.sin(z) * np.cos(x)])
         state = np.zeros(self.n)
@@ -78,8 +78,7 @@ class Block:
 
 def test_iterations_do_not_grow_with_the_mesh():
     coarse, fine = Block(4, 0.499), Block(9, 0.499)
-    assert coarse.space.shape[1] <= SMALL < fine.space.shape[0]
-    assert fine.space.shape[1] < 0.2 * fine.space.shape[0]  # aggregates
+    assert coarse.body.n_corners * 3 <= SMALL < fine.body.n_corners * 3  # fine has aggregates
     assert fine.n > 9 * coarse.n
     few, many = coarse.iterations(), fine.iterations()
     assert few > 5
@@ -140,12 +139,10 @@ def test_rigid_motions_leave_distances():
 
 
 def test_aggregates_carry_rigid_motions():
-    """Where nothing is held and nothing smoothed, the coarse space holds them exactly."""
+    """Where nothing is held, the coarse space holds them exactly."""
     nodes, tets, n, _ = box((9, 9, 9), SIZE)
     pattern = BlockPattern(n, tets[:, :4], [], "cpu")
-    matrix = pattern.matrix(np.tile(np.eye(3), (pattern.n_blocks, 1, 1)))
-    none = sparse.csr_array((3 * n, 3 * n))
-    space = coarse_space(matrix, nodes[:n], np.ones(3 * n, dtype=bool), none, 1.0)
+    space = coarse_space(pattern.graph(), nodes[:n], np.ones(3 * n, dtype=bool))
     motions = rigid_motions(nodes[:n])
     assert space.shape[1] < 0.2 * 3 * n
     fitted = np.linalg.lstsq(space.toarray(), motions, rcond=None)[0]
@@ -155,13 +152,39 @@ def test_aggregates_carry_rigid_motions():
 def test_a_coarse_space_keeps_out_of_what_is_held():
     nodes, tets, n, _ = box((9, 9, 9), SIZE)
     pattern = BlockPattern(n, tets[:, :4], [], "cpu")
-    matrix = pattern.matrix(np.tile(np.eye(3), (pattern.n_blocks, 1, 1)))
     free = np.repeat(nodes[:n, 1] < 3.9, 3)
     free[::3] &= nodes[:n, 0] > -2.9  # a plane of symmetry
-    diagonal = sparse.diags_array(free.astype(float))
-    space = coarse_space(matrix, nodes[:n], free, diagonal, 10.0)
+    space = coarse_space(pattern.graph(), nodes[:n], free)
     assert np.abs(space[np.flatnonzero(~free)]).max() == 0.0
-    assert np.linalg.matrix_rank(space.toarray()) == space.shape[1]  # or the coarse matrix would be singular
+    np.testing.assert_allclose((space.T @ space).toarray(), np.eye(space.shape[1]), atol=1e-12)
+
+
+def test_the_coarse_matrix_is_that_of_the_motions():
+    """In each environment its own, where it is active."""
+    nodes, tets, n, _ = box((9, 9, 9), SIZE)
+    pattern = BlockPattern(n, tets[:, :4], [], "cpu")
+    free = np.repeat(nodes[:n, 1] < 3.9, 3)
+    space = coarse_space(pattern.graph(), nodes[:n], free)
+    level = CoarseLevel(pattern, space, columns.all_of(3, "cpu"))
+    level.active.assign(np.array([0, 2, -1], dtype=np.int32))
+    rng = np.random.default_rng(0)
+    of_both, stacked = {}, blocks.zeros(pattern.n_blocks, 3, "cpu")
+    host = stacked.numpy()
+    for env in (0, 2):
+        stiff = sparse.kron(sparse.diags_array(2.0 * np.bincount(pattern.host_columns)) - pattern.graph(), np.eye(3))
+        scale = sparse.diags_array(rng.uniform(0.5, 2.0, 3 * n))
+        of_both[env] = sparse.csr_array(scale @ stiff @ scale)
+        as_blocks = of_both[env].tobsr((3, 3))
+        as_blocks.sort_indices()
+        host[0, :, env] = as_blocks.data.ravel()
+    level.update(stacked)
+    residual = rng.normal(size=(3 * n, 3)).astype(np.float32)
+    x = wp.zeros((3 * n, 3), dtype=wp.float32, device="cpu")
+    level.correct(wp.array(residual, dtype=wp.float32, device="cpu"), x)
+    for env, matrix in of_both.items():
+        exact = space @ np.linalg.solve((space.T @ matrix @ space).toarray(), space.T @ residual[:, env])
+        np.testing.assert_allclose(x.numpy()[:, env], exact, atol=1e-4 * np.abs(exact).max())
+    assert not x.numpy()[:, 1].any()
 
 
 MADE = """
@@ -169,7 +192,7 @@ import hashlib
 from fem.test_multigrid import Block
 made = Block(9, 0.499).preconditioner.multigrid
 numbers = str((made._step, made.corners._smoothing)).encode()
-print(hashlib.sha256(made.corners._coarse_inverse.numpy().tobytes() + numbers).hexdigest())
+print(hashlib.sha256(made.corners.coarse._inverse.numpy().tobytes() + numbers).hexdigest())
 """
 
 
