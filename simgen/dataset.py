@@ -78,11 +78,13 @@ CERTIFICATE = {
     "force_balance": ("float64", "|contact force + reaction of what is held| / |contact force|"),
     "min_det_F": ("float64", "least det F over the elements' quadrature points"),
     "inverted_elements": ("int32", "elements that are inside out somewhere, by a bound over each (conservative)"),
+    "stabilised_elements": ("int32", "elements that are kept open by a strain gradient and more volumetric stiffness"),
     "rms_penetration_m": ("float64", "root mean square pointwise penetration over the contact area, m"),
     "max_penetration_m": ("float64", "largest pointwise penetration, m"),
     "newton_iterations": ("int32", "Newton iterations of this depth, all sub-steps"),
     "krylov_iterations": ("int32", "iterations of the linear solver of this depth"),
     "substeps": ("int32", "load increments attempted from the depth before, failed ones included"),
+    "damping": ("float64", "largest damping of the tangent, over mu: forces and displacements are not damped"),
 }
 LIQUID_CERTIFICATE = {"liquid_volume_error": ("float64", "change of the liquid's volume / volume of the cavity")}
 

@@ -25,6 +25,7 @@ LEAST_GUESS_SHARE = 0.3
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1
+MOST_REPEATS = 8  # of an increment whose state has elements inside out
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
 
@@ -72,6 +73,8 @@ class March:
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
         self._min_det, self._rejections = np.ones(batch), np.zeros(batch, dtype=int)  # of the last state, of its guess
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
+        self._repeats = np.zeros(batch, dtype=int)  # of the increment under way
+        self._damping = np.zeros(batch)  # largest since the last row
         self.goal, self._guessed = np.zeros(batch), np.zeros(batch, dtype=bool)
         self.spacing = np.full(batch, self._spacing[0])  # of the leg under way
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
@@ -84,6 +87,7 @@ class March:
         while (self.press != NO_PRESS).any():
             ended = self.solver.iterate()
             if ended.any():
+                ended &= ~self._solve_again(ended)
                 rejected = self._settle(ended)
                 self._load()
                 self._begin(ended & (self.press != NO_PRESS), rejected)
@@ -94,7 +98,7 @@ class March:
         if not len(free):
             return
         self.press[free] = [self._waiting.popleft() for _ in free]
-        for array in (self.way, self.previous, self.cost.T):
+        for array in (self.way, self.previous, self.cost.T, self._repeats, self._damping):
             array[free] = 0
         self._calm[free] = CALM
         self._min_det[free] = 1.0
@@ -139,6 +143,10 @@ class March:
         marked = solver.mark(starting)
         columns.copy(solver.x, marked, self.x_start)
         columns.go_beyond(self.x_previous, self.x_start, onwards, marked, solver.trial)
+        solver.mark(starting & ~rejected)
+        for x in (self.x_start, solver.trial):
+            solver.elasticity.expect(x)
+        marked = solver.mark(starting)
         self._now[starting] = self._pose(self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
         # No point of an indenter moves further: the tip's way, and an arc at the rim.
@@ -153,21 +161,47 @@ class March:
             contact.extrapolate(factor)
         solver.begin(starting, np.where(self._guessed, LEAST_GUESS_SHARE * self._min_det, 0.0))
 
+    def _solve_again(self, ended: np.ndarray) -> np.ndarray:
+        """Solve increments again that have converged with elements inside out, with these stabilised more.
+
+        Returns which (env,) of those that ``ended`` go on. One that does not converge again is solved once more from
+        its start, and its state is then accepted as it is.
+        """
+        solver, out = self.solver, self.solver.increment
+        converged = ended & (out.status == Status.CONVERGED)
+        asked, again = converged & (self._repeats < MOST_REPEATS), np.zeros_like(ended)
+        if asked.any():
+            solver.mark(asked)
+            again = asked & (solver.elasticity.stabilise(solver.x) > 0)
+        if again.any():
+            self._repeats[again] += 1
+            self._count_cost(again)
+            columns.copy(solver.x, solver.mark(again), solver.trial)
+            solver.begin(again, -np.inf)
+        return again
+
+    def _count_cost(self, ended: np.ndarray):
+        out = self.solver.increment
+        self.cost[:2, ended] += np.stack([out.newton_iterations, out.krylov_iterations])[:, ended]
+        self._damping[ended] = np.maximum(self._damping, out.most_damping)[ended]
+
     def _settle(self, ended: np.ndarray) -> np.ndarray:
         """Keep or take back the increments that have ended; returns where (env,) only the guess was rejected."""
         solver, out = self.solver, self.solver.increment
         rejected = ended & self._guessed & (out.status == Status.INVERTED) & (out.newton_iterations == 0)
         ended = ended & ~rejected
-        self.cost[:, ended] += np.stack([out.newton_iterations, out.krylov_iterations, np.ones_like(self.press)])[
-            :, ended
-        ]
+        self._count_cost(ended)
+        self.cost[2, ended] += 1
         converged = ended & (out.status == Status.CONVERGED)
         failed = ended & ~converged
-        if (rejected | failed).any():
+        if (rejected | failed).any():  # back to where they began
             marked = solver.mark(rejected | failed)
             columns.copy(self.x_start, marked, solver.x)
             for contact in solver.contacts:
                 contact.restore(marked)
+        unchecked = failed & (self._repeats > 0) & (self._repeats <= MOST_REPEATS)
+        self._repeats[ended] = np.where(unchecked, MOST_REPEATS + 1, 0)[ended]
+        failed &= ~unchecked
         if failed.any():
             self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0
             # A leg of few long steps may be cut as finely as the press.
@@ -215,8 +249,9 @@ class March:
             costs = dict(zip(("newton_iterations", "krylov_iterations", "substeps"), self.cost[:, env], strict=True))
             solved = {name: getattr(out, name)[env] for name in ("residual", "contact_error")}
             status = Status.INSIDE_OUT if sample["inverted_elements"] else Status.CONVERGED
-            rows.append(sample | costs | solved | {"min_det_F": out.min_det[env], "status": status})
-            self.cost[:, env] = 0
+            solved |= {"min_det_F": out.min_det[env], "damping": self._damping[env], "status": status}
+            rows.append(sample | costs | solved)
+            self.cost[:, env], self._damping[env] = 0, 0.0
             if len(rows) == len(self.path):
                 self._end(env, Status.CONVERGED)
             elif len(rows) == self._steps[press]:

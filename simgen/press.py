@@ -26,11 +26,13 @@ CERTIFICATE = (
     "force_balance",
     "min_det_F",
     "inverted_elements",
+    "stabilised_elements",
     "rms_penetration_m",
     "max_penetration_m",
     "newton_iterations",
     "krylov_iterations",
     "substeps",
+    "damping",
 )
 
 
@@ -44,8 +46,9 @@ class PressResult:
     status : (d,) int8, codes of :class:`simgen.fem.status.Status`. A press that has a sample inside out goes on
     certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core,
         support and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, number of
-        elements that are inside out somewhere (see ``fem/validity.py``), penetration in m, iterations, sub-steps; with
-        a liquid also liquid_volume_error, over the volume of the cavity
+        elements that are inside out somewhere (see ``fem/validity.py``) and that are stabilised (see
+        ``fem/stabilisation.py``), penetration in m, iterations, sub-steps, largest damping (see ``fem/damping.py``);
+        with a liquid also liquid_volume_error, over the volume of the cavity
     touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of those that were solved together
     cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none

@@ -148,6 +148,7 @@ class Samples:
             "moment": contact.moment * unit / MM,
             "force_balance": np.where(force.any(axis=1), balance, 0.0),  # without contact there is nothing to balance
             "inverted_elements": inverted,
+            "stabilised_elements": solver.elasticity.stabilised_elements(),
             "slip_share": contact.slip_share,
             "rms_penetration_m": contact.rms_penetration / MM,
             "max_penetration_m": np.maximum(overlap, 0.0) / MM,

@@ -139,4 +139,5 @@ class Scene:
         columns.clear(marked, solver.x)
         for contact in solver.contacts:
             contact.forget(marked)
+        solver.elasticity.forget(marked)
         solver.preconditioner.forget(environments)

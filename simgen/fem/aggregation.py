@@ -17,7 +17,7 @@ AGGREGATES = 64
 MOTIONS = 6  # of an aggregate
 SMALL = AGGREGATES * MOTIONS  # free unknowns up to which the coarsest space is the whole one
 POWER_STEPS = 20
-INDEPENDENT = 1e-6  # of the largest motion: what is smaller is a combination of others, as in an aggregate of one corner
+INDEPENDENT = 1e-6  # of the largest motion: a smaller one is a combination of others, as in an aggregate of one corner
 
 
 def rigid_motions(positions: np.ndarray) -> np.ndarray:

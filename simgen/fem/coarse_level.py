@@ -78,6 +78,7 @@ class CoarseLevel:
         self._motions = wp.array(motions, dtype=wp.int32, device=device)
         self._basis = wp.array(basis, dtype=vec3f, device=device)
         self._inverse = dense_inverse.zeros(self._m, n_env, device)
+        self._invert = dense_inverse.Inverter(self._inverse, self._m, active)
         self._forces, self._x = (wp.zeros((self._m, n_env), dtype=wp.float32, device=device) for _ in range(2))
 
     def update(self, blocks: Blocks):
@@ -89,7 +90,7 @@ class CoarseLevel:
         inputs = [pattern.row_starts, pattern.columns, blocks, self._motions, self._basis, m, self.active]
         dim = (pattern.n, len(self.active))
         wp.launch(galerkin_kernel, dim=dim, inputs=inputs, outputs=[self._inverse], device=device)
-        dense_inverse.invert(self._inverse, m, self.active)
+        self._invert()
 
     def correct(self, residual, x):
         """Add to x what the aggregates' motions take from the residual."""

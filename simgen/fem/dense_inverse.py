@@ -38,68 +38,49 @@ def store_block(matrices: Matrices, m: wp.int32, i: wp.int32, j: wp.int32, env: 
 
 
 @wp.kernel
-def row_kernel(
+def scale_kernel(
     m: wp.int32,
     k: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
     matrices_out: Matrices,
+    column_out: wp.array3d(dtype=wp.float32),
 ):
-    """Multiply block row k by the inverse of its pivot, which stays for now."""
+    """Set block column k aside, its pivot inverted, and multiply block row k by that inverse."""
     j, lane = wp.tid()
     env = active[lane]
-    if env < 0 or j == k:
+    if env < 0:
         return
     pivot = wp.inverse(load_block(matrices_out, m, k, k, env))
-    store_block(matrices_out, m, k, j, env, pivot * load_block(matrices_out, m, k, j, env))
+    if j == k:
+        store_block(column_out, 4, k, 0, env, pivot)
+    else:
+        store_block(column_out, 4, j, 0, env, load_block(matrices_out, m, j, k, env))
+        store_block(matrices_out, m, k, j, env, pivot * load_block(matrices_out, m, k, j, env))
 
 
 @wp.kernel
 def eliminate_kernel(
+    column: wp.array3d(dtype=wp.float32),
     m: wp.int32,
     k: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
     matrices_out: Matrices,
 ):
-    """Take block row k from all others."""
+    """Take block row k from all others; block column k becomes what that does to the identity."""
     i, j, lane = wp.tid()
     env = active[lane]
-    if env < 0 or i == k or j == k:
+    if env < 0 or (i == k and j != k):
         return
-    change = load_block(matrices_out, m, i, k, env) * load_block(matrices_out, m, k, j, env)
-    store_block(matrices_out, m, i, j, env, load_block(matrices_out, m, i, j, env) - change)
-
-
-@wp.kernel
-def column_kernel(
-    m: wp.int32,
-    k: wp.int32,
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    matrices_out: Matrices,
-):
-    """What the elimination does to block column k of the identity."""
-    i, lane = wp.tid()
-    env = active[lane]
-    if env < 0 or i == k:
-        return
-    pivot = wp.inverse(load_block(matrices_out, m, k, k, env))
-    store_block(matrices_out, m, i, k, env, single(-1.0) * load_block(matrices_out, m, i, k, env) * pivot)
-
-
-@wp.kernel
-def pivot_kernel(
-    m: wp.int32,
-    k: wp.int32,
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    matrices_out: Matrices,
-):
-    lane = wp.tid()
-    env = active[lane]
-    if env >= 0:
-        store_block(matrices_out, m, k, k, env, wp.inverse(load_block(matrices_out, m, k, k, env)))
+    own = load_block(column, 4, i, 0, env)
+    if j == k:
+        if i != k:
+            own = single(-1.0) * own * load_block(column, 4, k, 0, env)
+        store_block(matrices_out, m, i, k, env, own)
+    else:
+        change = own * load_block(matrices_out, m, k, j, env)
+        store_block(matrices_out, m, i, j, env, load_block(matrices_out, m, i, j, env) - change)
 
 
 @wp.kernel
@@ -135,15 +116,33 @@ def zeros(m: int, n_env: int, device) -> wp.array:
     return wp.zeros((-(-n_env // TILE), m * m, min(n_env, TILE)), dtype=wp.float32, device=device)
 
 
-def invert(matrices: wp.array, m: int, active):
-    """Replace the matrices of the active environments by their inverses."""
-    n, lanes, device = m // SIDE, len(active), matrices.device
-    for k in range(n):
-        inputs = [m, k, active]
-        wp.launch(row_kernel, dim=(n, lanes), inputs=inputs, outputs=[matrices], device=device)
-        wp.launch(eliminate_kernel, dim=(n, n, lanes), inputs=inputs, outputs=[matrices], device=device)
-        wp.launch(column_kernel, dim=(n, lanes), inputs=inputs, outputs=[matrices], device=device)
-        wp.launch(pivot_kernel, dim=lanes, inputs=inputs, outputs=[matrices], device=device)
+class Inverter:
+    """Inverts matrices (see :func:`zeros`) in place, in the ``active`` environments. On a GPU it is one graph."""
+
+    def __init__(self, matrices: wp.array, m: int, active):
+        self._matrices, self._m, self._active, self._graphs = matrices, m, active, {}
+        tiles, _, places = matrices.shape
+        self._column = wp.zeros((tiles, SIDE * m, places), dtype=wp.float32, device=matrices.device)
+
+    def __call__(self):
+        lanes = int((self._active.numpy() >= 0).sum())
+        lanes = min(-(-lanes // TILE) * TILE, len(self._active))
+        if lanes in self._graphs:
+            wp.capture_launch(self._graphs[lanes])
+            return
+        self._invert(lanes)  # and loads the kernels, which cannot be done while one captures
+        if not wp.get_device(self._matrices.device).is_cpu:
+            with wp.ScopedCapture(device=self._matrices.device) as captured:
+                self._invert(lanes)
+            self._graphs[lanes] = captured.graph
+
+    def _invert(self, lanes: int):
+        m, n, device = self._m, self._m // SIDE, self._matrices.device
+        for k in range(n):
+            outputs = [self._matrices, self._column]
+            wp.launch(scale_kernel, dim=(n, lanes), inputs=[m, k, self._active], outputs=outputs, device=device)
+            inputs = [self._column, m, k, self._active]
+            wp.launch(eliminate_kernel, dim=(n, n, lanes), inputs=inputs, outputs=[self._matrices], device=device)
 
 
 def multiply(matrices: wp.array, m: int, x, active, y_out):

@@ -101,6 +101,13 @@ def scatter_gradients(
 
 
 @wp.func
+def without_mean(A: Any, B: Any, C: Any, D: Any):
+    """What four matrices at the corners differ from their mean by."""
+    mean = A.dtype(0.25) * (A + B + C + D)
+    return A - mean, B - mean, C - mean, D - mean
+
+
+@wp.func
 def corner_pressures(
     tetrahedra: wp.array2d(dtype=wp.int32), x: wp.array2d(dtype=Any), first: wp.int32, e: wp.int32, env: wp.int32
 ):

@@ -93,11 +93,12 @@ class Increment:
     min_det: np.ndarray
     newton_iterations: np.ndarray
     krylov_iterations: np.ndarray
+    most_damping: np.ndarray
 
     @classmethod
     def empty(cls, n_env: int) -> Increment:
         return cls(np.full(n_env, Status.NEWTON_STALLED), *np.full((3, n_env), np.inf),
-                   *np.zeros((2, n_env), dtype=np.int64))  # fmt: skip
+                   *np.zeros((2, n_env), dtype=np.int64), np.zeros(n_env))  # fmt: skip
 
 
 class NewtonSolver:
@@ -266,6 +267,9 @@ class NewtonSolver:
         self._solving |= environments
         self.mark(environments)
         self.increment.newton_iterations[environments] += 1
+        self.increment.most_damping = np.maximum(
+            self.increment.most_damping, np.where(environments, self.damping.eta, 0.0)
+        )
         self.elasticity.damp(self.damping.eta)
         self.elasticity.linearize(self.x)
         for term in self.surface_terms:

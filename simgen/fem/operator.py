@@ -14,11 +14,20 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from . import columns
 from .element import Element, tet_geometry
-from .element_fields import corner_gradients, corner_pressures, interpolate, scatter_gradients, scatter_pressures
+from .element_fields import (
+    corner_gradients,
+    corner_pressures,
+    interpolate,
+    scatter_gradients,
+    scatter_pressures,
+    without_mean,
+)
 from .material import NeoHookean, cofactor, first_piola, first_piola_increment, mat33, mat33f, real, single, vec3f
 from .operator_blocks import REGISTERS, blocks_kernel, corner_blocks_kernel, diagonal_kernel
-from .solid import SingleSolid, Solid, modulus
+from .solid import SingleSolid, Solid, extra_gamma, gradient_metric, modulus
+from .stabilisation import count_kernel, expect_kernel, raise_kernel
 from .validity import LEVELS, PARTS, inside_out_kernel
 
 wp.set_module_options({"enable_backward": False})
@@ -43,19 +52,28 @@ def residual_kernel(
     Pa, Pb, Pc, Pd = mat33(), mat33(), mat33(), mat33()
     constraints = wp.vec4d()
     least = real(1.0e30)
+    weight = s.weight[e, env]
+    gamma = s.gamma + s.mu * real(extra_gamma(weight))
     for q in range(s.volumes.shape[1]):
         shapes = s.shapes[q]
         F = interpolate(shapes, Fa, Fb, Fc, Fd)
         p = wp.dot(shapes, pressures)
         J = s.contraction[e, q] * wp.determinant(F)
         least = wp.min(least, J)
-        P = first_piola(F, s.contraction[e, q] * cofactor(F), s.metric[e, q], J, p, s.mu, s.gamma)
+        P = first_piola(F, s.contraction[e, q] * cofactor(F), s.metric[e, q], J, p, s.mu, gamma)
         weights = s.volumes[e, q] * shapes
         Pa += weights[0] * P
         Pb += weights[1] * P
         Pc += weights[2] * P
         Pd += weights[3] * P
         constraints += (J - real(1.0) - s.pressure_compliance * p) * weights
+    if weight > single(0.0):
+        M = gradient_metric(s.mean_metric[e], weight)
+        da, db, dc, dd = without_mean(ua, ub, uc, ud)
+        Pa += da * M
+        Pb += db * M
+        Pc += dc * M
+        Pd += dd * M
     scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, residual_out)
     scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, residual_out)
     wp.atomic_min(min_det_out, env, least)
@@ -110,6 +128,14 @@ def tangent_kernel(
         Pc += weights[2] * dP
         Pd += weights[3] * dP
         constraints += (wp.ddot(m.cofactor, dF) - s.pressure_compliance * dp) * weights
+    weight = s.weight[e, env]
+    if weight > single(0.0):
+        M = gradient_metric(s.mean_metric[e], weight)
+        Da, Db, Dc, Dd = without_mean(Ha, Hb, Hc, Hd)
+        Pa += Da * M
+        Pb += Db * M
+        Pc += Dc * M
+        Pd += Dd * M
     scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, action_out)
     scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, action_out)
 
@@ -131,6 +157,7 @@ class Elasticity:
         self._gradients = wp.array(geometry.local_gradients, dtype=vec3f, device=device)
         self._positions = wp.array(nodes.ravel(), dtype=wp.float64, device=device)
         self._parts = wp.array(PARTS, dtype=wp.mat44d, device=device)
+        self.weight = wp.zeros((len(tetrahedra), active.shape[0]), dtype=wp.float32, device=device)
         self._solid, self._single, self._rough = Solid(), SingleSolid(), SingleSolid()
         self._solid.rest = wp.array(geometry.corner_jacobians, dtype=mat33, device=device)
         rough = tet_geometry(replace(element, quadrature_points=element.preconditioner_points), nodes, tetrahedra)
@@ -145,6 +172,8 @@ class Elasticity:
             s.metric = wp.array(metric, dtype=mat, device=device)
             s.contraction = wp.array(np.linalg.det(g.inverse), dtype=scalar, device=device)
             s.volumes = wp.array(g.volumes, dtype=scalar, device=device)
+            s.mean_metric = wp.array(np.einsum("eq,eqij->eij", g.volumes, metric), dtype=mat, device=device)
+            s.weight = self.weight
             s.first_pressure = self.n_displacements
             s.mu, s.gamma, s.pressure_compliance = material.mu, material.gamma, material.pressure_compliance
         unknowns = self.n_displacements + self.n_pressures
@@ -179,6 +208,26 @@ class Elasticity:
         """Number of elements (env,) that are inside out somewhere at state x; see ``validity.py``."""
         count = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
         self._launch(inside_out_kernel, [self._solid, x, self._parts, LEVELS, self.active], [count])
+        return count.numpy()
+
+    def forget(self, marked):
+        """Take the stabilisation from all elements in the listed environments (env,)."""
+        columns.clear(marked, self.weight)
+
+    def expect(self, x):
+        """Stabilise elements that are nearly flat at state x in the active environments."""
+        self._launch(expect_kernel, [self._solid, x, self.active], [self.weight])
+
+    def stabilise(self, x) -> np.ndarray:
+        """Stabilise elements that are inside out at state x; returns how many (env,) have more of it now."""
+        raised = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
+        self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, raised])
+        return raised.numpy()
+
+    def stabilised_elements(self) -> np.ndarray:
+        """Number of elements (env,) that are stabilised in the active environments."""
+        count = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
+        self._launch(count_kernel, [self.weight, self.active], [count])
         return count.numpy()
 
     @property

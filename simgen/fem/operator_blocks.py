@@ -10,7 +10,7 @@ import warp as wp
 from .blocks import Blocks, add_block
 from .element_fields import corner_gradients, corner_pressures, edge_gradient, interpolate
 from .material import mat33f, single, tangent_block, vec3f
-from .solid import Modulus, SingleSolid, modulus
+from .solid import Modulus, SingleSolid, gradient_metric, modulus
 
 wp.set_module_options({"enable_backward": False})
 
@@ -77,6 +77,40 @@ def add_pair(
     add_block(blocks, block_index[e, b, a], env, wp.transpose(K))
 
 
+@wp.func
+def times_identity(value: single) -> mat33f:
+    return wp.diag(vec3f(value, value, value))
+
+
+@wp.func
+def gradient_deviation(a: wp.int32, corner: wp.int32) -> vec3f:
+    """Gradient by xi of node a's quadratic shape function at a corner, without its mean over the element."""
+    i, j = a, a
+    if a >= 4:
+        i, j = (a - 4) % 3, (a - 3) % 3  # edges 01, 12, 20
+        if a >= 7:
+            i, j = a - 7, 3  # edges 03, 13, 23
+    at, middle = wp.vec4f(), wp.vec4f(0.25, 0.25, 0.25, 0.25)
+    at[corner] = 1.0
+    return edge_gradient(at, i, j) - edge_gradient(middle, i, j)
+
+
+@wp.func
+def deviation_product(a: wp.int32, b: wp.int32, G: mat33f) -> single:
+    """What node b's displacement does to node a's force, by the stabilisation's strain gradient."""
+    total = single(0.0)
+    for corner in range(4):
+        total += wp.dot(gradient_deviation(a, corner), G * gradient_deviation(b, corner))
+    return total
+
+
+@wp.func
+def add_own_deviation(
+    s: SingleSolid, e: wp.int32, a: wp.int32, G: mat33f, env: wp.int32, diagonal: Blocks
+):
+    add_block(diagonal, s.tetrahedra[e, a], env, times_identity(deviation_product(a, a, G)))
+
+
 @wp.kernel
 def blocks_kernel(
     s: SingleSolid,
@@ -100,6 +134,12 @@ def blocks_kernel(
             for b in range(gradients.shape[1]):
                 K = tangent_block(gradients[q, a], gradients[q, b], m.cofactor, m.metric, m.alpha, m.beta)
                 add_block(blocks_out, block_index[e, a, b], env, s.volumes[e, q] * K)
+    weight = s.weight[e, env]
+    if weight > single(0.0):
+        G = gradient_metric(s.mean_metric[e], weight)
+        for a in range(gradients.shape[1]):
+            for b in range(gradients.shape[1]):
+                add_block(blocks_out, block_index[e, a, b], env, times_identity(deviation_product(a, b, G)))
 
 
 @wp.func
@@ -151,3 +191,8 @@ def diagonal_kernel(
     add_block(diagonal_out, s.tetrahedra[e, 7], env, Kad)
     add_block(diagonal_out, s.tetrahedra[e, 8], env, Kbd)
     add_block(diagonal_out, s.tetrahedra[e, 9], env, Kcd)
+    weight = s.weight[e, env]
+    if weight > single(0.0):
+        G = gradient_metric(s.mean_metric[e], weight)
+        for a in range(10):
+            add_own_deviation(s, e, a, G, env, diagonal_out)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from .material import cofactor, mat33, mat33f, single, tangent_transposed, tangent_volumetric
@@ -22,6 +24,8 @@ class Solid:
     metric: wp.array2d(dtype=mat33)  # (e, q) mu dxi/dX dxi/dX^T, see material.first_piola
     contraction: wp.array2d(dtype=wp.float64)  # (e, q) det dxi/dX, 1/mm3
     volumes: wp.array2d(dtype=wp.float64)  # (e, q), mm3
+    mean_metric: wp.array(dtype=mat33)  # (e,) integral of the metric over the element
+    weight: wp.array2d(dtype=wp.float32)  # (e, env) of the stabilisation, see stabilisation.py
     first_pressure: wp.int32
     mu: wp.float64
     gamma: wp.float64
@@ -37,12 +41,29 @@ class SingleSolid:
     metric: wp.array2d(dtype=mat33f)
     contraction: wp.array2d(dtype=wp.float32)
     volumes: wp.array2d(dtype=wp.float32)
+    mean_metric: wp.array(dtype=mat33f)
+    weight: wp.array2d(dtype=wp.float32)
     first_pressure: wp.int32
     mu: wp.float32
     gamma: wp.float32
     pressure_compliance: wp.float32
     damping: wp.array(dtype=wp.float32)  # (env,) eta mu of the damped tangent, see damping.py
     state: wp.array2d(dtype=wp.float32)  # (unknowns, env) deformed positions and pressures: where derivatives are taken
+
+
+@wp.func
+def extra_gamma(weight: single) -> single:
+    """What a stabilised element has of gamma / mu on top of the material's."""
+    return wp.min(weight, single(128.0))
+
+
+@wp.func
+def gradient_metric(mean_metric: Any, weight: single):
+    """Metric that a stabilised element multiplies the deviation of its corners' gradients with, see stabilisation.py.
+
+    A quarter for the mean over the corners, a sixteenth of the weight.
+    """
+    return mean_metric.dtype(weight / single(64.0)) * mean_metric
 
 
 @wp.struct
@@ -63,6 +84,7 @@ def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32, env:
     out.metric = s.metric[e, q]
     if s.damping[env] > single(0.0):
         out.metric += (s.damping[env] / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
-    out.alpha = tangent_transposed(J, p, s.mu, s.gamma)
-    out.beta = tangent_volumetric(J, p, s.gamma)
+    gamma = s.gamma + s.mu * extra_gamma(s.weight[e, env])
+    out.alpha = tangent_transposed(J, p, s.mu, gamma)
+    out.beta = tangent_volumetric(J, p, gamma)
     return out

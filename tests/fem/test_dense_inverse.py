@@ -19,7 +19,7 @@ def test_an_inverse_is_that_of_its_own_environment():
     exact = [spd(m, rng) for _ in range(3)]
     matrices.assign(np.stack([a.ravel() for a in exact], axis=-1)[None])
     active = wp.array(np.array([2, 0, -1], dtype=np.int32), dtype=wp.int32, device="cpu")
-    dense_inverse.invert(matrices, m, active)
+    dense_inverse.Inverter(matrices, m, active)()
     for env in (0, 2):
         found = matrices.numpy()[0, :, env].reshape(m, m)
         np.testing.assert_allclose(found @ exact[env], np.eye(m), atol=1e-4)

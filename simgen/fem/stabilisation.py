@@ -1,0 +1,97 @@
+"""Stabilisation of single elements that are about to turn inside out.
+
+Under the rim of an edge a neo-Hookean surface is compressed so far that it would fold into itself, at whatever length
+the mesh allows (Biot's instability; Hohlfeld and Mahadevan, Phys. Rev. Lett. 106, 2011). Quadratic elements then turn
+inside out between their integration points, more of them the finer the mesh. Two energies keep an element open, both
+times its weight w::
+
+    w mu / 32  mean over the element of |grad u - mean of grad u|^2   (strain gradient, with the element's own length)
+    min(w, 128) mu / 2  (J - 1)^2                                     (more of the volumetric stiffness acts pointwise)
+
+The first is quadratic in u, zero for uniform strains of any size and for rotations, and vanishes as h^2 for smooth
+ones. The second is the split of ``material.py``, in one element. Weights are zero until an element needs one, and
+never fall during a press: an element that is nearly flat, at the start of an increment or where it is expected to end,
+gets one; an element that is inside out where an increment has converged gets twice as much, and the increment is
+solved again (see ``march``).
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from .element_fields import corner_gradients
+from .material import real, single
+from .solid import Solid
+from .validity import is_inside_out, least_at_corners, least_coefficient
+
+wp.set_module_options({"enable_backward": False})
+
+FIRST, MOST = wp.constant(wp.float32(2.0)), wp.constant(wp.float32(1024.0))  # weights
+FLAT = wp.constant(wp.float64(0.2))  # det F somewhere in an element, by its bound, below which it gets a weight
+
+
+@wp.kernel
+def expect_kernel(
+    s: Solid,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    weight_out: wp.array2d(dtype=wp.float32),
+):
+    """Give elements that are nearly flat at x their first weight: twice that below half of `FLAT`, four times below 0.
+
+    Those that are all but closed although they have one get twice as much.
+    """
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
+    A, B, C, D = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+    rest = least_at_corners(s.rest[e, 0], s.rest[e, 1], s.rest[e, 2], s.rest[e, 3])
+    least = wp.min(least_at_corners(A, B, C, D), least_coefficient(A, B, C, D)) / rest
+    if least < FLAT:
+        weight = wp.where(least < real(0.25) * FLAT, single(2.0) * weight_out[e, env], weight_out[e, env])
+        first = FIRST
+        if least < real(0.5) * FLAT:
+            first *= single(2.0)
+        if least < real(0.0):
+            first *= single(2.0)
+        weight_out[e, env] = wp.min(wp.max(weight, first), MOST)
+
+
+@wp.kernel
+def raise_kernel(
+    s: Solid,
+    x: wp.array2d(dtype=wp.float64),
+    parts: wp.array(dtype=wp.mat44d),
+    levels: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    weight_out: wp.array2d(dtype=wp.float32),
+    raised_out: wp.array(dtype=wp.int32),
+):
+    """Double the weights of elements that are inside out at x; count those whose weight could be raised."""
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
+    A, B, C, D = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+    if weight_out[e, env] < MOST and is_inside_out(A, B, C, D, parts, levels):
+        weight_out[e, env] = wp.max(single(2.0) * weight_out[e, env], FIRST)
+        wp.atomic_add(raised_out, env, 1)
+
+
+@wp.kernel
+def count_kernel(
+    weight: wp.array2d(dtype=wp.float32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    count_out: wp.array(dtype=wp.int32),
+):
+    """Count the elements that have a weight."""
+    e, lane = wp.tid()
+    env = active[lane]
+    if env >= 0 and weight[e, env] > single(0.0):
+        wp.atomic_add(count_out, env, 1)
