@@ -25,7 +25,7 @@ LEAST_GUESS_SHARE = 0.3
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1
-MOST_REPEATS = 8  # of an increment whose state has elements inside out
+MOST_REPEATS = 8  # of an increment whose state has elements inside out, or overlaps the indenter too far
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
 
@@ -75,6 +75,7 @@ class March:
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
         self._repeats = np.zeros(batch, dtype=int)  # of the increment under way
         self._damping = np.zeros(batch)  # largest since the last row
+        self._reinforced = np.zeros(batch, dtype=bool)  # tried once more before it was given up
         self.goal, self._guessed = np.zeros(batch), np.zeros(batch, dtype=bool)
         self.spacing = np.full(batch, self._spacing[0])  # of the leg under way
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
@@ -101,6 +102,7 @@ class March:
         for array in (self.way, self.previous, self.cost.T, self._repeats, self._damping):
             array[free] = 0
         self._calm[free] = CALM
+        self._reinforced[free] = False
         self._min_det[free] = 1.0
         self.step[free] = self.spacing[free] = self._spacing[0]
         fresh = np.zeros(self.scene.batch, dtype=bool)
@@ -162,17 +164,25 @@ class March:
         solver.begin(starting, np.where(self._guessed, LEAST_GUESS_SHARE * self._min_det, 0.0))
 
     def _solve_again(self, ended: np.ndarray) -> np.ndarray:
-        """Solve increments again that have converged with elements inside out, with these stabilised more.
+        """Solve increments again that have converged to a state that cannot be kept.
 
-        Returns which (env,) of those that ``ended`` go on. One that does not converge again is solved once more from
-        its start, and its state is then accepted as it is.
+        Elements that are inside out are stabilised more, and where a sample is due, faces that overlap the indenter too
+        far are stiffened. Returns which (env,) of those that ``ended`` go on. One that does not converge again is
+        solved once more from its start, and its state is then accepted as it is.
         """
         solver, out = self.solver, self.solver.increment
-        converged = ended & (out.status == Status.CONVERGED)
-        asked, again = converged & (self._repeats < MOST_REPEATS), np.zeros_like(ended)
+        asked = ended & (out.status == Status.CONVERGED) & (self._repeats < MOST_REPEATS)
+        again = np.zeros_like(ended)
         if asked.any():
             solver.mark(asked)
             again = asked & (solver.elasticity.stabilise(solver.x) > 0)
+            due = asked & (self.target == self.goal)
+            too_far = due & (self.scene.samples.overlap()[1] > MOST_OVERLAP) if due.any() else due
+            if too_far.any():
+                solver.mark(too_far)
+                for contact in solver.contacts:
+                    contact.stiffen(solver.x)
+                again |= too_far
         if again.any():
             self._repeats[again] += 1
             self._count_cost(again)
@@ -207,7 +217,12 @@ class March:
             # A leg of few long steps may be cut as finely as the press.
             least = self.scene.settings.smallest_substep * np.minimum(self.spacing, self._spacing[0])
             hopeless = failed & (self.step < least)
-            for env in np.flatnonzero(hopeless):
+            once_more = hopeless & ~self._reinforced
+            if once_more.any():
+                solver.elasticity.reinforce(solver.mark(once_more))
+                self._reinforced |= once_more
+                self.step[once_more] = self.spacing[once_more]
+            for env in np.flatnonzero(hopeless & ~once_more):
                 self._end(env, out.status[env])
         marked = solver.mark(converged)
         columns.copy(self.x_start, marked, self.x_previous)

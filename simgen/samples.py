@@ -82,10 +82,10 @@ class Samples:
         self._dense = wp.array(dense_shapes(SUBDIVISIONS, linear=corners), dtype=wp.float64, device=device)
         for contact in scene.fixed_contacts:
             contact.set_pose(np.tile(np.eye(4), (batch, 1, 1)))
-        self._rest_overlaps = [max(-self._nearest(contact)[0], 0.0) for contact in scene.fixed_contacts]
+        self._rest_overlaps = [max(-self._nearest(contact)[0][0], 0.0) for contact in scene.fixed_contacts]
 
-    def _nearest(self, contact) -> np.ndarray:
-        return contact.nearest(self.scene.solver.x, self._dense)
+    def _nearest(self, contact, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        return contact.nearest(self.scene.solver.x, self._dense, at_rest)
 
     def _reactions(self) -> np.ndarray:
         """Forces (3, env) of the held nodes on the body, at the last measured state."""
@@ -106,17 +106,16 @@ class Samples:
         return self._displacement[:k].numpy()
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
-        """Deepest overlap with indenter, core and support, mm, on points denser than the integration's; and over a
-        face's edge.
+        """Deepest overlap with indenter, core and support, mm, on points denser than the integration's; and over the
+        edge of its own face.
 
         Each (env,). The overlap of core and support with the surface at rest does not count.
         """
-        indenter = self.scene.indenter_contact
-        deepest = -self._nearest(indenter)
-        of_edge = deepest / indenter.edge
+        distance, of_edge = self._nearest(self.scene.indenter_contact)
+        deepest = -distance
         for contact, at_rest in zip(self.scene.fixed_contacts, self._rest_overlaps, strict=True):
-            into = -self._nearest(contact) - at_rest
-            deepest, of_edge = np.maximum(deepest, into), np.maximum(of_edge, into / contact.edge)
+            distance, into = self._nearest(contact, at_rest)
+            deepest, of_edge = np.maximum(deepest, -distance - at_rest), np.maximum(of_edge, into)
         return deepest, of_edge
 
     def inverted_elements(self) -> np.ndarray:

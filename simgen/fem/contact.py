@@ -25,6 +25,8 @@ from .contact_forces import (
     contact_tangent_kernel,
 )
 from .contact_history import (
+    MOST_IN_INCREMENT,
+    MOST_STIFFENING,
     anchor_kernel,
     carry_kernel,
     change_kernel,
@@ -162,7 +164,7 @@ class Contact:
         self.set_pose(poses)
         self._find_candidates(x_predicted, travel)  # faces with multipliers among them: none else carries slip
         self.set_pose(start_poses)
-        self._launch(stiffen_kernel, [x_start, self.active], [self._stiffening])
+        self._launch(stiffen_kernel, [x_start, MOST_STIFFENING, self.active], [self._stiffening])
         if self.friction > 0.0:
             wp.copy(self._start_rotation, self.surface.rotation)
             wp.copy(self._start_origin, self.surface.origin)
@@ -173,6 +175,12 @@ class Contact:
             start = [self._start_rotation, self._start_origin]
             inputs = [x_start, x_predicted, *start, self._carried, self.active]
             self._launch(anchor_kernel, inputs, [self.surface.anchor])
+        columns.copy(self._stiffening, self.active, self.surface.stiffening)
+
+    def stiffen(self, x):
+        """Raise the stiffness of faces that overlap the shape too far at x, within an increment."""
+        columns.copy(self.surface.stiffening, self.active, self._stiffening)
+        self._launch(stiffen_kernel, [x, MOST_IN_INCREMENT, self.active], [self._stiffening])
         columns.copy(self._stiffening, self.active, self.surface.stiffening)
 
     def extrapolate(self, factor: np.ndarray):
@@ -257,8 +265,12 @@ class Contact:
         """
         self._launch(corner_forces_kernel, [x, self.active, first], [sums], dim=(len(self.host_faces), sums.shape[2]))
 
-    def nearest(self, x, dense: wp.array) -> np.ndarray:
-        """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, nodes)."""
+    def nearest(self, x, dense: wp.array, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, nodes).
+
+        And the largest overlap (env,) beyond ``at_rest`` mm, over the edge of its own face; 0 without any.
+        """
         distance = wp.full(self.n_env, np.inf, dtype=wp.float64, device=self.device)
-        self._launch(nearest_kernel, [x, dense, self.active], [distance])
-        return distance.numpy()
+        of_edge = wp.zeros(self.n_env, dtype=wp.float64, device=self.device)
+        self._launch(nearest_kernel, [x, dense, at_rest, self.active], [distance, of_edge])
+        return distance.numpy(), of_edge.numpy()

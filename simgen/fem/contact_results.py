@@ -110,16 +110,22 @@ def nearest_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
     dense: wp.array2d(dtype=wp.float64),
+    at_rest: wp.float64,
     active: wp.array(dtype=wp.int32),
     # outputs
     distance_out: wp.array(dtype=wp.float64),
+    of_edge_out: wp.array(dtype=wp.float64),
 ):
-    """Least distance of the shape from the surface at points with shape functions ``dense`` (point, nodes)."""
+    """Least distance of the shape from the surface at points with shape functions ``dense`` (point, nodes).
+
+    And the largest overlap over the edge of its own face, of what lies deeper than ``at_rest``.
+    """
     f, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
-    if least_gap(s, face_positions(s, x, f, env), f, env) > distance_out[env]:
+    gap = least_gap(s, face_positions(s, x, f, env), f, env)
+    if gap > distance_out[env] and -(gap + at_rest) / s.edges[f] <= of_edge_out[env]:
         return
     least = real(wp.inf)
     for q in range(dense.shape[0]):
@@ -127,3 +133,4 @@ def nearest_kernel(
         local = wp.transpose(s.rotation[env]) * (position - s.origin[env])
         least = wp.min(least, distance(s.rigid[s.shape_of[env]], local))
     wp.atomic_min(distance_out, env, least)
+    wp.atomic_max(of_edge_out, env, -(least + at_rest) / s.edges[f])

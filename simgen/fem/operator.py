@@ -27,7 +27,7 @@ from .element_fields import (
 from .material import NeoHookean, cofactor, first_piola, first_piola_increment, mat33, mat33f, real, single, vec3f
 from .operator_blocks import REGISTERS, blocks_kernel, corner_blocks_kernel, diagonal_kernel
 from .solid import SingleSolid, Solid, extra_gamma, gradient_metric, modulus
-from .stabilisation import count_kernel, expect_kernel, raise_kernel
+from .stabilisation import count_kernel, expect_kernel, raise_kernel, reinforce_kernel
 from .validity import LEVELS, PARTS, inside_out_kernel
 
 wp.set_module_options({"enable_backward": False})
@@ -223,6 +223,10 @@ class Elasticity:
         raised = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
         self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, raised])
         return raised.numpy()
+
+    def reinforce(self, marked):
+        """Stabilise all elements four times as much that are stabilised, in the listed environments (env,)."""
+        wp.launch(reinforce_kernel, dim=self.weight.shape, inputs=[marked], outputs=[self.weight], device=self.device)
 
     def stabilised_elements(self) -> np.ndarray:
         """Number of elements (env,) that are stabilised in the active environments."""

@@ -84,6 +84,18 @@ def raise_kernel(
 
 
 @wp.kernel
+def reinforce_kernel(
+    marked: wp.array(dtype=wp.int32),
+    # outputs
+    weight_out: wp.array2d(dtype=wp.float32),
+):
+    e, lane = wp.tid()
+    env = marked[lane]
+    if env >= 0:
+        weight_out[e, env] = wp.min(single(4.0) * weight_out[e, env], MOST)
+
+
+@wp.kernel
 def count_kernel(
     weight: wp.array2d(dtype=wp.float32),
     active: wp.array(dtype=wp.int32),
