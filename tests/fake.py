@@ -100,6 +100,8 @@ def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: fl
         "newton_iterations": 4 * ones,
         "krylov_iterations": 40 * ones,
         "substeps": ones,
+        "stabilised_elements": 0 * ones,
+        "damping": 0.0 * ones,
         "liquid_volume_error": 1e-9 * ones,
     }
     return SimpleNamespace(

@@ -237,11 +237,16 @@ def test_a_force_limit_that_is_none_is_refused(scene, force):
         follow(scene, [SPHERE], pose(), np.ones((3, 3)), max_force_n=force)
 
 
-def test_samples_that_are_inside_out_keep_their_values_and_the_press_goes_on(block):
+RIGID_EDGE = rigid_shape(Kind.CUBE, 2.5, 0.3)
+
+
+def test_samples_that_are_inside_out_keep_their_values_and_the_press_goes_on(block, monkeypatch):
     """Against 455 points of every element, at a depth before and at the last one; between, two samples are flagged."""
     scene, dense = Scene(block, GEL), lattice(12)
+    monkeypatch.setattr(scene.solver.elasticity, "expect", lambda x: None)  # nothing is stabilised
+    monkeypatch.setattr(scene.solver.elasticity, "stabilise", lambda x: np.zeros(1))
     for depths, expected in ((np.array([0.8, 1.2, 1.6]), [0, 0, 0]), (np.array([1.2, 1.6, 1.8, 2.0]), [0, 0, 9, 9])):
-        result = press(scene, [rigid_shape(Kind.CUBE, 2.5, 0.3)], pose(), depths * MM)[0]
+        result = press(scene, [RIGID_EDGE], pose(), depths * MM)[0]
         assert result.status.tolist() == expected
         nodes = scene.nodes + scene.solver.x.numpy()[: scene.nodes.size, 0].reshape(-1, 3)
         det = np.linalg.det(geometry_jacobian(nodes[scene.mesh.tetrahedra][:, None], dense[None]))
@@ -250,6 +255,25 @@ def test_samples_that_are_inside_out_keep_their_values_and_the_press_goes_on(blo
     assert np.isfinite(result.force).all() and np.isfinite(result.displacement).all()
     assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
     assert (result.certificate["min_det_F"] > 0.0).all()
+
+
+def test_elements_that_would_be_inside_out_are_kept_open(block):
+    """The same press: until one is nearly flat nothing changes; then forces change by little."""
+    scene, depths = Scene(block, GEL), np.array([0.8, 1.2, 1.6, 1.8, 2.0]) * MM
+    kept = press(scene, [RIGID_EDGE], pose(), depths)[0]
+    again = press(scene, [RIGID_EDGE], pose(), depths)[0]  # the scene has forgotten the press before
+    np.testing.assert_array_equal(again.force, kept.force)
+    assert kept.status.tolist() == [0] * 5
+    assert not kept.certificate["inverted_elements"].any()
+    stabilised = kept.certificate["stabilised_elements"]
+    assert stabilised[0] == 0 and (np.diff(stabilised) >= 0).all() and stabilised[-1] > 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scene.solver.elasticity, "expect", lambda x: None)
+        patch.setattr(scene.solver.elasticity, "stabilise", lambda x: np.zeros(1))
+        plain = press(scene, [RIGID_EDGE], pose(), depths)[0]
+    untouched = stabilised == 0
+    np.testing.assert_array_equal(kept.force[untouched], plain.force[untouched])
+    np.testing.assert_allclose(kept.force[:, 1], plain.force[:, 1], rtol=0.05)
 
 
 def test_large_steps_are_cut(block):

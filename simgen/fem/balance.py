@@ -9,10 +9,11 @@ import warp as wp
 
 from . import columns
 from .krylov_kernels import CHUNK, chunks
-from .material import real
+from .material import real, vec3
 
 wp.set_module_options({"enable_backward": False})
 
+SMALLEST_LOADS = 1e-6  # E mm2, sum of the sizes of all loads: below, there is nothing to balance
 SMALLEST_MULTIPLIERS = 1e-6  # E mm, L2 norm of the contact multipliers: below, a contact that opens
 
 
@@ -28,12 +29,16 @@ def balance_kernel(
     residual_out: wp.array2d(dtype=wp.float64),
     sums_out: wp.array2d(dtype=wp.float64),
 ):
-    """Sum of both where nothing is held; squares of the loads and of the sum, and its virtual work."""
+    """Sum of both where nothing is held; squares of the loads and of the sum, and its virtual work.
+
+    Then the resultant of what is left on free components, x, y and z, and the sum of the nodes' loads.
+    """
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
-    load, square, work = real(0.0), real(0.0), real(0.0)
+    load, square, work, loads = real(0.0), real(0.0), real(0.0), real(0.0)
+    resultant = vec3()
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, internal.shape[0])):
         from_surface = surface[i, env]
         r = real(0.0)
@@ -44,9 +49,15 @@ def balance_kernel(
         if i < n_displacements:
             load += from_surface * from_surface
             work += r * step[i, env]
+            resultant[i % 3] += r
+            if i % 3 == 0:
+                loads += wp.length(vec3(from_surface, surface[i + 1, env], surface[i + 2, env]))
     wp.atomic_add(sums_out, 0, env, load)
     wp.atomic_add(sums_out, 1, env, square)
     wp.atomic_add(sums_out, 2, env, work)
+    for i in range(3):
+        wp.atomic_add(sums_out, 3 + i, env, resultant[i])
+    wp.atomic_add(sums_out, 6, env, loads)
 
 
 @wp.kernel
@@ -78,13 +89,14 @@ def work_kernel(
 @dataclass(frozen=True)
 class Measured:
     """Of a state, each (env,): norms of the loads (forces of contacts and liquid) and of the out-of-balance forces, the
-    virtual work of these along the step, least det F, and what a further update would change of the multipliers,
-    relative.
+    virtual work of these along the step, the resultant of these over the sum of the loads' sizes, least det F, and what a
+    further update would change of the multipliers, relative.
     """
 
     load: np.ndarray
     size: np.ndarray
     work: np.ndarray
+    imbalance: np.ndarray
     min_det: np.ndarray
     contact_error: np.ndarray
 
@@ -101,7 +113,7 @@ class Balance:
         self.internal, self.surface, self.residual = (wp.zeros_like(step) for _ in range(3))
         n, n_env = step.shape
         self._dim = (chunks(n), n_env)
-        self._sums = wp.zeros((3, n_env), dtype=wp.float64, device=step.device)
+        self._sums = wp.zeros((7, n_env), dtype=wp.float64, device=step.device)
         self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
 
     def _sum(self, kernel, inputs, outputs) -> np.ndarray:
@@ -111,13 +123,14 @@ class Balance:
         return self._sums.numpy()
 
     def _measure_sum(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows load, size, work (3, env), and the contact error (env,)."""
+        """Rows load, size, work, imbalance (4, env), and the contact error (env,)."""
         n_u = self.elasticity.n_displacements
         inputs = [self.internal, self.surface, self._step, self._held, n_u, self.active]
-        load, square, work = self._sum(balance_kernel, inputs, [self.residual])
+        load, square, work, *resultant, loads = self._sum(balance_kernel, inputs, [self.residual])
+        imbalance = np.linalg.norm(resultant, axis=0) / np.maximum(loads, SMALLEST_LOADS)
         changes = [contact.multiplier_change() for contact in self.contacts]
         change, size = np.sqrt(np.square(changes).sum(axis=0))
-        sums = np.stack([np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work])
+        sums = np.stack([np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance])
         return sums, change / np.maximum(size, SMALLEST_MULTIPLIERS)
 
     def measure(self, x) -> Measured:
@@ -135,7 +148,7 @@ class Balance:
         columns.clear(self.active, self.surface)
         self._apply_surfaces(x)
         sums, error = self._measure_sum()
-        new = dict(zip(("load", "size", "work"), sums, strict=True), contact_error=error)
+        new = dict(zip(("load", "size", "work", "imbalance"), sums, strict=True), contact_error=error)
         return replace(before, **{name: np.where(marked, new[name], getattr(before, name)) for name in new})
 
     def _apply_surfaces(self, x):
@@ -145,5 +158,5 @@ class Balance:
     def work(self) -> np.ndarray:
         """Virtual work of the residual along the step, and the product of their norms: (2, env)."""
         inputs = [self.residual, self._step, self.elasticity.n_displacements, self.active]
-        work, square, length = self._sum(work_kernel, inputs, [])
+        work, square, length, *_ = self._sum(work_kernel, inputs, [])
         return np.stack([work, np.sqrt(np.abs(square * length))])  # what is not active may be anything

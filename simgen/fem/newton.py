@@ -32,7 +32,8 @@ wp.set_module_options({"enable_backward": False})
 class SolverSettings:
     """Tolerances and constants of the solver.
 
-    residual_tolerance : out-of-balance forces over contact forces (Euclidean norms over nodes)
+    residual_tolerance : out-of-balance forces over contact forces (Euclidean norms over nodes), and their resultant
+        over the sum of the sizes of the nodes' contact forces
     contact_tolerance : change that a further multiplier update would make, over the multipliers (L2 norms)
     linear_tolerance : residual of the linear solve over the out-of-balance forces, three times that from the fourth
         iteration on; single precision reaches 1e-5. Batches on a GPU solve further, where that costs nothing
@@ -247,7 +248,8 @@ class NewtonSolver:
         relative = measured.size / np.maximum(measured.load, SMALLEST_FORCE)
         now.residual[taken], now.contact_error[taken] = relative[taken], measured.contact_error[taken]
         now.min_det[taken] = measured.min_det[taken]
-        done = taken & (relative <= s.residual_tolerance) & (measured.contact_error <= s.contact_tolerance)
+        balanced = np.maximum(relative, measured.imbalance) <= s.residual_tolerance
+        done = taken & balanced & (measured.contact_error <= s.contact_tolerance)
         now.status[done] = Status.CONVERGED
         better = taken & (relative < 0.9 * self._best)
         self._best[better], self._since_best[better] = relative[better], 0

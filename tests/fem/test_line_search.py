@@ -11,7 +11,7 @@ ONE = np.array([True])
 
 
 def tried(work=0.0, size=1.0, min_det=0.9):
-    return Measured(*(np.array([value]) for value in (1.0, size, work, min_det, 0.0)))
+    return Measured(*(np.array([value]) for value in (1.0, size, work, 0.0, min_det, 0.0)))
 
 
 def begun(work=1.0, norms=10.0):
