@@ -3,6 +3,7 @@
 import warp as wp
 
 from simgen.errors import InputError
+from simgen.fem.aggregation import SMALL
 from simgen.fem.element import ELEMENTS
 from simgen.fem.krylov_kernels import WINDOW
 from simgen.fem.newton import SolverSettings
@@ -30,14 +31,17 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     double = 8 * unknowns  # x, trial, step, two parts of the forces and their sum, two earlier states
     vectors = settings.krylov_size + WINDOW + 5  # directions, images; the solver's four; where derivatives are taken
     blocks = edges * 2 + corners
+    coarse = 0
     if kind.pressures:
         vectors += 3
         blocks = 2 * nodes + blocks + corners
+        coarse = 4 * SMALL * (SMALL + 4)  # a dense inverse
     single = vectors * unknowns + 12 * corners
     in_contact = points * (3 * 24 + 36) + sum(44 * len(f) + 132 * len(set(f[:, :3].ravel())) for f in faces)
     output = 24 * len(sensor.output_mesh.vertices)
     products = 8 * settings.krylov_size * (settings.krylov_size + 2)
-    return 8 * double + 4 * single + 36 * blocks + products + in_contact + output
+    weights = 4 * len(mesh.tetrahedra)
+    return 8 * double + 4 * single + 36 * blocks + coarse + weights + products + in_contact + output
 
 
 def at_once(device: str) -> int:

@@ -86,6 +86,7 @@ CERTIFICATE = {
     "substeps": ("int32", "load increments attempted from the depth before, failed ones included"),
     "damping": ("float64", "largest damping of the tangent, over mu: forces and displacements are not damped"),
 }
+ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping")  # older datasets lack both
 LIQUID_CERTIFICATE = {"liquid_volume_error": ("float64", "change of the liquid's volume / volume of the cavity")}
 
 
@@ -297,7 +298,9 @@ class Dataset:
             for sensor in self.sensors
             if self.job.surface_outputs(sensor)
         }
-        return written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()}, surface)
+        arrays = written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()}, surface)
+        older = not any(f"{sensor}/{key}" in self.root for sensor in self.sensors for key in ADDED_LATER)
+        return {name: array for name, array in arrays.items() if not (older and name.endswith(ADDED_LATER))}
 
     def sentence(self, code: int) -> str:
         """What a status says."""

@@ -6,8 +6,9 @@ import pytest
 import trimesh
 
 from simgen.audit import check, passes, to_repair
-from simgen.dataset import Dataset
+from simgen.dataset import ADDED_LATER, CERTIFICATE, Dataset
 from simgen.errors import InputError
+from simgen.report.effort import effort_section
 from simgen.run import run
 from simgen.touch_audit import nearest_on_surface, pressed_indenters
 
@@ -275,3 +276,15 @@ def test_nearest_on_surface_of_a_sphere():
     assert smoothed.max() < 0.5 * facet.max()
     # A facet's normal is that of its centre, off by up to its circumradius over R.
     assert facet.max() < np.degrees(fake.BALL.edges_unique_length.max() / np.sqrt(3) / fake.RADIUS_M)
+
+
+def test_a_dataset_from_before_stabilisation_passes(tmp_path):
+    """It lacks two arrays of the certificate, and nothing asks for them."""
+    before = {key: value for key, value in CERTIFICATE.items() if f"certificate/{key}" not in ADDED_LATER}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simgen.dataset.CERTIFICATE", before)
+        run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.fake_presser)
+    older = Dataset(tmp_path / "d.zarr")
+    assert not [name for name in older.arrays if name.endswith(ADDED_LATER)]
+    assert failures(older) == set()
+    assert "residual" in "".join(effort_section(older))

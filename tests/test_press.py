@@ -152,7 +152,7 @@ def test_linear_tetrahedra_interpolate_linearly(block):
 
 def test_environments_out_of_step_do_not_disturb_each_other(block):
     """One that must cut its steps and one that need not, in one batch, against each alone."""
-    poses, depths = np.concatenate([pose(), pose(x=1.0)]), np.array([0.6e-3])
+    poses, depths = np.concatenate([pose(), pose(x=1.0)]), np.array([0.7e-3])
     settings = SolverSettings(1e-4, 5e-3, 5e-2, max_newton_iterations=8)  # tolerances: tight ones need more iterations
     together = press(Scene(block, GEL, batch=2, settings=settings), [CUBE, SPHERE], poses, depths)
     substeps = [int(result.certificate["substeps"][0]) for result in together]
@@ -258,7 +258,7 @@ def test_samples_that_are_inside_out_keep_their_values_and_the_press_goes_on(blo
 
 
 def test_elements_that_would_be_inside_out_are_kept_open(block):
-    """The same press: until one is nearly flat nothing changes; then forces change by little."""
+    """Until one is nearly flat nothing changes; then forces come nearer to those of half the edges."""
     scene, depths = Scene(block, GEL), np.array([0.8, 1.2, 1.6, 1.8, 2.0]) * MM
     kept = press(scene, [RIGID_EDGE], pose(), depths)[0]
     again = press(scene, [RIGID_EDGE], pose(), depths)[0]  # the scene has forgotten the press before
@@ -273,7 +273,9 @@ def test_elements_that_would_be_inside_out_are_kept_open(block):
         plain = press(scene, [RIGID_EDGE], pose(), depths)[0]
     untouched = stabilised == 0
     np.testing.assert_array_equal(kept.force[untouched], plain.force[untouched])
-    np.testing.assert_allclose(kept.force[:, 1], plain.force[:, 1], rtol=0.05)
+    fine = press(Scene(make_block((8, 4, 8)), GEL), [RIGID_EDGE], pose(), depths)[0]
+    off = [np.abs(result.force[-3:, 1] / fine.force[-3:, 1] - 1.0) for result in (kept, plain)]
+    assert (off[0] < off[1]).all() and off[0].max() < 0.06  # 4, 5, 4 % of the coarsest of blocks, without 6, 10, 10
 
 
 def test_large_steps_are_cut(block):

@@ -89,7 +89,7 @@ def work_kernel(
 @dataclass(frozen=True)
 class Measured:
     """Of a state, each (env,): norms of the loads (forces of contacts and liquid) and of the out-of-balance forces, the
-    virtual work of these along the step, the resultant of these over the sum of the loads' sizes, least det F, and what a
+    virtual work of these along the step, their resultant over the sum of the loads' sizes, least det F, and what a
     further update would change of the multipliers, relative.
     """
 

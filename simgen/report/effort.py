@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from simgen.dataset import CERTIFICATE, Dataset
+from simgen.dataset import Dataset
 from simgen.fem.status import Status, has_values, is_planned_end
 from simgen.page import picture, table, tiles
 
@@ -14,6 +14,8 @@ from .choice import NOTHING_YET
 
 BINS = 40  # of counts, at most
 PER_DECADE = 10  # bins of residuals
+SHOWN = ("residual", "contact_error", "force_balance", "min_det_F", "inverted_elements", "rms_penetration_m",
+         "max_penetration_m", "newton_iterations", "krylov_iterations")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ def _certificates(dataset: Dataset) -> str:
     rows = []
     for sensor in dataset.sensors:
         status = dataset[f"{sensor}/status"]
-        stored = {key: dataset[f"{sensor}/certificate/{key}"] for key in CERTIFICATE}
+        stored = {key: dataset[f"{sensor}/certificate/{key}"] for key in SHOWN}
         for index, name in enumerate(dataset.indenters):
             own = (dataset["press/indenter"] == index)[:, None]
             good = own & has_values(status)
