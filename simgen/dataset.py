@@ -78,7 +78,7 @@ CERTIFICATE = {
     "force_balance": ("float64", "|contact force + reaction of what is held| / |contact force|"),
     "min_det_F": ("float64", "least det F over the elements' quadrature points"),
     "inverted_elements": ("int32", "elements that are inside out somewhere, by a bound over each (conservative)"),
-    "stabilised_elements": ("int32", "elements that are kept open by a strain gradient and more volumetric stiffness"),
+    "stabilised_elements": ("int32", "elements that are kept open by a strain gradient and more bulk stiffness"),
     "rms_penetration_m": ("float64", "root mean square pointwise penetration over the contact area, m"),
     "max_penetration_m": ("float64", "largest pointwise penetration, m"),
     "newton_iterations": ("int32", "Newton iterations of this depth, all sub-steps"),

@@ -27,7 +27,7 @@ from .element_fields import (
 from .material import NeoHookean, cofactor, first_piola, first_piola_increment, mat33, mat33f, real, single, vec3f
 from .operator_blocks import REGISTERS, blocks_kernel, corner_blocks_kernel, diagonal_kernel
 from .solid import SingleSolid, Solid, extra_gamma, gradient_metric, modulus
-from .stabilisation import count_kernel, expect_kernel, raise_kernel, reinforce_kernel
+from .stabilisation import MOST_EXTRA_OF_LAM, count_kernel, expect_kernel, raise_kernel, reinforce_kernel
 from .validity import LEVELS, PARTS, inside_out_kernel
 
 wp.set_module_options({"enable_backward": False})
@@ -53,7 +53,7 @@ def residual_kernel(
     constraints = wp.vec4d()
     least = real(1.0e30)
     weight = s.weight[e, env]
-    gamma = s.gamma + s.mu * real(extra_gamma(weight))
+    gamma = s.gamma + s.mu * real(extra_gamma(weight, s.most_extra))
     for q in range(s.volumes.shape[1]):
         shapes = s.shapes[q]
         F = interpolate(shapes, Fa, Fb, Fc, Fd)
@@ -176,6 +176,7 @@ class Elasticity:
             s.weight = self.weight
             s.first_pressure = self.n_displacements
             s.mu, s.gamma, s.pressure_compliance = material.mu, material.gamma, material.pressure_compliance
+            s.most_extra = MOST_EXTRA_OF_LAM * material.lam / material.mu
         unknowns = self.n_displacements + self.n_pressures
         self._single.state = wp.zeros((unknowns, active.shape[0]), dtype=wp.float32, device=device)
         self._rough.state = self._single.state

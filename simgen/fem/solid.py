@@ -29,6 +29,7 @@ class Solid:
     first_pressure: wp.int32
     mu: wp.float64
     gamma: wp.float64
+    most_extra: wp.float32  # of gamma / mu that a stabilised element has more, see stabilisation.py
     pressure_compliance: wp.float64
 
 
@@ -46,15 +47,16 @@ class SingleSolid:
     first_pressure: wp.int32
     mu: wp.float32
     gamma: wp.float32
+    most_extra: wp.float32
     pressure_compliance: wp.float32
     damping: wp.array(dtype=wp.float32)  # (env,) eta mu of the damped tangent, see damping.py
     state: wp.array2d(dtype=wp.float32)  # (unknowns, env) deformed positions and pressures: where derivatives are taken
 
 
 @wp.func
-def extra_gamma(weight: single) -> single:
+def extra_gamma(weight: single, most: single) -> single:
     """What a stabilised element has of gamma / mu on top of the material's."""
-    return wp.min(weight, single(128.0))
+    return wp.min(weight, most)
 
 
 @wp.func
@@ -84,7 +86,7 @@ def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32, env:
     out.metric = s.metric[e, q]
     if s.damping[env] > single(0.0):
         out.metric += (s.damping[env] / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
-    gamma = s.gamma + s.mu * extra_gamma(s.weight[e, env])
+    gamma = s.gamma + s.mu * extra_gamma(s.weight[e, env], s.most_extra)
     out.alpha = tangent_transposed(J, p, s.mu, gamma)
     out.beta = tangent_volumetric(J, p, gamma)
     return out

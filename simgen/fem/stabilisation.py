@@ -1,18 +1,18 @@
 """Stabilisation of single elements that are about to turn inside out.
 
-Under the rim of an edge a neo-Hookean surface is compressed so far that it would fold into itself, at whatever length
-the mesh allows (Biot's instability; Hohlfeld and Mahadevan, Phys. Rev. Lett. 106, 2011). Quadratic elements then turn
-inside out between their integration points, more of them the finer the mesh. Two energies keep an element open, both
-times its weight w::
+Under the rim of an edge the free surface is compressed so far that a neo-Hookean solid folds into itself, at any length
+that the mesh allows (Biot's instability; Hohlfeld and Mahadevan, Phys. Rev. Lett. 106, 2011). Quadratic elements then
+turn inside out between their integration points. A finer mesh has more of them. Two energies keep an element open. Both
+grow with the element's weight w::
 
-    w mu / 32  mean over the element of |grad u - mean of grad u|^2   (strain gradient, with the element's own length)
-    min(w, 128) mu / 2  (J - 1)^2                                     (more of the volumetric stiffness acts pointwise)
+    w mu / 32  mean over the element of |grad u - mean of grad u|^2     (strain gradient; its length is the element's)
+    min(w mu, lam / 4) / 2  (J - 1)^2                                   (volume, pointwise)
 
 The first is quadratic in u, zero for uniform strains of any size and for rotations, and vanishes as h^2 for smooth
-ones. The second is the split of ``material.py``, in one element. Weights are zero until an element needs one, and
-never fall during a press: an element that is nearly flat, at the start of an increment or where it is expected to end,
-gets one; an element that is inside out where an increment has converged gets twice as much, and the increment is
-solved again (see ``march``).
+fields. The second raises the bulk stiffness by a quarter at most, so that compressible solids stay so. Weights are zero
+until an element needs one, and never fall during a press. An element gets one when it is nearly flat where an increment
+starts or is expected to end. If it is inside out where the increment has converged, it gets twice as much, and the
+increment is solved again (see ``march``).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from .validity import is_inside_out, least_at_corners, least_coefficient
 wp.set_module_options({"enable_backward": False})
 
 FIRST, MOST = wp.constant(wp.float32(2.0)), wp.constant(wp.float32(1024.0))  # weights
+MOST_EXTRA_OF_LAM = 0.25
 FLAT = wp.constant(wp.float64(0.2))  # det F somewhere in an element, by its bound, below which it gets a weight
 
 
