@@ -102,7 +102,7 @@ def scatter_gradients(
 
 @wp.func
 def without_mean(A: Any, B: Any, C: Any, D: Any):
-    """What four matrices at the corners differ from their mean by."""
+    """Deviations of four matrices at the corners from their mean."""
     mean = A.dtype(0.25) * (A + B + C + D)
     return A - mean, B - mean, C - mean, D - mean
 

@@ -97,7 +97,7 @@ def gradient_deviation(a: wp.int32, corner: wp.int32) -> vec3f:
 
 @wp.func
 def deviation_product(a: wp.int32, b: wp.int32, G: mat33f) -> single:
-    """What node b's displacement does to node a's force, by the stabilisation's strain gradient."""
+    """Force on node a by the displacement of node b, from the stabilisation's strain gradient."""
     total = single(0.0)
     for corner in range(4):
         total += wp.dot(gradient_deviation(a, corner), G * gradient_deviation(b, corner))

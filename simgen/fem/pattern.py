@@ -38,7 +38,7 @@ class BlockPattern:
             self.face_index.append(on_device(np.searchsorted(unique, f[:, :, None] * n + f[:, None, :])))
 
     def graph(self) -> sparse.csr_array:
-        """Which nodes (n, n) have blocks together."""
+        """Graph (n, n) of the nodes that have blocks together."""
         ones = np.ones(self.n_blocks)
         return sparse.csr_array((ones, self.host_columns, self.host_row_starts), shape=(self.n, self.n))
 

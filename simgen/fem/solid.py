@@ -55,7 +55,7 @@ class SingleSolid:
 
 @wp.func
 def extra_gamma(weight: single, most: single) -> single:
-    """What a stabilised element has of gamma / mu on top of the material's."""
+    """Share of gamma / mu that a stabilised element has on top of the material's."""
     return wp.min(weight, most)
 
 

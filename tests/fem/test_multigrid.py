@@ -139,7 +139,7 @@ def test_rigid_motions_leave_distances():
 
 
 def test_aggregates_carry_rigid_motions():
-    """Where nothing is held, the coarse space holds them exactly."""
+    """If nothing is held, the coarse space holds them exactly."""
     nodes, tets, n, _ = box((9, 9, 9), SIZE)
     pattern = BlockPattern(n, tets[:, :4], [], "cpu")
     space = coarse_space(pattern.graph(), nodes[:n], np.ones(3 * n, dtype=bool))
