@@ -19,10 +19,9 @@ from __future__ import annotations
 
 import warp as wp
 
-from .element_fields import corner_gradients
 from .material import real, single
 from .solid import Solid
-from .validity import is_inside_out, least_at_corners, least_coefficient
+from .validity import deformed_corners, is_inside_out, least_at_corners, least_coefficient
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,8 +46,7 @@ def expect_kernel(
     env = active[lane]
     if env < 0:
         return
-    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
-    A, B, C, D = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+    A, B, C, D = deformed_corners(s, x, e, env)
     rest = least_at_corners(s.rest[e, 0], s.rest[e, 1], s.rest[e, 2], s.rest[e, 3])
     least = wp.min(least_at_corners(A, B, C, D), least_coefficient(A, B, C, D)) / rest
     if least < FLAT:
@@ -77,8 +75,7 @@ def raise_kernel(
     env = active[lane]
     if env < 0:
         return
-    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
-    A, B, C, D = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+    A, B, C, D = deformed_corners(s, x, e, env)
     if weight_out[e, env] < MOST and is_inside_out(A, B, C, D, parts, levels):
         weight_out[e, env] = wp.max(single(2.0) * weight_out[e, env], FIRST)
         wp.atomic_add(raised_out, env, 1)

@@ -99,6 +99,13 @@ def is_inside_out(A: mat33, B: mat33, C: mat33, D: mat33, parts: wp.array(dtype=
     return False
 
 
+@wp.func
+def deformed_corners(s: Solid, x: wp.array2d(dtype=wp.float64), e: wp.int32, env: wp.int32):
+    """Derivatives dx/dxi at an element's corners in state x: four matrices 3 x 3, mm."""
+    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
+    return s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+
+
 @wp.kernel
 def inside_out_kernel(
     s: Solid,
@@ -113,7 +120,6 @@ def inside_out_kernel(
     env = active[lane]
     if env < 0:
         return
-    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
-    A, B, C, D = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+    A, B, C, D = deformed_corners(s, x, e, env)
     if is_inside_out(A, B, C, D, parts, levels):
         wp.atomic_add(count_out, env, 1)
