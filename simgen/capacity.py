@@ -4,13 +4,16 @@ import warp as wp
 
 from simgen.errors import InputError
 from simgen.fem.aggregation import SMALL
+from simgen.fem.dense_inverse import SIDE, WIDE
 from simgen.fem.element import ELEMENTS
 from simgen.fem.krylov_kernels import WINDOW
 from simgen.fem.newton import SolverSettings
 from simgen.sensor import Sensor
 from simgen.support import faces_in_reach
 
-AT_ONCE = {"cpu": 1, "cuda": 512}  # a core does one after the other; of an H200, 256 lose a tenth to the host
+AT_ONCE = {"cpu": 1, "cuda": 512}  # of a process: a core does one after the other
+# Of a GPU, which waits for Python a third of the time, and at the end of a task for few presses.
+PROCESSES = {"cpu": 1, "cuda": 2}
 USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
 
 
@@ -35,7 +38,7 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     if kind.pressures:
         vectors += 3
         blocks = 2 * nodes + blocks + corners
-        coarse = 4 * SMALL * (SMALL + 4)  # a dense inverse
+        coarse = 4 * SMALL * (SMALL + 2 * SIDE * WIDE)  # a dense inverse
     single = vectors * unknowns + 12 * corners
     in_contact = points * (3 * 24 + 36) + sum(44 * len(f) + 132 * len(set(f[:, :3].ravel())) for f in faces)
     output = 24 * len(sensor.output_mesh.vertices)
@@ -44,18 +47,26 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     return 8 * double + 4 * single + 36 * blocks + coarse + weights + products + in_contact + output
 
 
+def processes_of(device: str) -> int:
+    """Processes that share a device."""
+    return PROCESSES[device.partition(":")[0]]
+
+
 def at_once(device: str) -> int:
-    """Presses that are under way on a device where its memory allows them."""
-    return AT_ONCE[device.partition(":")[0]]
+    """Presses that are under way on a device, in all its processes, where its memory allows them."""
+    return AT_ONCE[device.partition(":")[0]] * processes_of(device)
 
 
 def presses_at_once(sensor: Sensor, device: str, element: str, settings: SolverSettings) -> int:
-    """As many as `at_once` says, or as many as the free memory holds. Raises InputError where that is none."""
-    most = at_once(device)
+    """Presses under way in one process: `AT_ONCE`, or what fits into its share of the free memory.
+
+    Raises InputError where that is none.
+    """
+    most = AT_ONCE[device.partition(":")[0]]
     if most == 1:
         return 1
     each, free = bytes_per_press(sensor, element, settings), wp.get_device(device).free_memory
-    fit = int(USABLE * free / each)
+    fit = int(USABLE * free / (each * processes_of(device)))
     if fit < 1:
         raise InputError(
             f"{device}: {free / 1e9:.2g} GB of memory are free, one press on sensor {sensor.name} takes "

@@ -22,7 +22,7 @@ from simgen.shard_writer import Failure
 from simgen.workers import Workers
 
 # A task on a GPU: so many that the presses at its end, which leave the device idle, are few among them.
-PRESSES_PER_GPU_TASK = 4096
+PRESSES_PER_GPU_TASK = 2048
 SMALLER = 8  # times: a task that broke down is tried again in parts of which most may be sound
 
 
@@ -122,8 +122,8 @@ def divide(shards: list[int], size: int) -> list[list[int]]:
     return [shards[first : first + size] for first in range(0, len(shards), size)]
 
 
-def shards_per_task(shards: int, job: Job, gpus: int) -> int:
-    """As many as a GPU's task has room for, or fewer, so that all GPUs have the same number of tasks."""
+def shards_per_task(shards: int, job: Job, processes: int) -> int:
+    """As many as a GPU's task has room for, or fewer, so that all processes have the same number of tasks."""
     most = max(1, PRESSES_PER_GPU_TASK // job.dataset.presses_per_shard)
-    rounds = max(1, -(-shards // (most * gpus)))
-    return max(1, -(-shards // (rounds * gpus)))
+    rounds = max(1, -(-shards // (most * processes)))
+    return max(1, -(-shards // (rounds * processes)))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
+from .fem import columns
 from .fem.krylov_kernels import CHUNK, chunks
 from .fem.material import real
 from .fem.newton import SMALLEST_FORCE
@@ -91,9 +92,8 @@ class Samples:
         """Forces (3, env) of the held nodes on the body, at the last measured state."""
         balance, solver = self.scene.solver.balance, self.scene.solver
         self._sums.zero_()
-        dim = (chunks(self._nodes), 3, self.scene.batch)
         inputs = [balance.internal, balance.surface, solver.held, self._nodes, solver.active]
-        wp.launch(reaction_kernel, dim=dim, inputs=inputs, outputs=[self._sums], device=self.scene.device)
+        columns.launch(reaction_kernel, (chunks(self._nodes), 3), inputs, [self._sums])
         return self._sums.numpy()
 
     def displacement(self, environments: np.ndarray) -> np.ndarray:

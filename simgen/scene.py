@@ -54,7 +54,7 @@ class Scene:
         held = per_component(mesh.held[:n])
         split = self.settings.volumetric_split if kind.pressures else None
         solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)
-        active = columns.all_of(batch, device)
+        active = columns.Active(batch, device)
         body = Elasticity(kind, self.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
         k = (self.settings.contact_stiffness, self.settings.friction_stiffness)
         self.indenter_contact = Contact(kind, self.nodes, mesh.touchable, k, material.friction, device, active)

@@ -112,14 +112,13 @@ class Balance:
         self.active, self._held, self._step = elasticity.active, held, step
         self.internal, self.surface, self.residual = (wp.zeros_like(step) for _ in range(3))
         n, n_env = step.shape
-        self._dim = (chunks(n), n_env)
+        self._sections = chunks(n)
         self._sums = wp.zeros((7, n_env), dtype=wp.float64, device=step.device)
         self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
 
     def _sum(self, kernel, inputs, outputs) -> np.ndarray:
-        device = self.residual.device
         self._sums.zero_()
-        wp.launch(kernel, dim=self._dim, inputs=inputs, outputs=[*outputs, self._sums], device=device)
+        columns.launch(kernel, self._sections, inputs, [*outputs, self._sums])
         return self._sums.numpy()
 
     def _measure_sum(self) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from . import columns
 from .krylov_kernels import CHUNK, chunks
 from .material import mat33f, vec3f
 
@@ -31,8 +32,7 @@ def of_environment(blocks: wp.array, env: int) -> np.ndarray:
 
 def clear(blocks: wp.array, active):
     """Set the blocks of the active environments to zero."""
-    dim = (chunks(blocks.shape[1]), len(active))
-    wp.launch(clear_kernel, dim=dim, inputs=[active], outputs=[blocks], device=blocks.device)
+    columns.launch(clear_kernel, chunks(blocks.shape[1]), [active], [blocks])
 
 
 @wp.kernel

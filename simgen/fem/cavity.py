@@ -233,8 +233,7 @@ class Cavity:
         self.gradient = wp.zeros((3 * len(nodes), n_env), dtype=wp.float64, device=device)
 
     def _launch(self, kernel, inputs, outputs):
-        dim = (len(self.host_faces), self.active.shape[0])
-        wp.launch(kernel, dim=dim, inputs=[self.wetted, *inputs], outputs=outputs, device=self.device)
+        columns.launch(kernel, len(self.host_faces), [self.wetted, *inputs], outputs)
 
     def residual(self, x, residual_out):
         """Add the forces of p_c, and to its row the volume that the liquid lacks, mm3: V(0) + injected - V(u)."""

@@ -83,13 +83,10 @@ class CoarseLevel:
 
     def update(self, blocks: Blocks):
         """Follow the corners' blocks."""
-        m, device = self._m, self._inverse.device
-        dim, inputs = (m, len(self.active)), [m, self.n_motions, self.active]
-        wp.launch(clear_kernel, dim=dim, inputs=inputs, outputs=[self._inverse], device=device)
-        pattern = self.pattern
+        m, pattern = self._m, self.pattern
+        columns.launch(clear_kernel, m, [m, self.n_motions, self.active], [self._inverse])
         inputs = [pattern.row_starts, pattern.columns, blocks, self._motions, self._basis, m, self.active]
-        dim = (pattern.n, len(self.active))
-        wp.launch(galerkin_kernel, dim=dim, inputs=inputs, outputs=[self._inverse], device=device)
+        columns.launch(galerkin_kernel, pattern.n, inputs, [self._inverse])
         self._invert()
 
     def correct(self, residual, x):

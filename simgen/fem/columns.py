@@ -1,8 +1,8 @@
 """Environments are columns of all arrays: what is done to some of them while others stay.
 
-Which, a list on the device says: their numbers in order, then -1 (`listed`). A kernel's threads look theirs up there,
-so that those without work are whole warps, which end at once. With flags instead, a warp runs for any one of its 32
-environments: on a GPU an iteration with an eighth of them active took as long as one with all.
+`Active` lists those that kernels act in: their numbers in order, then -1. A kernel's threads look theirs up there, and
+`launch` starts no more threads than the list is long. On a GPU an iteration of few environments would otherwise take as
+long as one of all of them.
 """
 
 from __future__ import annotations
@@ -70,6 +70,43 @@ def beyond_kernel(
         x_out[i, env] = start[i, env] + factor[env] * (start[i, env] - before[i, env])
 
 
+class Active:
+    """The environments that kernels act in: all of them at first.
+
+    numbers : (env,) int32 on the device, see `listed`. Kernels may shorten it; then it is shorter than ``lanes`` says
+    lanes : threads that a row of a kernel needs: the environments, rounded up to a power of two on a GPU, so that there
+        are few graphs of different size
+    """
+
+    def __init__(self, n_env: int, device):
+        self.numbers = wp.array(np.arange(n_env), dtype=wp.int32, device=device)
+        self.device, self.shape, self.lanes = device, (n_env,), n_env
+        self._exact = wp.get_device(device).is_cpu
+
+    @classmethod
+    def of(cls, environments: np.ndarray, device) -> Active:
+        """The list of the environments (env,) bool."""
+        made = cls(len(environments), device)
+        made.choose(environments)
+        return made
+
+    def __len__(self):
+        return self.shape[0]
+
+    def assign(self, numbers: np.ndarray):
+        """Act in the environments of the list ``numbers`` (env,) from now on."""
+        self.numbers.assign(numbers)
+        count = max(int((numbers >= 0).sum()), 1)
+        self.lanes = count if self._exact else min(1 << (count - 1).bit_length(), len(self))
+
+    def choose(self, environments: np.ndarray):
+        """Act in the environments (env,) bool from now on."""
+        self.assign(listed(environments))
+
+    def numpy(self) -> np.ndarray:
+        return self.numbers.numpy()
+
+
 def listed(environments: np.ndarray) -> np.ndarray:
     """Numbers of the environments (env,) bool in order, then -1: (env,) int32."""
     numbers = np.full(len(environments), -1, dtype=np.int32)
@@ -85,13 +122,16 @@ def unlisted(numbers: np.ndarray) -> np.ndarray:
     return environments
 
 
-def all_of(n_env: int, device) -> wp.array:
-    """The list of all environments."""
-    return wp.array(np.arange(n_env), dtype=wp.int32, device=device)
+def launch(kernel, rows: int | tuple[int, ...], inputs: list, outputs: list):
+    """Launch a kernel over rows and the environments of the one `Active` among its inputs."""
+    [active] = [each for each in inputs if isinstance(each, Active)]
+    inputs = [each.numbers if each is active else each for each in inputs]
+    rows = rows if isinstance(rows, tuple) else (rows,)
+    wp.launch(kernel, dim=(*rows, active.lanes), inputs=inputs, outputs=outputs, device=active.device)
 
 
 def _launch(kernel, inputs, out):
-    wp.launch(kernel, dim=out.shape, inputs=inputs, outputs=[out], device=out.device)
+    launch(kernel, out.shape[0], inputs, [out])
 
 
 def copy(source, marked, out):

@@ -112,9 +112,8 @@ class Contact:
         self._saved = [wp.zeros_like(array) for array in self._history()]
         self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # where the last increment began
 
-    def _launch(self, kernel, inputs, outputs, dim=None):
-        dim = (len(self.host_faces), self.n_env) if dim is None else dim
-        wp.launch(kernel, dim=dim, inputs=[self.surface, *inputs], outputs=outputs, device=self.device)
+    def _launch(self, kernel, inputs, outputs, rows: int | tuple[int, ...] = 0):
+        columns.launch(kernel, rows or len(self.host_faces), [self.surface, *inputs], outputs)
 
     def set_shapes(self, shapes: list[RigidShape], count_overlap_as_touching: wp.array | None = None):
         """Give the environments rigid shapes, one each or (until :meth:`choose`) one for all; forget all tractions.
@@ -150,7 +149,7 @@ class Contact:
     def gap(self, x) -> np.ndarray:
         """Signed distance at all quadrature points: (face, q, env), mm."""
         gap = wp.zeros(self._points, dtype=wp.float64, device=self.device)
-        self._launch(gap_kernel, [x, self.active], [gap], dim=self._points)
+        self._launch(gap_kernel, [x, self.active], [gap], self._points[:2])
         return gap.numpy()
 
     def begin_increment(self, x_start, x_predicted, start_poses, poses, travel: np.ndarray):
@@ -188,7 +187,7 @@ class Contact:
         last one that was kept has changed would lead them.
         """
         factors = wp.array(factor, dtype=wp.float64, device=self.device)
-        self._launch(extrapolate_kernel, [*self._before, factors, self.active], [], dim=self._sums.shape)
+        self._launch(extrapolate_kernel, [*self._before, factors, self.active], [], self.n_slots)
 
     def keep(self, marked):
         """The increments of the listed environments (env,) have converged: the next ones go on along them."""
@@ -199,8 +198,7 @@ class Contact:
         """Faces that can touch in the active environments, where points may be off by ``travel`` (env,) mm."""
         s = self.surface
         self._travel.assign(travel)
-        device = self.device
-        wp.launch(no_candidates_kernel, dim=self.n_env, inputs=[self.active], outputs=[s.count], device=device)
+        columns.launch(no_candidates_kernel, (), [self.active], [s.count])
         outputs = [s.count, s.candidates, self._is_candidate]
         self._launch(find_candidates_kernel, [x, self._travel, self.active], outputs)
 
@@ -223,12 +221,12 @@ class Contact:
         """
         self._change.zero_()
         inputs = [self.weights, self._sums, self.active]
-        self._launch(change_kernel, inputs, [self._change], dim=self._sums.shape)
+        self._launch(change_kernel, inputs, [self._change], self.n_slots)
         return np.sqrt(self._change.numpy() / self.edge)
 
     def update_multipliers(self):
         """Project the tractions of the last ``residual`` onto the multipliers."""
-        self._launch(update_kernel, [self.weights, self._sums, self.active], [], dim=self._sums.shape)
+        self._launch(update_kernel, [self.weights, self._sums, self.active], [], self.n_slots)
 
     def linearize(self, x):
         self._launch(contact_tangent_kernel, [x, self.active], [self._tangent, self._touching])
@@ -263,7 +261,8 @@ class Contact:
 
         Over `corner_areas` they are tractions per rest area. Lanes are the active environments from ``first`` on.
         """
-        self._launch(corner_forces_kernel, [x, self.active, first], [sums], dim=(len(self.host_faces), sums.shape[2]))
+        dim, inputs = (len(self.host_faces), sums.shape[2]), [self.surface, x, self.active.numbers, first]
+        wp.launch(corner_forces_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.device)
 
     def nearest(self, x, dense: wp.array, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, nodes).

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
+from . import columns
 from .aggregation import coarse_space, largest_eigenvalue
 from .blocks import Blocks, block, clear, invert_kernel, load, of_environment, store, zeros
 from .coarse_level import CoarseLevel
@@ -124,7 +125,7 @@ class CornerCycle:
         faces = [contact.host_faces[:, :3] for contact in contacts]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra[:, :4], faces, device)
         self.held = held[: 3 * n]
-        self._dim, self._blocks = (n, n_env), zeros(self.pattern.n_blocks, n_env, device)
+        self._n, self._blocks = n, zeros(self.pattern.n_blocks, n_env, device)
         self._inverse = zeros(n, n_env, device)
         self._residual, self._direction, self._x = (
             wp.zeros((3 * n, n_env), dtype=wp.float32, device=device) for _ in range(3)
@@ -155,7 +156,7 @@ class CornerCycle:
         self._launch(invert_kernel, [self._blocks, self._diagonal, self.held, self.active], [self._inverse])
 
     def _launch(self, kernel, inputs, outputs):
-        wp.launch(kernel, dim=self._dim, inputs=inputs, outputs=outputs, device=self._inverse.device)
+        columns.launch(kernel, self._n, inputs, outputs)
 
     def _rows(self):
         return [self.pattern.row_starts, self.pattern.columns, self._blocks]

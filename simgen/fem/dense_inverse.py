@@ -1,21 +1,24 @@
 """Inverses of dense matrices, one for each environment, in place: Gauss-Jordan elimination by blocks of 4 x 4.
 
-Matrices lie in tiles of environments, as blocks do (see ``blocks``): entry (r, c) of a matrix of m rows is row r m + c
-of a tile. Pivots are not searched for: the matrices are stiffnesses, positive definite or nearly so. Single precision
-is enough for a preconditioner.
+Sixteen rows are eliminated at once. A matrix does not fit into the caches of a GPU, and this way it is read and written
+24 times instead of 96. Matrices lie in tiles of environments, as blocks do (see ``blocks``): entry (r, c) of a matrix
+of m rows is row r m + c of a tile. Pivots are not searched for: the matrices are stiffnesses, positive definite or
+nearly so. Single precision is enough for a preconditioner.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from . import columns
 from .blocks import TILE
 from .material import single
 
 wp.set_module_options({"enable_backward": False})
 
-SIDE = 4  # of a block
-STRIP = 8  # rows that one thread multiplies
+SIDE = wp.constant(4)  # of a block
+WIDE = wp.constant(4)  # blocks that are eliminated at once
+STRIP, AT_ONCE = 8, wp.constant(4)  # rows that one thread multiplies, and columns that it reads before it waits
 Matrices = wp.array3d(dtype=wp.float32)
 
 strip_of_rows = wp.types.vector(length=STRIP, dtype=wp.float32)
@@ -40,22 +43,24 @@ def store_block(matrices: Matrices, m: wp.int32, i: wp.int32, j: wp.int32, env: 
 @wp.kernel
 def scale_kernel(
     m: wp.int32,
+    first: wp.int32,
     k: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
     matrices_out: Matrices,
     column_out: wp.array3d(dtype=wp.float32),
 ):
-    """Set block column k aside, its pivot inverted, and multiply block row k by that inverse."""
-    j, lane = wp.tid()
+    """Of a square of blocks from ``first`` on: set block column k aside, its pivot inverted, and scale block row k."""
+    place, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
+    j = first + place
     pivot = wp.inverse(load_block(matrices_out, m, k, k, env))
     if j == k:
-        store_block(column_out, 4, k, 0, env, pivot)
+        store_block(column_out, SIDE * WIDE, place, 0, env, pivot)
     else:
-        store_block(column_out, 4, j, 0, env, load_block(matrices_out, m, j, k, env))
+        store_block(column_out, SIDE * WIDE, place, 0, env, load_block(matrices_out, m, j, k, env))
         store_block(matrices_out, m, k, j, env, pivot * load_block(matrices_out, m, k, j, env))
 
 
@@ -63,24 +68,80 @@ def scale_kernel(
 def eliminate_kernel(
     column: wp.array3d(dtype=wp.float32),
     m: wp.int32,
+    first: wp.int32,
     k: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
     matrices_out: Matrices,
 ):
-    """Take block row k from all others; block column k becomes what that does to the identity."""
-    i, j, lane = wp.tid()
+    """Of the same square: take block row k from the others; block column k becomes what that does to the identity."""
+    row, place, lane = wp.tid()
+    i, j = first + row, first + place
     env = active[lane]
     if env < 0 or (i == k and j != k):
         return
-    own = load_block(column, 4, i, 0, env)
+    own = load_block(column, SIDE * WIDE, row, 0, env)
     if j == k:
         if i != k:
-            own = single(-1.0) * own * load_block(column, 4, k, 0, env)
+            own = single(-1.0) * own * load_block(column, SIDE * WIDE, k - first, 0, env)
         store_block(matrices_out, m, i, k, env, own)
     else:
         change = own * load_block(matrices_out, m, k, j, env)
         store_block(matrices_out, m, i, j, env, load_block(matrices_out, m, i, j, env) - change)
+
+
+@wp.kernel
+def panels_kernel(
+    matrices: Matrices,
+    m: wp.int32,
+    first: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    column_out: wp.array3d(dtype=wp.float32),
+    rows_out: wp.array3d(dtype=wp.float32),
+):
+    """Set aside the block columns of a square, and its block rows times its inverse, which lies in its place."""
+    j, p, lane = wp.tid()
+    env = active[lane]
+    if env < 0 or (j >= first and j < first + WIDE):
+        return
+    store_block(column_out, SIDE * WIDE, j, p, env, load_block(matrices, m, j, first + p, env))
+    scaled = wp.mat44f()
+    for q in range(WIDE):
+        scaled += load_block(matrices, m, first + p, first + q, env) * load_block(matrices, m, first + q, j, env)
+    store_block(rows_out, m, p, j, env, scaled)
+
+
+@wp.kernel
+def update_kernel(
+    column: wp.array3d(dtype=wp.float32),
+    rows: wp.array3d(dtype=wp.float32),
+    m: wp.int32,
+    first: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    matrices_out: Matrices,
+):
+    """Take the rows of a square from all others at once; its columns become what that does to the identity."""
+    i, j, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    in_rows, in_columns = i >= first and i < first + WIDE, j >= first and j < first + WIDE
+    if in_rows:
+        if not in_columns:
+            store_block(matrices_out, m, i, j, env, load_block(rows, m, i - first, j, env))
+        return
+    change = wp.mat44f()
+    if in_columns:
+        for q in range(WIDE):
+            own = load_block(column, SIDE * WIDE, i, q, env)
+            change += own * load_block(matrices_out, m, first + q, j, env)
+    else:
+        change -= load_block(matrices_out, m, i, j, env)
+        for q in range(WIDE):
+            change += load_block(column, SIDE * WIDE, i, q, env) * load_block(rows, m, q, j, env)
+    store_block(matrices_out, m, i, j, env, single(-1.0) * change)
 
 
 @wp.kernel
@@ -98,17 +159,19 @@ def multiply_kernel(
     if env < 0:
         return
     sums = strip_of_rows()
-    for k in range(m):
-        value = x[k, env]
-        for r in range(STRIP):
-            sums[r] += matrices[env / TILE, k * m + strip * STRIP + r, env % TILE] * value
+    for first in range(0, m, AT_ONCE):
+        for i in range(AT_ONCE):
+            k = first + i
+            value = x[k, env]
+            for r in range(STRIP):
+                sums[r] += matrices[env / TILE, k * m + strip * STRIP + r, env % TILE] * value
     for r in range(STRIP):
         y_out[strip * STRIP + r, env] = sums[r]
 
 
 def padded(rows: int) -> int:
-    """Rows of the matrices that hold so many, in whole strips."""
-    return -(-rows // STRIP) * STRIP
+    """Rows of the matrices that hold so many, in whole strips and squares."""
+    return -(-rows // (SIDE * WIDE)) * SIDE * WIDE
 
 
 def zeros(m: int, n_env: int, device) -> wp.array:
@@ -122,30 +185,31 @@ class Inverter:
     def __init__(self, matrices: wp.array, m: int, active):
         self._matrices, self._m, self._active, self._graphs = matrices, m, active, {}
         tiles, _, places = matrices.shape
-        self._column = wp.zeros((tiles, SIDE * m, places), dtype=wp.float32, device=matrices.device)
+        self._column, self._rows = (
+            wp.zeros((tiles, SIDE * WIDE * m, places), dtype=wp.float32, device=matrices.device) for _ in range(2)
+        )
 
     def __call__(self):
-        lanes = int((self._active.numpy() >= 0).sum())
-        lanes = min(-(-lanes // TILE) * TILE, len(self._active))
+        lanes = self._active.lanes
         if lanes in self._graphs:
             wp.capture_launch(self._graphs[lanes])
             return
-        self._invert(lanes)  # and loads the kernels, which cannot be done while one captures
+        self._invert()  # and loads the kernels, which cannot be done while one captures
         if not wp.get_device(self._matrices.device).is_cpu:
             with wp.ScopedCapture(device=self._matrices.device) as captured:
-                self._invert(lanes)
+                self._invert()
             self._graphs[lanes] = captured.graph
 
-    def _invert(self, lanes: int):
-        m, n, device = self._m, self._m // SIDE, self._matrices.device
-        for k in range(n):
-            outputs = [self._matrices, self._column]
-            wp.launch(scale_kernel, dim=(n, lanes), inputs=[m, k, self._active], outputs=outputs, device=device)
-            inputs = [self._column, m, k, self._active]
-            wp.launch(eliminate_kernel, dim=(n, n, lanes), inputs=inputs, outputs=[self._matrices], device=device)
+    def _invert(self):
+        m, n, active, column, rows = self._m, self._m // SIDE, self._active, self._column, self._rows
+        for first in range(0, n, WIDE):
+            for k in range(first, first + WIDE):
+                columns.launch(scale_kernel, WIDE, [m, first, k, active], [self._matrices, column])
+                columns.launch(eliminate_kernel, (WIDE, WIDE), [column, m, first, k, active], [self._matrices])
+            columns.launch(panels_kernel, (n, WIDE), [self._matrices, m, first, active], [column, rows])
+            columns.launch(update_kernel, (n, n), [column, rows, m, first, active], [self._matrices])
 
 
 def multiply(matrices: wp.array, m: int, x, active, y_out):
     """y = M x (m, env), of symmetric matrices, in the active environments."""
-    inputs = [matrices, m, x, active]
-    wp.launch(multiply_kernel, dim=(m // STRIP, len(active)), inputs=inputs, outputs=[y_out], device=matrices.device)
+    columns.launch(multiply_kernel, m // STRIP, [matrices, m, x, active], [y_out])

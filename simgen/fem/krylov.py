@@ -43,20 +43,19 @@ class Dots:
     """Inner products of pairs of vectors (n, env), on the device as ``values`` (env,); those not active stay."""
 
     def __init__(self, n: int, active):
-        self._dim, self._active = (chunks(n), len(active)), active
+        self._sections, self._active = chunks(n), active
         self.values = wp.zeros(len(active), dtype=wp.float64, device=active.device)
 
     def __call__(self, a, b):
         columns.clear(self._active, self.values.reshape((1, -1)))
-        wp.launch(dots_kernel, dim=self._dim, inputs=[a, b, self._active], outputs=[self.values], device=a.device)
+        columns.launch(dots_kernel, self._sections, [a, b, self._active], [self.values])
         return self.values
 
 
 class ConjugateResiduals:
     """Work space for systems of ``n`` unknowns, one for each environment; at most ``size`` iterations.
 
-    ``active`` (env,) int32 on the device lists the environments that take part (see ``columns``); operator and
-    preconditioner read it too.
+    ``active`` lists the environments that take part (see ``columns``); operator and preconditioner read it too.
     """
 
     def __init__(self, n: int, size: int, device, active):
@@ -78,14 +77,11 @@ class ConjugateResiduals:
         self._keep, self._kept = (array(self.n_env, wp.int32) for _ in range(2))
         self._ticks, self._going = (array(1, wp.int32) for _ in range(2))
 
-    def _launch(self, kernel, dim, inputs, outputs):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
-
     def begin(self, b):
         """Start on the systems of the active environments, with right-hand sides b."""
         inputs = [b, self._norm(b, b), self.active]
         outputs = [self._residual, self._size, self._count, self._relative, self._stuck]
-        self._launch(begin_kernel, b.shape, inputs, outputs)
+        columns.launch(begin_kernel, len(b), inputs, outputs)
 
     def go_on(
         self, operator, preconditioner, tolerance: float, later: float, most: int, together=False, capture=False
@@ -103,19 +99,19 @@ class ConjugateResiduals:
         """
         began = columns.unlisted(self.active.numpy())
         tolerances = tolerance, later, EXACT if together else np.inf
-        sections = (chunks(len(self._residual)), self.n_env)
+        sections = chunks(len(self._residual))
         self._ticks.zero_()
-        self._launch(rest_kernel, self.n_env, [self._relative, self.active], [self._keep])
+        columns.launch(rest_kernel, (), [self._relative, self.active], [self._keep])
         self._close_ranks(most)
 
         def iterate():
             inputs = [self._residual, self._images, self._inverse_squares, self._count, self._stuck, self.active]
-            self._launch(source_kernel, sections, inputs, [self._source])
+            columns.launch(source_kernel, sections, inputs, [self._source])
             preconditioner(self._source, self._direction)
             operator(self._direction, self._image)
             self._advance(sections, tolerances, most)
 
-        key = (operator, preconditioner, *tolerances, most)
+        key = (operator, preconditioner, *tolerances, most, self.active.lanes)
         if capture and key in self._graphs:
             wp.capture_launch(self._graphs[key])
         else:
@@ -134,9 +130,9 @@ class ConjugateResiduals:
         Returns iterations (env,) and relative residuals (env,) of all, infinite where a system broke down.
         """
         inputs = [self._products, self._inverse_squares, self._count, self.active]
-        self._launch(substitute_kernel, self.n_env, inputs, [self._steps])
+        columns.launch(substitute_kernel, (), inputs, [self._steps])
         inputs = [self._directions, self._steps, self._count, self._size, self.active]
-        self._launch(end_kernel, x_out.shape, inputs, [x_out])
+        columns.launch(end_kernel, len(x_out), inputs, [x_out])
         return self._count.numpy().astype(int), self._relative.numpy().copy()
 
     def solve(self, operator, preconditioner, b, x_out, tolerance: float):
@@ -153,20 +149,21 @@ class ConjugateResiduals:
         """From the new direction and its image to the next residual."""
         count, active = self._count, self.active
         sums = [self._square, self._along, self._left]
-        self._launch(clear_kernel, self.n_env, [count, active], [self._products, *sums])
-        self._launch(project_kernel, sections, [self._images, self._image, count, active], [self._products])
+        columns.launch(clear_kernel, (), [count, active], [self._products, *sums])
+        columns.launch(project_kernel, sections, [self._images, self._image, count, active], [self._products])
         inputs = [self._direction, self._image, self._residual, self._products, self._inverse_squares, count, active]
         outputs = [self._directions, self._images, self._square, self._along]
-        self._launch(orthogonalize_kernel, sections, inputs, outputs)
+        columns.launch(orthogonalize_kernel, sections, inputs, outputs)
         inputs = [self._images, self._square, self._along, count, active]
         outputs = [self._inverse_squares, self._steps, self._residual, self._left]
-        self._launch(advance_kernel, sections, inputs, outputs)
+        columns.launch(advance_kernel, sections, inputs, outputs)
         inputs = [self._left, *tolerances, self.size, active]
-        self._launch(judge_kernel, self.n_env, inputs, [count, self._stuck, self._relative, self._keep])
+        columns.launch(judge_kernel, (), inputs, [count, self._stuck, self._relative, self._keep])
         self._close_ranks(most)
 
     def _close_ranks(self, most: int):
         """Shorten the list of the active ones to those to keep."""
         outputs = [self._kept, self._ticks, self._going]
-        self._launch(close_ranks_kernel, self.n_env, [self._keep, self.active, most], outputs)
-        wp.copy(self.active, self._kept)
+        inputs, numbers = [self._keep, self.active.numbers, most], self.active.numbers
+        wp.launch(close_ranks_kernel, dim=self.n_env, inputs=inputs, outputs=outputs, device=self.device)
+        wp.copy(numbers, self._kept)

@@ -205,10 +205,11 @@ def close_ranks_kernel(
     before = wp.int32(0)
     total = wp.int32(0)
     for k in range(active.shape[0]):
-        if active[k] >= 0:
-            if k < lane:
-                before += keep[k]
-            total += keep[k]
+        if active[k] < 0:
+            break
+        if k < lane:
+            before += keep[k]
+        total += keep[k]
     if lane >= total:
         kept_out[lane] = -1
     if active[lane] >= 0 and keep[lane] == 1:

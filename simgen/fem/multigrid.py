@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
+from . import columns
 from .aggregation import largest_eigenvalue
 from .blocks import Blocks, block, clear, invert_kernel, load, store, zeros
 from .corner_cycle import CornerCycle, chebyshev
@@ -77,7 +78,6 @@ class Multigrid:
         def vector(size):
             return wp.zeros((size, n_env), dtype=wp.float32, device=device)
 
-        self._dim = (n_nodes, n_env)
         self._blocks, self._inverse = (zeros(n_nodes, n_env, device) for _ in range(2))
         self._nodes = wp.array(np.arange(n_nodes), dtype=wp.int32, device=device)
         self._negative = vector(n)  # residual, with the opposite sign
@@ -125,14 +125,13 @@ class Multigrid:
         self.corners.update()
 
     def _launch(self, kernel, inputs, outputs):
-        wp.launch(kernel, dim=self._dim, inputs=inputs, outputs=outputs, device=self._inverse.device)
+        columns.launch(kernel, len(self._nodes), inputs, outputs)
 
     def _smooth(self, residual, x_out, sign: float = 1.0):
         self._launch(smooth_kernel, [self._inverse, residual, sign * self._step, self.active], [x_out])
 
     def _remainder(self, b, x):
-        dim = (chunks(b.shape[0]), b.shape[1])
-        wp.launch(negative_kernel, dim=dim, inputs=[b, self.active], outputs=[self._negative], device=b.device)
+        columns.launch(negative_kernel, chunks(b.shape[0]), [b, self.active], [self._negative])
         self._add_tangent(x, self._negative, rough=True)
 
     def apply(self, b, x_out):

@@ -121,7 +121,7 @@ class NewtonSolver:
         self.elasticity, self.contacts, self.settings, self.n_env = elasticity, contacts, settings, n_env
         self.cavity = cavity
         self.surface_terms = contacts if cavity is None else [*contacts, cavity]
-        self.active = elasticity.active  # list on the device that all kernels read
+        self.active = elasticity.active  # list that all kernels read
         device = elasticity.device
         self.n_unknowns = elasticity.n_displacements + elasticity.n_pressures + (cavity is not None)
         rows = np.zeros(self.n_unknowns, dtype=np.int32)
@@ -147,8 +147,8 @@ class NewtonSolver:
         return wp.zeros((self.n_unknowns, self.n_env), dtype=wp.float64, device=self.elasticity.device)
 
     def mark(self, environments: np.ndarray):
-        """Let kernels act in these environments (env,) bool; returns their list on the device."""
-        self.active.assign(columns.listed(environments))
+        """Let kernels act in these environments (env,) bool; returns their list."""
+        self.active.choose(environments)
         return self.active
 
     def _add_tangent(self, v, out, rough: bool):

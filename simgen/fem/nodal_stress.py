@@ -88,5 +88,5 @@ class NodalStress:
         Lanes are the active environments from number ``first`` on.
         """
         dim = (self._inputs[0].shape[0], sums.shape[2])
-        inputs = [self.body.solid, x, *self._inputs, self.body.active, first]
+        inputs = [self.body.solid, x, *self._inputs, self.body.active.numbers, first]
         wp.launch(nodal_stress_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.body.device)

@@ -184,8 +184,7 @@ class Elasticity:
         self._single.damping = self._rough.damping = self._damping
 
     def _launch(self, kernel, inputs, outputs):
-        dim = (len(self.host_tetrahedra), self.active.shape[0])
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+        columns.launch(kernel, len(self.host_tetrahedra), inputs, outputs)
 
     def residual(self, x, residual_out, min_det_out):
         """Add the internal forces and the volume constraint; lower ``min_det_out`` (env,) to the least det F."""
@@ -198,8 +197,7 @@ class Elasticity:
     def linearize(self, x):
         """Take derivatives at state x from now on."""
         state = self._single.state
-        inputs = [self._positions, x, self.active]
-        wp.launch(state_kernel, dim=state.shape, inputs=inputs, outputs=[state], device=self.device)
+        columns.launch(state_kernel, len(state), [self._positions, x, self.active], [state])
 
     def tangent(self, v, action_out, rough: bool = False):
         """Add the action of the derivative on v; a rough one will do for a preconditioner."""
@@ -227,7 +225,7 @@ class Elasticity:
 
     def reinforce(self, marked):
         """Stabilise all elements four times as much that are stabilised, in the listed environments (env,)."""
-        wp.launch(reinforce_kernel, dim=self.weight.shape, inputs=[marked], outputs=[self.weight], device=self.device)
+        self._launch(reinforce_kernel, [marked], [self.weight])
 
     def stabilised_elements(self) -> np.ndarray:
         """Number of elements (env,) that are stabilised in the active environments."""

@@ -139,8 +139,7 @@ class BlockTriangular:
         if self.cavity is not None:
             gradient = self.cavity.gradient  # no larger than the displacements: the rows below them stay zero
             active = self.elasticity.active
-            inputs, outputs = [gradient, self._held, active], [self._gradient]
-            wp.launch(free_part_kernel, dim=gradient.shape, inputs=inputs, outputs=outputs, device=gradient.device)
+            columns.launch(free_part_kernel, len(gradient), [gradient, self._held, active], [self._gradient])
             response = wp.zeros_like(self._response)
             self._displacements.apply(self._gradient, response)
             columns.copy(response, active, self._response)
@@ -152,8 +151,7 @@ class BlockTriangular:
         z_out.zero_()
         n_u, n_p = self.elasticity.n_displacements, self.elasticity.n_pressures
         if n_p:
-            inputs = [self._schur, r, n_u, self.elasticity.active]
-            wp.launch(pressures_kernel, dim=(n_p, r.shape[1]), inputs=inputs, outputs=[z_out], device=r.device)
+            columns.launch(pressures_kernel, n_p, [self._schur, r, n_u, self.elasticity.active], [z_out])
         self._displacements.apply(r, z_out)
         if self.cavity is not None:
             along = self._along(self._gradient, z_out)

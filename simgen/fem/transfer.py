@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
+from . import columns
 from .material import single
 
 wp.set_module_options({"enable_backward": False})
@@ -50,9 +51,7 @@ class Transfer:
         return [*indices, wp.array(matrix.data, dtype=wp.float32, device=device)]
 
     def _launch(self, matrix, rows, x, factor, keep, out):
-        dim = (rows, x.shape[1])
-        inputs = [*matrix, x, factor, keep, self._active]
-        wp.launch(sparse_kernel, dim=dim, inputs=inputs, outputs=[out], device=x.device)
+        columns.launch(sparse_kernel, rows, [*matrix, x, factor, keep, self._active], [out])
 
     def prolong(self, x, y_out):
         """y += M x."""

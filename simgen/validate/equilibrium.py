@@ -34,7 +34,7 @@ class DeadLoad:
         column = np.zeros((n_unknowns, 1))
         column[: forces.size, 0] = forces.ravel()
         self._forces = wp.array(column, dtype=wp.float64, device=device)
-        self._everywhere = columns.all_of(1, device)
+        self._everywhere = columns.Active(1, device)
         self.share = 1.0
 
     def residual(self, x, residual_out):
@@ -71,7 +71,7 @@ class Equilibrium:
 def make_body(mesh: Mesh, poisson_ratio: float, device: str) -> Elasticity:
     """The operator of a P2-P1 body of E = 1, with the volumetric split of presses."""
     solid = NeoHookean.from_engineering(1.0, poisson_ratio, SolverSettings().volumetric_split)
-    active = columns.all_of(1, device)
+    active = columns.Active(1, device)
     return Elasticity(P2P1, mesh.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
 
 

@@ -169,7 +169,7 @@ def elasticity_term(context: Context):
 def contact_term(context: Context):
     """The same for a sphere that overlaps the whole top of the block, by 0.3 to 0.6 mm."""
     mesh, settings, device = block(inside_only=True), SolverSettings(), context.device
-    active = columns.all_of(1, device)
+    active = columns.Active(1, device)
     stiffness = (settings.contact_stiffness, settings.friction_stiffness)
     contact = Contact(P2P1, mesh.nodes, top(mesh.nodes, mesh.faces), stiffness, 0.0, device, active)
     contact.set_shapes([rigid_shape(Kind.SPHERE, 7.0)])

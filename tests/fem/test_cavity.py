@@ -26,7 +26,7 @@ def boundary(element=P2P1, n_env=1, bend=0.0):
     nodes = nodes if element is P2P1 else nodes[:n_corners]
     x, y, z = nodes.T / 6.0
     nodes = nodes + bend * np.column_stack([y * y + x * z, z * z - x * y, x * x + y * z])
-    active = columns.all_of(n_env, "cpu")
+    active = columns.Active(n_env, "cpu")
     term = Cavity(element, nodes, faces, NOTHING_HELD, 3 * len(nodes), "cpu", active)
     return nodes, tets[:, : element.nodes], term
 
@@ -168,13 +168,13 @@ def test_environments_are_independent():
     _, _, single = boundary()
     for env in range(2):
         np.testing.assert_array_equal(together[:, env], residual(single, state(x[:, env]))[:, 0])
-    term.active.assign(columns.listed(np.array([1, 0]) == 1))
+    term.active.choose(np.array([1, 0]) == 1)
     assert np.abs(residual(term, wp.array(x, dtype=wp.float64, device="cpu"))[:, 1]).max() == 0.0
 
 
 def test_an_open_cavity_is_refused_unless_its_rim_is_held():
     nodes, _, _, faces = box()
-    active = columns.all_of(1, "cpu")
+    active = columns.Active(1, "cpu")
     cup = faces[~(nodes[faces][:, :, 1] < 1e-9).all(axis=1)]
     rim = open_rim(cup)
     edge = (np.abs(np.abs(nodes[:, [0, 2]]) - 3.0) < 1e-9).any(axis=1) & (nodes[:, 1] < 1e-9)
@@ -193,7 +193,7 @@ def test_a_rim_that_slides_in_planes_of_symmetry_is_as_good_as_closed():
     nodes += np.array([3.0, 0.0, 3.0])  # the planes of symmetry are x = 0, y = 0, z = 0
     outer = faces[(np.abs(nodes[faces] - [6.0, 4.0, 6.0]) < 1e-9).all(axis=1).any(axis=1)]
     held = nodes < 1e-9
-    active = columns.all_of(1, "cpu")
+    active = columns.Active(1, "cpu")
     term = Cavity(P2P1, nodes, outer, held, 3 * len(nodes), "cpu", active)
     assert residual(term, state(nodes * [0.1, 0.2, 0.3], 0.0))[-1, 0] == pytest.approx(144.0 * (1.1 * 1.2 * 1.3 - 1.0))
     rng = np.random.default_rng(6)

@@ -3,7 +3,7 @@ import warp as wp
 
 from simgen.fem import columns
 
-MARKED = wp.array(columns.listed(np.array([False, True, True])), dtype=wp.int32, device="cpu")
+MARKED = columns.Active.of(np.array([False, True, True]), "cpu")
 
 
 def array(values, dtype=wp.float64):

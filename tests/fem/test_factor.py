@@ -19,7 +19,7 @@ SINGLE = 1e-3  # single precision, times a condition of some thousands
 def test_a_factor_inverts_the_tangent_it_was_made_of():
     nodes, tets, n_corners, _ = box()
     nodes = nodes[:n_corners]
-    active = columns.all_of(1, "cpu")
+    active = columns.Active(1, "cpu")
     body = Elasticity(P1, nodes, tets, n_corners, NeoHookean.from_engineering(1.0, 0.499, None), "cpu", active)
     held = np.repeat(nodes[:, 1] > 4.0 - 1e-9, 3)
 
@@ -51,7 +51,7 @@ def test_a_factor_inverts_the_tangent_it_was_made_of():
 
 def test_a_singular_environment_is_named():
     nodes, tets, n_corners, _ = box()
-    active = columns.all_of(2, "cpu")
+    active = columns.Active(2, "cpu")
     nodes = nodes[:n_corners]
     body = Elasticity(P1, nodes, tets, n_corners, NeoHookean.from_engineering(1.0, 0.3, None), "cpu", active)
     held = np.zeros(3 * n_corners, dtype=np.int32)

@@ -88,7 +88,7 @@ def softer(mesh, poisson_ratio, device):
     """A body whose shear modulus is wrong by one part in a million."""
     right = NeoHookean.from_engineering(1.0, poisson_ratio, 3.0)
     wrong = NeoHookean(right.mu * (1.0 + 1e-6), right.lam, right.gamma, right.pressure_compliance)
-    active = columns.all_of(1, device)
+    active = columns.Active(1, device)
     return Elasticity(P2P1, mesh.nodes, mesh.tetrahedra, mesh.n_corners, wrong, device, active)
 
 
