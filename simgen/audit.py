@@ -15,7 +15,7 @@ from simgen import touch_audit
 from simgen.dataset import PLAN, Dataset, path_arrays
 from simgen.dataset_layout import faults
 from simgen.errors import InputError
-from simgen.fem.status import NOT_THERE, has_values, is_planned_end
+from simgen.fem.status import NOT_THERE, Status, has_values, is_planned_end
 from simgen.finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.job_schema import SURFACE_COMPONENTS, hash_of
 from simgen.splits import IN_NONE, SPLITS, number_presses, split_presses
@@ -199,8 +199,9 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         finite = _finite(dataset, f"{sensor}/{key}", converged.shape)
         yield named(sensor, f"{key} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("min_det_F")
-    bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(converged & ~(least > 0)))
-    found = f"{np.min(least, initial=np.inf, where=converged):.3f}"
+    valid = dataset[f"{sensor}/status"] == Status.CONVERGED
+    bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(valid & ~(least > 0)))
+    found = f"{np.min(least, initial=np.inf, where=valid):.3f}"
     yield Finding(sensor, "det F, least", found, "> 0", not bad, name("det F", bad), bad)
     yield _inside_out(sensor, np.where(converged, stored("inverted_elements"), 0), np.count_nonzero(converged))
     rms, deepest = (

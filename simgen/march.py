@@ -15,13 +15,8 @@ from .fem.status import Status
 from .indenter_path import moved
 from .scene import Scene
 
-# Starts beyond the last state, by the whole of a step, two thirds, a third; then from it as it is.
-GUESSES = 3
 FURTHEST = 3.0  # of the last step, that a start may lie beyond: a short one says little of one that is much longer
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
-# Least det F of such a start over that of the last state. Large strains do not go on along a line: under a cube at the
-# rim the forces of a start without any bound were two to five times the contact's.
-LEAST_GUESS_SHARE = 0.3
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1
@@ -71,12 +66,11 @@ class March:
         batch = scene.batch
         self.press = np.full(batch, NO_PRESS)
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
-        self._min_det, self._rejections = np.ones(batch), np.zeros(batch, dtype=int)  # of the last state, of its guess
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
         self._repeats = np.zeros(batch, dtype=int)  # of the increment under way
         self._damping = np.zeros(batch)  # largest since the last row
         self._reinforced = np.zeros(batch, dtype=bool)  # tried once more before it was given up
-        self.goal, self._guessed = np.zeros(batch), np.zeros(batch, dtype=bool)
+        self.goal = np.zeros(batch)
         self.spacing = np.full(batch, self._spacing[0])  # of the leg under way
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
         self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
@@ -84,14 +78,14 @@ class March:
 
     def to_the_end(self):
         self._load()
-        self._begin(self.press != NO_PRESS, np.zeros(self.scene.batch, dtype=bool))
+        self._begin(self.press != NO_PRESS)
         while (self.press != NO_PRESS).any():
             ended = self.solver.iterate()
             if ended.any():
                 ended &= ~self._solve_again(ended)
-                rejected = self._settle(ended)
+                self._settle(ended)
                 self._load()
-                self._begin(ended & (self.press != NO_PRESS), rejected)
+                self._begin(ended & (self.press != NO_PRESS))
 
     def _load(self):
         """Presses that wait into environments that are free."""
@@ -103,7 +97,6 @@ class March:
             array[free] = 0
         self._calm[free] = CALM
         self._reinforced[free] = False
-        self._min_det[free] = 1.0
         self.step[free] = self.spacing[free] = self._spacing[0]
         fresh = np.zeros(self.scene.batch, dtype=bool)
         fresh[free] = True
@@ -117,11 +110,11 @@ class March:
         place = self._place(way)
         return moved(self._poses[self.press], place[:, :3], place[:, 3] / TURN_LEVER_MM)
 
-    def _begin(self, starting: np.ndarray, rejected: np.ndarray):
-        """The next increment in the environments (env,) bool; where a guess was rejected, with a nearer one.
+    def _begin(self, starting: np.ndarray):
+        """The next increment in the environments (env,) bool.
 
-        A guess goes on from the last two states, displacements and multipliers, as far as the path goes on along their
-        line. Where points enter contact the whole of it says, even where it is no start to solve from.
+        Its guess goes on from the last two states, displacements and multipliers, as far as the path goes on along
+        their line. It also says where points enter contact.
         """
         if not starting.any():
             return
@@ -139,16 +132,11 @@ class March:
         length = (last**2).sum(axis=-1)
         onwards = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         onwards = np.clip(onwards, 0.0, FURTHEST)
-        self._rejections[starting] = np.where(rejected, self._rejections + 1, 0)[starting]
-        factor = onwards * np.maximum(1.0 - self._rejections / GUESSES, 0.0)
-        self._guessed = np.where(starting, factor != 0.0, self._guessed)
         marked = solver.mark(starting)
         columns.copy(solver.x, marked, self.x_start)
         columns.go_beyond(self.x_previous, self.x_start, onwards, marked, solver.trial)
-        solver.mark(starting & ~rejected)
         for x in (self.x_start, solver.trial):
             solver.elasticity.expect(x)
-        marked = solver.mark(starting)
         self._now[starting] = self._pose(self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
         # No point of an indenter moves further: the tip's way, and an arc at the rim.
@@ -157,11 +145,9 @@ class March:
         self.scene.indenter_contact.begin_increment(self.x_start, solver.trial, before, self._now, travel)
         for contact in self.scene.fixed_contacts:
             contact.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
-        if rejected.any():
-            columns.go_beyond(self.x_previous, self.x_start, factor, marked, solver.trial)
         for contact in solver.contacts:
-            contact.extrapolate(factor)
-        solver.begin(starting, np.where(self._guessed, LEAST_GUESS_SHARE * self._min_det, 0.0))
+            contact.extrapolate(onwards)
+        solver.begin(starting)
 
     def _solve_again(self, ended: np.ndarray) -> np.ndarray:
         """Solve increments again that have converged to a state that cannot be kept.
@@ -187,7 +173,7 @@ class March:
             self._repeats[again] += 1
             self._count_cost(again)
             columns.copy(solver.x, solver.mark(again), solver.trial)
-            solver.begin(again, -np.inf)
+            solver.begin(again)
         return again
 
     def _count_cost(self, ended: np.ndarray):
@@ -195,17 +181,15 @@ class March:
         self.cost[:2, ended] += np.stack([out.newton_iterations, out.krylov_iterations])[:, ended]
         self._damping[ended] = np.maximum(self._damping, out.most_damping)[ended]
 
-    def _settle(self, ended: np.ndarray) -> np.ndarray:
-        """Keep or take back the increments that have ended; returns where (env,) only the guess was rejected."""
+    def _settle(self, ended: np.ndarray):
+        """Keep or take back the increments that have ended."""
         solver, out = self.solver, self.solver.increment
-        rejected = ended & self._guessed & (out.status == Status.INVERTED) & (out.newton_iterations == 0)
-        ended = ended & ~rejected
         self._count_cost(ended)
         self.cost[2, ended] += 1
         converged = ended & (out.status == Status.CONVERGED)
         failed = ended & ~converged
-        if (rejected | failed).any():  # back to where they began
-            marked = solver.mark(rejected | failed)
+        if failed.any():  # back to where they began
+            marked = solver.mark(failed)
             columns.copy(self.x_start, marked, solver.x)
             for contact in solver.contacts:
                 contact.restore(marked)
@@ -231,11 +215,9 @@ class March:
         self.previous[converged] = self.way[converged]
         self.way[converged] = self.target[converged]
         self._calm[converged] += 1
-        self._min_det[converged] = out.min_det[converged]
         longer = converged & (self._calm >= CALM)
         self.step[longer] = np.minimum(2.0 * self.step, self.spacing)[longer]
         self._store(converged & (self.target == self.goal))
-        return rejected
 
     def _end(self, env: int, status: int):
         self.final[self.press[env]] = status

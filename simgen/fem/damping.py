@@ -40,7 +40,7 @@ class Damping:
 
     def raise_(self, environments: np.ndarray):
         """Damp the environments (env,) bool twice as much."""
-        self.eta[environments] = np.maximum(2.0 * self.eta, FIRST)[environments]
+        self.eta[environments], self._last[environments] = np.maximum(2.0 * self.eta, FIRST)[environments], np.inf
         self._since_raised[environments] = 0
         self.used |= environments
 

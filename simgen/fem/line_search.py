@@ -1,4 +1,4 @@
-"""Line search: det F stays positive, forces bounded, and the step's virtual work does not overshoot zero.
+"""Line search: forces stay bounded, and the step's virtual work does not overshoot zero.
 
 Friction makes the tangent jump between stick and slip, and full steps then cycle between two states; the virtual work
 of the out-of-balance forces along the step changes sign in between (Crisfield's line search). Work that is nothing but
@@ -36,21 +36,18 @@ class LineSearch:
         self._size[on], self._work[on], self._noise[on] = size[on], work[0, on], ROUNDING * work[1, on]
         self._work_low[on], self._work_high[on] = work[0, on], np.nan
 
-    def judge(
-        self, tried: Measured, least_determinant: np.ndarray, first: np.ndarray, working: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def judge(self, tried: Measured, first: np.ndarray, working: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of the tried states are taken, and which searches (env,) bool go on with another ``alpha``.
 
-        ``first`` marks guesses, which are taken unless they are inverted; searches that do neither have failed.
+        ``first`` marks guesses, which are taken if their forces are finite; searches that do neither have failed.
         """
-        sound = tried.min_det > least_determinant
-        usable = sound & (tried.size <= MOST_GROWTH * self._size)
+        usable = tried.size <= MOST_GROWTH * self._size
         allowed, bracketed = OVERSHOOT * self._work, usable & (self._work > self._noise)
         over = bracketed & (tried.work < -allowed)
         under = bracketed & (tried.work > allowed) & np.isfinite(self._high)
         self._trials += working & ~first
         again = working & ~first & (over | under | ~usable) & (self._trials < MOST_TRIALS)
-        taken = working & ~again & np.where(first, sound, usable)
+        taken = working & ~again & np.where(first, np.isfinite(tried.size), usable)
         over, under, broken = (again & each for each in (over, under, ~usable))
         self._high, self._work_high = np.where(over, [self.alpha, tried.work], [self._high, self._work_high])
         self._low, self._work_low = np.where(under, [self.alpha, tried.work], [self._low, self._work_low])

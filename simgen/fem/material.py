@@ -11,6 +11,11 @@ With lam = gamma + (lam - gamma), only the second part is enforced through the c
 
 Eliminating p pointwise returns psi(F): the split changes how one and the same material is discretised, and keeps the
 displacement block definite in deep presses (as "grad-div" stabilisation does for incompressible flow).
+
+Below J = 1/20 the logarithm is continued by its Taylor polynomial of second order, so that a state has finite forces
+even where elements are inside out (Stomakhin, Howes, Schroeder and Teran, *Energetically consistent invertible
+elasticity*, SCA 2012). Newton's method passes through such states on its way. A sample that ends in one is marked as
+inside out.
 """
 
 from __future__ import annotations
@@ -63,6 +68,30 @@ def cofactor(F: Any):
     return wp.matrix_from_cols(wp.cross(f1, f2), wp.cross(f2, f0), wp.cross(f0, f1))
 
 
+LEAST_LOGARITHM = wp.constant(0.05)  # J below which the logarithm is continued
+LEAST_DIVISOR = wp.constant(1e-3)  # of |J|, where derivatives are divided by it
+
+
+@wp.func
+def log_slope(J: Any):
+    """d ln J / dJ, continued below `LEAST_LOGARITHM`."""
+    nearest = wp.max(J, type(J)(LEAST_LOGARITHM))
+    return (type(J)(2.0) * nearest - J) / (nearest * nearest)
+
+
+@wp.func
+def log_curvature(J: Any):
+    """Second derivative of the same function."""
+    nearest = wp.max(J, type(J)(LEAST_LOGARITHM))
+    return -type(J)(1.0) / (nearest * nearest)
+
+
+@wp.func
+def divisor(J: Any):
+    """J, but no nearer to zero than `LEAST_DIVISOR`."""
+    return wp.sign(J) * wp.max(wp.abs(J), type(J)(LEAST_DIVISOR))
+
+
 @wp.func
 def volumetric_stress(J: Any, p: Any, gamma: Any):
     """gamma (J - 1) + p."""
@@ -71,38 +100,38 @@ def volumetric_stress(J: Any, p: Any, gamma: Any):
 
 @wp.func
 def first_piola(F: Any, cof: Any, metric: Any, J: Any, p: Any, mu: Any, gamma: Any):
-    """dpsi/dF = mu (F - F^-T) + (gamma (J - 1) + p) cof F, with metric = mu I.
+    """dpsi/dF = mu F + (gamma (J - 1) + p - mu d ln J / dJ) cof F, with metric = mu I.
 
     In other coordinates xi of the rest shape, with g = dxi/dX and F_xi = dx/dxi, the same formula holds for the stress
     that does work on derivatives by xi, with mu g g^T and cof F g^T = cof F_xi / det (dX/dxi).
     """
-    return F * metric + (volumetric_stress(J, p, gamma) - mu / J) * cof
+    return F * metric + (volumetric_stress(J, p, gamma) - mu * log_slope(J)) * cof
 
 
 @wp.func
 def cauchy(F: Any, J: Any, p: Any, mu: Any, gamma: Any):
-    """P F^T / J = mu / J (F F^T - I) + (gamma (J - 1) + p) I."""
+    """P F^T / J = mu / J (F F^T - J d ln J / dJ I) + (gamma (J - 1) + p) I."""
     one = wp.diag(wp.vector(type(J)(1.0), type(J)(1.0), type(J)(1.0)))
-    return (mu / J) * (F * wp.transpose(F) - one) + volumetric_stress(J, p, gamma) * one
+    return (mu / J) * (F * wp.transpose(F) - (J * log_slope(J)) * one) + volumetric_stress(J, p, gamma) * one
 
 
 @wp.func
 def tangent_transposed(J: Any, p: Any, mu: Any, gamma: Any):
     """Coefficient alpha of ``cof dF^T cof`` in dP; see :func:`first_piola_increment`."""
-    return (mu / J - volumetric_stress(J, p, gamma)) / J
+    return (mu * log_slope(J) - volumetric_stress(J, p, gamma)) / divisor(J)
 
 
 @wp.func
-def tangent_volumetric(J: Any, p: Any, gamma: Any):
+def tangent_volumetric(J: Any, p: Any, mu: Any, gamma: Any):
     """Coefficient beta of ``(cof : dF) cof`` in dP; see :func:`first_piola_increment`."""
-    return gamma + volumetric_stress(J, p, gamma) / J
+    return gamma - mu * log_curvature(J) - tangent_transposed(J, p, mu, gamma)
 
 
 @wp.func
 def first_piola_increment(dF: Any, cof: Any, metric: Any, alpha: Any, beta: Any, dp: Any):
     """dP = dF metric + alpha cof dF^T cof + (beta cof : dF + dp) cof, with metric as in :func:`first_piola`.
 
-    From d(F^-T) = -F^-T dF^T F^-T and d(cof F) = ((cof : dF) cof - cof dF^T cof) / J.
+    From d(cof F) = ((cof : dF) cof - cof dF^T cof) / J.
     """
     return dF * metric + alpha * (cof * wp.transpose(dF) * cof) + (beta * wp.ddot(cof, dF) + dp) * cof
 

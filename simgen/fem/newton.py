@@ -1,9 +1,9 @@
 """Newton's method with contact multipliers updated as it goes, in many environments that each go their own way.
 
-Every iteration solves the linearised mixed system inexactly, steps with a line search that keeps det F positive, and
-then updates the multipliers, so that both converge together (a semismooth Newton method on the augmented Lagrangian;
-Alart and Curnier 1991). Environments begin, converge and fail independently: :meth:`NewtonSolver.iterate` carries each
-one on by an iteration, or by one more trial of its line search.
+Every iteration solves the linearised mixed system inexactly, steps with a line search, and then updates the
+multipliers, so that both converge together (a semismooth Newton method on the augmented Lagrangian; Alart and Curnier
+1991). Environments begin, converge and fail independently: :meth:`NewtonSolver.iterate` carries each one on by an
+iteration, or by one more trial of its line search.
 """
 
 from __future__ import annotations
@@ -66,9 +66,6 @@ def hold_kernel(
 
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
-# det F below which a step counts as inverted, unless it leaves this share of the least one: single elements at the edge
-# of a bond, where strains are singular, approach zero long before anything else is in danger.
-LEAST_DETERMINANT, LEAST_SHARE = 0.05, 0.2
 # Of the linear tolerance, from the fourth iteration on. Without, the slowest environment of a batch takes twice as many
 # iterations as a mean one; Newton's method takes none more for it on the DIGIT, 9 % more on the BioTac.
 LOOSER = 3.0
@@ -140,7 +137,7 @@ class NewtonSolver:
         # A press alone waits for itself. A batch does not wait for its slowest linear system.
         self._at_once = settings.krylov_size if n_env == 1 else KRYLOV_AT_ONCE
         self._together = n_env > 1 and not wp.get_device(device).is_cpu
-        self._least_start, self._best = np.zeros(n_env), np.zeros(n_env)
+        self._best = np.zeros(n_env)
         self._since_best, self._last_krylov = np.zeros((2, n_env), dtype=np.int64)
 
     def vector(self):
@@ -183,15 +180,13 @@ class NewtonSolver:
             self.iterate()
         return self.increment
 
-    def begin(self, environments: np.ndarray, least_determinant: float | np.ndarray = LEAST_DETERMINANT):
+    def begin(self, environments: np.ndarray):
         """Start an increment of the environments (env,) bool from their guess in ``self.trial``.
 
-        The contacts have been told by ``begin_increment``. A guess with less than ``least_determinant`` of det F ends
-        the increment as inverted, before any iteration.
+        The contacts have been told by ``begin_increment``.
         """
         self.working |= environments
         self._first |= environments
-        self._least_start = np.where(environments, least_determinant, self._least_start)
         fresh, now = Increment.empty(self.n_env), self.increment
         for name, values in vars(fresh).items():
             setattr(now, name, np.where(environments, values, getattr(now, name)))
@@ -225,21 +220,14 @@ class NewtonSolver:
         s, now = self.settings, self.increment
         self.mark(trying)
         measured = self.balance.measure(self.trial)
-        least = np.where(self._first, self._least_start, np.minimum(LEAST_DETERMINANT, LEAST_SHARE * now.min_det))
-        taken, again = self._search.judge(measured, least, self._first, trying)
-        inverted = trying & ~(measured.min_det > least)
+        taken, again = self._search.judge(measured, self._first, trying)
         lost = trying & ~taken & ~again
-        damped = lost & ~self._first & self.damping.can_raise(now.newton_iterations)
-        if damped.any():  # once more from the state that the search began at
-            self.damping.raise_(damped)
-            columns.copy(self.x, self.mark(damped), self.trial)
-            self._first |= damped
-            self._least_start[damped] = -np.inf
-            lost, trying = lost & ~damped, trying & ~damped
-        now.status[lost & inverted] = Status.INVERTED
+        stepped = taken & ~self._first
+        failed = lost & ~self._first & self.damping.can_raise(now.newton_iterations)
+        self._first &= ~taken & ~lost
         columns.copy(self.trial, self.mark(taken), self.x)
         # Multipliers that are good enough rest, so that Newton's method ends with quadratic convergence.
-        unfinished = taken & ~self._first & (measured.contact_error > s.contact_tolerance)
+        unfinished = stepped & (measured.contact_error > s.contact_tolerance)
         if unfinished.any():
             self.mark(unfinished)
             for contact in self.contacts:
@@ -254,15 +242,29 @@ class NewtonSolver:
         better = taken & (relative < 0.9 * self._best)
         self._best[better], self._since_best[better] = relative[better], 0
         self._since_best[taken & ~better] += 1
-        self.damping.raise_(~done & self.damping.follow(taken, relative, self._since_best))
+        damped = failed | ~done & self.damping.follow(stepped, relative, self._since_best)
+        if damped.any():
+            self._damp(damped)
         patience, most = self.damping.limits(PATIENCE, s.max_newton_iterations)
         hopeless = (self._since_best > patience) | (now.newton_iterations >= most)
-        onwards = taken & ~done & ~hopeless
+        onwards = taken & ~done & ~hopeless & ~damped
         self._size[onwards] = measured.size[onwards]
-        self._first &= ~taken & ~lost
         if onwards.any():
             self._begin_solving(onwards)
-        return again, trying & ~onwards & ~again
+        return again, trying & ~onwards & ~again & ~damped
+
+    def _damp(self, environments: np.ndarray):
+        """Damp the tangent more, and go on from the state that was taken last.
+
+        Where damping begins, elements that are inside out are stabilised: they are what the increment got stuck at.
+        """
+        begins = environments & (self.damping.eta == 0.0)
+        self.damping.raise_(environments)
+        if begins.any():
+            self.mark(begins)
+            self.elasticity.stabilise(self.x)
+        columns.copy(self.x, self.mark(environments), self.trial)
+        self._first |= environments
 
     def _begin_solving(self, environments: np.ndarray):
         """Start on Newton directions at ``x``."""
@@ -315,9 +317,12 @@ class NewtonSolver:
         """
         anew = stalled & self.damping.can_raise(self.increment.newton_iterations)
         if anew.any():
-            self.damping.raise_(anew & (self._fresh | self.preconditioner.factored))
+            damped = anew & (self._fresh | self.preconditioner.factored)
             self._last_krylov[anew] = self.settings.krylov_size
-            self._begin_solving(anew)
+            if damped.any():
+                self._damp(damped)
+            if (anew & ~damped).any():
+                self._begin_solving(anew & ~damped)
         return anew
 
     def _krylov_iterations(self, wanted: np.ndarray, most: int, factored: bool) -> tuple[np.ndarray, np.ndarray]:

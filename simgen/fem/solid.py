@@ -88,5 +88,5 @@ def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32, env:
         out.metric += (s.damping[env] / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
     gamma = s.gamma + s.mu * extra_gamma(s.weight[e, env], s.most_extra)
     out.alpha = tangent_transposed(J, p, s.mu, gamma)
-    out.beta = tangent_volumetric(J, p, gamma)
+    out.beta = tangent_volumetric(J, p, s.mu, gamma)
     return out

@@ -20,7 +20,7 @@ class Status(IntEnum):
 
     CONVERGED = 0
     NEWTON_STALLED = 1
-    INVERTED = 2
+    INVERTED = 2  # of older datasets: Newton's method now passes through such states
     LINEAR_SOLVER_STALLED = 3
     NEVER_TOUCHES = 4
     STARTS_INSIDE = 5
