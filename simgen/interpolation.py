@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
 INSIDE = 1e-12  # of the mesh's size: a point this near to an element's point is in the element
+FEW = 6  # elements with the nearest centroids: they hold nearly all points inside
 
 
 def shape_functions(barycentric: np.ndarray) -> np.ndarray:
@@ -66,31 +67,34 @@ def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
     The distance is zero (to rounding) for points inside; points outside are moved to the boundary of an
     element, and the distance says by how much, in the unit of the nodes.
     """
-    tree = cKDTree(nodes[tetrahedra[:, :4]].mean(axis=1))
-    element = np.zeros(len(points), dtype=np.int64)
-    barycentric = np.zeros((len(points), 4))
-    distance = np.full(len(points), np.inf)
-    todo = np.arange(len(points))
-    for candidates in (6, 32):  # few will do for nearly all points inside
-        _, near = tree.query(points[todo], k=range(1, min(candidates, len(tetrahedra)) + 1))
-        found = _nearest(nodes, tetrahedra, points[todo], near)
-        element[todo], barycentric[todo], distance[todo] = found
-        todo = np.flatnonzero(distance > INSIDE * np.ptp(nodes))
+    element_nodes = nodes[tetrahedra]
+    few = min(FEW, len(tetrahedra))
+    _, near = cKDTree(element_nodes[:, :4].mean(axis=1)).query(points, k=range(1, few + 1))
+    point = np.repeat(np.arange(len(points)), few)
+    element, barycentric, distance = _nearest(element_nodes, points, point, near.ravel())
+    # Beside a large element the centroids of many small ones may be nearer. What is nearer has a nearer box, too.
+    least, most = element_nodes.min(axis=1), element_nodes.max(axis=1)
+    pairs = [np.zeros((2, 0), dtype=np.int64)]
+    for i in np.flatnonzero(distance > INSIDE * np.ptp(nodes)):
+        gap = np.maximum(np.maximum(least - points[i], points[i] - most), 0.0)
+        near = np.flatnonzero((gap * gap).sum(axis=1) < distance[i] ** 2)
+        near = np.append(near, element[i])
+        pairs.append(np.stack([np.full_like(near, i), near]))
+    point, near = np.hstack(pairs)
+    again = np.unique(point)
+    element[again], barycentric[again], distance[again] = _nearest(element_nodes, points, point, near)
     return element, barycentric, distance
 
 
-def _nearest(nodes, tetrahedra, points, near) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The best of the candidate elements ``near`` (m, k) for each point, as `locate` returns it."""
-    count = near.shape[1]
-    near = near.ravel()
-    target = np.repeat(points, count, axis=0)
-    element_nodes = nodes[tetrahedra[near]]
-    barycentric = _to_simplex(_invert(element_nodes, target))
-    reached = np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes)
-    distance = np.linalg.norm(reached - target, axis=1).reshape(-1, count)
-    row = np.arange(len(points))
-    pick = row * count + distance.argmin(axis=1)
-    return near[pick], barycentric[pick], distance.ravel()[pick]
+def _nearest(element_nodes, points, point, element) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The best of the pairs of a ``point`` and an ``element`` (pairs,), for each point of them, as by `locate`."""
+    target = points[point]
+    barycentric = _to_simplex(_invert(element_nodes[element], target))
+    reached = np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes[element])
+    distance = np.linalg.norm(reached - target, axis=1)
+    order = np.lexsort([distance, point])
+    best = order[np.unique(point[order], return_index=True)[1]]
+    return element[best], barycentric[best], distance[best]
 
 
 def interpolation_matrix(simulation, points: np.ndarray) -> csr_matrix:

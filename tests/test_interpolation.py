@@ -54,6 +54,17 @@ def test_points_outside_go_to_the_nearest_place_and_say_how_far(box):
     assert distance[2] < 1e-15
 
 
+def test_a_point_in_a_large_element_beside_many_small_ones_is_found():
+    vertices, tetrahedra = sizing_grid(np.zeros(3), np.ones(3), 0.2)
+    large = np.array([[-0.1, -0.1, -1e-9], [9.0, 0.0, -1e-9], [0.0, 9.0, -1e-9], [0.0, 0.0, -9.0]])
+    large = straight_mesh(
+        np.concatenate([vertices, large]), np.vstack([tetrahedra, len(vertices) + np.array([[0, 2, 1, 3]])])
+    )
+    points = np.array([[0.5, 0.5, -0.01], [0.0, 0.0, -0.1], [0.9, 0.1, -0.05]])
+    element, _, distance = locate(large.nodes, large.tetrahedra, points)
+    assert (element == len(tetrahedra)).all() and distance.max() < 1e-14
+
+
 def test_shape_functions_are_one_at_their_own_node():
     corners = np.eye(4)
     nodes = np.concatenate([corners, corners[TET_EDGES].mean(axis=1)])
