@@ -90,7 +90,7 @@ def solve(
     loads : (n, 3) dead forces at the nodes, E mm2
     out_of_balance : Euclidean norm of what may be left over of the nodal forces, E mm2, and volumes, mm3
 
-    Raises RuntimeError where the solver gives up.
+    Raises RuntimeError where the solver gives up, and where it converges to a state that is inside out.
     """
     n_u, n_p = body.n_displacements, body.n_pressures
     load = DeadLoad(np.zeros_like(displacement) if loads is None else loads, n_u + n_p, body.device)
@@ -103,9 +103,10 @@ def solve(
         solver.settings = replace(solver.settings, residual_tolerance=out_of_balance / scale)
         solver.x.assign((x + step)[:, None])
         out = solver.solve(np.ones(1, dtype=bool))
-        if out.status[0] != Status.CONVERGED:
-            raise RuntimeError(f"step {number} of {steps}, residual {out.residual[0] * scale:.1e}: "
-                               f"{Status(out.status[0]).sentence}")  # fmt: skip
+        status = Status(out.status[0])
+        if status.is_failure or out.min_det[0] <= 0.0:
+            reason = status.sentence if status.is_failure else "an element is inside out"
+            raise RuntimeError(f"step {number} of {steps}, residual {out.residual[0] * scale:.1e}: {reason}")
         x = solver.x.numpy()[:, 0].copy()
     forces = solver.supports()[:n_u, 0]
     return Equilibrium(x[:n_u].reshape(-1, 3), x[n_u:], forces.reshape(-1, 3))
