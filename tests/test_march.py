@@ -5,6 +5,9 @@ import pytest
 from test_press import CUBE, DEPTHS, GEL, SPHERE, make_block, pose
 
 from simgen.distance import Kind
+from simgen.fem.balance import Balance
+from simgen.fem.contact import Contact
+from simgen.fem.newton import NEAR_BALANCE
 from simgen.fem.preconditioner import BlockTriangular
 from simgen.press import Scene, follow, press
 from simgen.shape import rigid_shape
@@ -29,6 +32,27 @@ def test_presses_that_touch_the_most_go_first(monkeypatch):
     assert loaded[1:] == [1, 2, 0]  # the first call is the scene's own, back to rest
     forces = [np.linalg.norm(result.force[-1]) for result in results]
     assert forces[1] > forces[2] > forces[0]  # and the results come in the order of the presses
+
+
+def test_multipliers_rest_far_from_balance(block, monkeypatch):
+    """A tilted cube's first contact overshoots; a multiplier that followed would carry that on."""
+    out_of_balance, followed = [], []
+    measure, update = Balance.measure, Contact.update_multipliers
+
+    def watch(balance, x):
+        measured = measure(balance, x)
+        out_of_balance.append(float(measured.size[0] / measured.load[0]) if measured.load[0] else np.inf)
+        return measured
+
+    def watch_update(contact):
+        followed.append(out_of_balance[-1])
+        update(contact)
+
+    monkeypatch.setattr(Balance, "measure", watch)
+    monkeypatch.setattr(Contact, "update_multipliers", watch_update)
+    result = press(Scene(block, GEL), [CUBE], pose(tilt_deg=10.0), np.array([0.1e-3, 0.2e-3]))[0]
+    assert (result.status == 0).all()
+    assert max(out_of_balance) > 1.0 and 0.0 < max(followed) <= NEAR_BALANCE
 
 
 def test_friction_begins_anew_after_the_indenter_has_left():

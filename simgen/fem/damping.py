@@ -18,7 +18,7 @@ FIRST, MOST, LEAST = 0.5, 50.0, 0.05  # eta: where it begins, where it is given 
 FADE = 0.85  # of eta that is left after an iteration
 WORSE = 3.0  # times the last residual: the damping was too little
 STUCK = 3  # iterations without a new least residual before an increment is damped
-PATIENCE, ITERATIONS = 40, 80  # of a damped increment: it goes slowly
+PATIENCE, ITERATIONS = 60, 160  # of a damped increment: it goes slowly
 
 
 class Damping:
