@@ -109,7 +109,7 @@ def test_a_long_leg_leaves_the_press_its_load_steps():
     pose[0, :3, 3] = [-4e-3, -8.3e-3, 3e-3]
     path = 1e-3 * np.array([[0.0, depth, 0.0] for depth in (0.4, 0.8, 1.2)])
     cube = [load_indenter("cube_14mm").shape()]
-    scene = Scene(digit, digit.materials["solid"], settings=SolverSettings(max_newton_iterations=7))
+    scene = Scene(digit, digit.materials["solid"], settings=SolverSettings(max_newton_iterations=8))
     alone = follow(scene, cube, pose, path)[0]
     turned = follow(scene, cube, pose, np.vstack([path, path[-1:]]), np.radians([0.0, 0.0, 0.0, 20.0]))[0]
     assert has_values(alone.status).all() and alone.certificate["substeps"].max() > 1
