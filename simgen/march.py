@@ -20,6 +20,7 @@ CALM = 4  # increments that converge before a step that was halved is doubled: o
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 NO_PRESS = -1
+SECOND_TRY = 0.5  # of the steps of the first
 MOST_REPEATS = 8  # of an increment whose state has elements inside out, or overlaps the indenter too far
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
@@ -70,6 +71,8 @@ class March:
         self._repeats = np.zeros(batch, dtype=int)  # of the increment under way
         self._damping = np.zeros(batch)  # largest since the last row
         self._reinforced = np.zeros(batch, dtype=bool)  # tried once more before it was given up
+        self._failed: dict[int, tuple] = {}  # rows, displacement and status of each press whose first try failed
+        self._share = np.ones(batch)  # of the longest steps that this try takes
         self.goal = np.zeros(batch)
         self.spacing = np.full(batch, self._spacing[0])  # of the leg under way
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
@@ -77,30 +80,30 @@ class March:
         self._now = np.tile(np.eye(4), (batch, 1, 1))  # poses at the end of the increments under way
 
     def to_the_end(self):
-        self._load()
-        self._begin(self.press != NO_PRESS)
+        self._begin(self._load())
         while (self.press != NO_PRESS).any():
             ended = self.solver.iterate()
             if ended.any():
                 ended &= ~self._solve_again(ended)
                 self._settle(ended)
-                self._load()
-                self._begin(ended & (self.press != NO_PRESS))
+                self._begin((ended | self._load()) & (self.press != NO_PRESS))
 
-    def _load(self):
-        """Presses that wait into environments that are free."""
+    def _load(self) -> np.ndarray:
+        """Presses that wait into environments that are free; returns which (env,) these are."""
+        fresh = np.zeros(self.scene.batch, dtype=bool)
         free = np.flatnonzero(self.press == NO_PRESS)[: len(self._waiting)]
         if not len(free):
-            return
+            return fresh
         self.press[free] = [self._waiting.popleft() for _ in free]
         for array in (self.way, self.previous, self.cost.T, self._repeats, self._damping):
             array[free] = 0
         self._calm[free] = CALM
         self._reinforced[free] = False
-        self.step[free] = self.spacing[free] = self._spacing[0]
-        fresh = np.zeros(self.scene.batch, dtype=bool)
+        self._share[free] = [SECOND_TRY if press in self._failed else 1.0 for press in self.press[free]]
+        self.step[free] = self.spacing[free] = self._share[free] * self._spacing[0]
         fresh[free] = True
         self.scene.load(fresh, np.maximum(self.press, 0))
+        return fresh
 
     def _place(self, way: np.ndarray) -> np.ndarray:
         """The places (env, 4) mm of the indenters on their path: offsets from first touch, and turns as lengths."""
@@ -122,9 +125,9 @@ class March:
         stored = np.array([len(self.rows[press]) if press != NO_PRESS else 0 for press in self.press])
         segment = np.minimum(stored, len(self.path) - 1)
         self.goal = self._way_to[1 + segment]
-        another = self._spacing[segment] != self.spacing
-        self.step = np.where(another, self._spacing[segment], self.step)
-        self.spacing = self._spacing[segment]
+        spacing = self._share * self._spacing[segment]
+        self.step = np.where(spacing != self.spacing, spacing, self.step)
+        self.spacing = spacing
         target = np.minimum(self.way + self.step, self.goal)
         self.target = np.where(starting, np.where(self.goal - target < 1e-9, self.goal, target), self.target)
         here = self._place(self.way)
@@ -154,16 +157,22 @@ class March:
 
         Elements that are inside out are stabilised more, and where a sample is due, faces that overlap the indenter too
         far are stiffened. Returns which (env,) of those that ``ended`` go on. One that does not converge again is
-        solved once more from its start, and its state is then accepted as it is.
+        solved once more from its start; elements that are inside out are then accepted. Where faces still overlap the
+        indenter too far, the increment has failed.
         """
         solver, out = self.solver, self.solver.increment
-        asked = ended & (out.status == Status.CONVERGED) & (self._repeats < MOST_REPEATS)
+        converged = ended & (out.status == Status.CONVERGED)
+        asked = converged & (self._repeats < MOST_REPEATS)
         again = np.zeros_like(ended)
         if asked.any():
             solver.mark(asked)
             again = asked & (solver.elasticity.stabilise(solver.x) > 0)
-            due = asked & (self.target == self.goal)
-            too_far = due & (self.scene.samples.overlap()[1] > MOST_OVERLAP) if due.any() else due
+        due = converged & (self.target == self.goal)
+        if due.any():
+            solver.mark(due)
+            too_far = due & (self.scene.samples.overlap()[1] > MOST_OVERLAP)
+            out.status[too_far & ~asked] = Status.NOT_RESOLVED
+            too_far &= asked
             if too_far.any():
                 solver.mark(too_far)
                 for contact in solver.contacts:
@@ -194,12 +203,13 @@ class March:
             for contact in solver.contacts:
                 contact.restore(marked)
         unchecked = failed & (self._repeats > 0) & (self._repeats <= MOST_REPEATS)
+        unchecked &= out.status != Status.NOT_RESOLVED
         self._repeats[ended] = np.where(unchecked, MOST_REPEATS + 1, 0)[ended]
         failed &= ~unchecked
         if failed.any():
             self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0
             # A leg of few long steps may be cut as finely as the press.
-            least = self.scene.settings.smallest_substep * np.minimum(self.spacing, self._spacing[0])
+            least = self.scene.settings.smallest_substep * np.minimum(self.spacing / self._share, self._spacing[0])
             hopeless = failed & (self.step < least)
             once_more = hopeless & ~self._reinforced
             if once_more.any():
@@ -207,7 +217,7 @@ class March:
                 self._reinforced |= once_more
                 self.step[once_more] = self.spacing[once_more]
             for env in np.flatnonzero(hopeless & ~once_more):
-                self._end(env, out.status[env])
+                self._fail(env, out.status[env])
         marked = solver.mark(converged)
         columns.copy(self.x_start, marked, self.x_previous)
         for contact in solver.contacts:
@@ -218,6 +228,20 @@ class March:
         longer = converged & (self._calm >= CALM)
         self.step[longer] = np.minimum(2.0 * self.step, self.spacing)[longer]
         self._store(converged & (self.target == self.goal))
+
+    def _fail(self, env: int, status: int):
+        """Press once more from rest what has failed for the first time. Then keep the try that got further."""
+        press = self.press[env]
+        rows, displacement = self.rows[press], self.displacement[press]
+        if press not in self._failed:
+            self._failed[press] = rows, displacement, status
+            self.rows[press], self.displacement[press] = [], None
+            self._waiting.appendleft(press)
+            self.press[env] = NO_PRESS
+            return
+        if len(self._failed[press][0]) > len(rows):
+            self.rows[press], self.displacement[press], status = self._failed[press]
+        self._end(env, status)
 
     def _end(self, env: int, status: int):
         self.final[self.press[env]] = status
@@ -231,13 +255,13 @@ class March:
         for env, sample in self.scene.samples.take(reached):
             press = self.press[env]
             rows, displacement = self.rows[press], sample.pop("displacement")
-            overlap, of_edge = sample.pop("overlap_mm"), sample.pop("overlap_of_edge")
+            overlap = sample.pop("overlap_mm")
             if abs(sample["force"] @ self._poses[press][:3, 1]) > self._max_force_n:
                 self._end(env, Status.FORCE_LIMIT)
                 continue
             entered = not rows and self.path[0, 1] > LEAST_OVERLAP_MM
             missed = not sample["force"].any() and (entered or overlap > LEAST_OVERLAP_MM)
-            if missed or of_edge > MOST_OVERLAP:
+            if missed:
                 self._end(env, Status.NOT_RESOLVED)
                 continue
             if not rows:

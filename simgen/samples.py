@@ -138,7 +138,7 @@ class Samples:
         if scene.cavity is not None:
             total += scene.cavity.resultant(solver.x)
             lacking, pressure = (array[scene.cavity.row].numpy() for array in (solver.balance.surface, solver.x))
-        overlap, of_edge = self.overlap()
+        overlap, _ = self.overlap()
         inverted = self.inverted_elements()
         size = np.maximum(np.linalg.norm(force, axis=1), SMALLEST_FORCE)
         balance = np.linalg.norm(total, axis=1) / size
@@ -152,7 +152,6 @@ class Samples:
             "rms_penetration_m": contact.rms_penetration / MM,
             "max_penetration_m": np.maximum(overlap, 0.0) / MM,
             "overlap_mm": overlap,
-            "overlap_of_edge": of_edge,
         }
         if scene.cavity is not None:
             found["liquid_volume_error"] = np.abs(lacking) / scene.cavity.volume

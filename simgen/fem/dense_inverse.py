@@ -19,6 +19,7 @@ wp.set_module_options({"enable_backward": False})
 SIDE = wp.constant(4)  # of a block
 WIDE = wp.constant(4)  # blocks that are eliminated at once
 STRIP, AT_ONCE = 8, wp.constant(4)  # rows that one thread multiplies, and columns that it reads before it waits
+PART = wp.constant(64)  # columns of a thread: more threads than strips keep a GPU busy
 Matrices = wp.array3d(dtype=wp.float32)
 
 strip_of_rows = wp.types.vector(length=STRIP, dtype=wp.float32)
@@ -153,20 +154,20 @@ def multiply_kernel(
     # outputs
     y_out: wp.array2d(dtype=wp.float32),
 ):
-    """Some rows of a symmetric matrix, read as columns, times x: what is read of x serves all of them."""
-    strip, lane = wp.tid()
+    """Add some columns of some rows of a symmetric matrix, read as columns, times x: all rows use what is read of x."""
+    strip, part, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     sums = strip_of_rows()
-    for first in range(0, m, AT_ONCE):
+    for first in range(part * PART, wp.min((part + 1) * PART, m), AT_ONCE):
         for i in range(AT_ONCE):
             k = first + i
             value = x[k, env]
             for r in range(STRIP):
                 sums[r] += matrices[env / TILE, k * m + strip * STRIP + r, env % TILE] * value
     for r in range(STRIP):
-        y_out[strip * STRIP + r, env] = sums[r]
+        wp.atomic_add(y_out, strip * STRIP + r, env, sums[r])
 
 
 def padded(rows: int) -> int:
@@ -212,4 +213,5 @@ class Inverter:
 
 def multiply(matrices: wp.array, m: int, x, active, y_out):
     """y = M x (m, env), of symmetric matrices, in the active environments."""
-    columns.launch(multiply_kernel, m // STRIP, [matrices, m, x, active], [y_out])
+    columns.clear(active, y_out)
+    columns.launch(multiply_kernel, (m // STRIP, -(-m // PART)), [matrices, m, x, active], [y_out])
