@@ -7,9 +7,12 @@ from test_press import CUBE, DEPTHS, GEL, SPHERE, make_block, pose
 from simgen.distance import Kind
 from simgen.fem.balance import Balance
 from simgen.fem.contact import Contact
-from simgen.fem.newton import NEAR_BALANCE
+from simgen.fem.newton import NEAR_BALANCE, SolverSettings
 from simgen.fem.preconditioner import BlockTriangular
+from simgen.fem.status import Status
+from simgen.march import MOST_OVERLAP, March
 from simgen.press import Scene, follow, press
+from simgen.samples import Samples
 from simgen.shape import rigid_shape
 
 
@@ -84,3 +87,62 @@ def test_a_cycle_is_kept_while_it_serves_a_batch(monkeypatch):
     newton = sum(result.certificate["newton_iterations"].sum() for result in results)
     assert all((result.status == 0).all() for result in results)
     assert 8 <= sum(made) < 0.5 * newton
+
+
+def fail_beyond(monkeypatch, furthest_mm):
+    """Load steps fail that end beyond so many millimetres, (in the first try, in the second)."""
+    settle = March._settle
+
+    def fail(march, ended):
+        tries = np.array([int(press in march._failed) for press in march.press])
+        march.solver.increment.status[ended & (march.target > np.array(furthest_mm)[tries])] = Status.NEWTON_STALLED
+        settle(march, ended)
+
+    monkeypatch.setattr(March, "_settle", fail)
+
+
+def test_a_press_that_fails_is_tried_once_more_from_rest_in_half_steps(block, monkeypatch):
+    scene = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.5))
+    depths = np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3])
+    in_half_steps = press(scene, [SPHERE], pose(), np.linspace(0.05e-3, 0.4e-3, 8))[0]
+    fail_beyond(monkeypatch, (0.25, np.inf))
+    tried_twice = press(scene, [SPHERE], pose(), depths)[0]
+    assert (tried_twice.status == 0).all() and (tried_twice.certificate["substeps"] == 2).all()
+    np.testing.assert_allclose(tried_twice.displacement, in_half_steps.displacement[1::2], atol=1e-12)
+
+
+@pytest.mark.parametrize("second", [0.05, 0.12, 0.32])
+def test_the_try_that_got_further_is_kept(block, monkeypatch, second):
+    """The other press of the batch has ended by then: its environment is free, too."""
+    scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=0.5))
+    depths, poses = np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3]), np.tile(pose(), (2, 1, 1))
+    fail_beyond(monkeypatch, (0.25, second))
+    plain, both = press(scene, [SPHERE], pose(), depths)[0], press(scene, [SPHERE, SPHERE], poses, depths)
+    reached = max(2, int(second / 0.1))
+    assert plain.status.tolist() == [0] * reached + [Status.NEWTON_STALLED] * (4 - reached)
+    assert np.isfinite(plain.displacement[:reached]).all() and np.isnan(plain.displacement[reached:]).all()
+    for result in both:
+        np.testing.assert_array_equal(result.displacement, plain.displacement)
+
+
+@pytest.mark.parametrize(("longest", "reached"), [(0.06, 3), (0.0, 2)])
+def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch, longest, reached):
+    """Steps longer than so many millimetres do, beyond the second depth."""
+    scene, depths = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.4)), np.array([0.1e-3, 0.2e-3, 0.3e-3])
+    measured, settle = Samples.overlap, March._solve_again
+    too_far = []
+
+    def watch(march, ended):
+        too_far[:] = (march.target - march.way > longest) & (march.target > 0.25)
+        return settle(march, ended)
+
+    def overlap(samples):
+        deepest, of_edge = measured(samples)
+        return deepest, np.where(too_far, 2.0 * MOST_OVERLAP, of_edge)
+
+    monkeypatch.setattr(March, "_solve_again", watch)
+    monkeypatch.setattr(Samples, "overlap", overlap)
+    result = press(scene, [SPHERE], pose(), depths)[0]
+    assert result.status.tolist() == [0] * reached + [Status.NOT_RESOLVED] * (3 - reached)
+    if reached == 3:
+        assert result.certificate["substeps"][2] > result.certificate["substeps"][1]
