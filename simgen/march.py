@@ -6,7 +6,10 @@ at once. On a CPU the bytes of none depend on how many are under way together; o
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +22,6 @@ FURTHEST = 3.0  # of the last step, that a start may lie beyond: a short one say
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
-NO_PRESS = -1
 SECOND_TRY = 0.5  # of the steps of the first
 MOST_REPEATS = 8  # of an increment whose state has elements inside out, or overlaps the indenter too far
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
@@ -38,40 +40,59 @@ def longest_of_leg(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     return longest[leg]
 
 
-class March:
-    """The paths of the scene's b presses, of which ``scene.batch`` are under way, one in each environment.
+@dataclass
+class Press:
+    """One press: the way that it goes, its samples so far, and how it ended.
 
-    poses (b, 4, 4) mm at first touch; path (d, 4): offsets, mm, and turns about the press axis, rad; lateral (b,) mm:
-    how far each indenter reaches from that axis; status (b,): those that have not converged there do not begin; the
-    others do in this ``order`` (b,). A press ends after its ``steps`` (b,), and where its force along the press axis
-    exceeds ``max_force_n``, which may be infinite.
-    ``rows`` are the samples of each press with their ``status``, ``displacement`` (d, v, 3) m of each that has any,
-    ``final`` how it ended.
+    shape : its number in the scene
+    pose : (4, 4) mm at first touch
+    touch : m, travel to there from where it was placed; NaN where there is none
+    steps : points of the path after which it ends as planned
+    lateral : mm, how far the indenter reaches from the press axis
+    status : how it ended; None before
+    rows, displacement : its samples, and (d, v, 3) m of all of them
+    first_try : rows, displacement and status of a first try that failed
+    seconds : its share in the time of those that were under way with it
+    dropped : nobody waits for it any more, and it will not end
+    """
+
+    shape: int
+    pose: np.ndarray
+    touch: float
+    steps: int
+    lateral: float
+    status: int | None = None
+    rows: list[dict] = field(default_factory=list)
+    displacement: np.ndarray | None = None
+    first_try: tuple[list[dict], np.ndarray | None, int] | None = None
+    seconds: float = 0.0
+    dropped: bool = False
+
+
+class March:
+    """Presses along one path, of which ``scene.batch`` are under way at a time, one in each environment.
+
+    path (d, 4): offsets, mm, and turns about the press axis, rad. A press ends after its steps, and where its force
+    along the press axis exceeds ``max_force_n``, which may be infinite. The scene has the shapes.
     ``way`` is the length of path that lies behind an environment, mm.
     """
 
-    def __init__(
-        self, scene: Scene, poses: np.ndarray, path: np.ndarray, lateral: np.ndarray, status: np.ndarray,
-        order: np.ndarray, steps: np.ndarray, max_force_n: float,
-    ):  # fmt: skip
-        self.scene, self.solver, self.path, self._poses, self._lateral = scene, scene.solver, path, poses, lateral
-        self.rows: list[list[dict]] = [[] for _ in poses]
-        self.displacement: list[np.ndarray | None] = [None for _ in poses]
-        self._steps, self._max_force_n = steps, max_force_n
-        self.final = np.where((status == Status.CONVERGED) & (steps == 0), Status.NO_ROOM, status)
-        self._waiting = deque(order[self.final[order] == Status.CONVERGED])
+    def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float):
+        self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, path, max_force_n
+        self._waiting: deque[Press] = deque()
         self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_LEVER_MM]])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
         self._spacing = longest_of_leg(self._corners, lengths)
         batch = scene.batch
-        self.press = np.full(batch, NO_PRESS)
+        self.press: list[Press | None] = [None] * batch
+        self.at_work, self._next = np.zeros((2, batch), dtype=bool)  # has a press; begins its next increment
+        self._shape, self._poses, self._lateral = np.zeros(batch), np.tile(np.eye(4), (batch, 1, 1)), np.zeros(batch)
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
         self._repeats = np.zeros(batch, dtype=int)  # of the increment under way
         self._damping = np.zeros(batch)  # largest since the last row
         self._reinforced = np.zeros(batch, dtype=bool)  # tried once more before it was given up
-        self._failed: dict[int, tuple] = {}  # rows, displacement and status of each press whose first try failed
         self._share = np.ones(batch)  # of the longest steps that this try takes
         self.goal = np.zeros(batch)
         self.spacing = np.full(batch, self._spacing[0])  # of the leg under way
@@ -79,30 +100,71 @@ class March:
         self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
         self._now = np.tile(np.eye(4), (batch, 1, 1))  # poses at the end of the increments under way
 
-    def to_the_end(self):
-        self._begin(self._load())
-        while (self.press != NO_PRESS).any():
-            ended = self.solver.iterate()
-            if ended.any():
-                ended &= ~self._solve_again(ended)
-                self._settle(ended)
-                self._begin((ended | self._load()) & (self.press != NO_PRESS))
+    def add(self, presses: Iterable[Press]):
+        """Let presses wait, in this order, for environments that become free."""
+        for press in presses:
+            if press.status is None and press.steps == 0:
+                press.status = Status.NO_ROOM
+            if press.status is None:
+                self._waiting.append(press)
+
+    def drop(self, presses: Collection[Press]):
+        """Forget presses that nobody waits for any more."""
+        for press in presses:
+            press.dropped = True
+        self._waiting = deque(press for press in self._waiting if not press.dropped)
+        free = np.array([press is not None and press.dropped for press in self.press])
+        for env in np.flatnonzero(free):
+            self._free(env)
+        self._next &= ~free
+        self.solver.abandon(free)
+
+    @property
+    def unfinished(self) -> list[Press]:
+        return [*self._waiting, *(press for press in self.press if press is not None)]
+
+    @property
+    def left(self) -> int:
+        """Presses that have not ended."""
+        return len(self._waiting) + int(self.at_work.sum())
+
+    @property
+    def busy(self) -> int:
+        """Environments that will be at work."""
+        return min(self.left, self.scene.batch)
+
+    def go_on(self):
+        """Carry on what is under way by an iteration."""
+        begin = time.perf_counter()
+        self._begin(self._next | self._load())
+        self._next[:] = False
+        under_way = [press for press in self.press if press is not None]
+        ended = self.solver.iterate()
+        if ended.any():
+            ended &= ~self._solve_again(ended)
+            self._settle(ended)
+            self._next = ended & self.at_work
+        for press in under_way:
+            press.seconds += (time.perf_counter() - begin) / len(under_way)
 
     def _load(self) -> np.ndarray:
         """Presses that wait into environments that are free; returns which (env,) these are."""
         fresh = np.zeros(self.scene.batch, dtype=bool)
-        free = np.flatnonzero(self.press == NO_PRESS)[: len(self._waiting)]
+        free = np.flatnonzero(~self.at_work)[: len(self._waiting)]
         if not len(free):
             return fresh
-        self.press[free] = [self._waiting.popleft() for _ in free]
-        for array in (self.way, self.previous, self.cost.T, self._repeats, self._damping):
-            array[free] = 0
-        self._calm[free] = CALM
-        self._reinforced[free] = False
-        self._share[free] = [SECOND_TRY if press in self._failed else 1.0 for press in self.press[free]]
-        self.step[free] = self.spacing[free] = self._share[free] * self._spacing[0]
+        for env in free:
+            press = self.press[env] = self._waiting.popleft()
+            self._shape[env], self._poses[env], self._lateral[env] = press.shape, press.pose, press.lateral
+            self._share[env] = 1.0 if press.first_try is None else SECOND_TRY
         fresh[free] = True
-        self.scene.load(fresh, np.maximum(self.press, 0))
+        self.at_work |= fresh
+        for array in (self.way, self.previous, self.cost.T, self._repeats, self._damping):
+            array[fresh] = 0
+        self._calm[fresh] = CALM
+        self._reinforced[fresh] = False
+        self.step[fresh] = self.spacing[fresh] = self._share[fresh] * self._spacing[0]
+        self.scene.load(fresh, self._shape)
         return fresh
 
     def _place(self, way: np.ndarray) -> np.ndarray:
@@ -111,7 +173,7 @@ class March:
 
     def _pose(self, way: np.ndarray) -> np.ndarray:
         place = self._place(way)
-        return moved(self._poses[self.press], place[:, :3], place[:, 3] / TURN_LEVER_MM)
+        return moved(self._poses, place[:, :3], place[:, 3] / TURN_LEVER_MM)
 
     def _begin(self, starting: np.ndarray):
         """The next increment in the environments (env,) bool.
@@ -122,7 +184,7 @@ class March:
         if not starting.any():
             return
         solver = self.solver
-        stored = np.array([len(self.rows[press]) if press != NO_PRESS else 0 for press in self.press])
+        stored = np.array([0 if press is None else len(press.rows) for press in self.press])
         segment = np.minimum(stored, len(self.path) - 1)
         self.goal = self._way_to[1 + segment]
         spacing = self._share * self._spacing[segment]
@@ -143,7 +205,7 @@ class March:
         self._now[starting] = self._pose(self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
         # No point of an indenter moves further: the tip's way, and an arc at the rim.
-        travel = np.linalg.norm(now[:, :3], axis=1) + self._lateral[self.press] * np.abs(now[:, 3]) / TURN_LEVER_MM
+        travel = np.linalg.norm(now[:, :3], axis=1) + self._lateral * np.abs(now[:, 3]) / TURN_LEVER_MM
         before = self._pose(self.way)
         self.scene.indenter_contact.begin_increment(self.x_start, solver.trial, before, self._now, travel)
         for contact in self.scene.fixed_contacts:
@@ -232,20 +294,22 @@ class March:
     def _fail(self, env: int, status: int):
         """Press once more from rest what has failed for the first time. Then keep the try that got further."""
         press = self.press[env]
-        rows, displacement = self.rows[press], self.displacement[press]
-        if press not in self._failed:
-            self._failed[press] = rows, displacement, status
-            self.rows[press], self.displacement[press] = [], None
+        if press.first_try is None:
+            press.first_try = press.rows, press.displacement, status
+            press.rows, press.displacement = [], None
             self._waiting.appendleft(press)
-            self.press[env] = NO_PRESS
+            self._free(env)
             return
-        if len(self._failed[press][0]) > len(rows):
-            self.rows[press], self.displacement[press], status = self._failed[press]
+        if len(press.first_try[0]) > len(press.rows):
+            press.rows, press.displacement, status = press.first_try
         self._end(env, status)
 
     def _end(self, env: int, status: int):
-        self.final[self.press[env]] = status
-        self.press[env] = NO_PRESS
+        self.press[env].status = status
+        self._free(env)
+
+    def _free(self, env: int):
+        self.press[env], self.at_work[env] = None, False
 
     def _store(self, reached: np.ndarray):
         """Keep the samples of the environments that have just reached a point to store."""
@@ -253,27 +317,26 @@ class March:
             return
         out = self.solver.increment
         for env, sample in self.scene.samples.take(reached):
-            press = self.press[env]
-            rows, displacement = self.rows[press], sample.pop("displacement")
+            press, displacement = self.press[env], sample.pop("displacement")
             overlap = sample.pop("overlap_mm")
-            if abs(sample["force"] @ self._poses[press][:3, 1]) > self._max_force_n:
+            if abs(sample["force"] @ press.pose[:3, 1]) > self._max_force_n:
                 self._end(env, Status.FORCE_LIMIT)
                 continue
-            entered = not rows and self.path[0, 1] > LEAST_OVERLAP_MM
+            entered = not press.rows and self.path[0, 1] > LEAST_OVERLAP_MM
             missed = not sample["force"].any() and (entered or overlap > LEAST_OVERLAP_MM)
             if missed:
                 self._end(env, Status.NOT_RESOLVED)
                 continue
-            if not rows:
-                self.displacement[press] = np.empty((len(self.path), *displacement.shape), displacement.dtype)
-            self.displacement[press][len(rows)] = displacement
+            if not press.rows:
+                press.displacement = np.empty((len(self.path), *displacement.shape), displacement.dtype)
+            press.displacement[len(press.rows)] = displacement
             costs = dict(zip(("newton_iterations", "krylov_iterations", "substeps"), self.cost[:, env], strict=True))
             solved = {name: getattr(out, name)[env] for name in ("residual", "contact_error")}
             status = Status.INSIDE_OUT if sample["inverted_elements"] else Status.CONVERGED
             solved |= {"min_det_F": out.min_det[env], "damping": self._damping[env], "status": status}
-            rows.append(sample | costs | solved)
+            press.rows.append(sample | costs | solved)
             self.cost[:, env], self._damping[env] = 0, 0.0
-            if len(rows) == len(self.path):
+            if len(press.rows) == len(self.path):
                 self._end(env, Status.CONVERGED)
-            elif len(rows) == self._steps[press]:
+            elif len(press.rows) == press.steps:
                 self._end(env, Status.NO_ROOM)

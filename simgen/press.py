@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from .fem.newton import SolverSettings
 from .fem.status import Status
 from .first_touch import first_touch
 from .indenter_path import DOWN
-from .march import March
+from .march import March, Press
 from .scene import MM, Scene
 from .shape import lateral_reach
 
@@ -145,40 +146,46 @@ def follow(
         raise InputError("poses: not finite; allowed: rigid transforms, m")
     if not len(shapes):
         return []
-    begin = time.perf_counter()
-    poses_mm = np.array(poses, dtype=float)
-    poses_mm[:, :3, 3] *= MM
-    scene.reset(shapes)
-    faces, device = scene.indenter_contact.host_faces, scene.device
-    path = np.column_stack([path_m * MM, turns_rad])
-    reach = float(np.linalg.norm(path[:, :3], axis=1).max())
-    travel, status, near = first_touch(scene.nodes, faces, shapes, poses_mm, device, scene.batch, reach)
-    poses_mm[:, :3, 3] += travel[:, None] * poses_mm[:, :3, 1]
-    # Those that touch the most take the longest: they go first, as the end of a batch waits for its slowest presses.
-    lateral = np.array([lateral_reach(shape) for shape in shapes])
-    march = March(scene, poses_mm, path, lateral, status, np.argsort(-near, kind="stable"), steps, max_force_n)
-    march.to_the_end()
-    seconds = (time.perf_counter() - begin) / len(shapes)
+    distinct = list({id(shape): shape for shape in shapes}.values())
+    number = {id(shape): i for i, shape in enumerate(distinct)}
+    scene.reset(distinct)
+    march = March(scene, np.column_stack([path_m * MM, turns_rad]), max_force_n)
+    presses = begin_presses(march, distinct, [number[id(shape)] for shape in shapes], poses, steps)
+    while march.left:
+        march.go_on()
+    return [result_of(march, press) for press in presses]
+
+
+def begin_presses(
+    march: March, shapes: Sequence[RigidShape], shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray
+) -> list[Press]:
+    """Add presses to a march whose scene has these shapes: each with its shape's number, pose (4, 4) m and steps."""
+    begin, scene = time.perf_counter(), march.scene
+    poses = np.array(poses, dtype=float)
+    poses[:, :3, 3] *= MM
+    own = [shapes[i] for i in shape_of]
+    reach = float(np.linalg.norm(march.path[:, :3], axis=1).max())
+    faces = scene.indenter_contact.host_faces
+    travel, status, near = first_touch(scene.nodes, faces, own, poses, scene.device, scene.batch, reach)
+    poses[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
     touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)
-    results = []
-    for i, final in enumerate(march.final):
-        displacement = march.displacement[i]
-        if displacement is None:
-            displacement = np.empty((len(path_m), scene.n_vertices, 3))
-        in_surface = poses_mm[i][:3, [0, 2]]
-        results.append(_result(scene, march.rows[i], displacement, final, in_surface, float(touch[i]), seconds))
-    return results
+    lateral = [lateral_reach(shape) for shape in shapes]
+    presses = [Press(i, *each, lateral[i]) for i, *each in zip(shape_of, poses, touch, steps, strict=True)]
+    for press, code in zip(presses, status, strict=True):
+        press.status = None if code == Status.CONVERGED else int(code)
+        press.seconds = (time.perf_counter() - begin) / len(presses)
+    # Those that touch the most take the longest: they go first, as the end of a batch waits for its slowest presses.
+    march.add(presses[i] for i in np.argsort(-near, kind="stable"))
+    return presses
 
 
-def _result(
-    scene: Scene, rows: list[dict], displacement: np.ndarray, final: int, in_surface: np.ndarray, touch: float, seconds
-) -> PressResult:
-    """The samples of one press, which ended with ``final``, as arrays over its depths.
-
-    in_surface : (3, 2) the x and z axes of the contact frame, in the sensor's frame
-    """
-    d = len(displacement)
-    displacement[len(rows) :] = np.nan
+def result_of(march: March, press: Press) -> PressResult:
+    """What came of a press that has ended, as arrays over the depths of its march."""
+    scene, displacement = march.scene, press.displacement
+    if displacement is None:
+        displacement = np.empty((len(march.path), scene.n_vertices, 3))
+    displacement[len(press.rows) :] = np.nan
+    d, rows, in_surface = len(displacement), press.rows, press.pose[:3, [0, 2]]
 
     def column(key, *inner, dtype=np.float64):
         out = np.full((d, *inner), np.nan, dtype)
@@ -186,7 +193,7 @@ def _result(
             out[i] = row[key]
         return out
 
-    status = np.full(d, final, dtype=np.int8)
+    status = np.full(d, press.status, dtype=np.int8)
     status[: len(rows)] = [row["status"] for row in rows]
     certificate = {key: column(key) for key in CERTIFICATE}
     liquid = scene.cavity is not None
@@ -198,5 +205,5 @@ def _result(
     shapes = scene.surface_outputs.shapes
     surface = {name: column(name, *shape, dtype=np.float32) for name, shape in shapes.items()}
     return PressResult(
-        displacement, force, moment, status, certificate, touch, seconds, shear, slip, pressure, **surface
+        displacement, force, moment, status, certificate, press.touch, press.seconds, shear, slip, pressure, **surface
     )

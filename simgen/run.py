@@ -21,9 +21,8 @@ from simgen.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.shard_writer import Failure
 from simgen.workers import Workers
 
-# A task on a GPU: at its end a few hard presses leave the device idle for 70 s on the DIGIT, where 1,000 take 20 s of a
-# device that is full. The host holds the samples of a task, 1.5 MB a press.
-PRESSES_PER_GPU_TASK = 4096
+# A task on a GPU. The tasks of a process are solved together, and what has ended is written task by task.
+PRESSES_PER_GPU_TASK = 324
 SMALLER = 8  # times: a task that broke down is tried again in parts of which most may be sound
 
 

@@ -126,8 +126,8 @@ class Scene:
         return "the sensor has no cavity"
 
     def reset(self, shapes: list[RigidShape]):
-        """The indenters of all presses to come, of which :meth:`load` puts some into environments."""
-        self.solver.abandon()
+        """Forget all presses; those to come have these shapes, of which :meth:`load` chooses."""
+        self.solver.abandon(np.ones(self.batch, dtype=bool))
         self.indenter_contact.set_shapes(shapes)
         self.load(np.ones(self.batch, dtype=bool), np.zeros(self.batch))
 

@@ -1,16 +1,15 @@
 """One task: press the indenters of some shards into every sensor and write the shards.
 
-A worker process makes the scene of a sensor once and keeps it between tasks. What one sensor made is written while the
-next one is solved; a worker with two threads begins the next task meanwhile.
+A worker process makes the scene of a sensor once and keeps it between tasks. The tasks of a worker with several threads
+share it (see ``pool``). What one sensor made is written while others are solved.
 """
 
 import json
 import math
 import os
 import socket
-import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -26,10 +25,10 @@ from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
 from simgen.fem.status import Status, is_failure, is_planned_end
 from simgen.indenter import Indenter, chosen_indenters
-from simgen.indenter_path import IndenterPath
 from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
-from simgen.press import PressResult, Scene, SolverSettings, follow
+from simgen.pool import DEVICE, Pool
+from simgen.press import PressResult, Scene, SolverSettings
 from simgen.provenance import difference, package_versions, source_hash
 from simgen.quiet import start_warp
 from simgen.sensor import Sensor
@@ -37,21 +36,21 @@ from simgen.shard_writer import ShardWriter, put_shards_in_place
 
 
 class Presser(Protocol):
-    """Presses one sensor.
+    """Presses one sensor along the job's path.
 
     indenters (b,): indices; poses (b, 4, 4) m, in the sensor's frame; steps (b,): how many points of the path each
-    press may reach, all by default. Returns one result each.
+    press may reach, all by default. Returns one result each, in their order; they may be under way until it is
+    iterated.
     """
 
     def __call__(
-        self, indenters: Sequence[int], poses: np.ndarray, path: IndenterPath, steps: np.ndarray | None = None
-    ) -> list[PressResult]: ...
+        self, indenters: Sequence[int], poses: np.ndarray, steps: np.ndarray | None = None
+    ) -> Iterable[PressResult]: ...
 
 
 # Of what this process has loaded: the files may change while a worker lives, what it runs does not.
 LOADED = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
 WRITTEN_AT_ONCE = min(16, os.cpu_count() or 1)  # shards: each takes 0.2 s of a core and 0.1 GB a sensor
-SOLVING = threading.Lock()  # one task of a process solves, others read and write
 
 
 @dataclass(frozen=True)
@@ -61,8 +60,8 @@ class ShardReport:
     Samples of all sensors are counted: those that `failed`, that were not pressed as `planned`, and that converged with
     an element `inside_out`.
 
-    `seconds` is the shard's share in those of its task, from the first press to the last file. Two tasks of a worker
-    overlap: one writes while the other solves.
+    `seconds` is the shard's share in those of its task, from the first press to the last file. Tasks of a worker with
+    several threads overlap.
     """
 
     shard: int
@@ -98,15 +97,14 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     material, fluid = chosen_material(job, sensor_name, sensor), chosen_fluid(job, sensor_name, sensor)
     outputs = job.surface_outputs(sensor_name)
     scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid, outputs)
-    shapes = [indenter.shape() for indenter in _indenters(job)]
-
+    shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
     max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
+    pool = Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n)
 
     def presser(
-        indenters: Sequence[int], poses: np.ndarray, path: IndenterPath, steps: np.ndarray | None = None
-    ) -> list[PressResult]:
-        pressed = [shapes[i] for i in indenters]
-        return follow(scene, pressed, poses, path.offsets_m, path.turns_rad, steps, max_force_n)
+        indenters: Sequence[int], poses: np.ndarray, steps: np.ndarray | None = None
+    ) -> Iterable[PressResult]:
+        return pool.press(indenters, poses, np.full(len(poses), len(path.offsets_m)) if steps is None else steps)
 
     return presser
 
@@ -157,7 +155,7 @@ def _check_inputs(job: Job, recorded: str) -> None:
 
 def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
     """Make all pressers of a job, which its tasks then find: their sensors and scenes, and most kernels."""
-    with SOLVING:
+    with DEVICE:
         inputs = _inputs(job, tuple(sorted(job.sensors)))
         for sensor in job.sensors:
             _presser(build, job, sensor, device, inputs)
@@ -173,9 +171,8 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     with folder_aside(dataset) as folder, ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
         try:
-            with SOLVING:
-                begin = time.perf_counter()
-                _solve(dataset, writers, job, device, build)
+            begin = time.perf_counter()
+            _solve(dataset, writers, job, device, build)
             put_shards_in_place(dataset, writers)
         except BaseException:
             threads.shutdown(cancel_futures=True)  # nobody will use what waits to be written
@@ -185,17 +182,22 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
 
 
 def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: str, build) -> None:
-    """Press all shards' indenters into one sensor after the other, and give each shard's writer what came of it."""
+    """Press all shards' indenters into every sensor, and give each shard's writer what came of it."""
     rows = np.concatenate([writer.presses for writer in writers])
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose = dataset.root["press/contact_pose"][:][rows]
     indenters = dataset.root["press/indenter"][:][rows].tolist()
     inputs = recorded_inputs(dataset.attributes)
-    _check_inputs(job, inputs)
-    for sensor in dataset.sensors:
+    with DEVICE:
+        _check_inputs(job, inputs)
+        pressers = {sensor: _presser(build, job, sensor, device, inputs) for sensor in dataset.sensors}
+    under_way = {}
+    for sensor, presser in pressers.items():
         poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
         limits = [dataset[f"{sensor}/pressable_steps"][rows]] if job.stops_early else []
-        results = _presser(build, job, sensor, device, inputs)(indenters, poses, job.indenter_path, *limits)
+        under_way[sensor] = presser(indenters, poses, *limits)
+    for sensor in dataset.sensors:
+        results = list(under_way.pop(sensor))
         for writer, end in zip(writers, ends, strict=True):
             own = slice(end - len(writer.presses), end)
             writer.take(sensor, results[own], contact_pose[own])

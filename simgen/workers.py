@@ -19,6 +19,8 @@ from simgen.job_schema import Job
 from simgen.quiet import check_device
 from simgen.shard import Presser, fem_presser, prepare
 
+# At once. One whose presses are hard takes as long as ten others, and each keeps some 300 presses in the host's memory.
+TASKS_PER_GPU_PROCESS = 12
 TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
 LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
 ANSWER_S = 10.0  # within which a scheduler must answer
@@ -176,7 +178,8 @@ def visible_gpus(device: str) -> list[str]:
 def local_cluster(environments: list[dict[str, str]]):
     """A dask cluster on this machine: a process for each environment, which it keeps when it is started again.
 
-    A process with a GPU of its own has a second thread, which writes while the first one solves.
+    A process with a GPU of its own has several threads: the presses of their tasks are solved together (see ``pool``),
+    and what one task writes does not hold up the others.
     """
     from dask.distributed import Nanny, Scheduler, SpecCluster, Status
     from distributed.system import MEMORY_LIMIT
@@ -201,9 +204,10 @@ def local_cluster(environments: list[dict[str, str]]):
 
     shared = {"preload": [IGNORE_INTERRUPTS], "silence_logs": "CRITICAL", "dashboard": False}
     shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's own would be a share by cores
+    threads = [TASKS_PER_GPU_PROCESS if environment else 1 for environment in environments]
     workers = {
-        i: {"cls": QuickNanny, "options": {**shared, "nthreads": 2 if environment else 1, "env": environment}}
-        for i, environment in enumerate(environments)
+        i: {"cls": QuickNanny, "options": {**shared, "nthreads": count, "env": environment}}
+        for i, (count, environment) in enumerate(zip(threads, environments, strict=True))
     }
     options = {"host": "127.0.0.1", "port": 0, "dashboard_address": "127.0.0.1:0", "dashboard": None}
     # Two other processes take what was at work in one that died, then `simgen.run` decides.

@@ -11,12 +11,12 @@ from simgen.sensor import load_sensor
 def presser(job, sensor, device):
     """As the fake one, but the BioTac's skin moves as a whole, by a tenth of the depth, towards the pose's +y."""
 
-    def press(indenters, poses, path):
-        results = fake.failing_presser(job, sensor, device)(indenters, poses, path)
+    def press(indenters, poses):
+        results = fake.failing_presser(job, sensor, device)(indenters, poses)
         if sensor == "biotac":
             count = len(load_sensor("biotac").output_mesh.vertices)
             for pose, result in zip(poses, results, strict=True):
-                move = 0.1 * path.depths_m[:, None, None] * pose[:3, 1]
+                move = 0.1 * job.indenter_path.depths_m[:, None, None] * pose[:3, 1]
                 result.displacement = np.where((result.status == 0)[:, None, None], move, np.nan) * np.ones((count, 1))
         return results
 

@@ -119,8 +119,9 @@ def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: fl
 
 
 def fake_presser(job, sensor, device):
-    def presser(indenters, poses, path):
-        return [fake_result(i, pose, path.depths_m, 0.01) for i, pose in zip(indenters, poses, strict=True)]
+    def presser(indenters, poses):
+        depths = job.indenter_path.depths_m
+        return [fake_result(i, pose, depths, 0.01) for i, pose in zip(indenters, poses, strict=True)]
 
     return presser
 
@@ -128,8 +129,8 @@ def fake_presser(job, sensor, device):
 def failing_presser(job, sensor, device):
     """The ring stalls from the third depth on."""
 
-    def presser(indenters, poses, path):
-        results = fake_presser(job, sensor, device)(indenters, poses, path)
+    def presser(indenters, poses):
+        results = fake_presser(job, sensor, device)(indenters, poses)
         for indenter, result in zip(indenters, results, strict=True):
             if indenter == 1:
                 result.status[2:] = 1
@@ -150,13 +151,13 @@ def ending_presser(job, sensor, device):
     depth on, and the third is inside out at the second depth.
     """
 
-    def presser(indenters, poses, path):
-        results = fake_presser(job, sensor, device)(indenters, poses, path)
+    def presser(indenters, poses):
+        results = fake_presser(job, sensor, device)(indenters, poses)
         for indenter, result in zip(indenters, results, strict=True):
             if indenter == 2:
                 result.status[1], result.certificate["inverted_elements"][1] = 9, 4
                 continue
-            reached, code = ((len(path.depths_m) - 1, 7), (2, 8))[indenter]
+            reached, code = ((len(job.indenter_path.depths_m) - 1, 7), (2, 8))[indenter]
             result.status[reached:] = code
             for values in (result.displacement, result.force, result.moment, *result.certificate.values()):
                 values[reached:] = np.nan
@@ -168,8 +169,8 @@ def ending_presser(job, sensor, device):
 def missing_presser(job, sensor, device):
     """The ring never touches the first sensor."""
 
-    def presser(indenters, poses, path):
-        results = fake_presser(job, sensor, device)(indenters, poses, path)
+    def presser(indenters, poses):
+        results = fake_presser(job, sensor, device)(indenters, poses)
         for indenter, result in zip(indenters, results, strict=True):
             if indenter == 1 and sensor == "digit":
                 result.touch = np.nan
@@ -189,8 +190,8 @@ def missing_presser(job, sensor, device):
 def overflowing_presser(job, sensor, device):
     """Displacements of 4 mm and more do not fit into int16 steps of 0.1 um."""
 
-    def presser(indenters, poses, path):
-        results = fake_presser(job, sensor, device)(indenters, poses, path)
+    def presser(indenters, poses):
+        results = fake_presser(job, sensor, device)(indenters, poses)
         results[0].displacement[...] = 4e-3
         return results
 
@@ -224,11 +225,11 @@ def forbidden_presser(job, sensor, device):
 def raising_presser(job, sensor, device):
     """The second sensor's solver breaks down, while what the first one made is written."""
 
-    def presser(indenters, poses, path):
+    def presser(indenters, poses):
         if sensor == "biotac":
             time.sleep(0.3)  # the first sensor's files are being written
             raise RuntimeError("no solver")
-        return fake_presser(job, sensor, device)(indenters, poses, path)
+        return fake_presser(job, sensor, device)(indenters, poses)
 
     return presser
 
@@ -239,11 +240,11 @@ STUMBLED: list[int] = []
 def stumbling_presser(job, sensor, device):
     """The third call raises, and no other."""
 
-    def presser(indenters, poses, path):
+    def presser(indenters, poses):
         STUMBLED.append(len(STUMBLED))
         if len(STUMBLED) == 3:
             raise OSError(5, "Input/output error", "/somewhere/else")
-        return fake_presser(job, sensor, device)(indenters, poses, path)
+        return fake_presser(job, sensor, device)(indenters, poses)
 
     return presser
 
@@ -256,10 +257,10 @@ def poisoned_presser(job, sensor, device):
     pose = make_plan(job).arrays["press/contact_pose"][POISON]
     indenter = POISON % len(job.indenters)
 
-    def presser(indenters, poses, path):
+    def presser(indenters, poses):
         if any(i == indenter and np.allclose(each, pose) for i, each in zip(indenters, poses, strict=True)):
             os.kill(os.getpid(), signal.SIGKILL)
-        return fake_presser(job, sensor, device)(indenters, poses, path)
+        return fake_presser(job, sensor, device)(indenters, poses)
 
     return presser
 
@@ -268,11 +269,11 @@ def killed_presser(job, sensor, device):
     """kill -9 of this very process in the third task, half-way between the two sensors."""
     tasks = {"count": 0}
 
-    def presser(indenters, poses, path):
+    def presser(indenters, poses):
         tasks["count"] += 1
         if sensor == "biotac" and tasks["count"] == 3:
             os.kill(os.getpid(), signal.SIGKILL)
-        return fake_presser(job, sensor, device)(indenters, poses, path)
+        return fake_presser(job, sensor, device)(indenters, poses)
 
     return presser
 
@@ -297,9 +298,9 @@ def change(dataset: Dataset, name: str, index, value) -> None:
 def slow_presser(job, sensor, device):
     """0.5 s per press, so that there is time to interrupt, also on a machine with other work."""
 
-    def presser(indenters, poses, path):
+    def presser(indenters, poses):
         time.sleep(0.5 * len(indenters))
-        return fake_presser(job, sensor, device)(indenters, poses, path)
+        return fake_presser(job, sensor, device)(indenters, poses)
 
     return presser
 
@@ -308,10 +309,10 @@ def tiring_presser(job, sensor, device):
     """Its first shard takes a process no time, each other one a minute for each sensor."""
     shards = []
 
-    def presser(indenters, poses, path):
+    def presser(indenters, poses):
         shards.append(len(indenters))
         if len(shards) > 1:
             time.sleep(60.0)
-        return fake_presser(job, sensor, device)(indenters, poses, path)
+        return fake_presser(job, sensor, device)(indenters, poses)
 
     return presser

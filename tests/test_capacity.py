@@ -34,8 +34,7 @@ def test_what_a_press_takes_is_known_before(model, element):
     for batch in (2, 3):
         scene = Scene(sensor, sensor.materials["solid"], element, batch=batch)
         scene.reset([load_indenter("sphere_7mm").shape()])
-        one, zero = np.ones(1), np.zeros(1, dtype=int)
-        march = March(scene, np.eye(4)[None], np.ones((1, 4)), one, zero, order=zero, steps=one, max_force_n=1.0)
+        march = March(scene, np.ones((1, 4)), max_force_n=1.0)
         found = {}
         for thing in (scene, march):
             arrays(thing, found, set())

@@ -94,7 +94,7 @@ def fail_beyond(monkeypatch, furthest_mm):
     settle = March._settle
 
     def fail(march, ended):
-        tries = np.array([int(press in march._failed) for press in march.press])
+        tries = np.array([int(press is not None and press.first_try is not None) for press in march.press])
         march.solver.increment.status[ended & (march.target > np.array(furthest_mm)[tries])] = Status.NEWTON_STALLED
         settle(march, ended)
 

@@ -24,8 +24,8 @@ ALWAYS = [title for title in SECTIONS if title not in ("Cavity pressure against 
 def never_touching_presser(job, sensor, device):
     """Nothing touches anything."""
 
-    def presser(indenters, poses, path):
-        results = fake.fake_presser(job, sensor, device)(indenters, poses, path)
+    def presser(indenters, poses):
+        results = fake.fake_presser(job, sensor, device)(indenters, poses)
         for result in results:
             result.touch = np.nan
             result.status[:] = 2

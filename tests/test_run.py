@@ -21,7 +21,7 @@ from simgen.plan import sensor_identity
 from simgen.run import divide, run, shards_per_task
 from simgen.sensor import load_sensor
 from simgen.shard import run_shards
-from simgen.workers import Workers, local_cluster, start_workers
+from simgen.workers import TASKS_PER_GPU_PROCESS, Workers, local_cluster, start_workers
 
 CHILD = """
 import sys, fake, pathlib, signal
@@ -296,17 +296,17 @@ def test_every_gpu_has_a_worker_that_sees_no_other():
         client.wait_for_workers(2)
         seen = client.run(lambda: os.environ["CUDA_VISIBLE_DEVICES"])
         assert sorted(seen.values()) == ["3", "5"]
-        assert set(client.nthreads().values()) == {2}  # one writes while the other solves
+        assert set(client.nthreads().values()) == {TASKS_PER_GPU_PROCESS}
 
 
 @pytest.mark.parametrize(
-    ("shards", "processes", "tasks"), [(215, 1, 2), (215, 2, 2), (215, 8, 8), (3, 4, 3), (1, 1, 1)]
+    ("shards", "processes", "tasks"), [(215, 1, 24), (215, 2, 24), (215, 8, 24), (3, 4, 3), (1, 1, 1)]
 )
 def test_processes_get_equal_shares_of_a_dataset(shards, processes, tasks):
-    """36 presses in a shard, 4096 at most in a task."""
+    """36 presses in a shard, 324 at most in a task."""
     job = fake.make_job(dataset={"presses_per_shard": 36})
     size = shards_per_task(shards, job, processes)
-    assert size * 36 <= 4096
+    assert size * 36 <= 324
     parts = divide(list(range(shards)), size)
     assert len(parts) == tasks and [shard for part in parts for shard in part] == list(range(shards))
 

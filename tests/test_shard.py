@@ -95,9 +95,9 @@ def test_pressers_are_told_how_many_steps_leave_enough_gel(tmp_path):
     told = []
 
     def build(job, sensor, device):
-        def presser(indenters, poses, path, *steps):
+        def presser(indenters, poses, *steps):
             told.append((sensor, steps))
-            return fake.fake_presser(job, sensor, device)(indenters, poses, path)
+            return fake.fake_presser(job, sensor, device)(indenters, poses)
 
         return presser
 

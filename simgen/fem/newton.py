@@ -163,9 +163,10 @@ class NewtonSolver:
         out.zero_()
         self._add_tangent(v, out, rough=False)
 
-    def abandon(self):
-        """Leave all increments where they are: nothing is on its way any more."""
-        self.working[:] = self._first[:] = self._solving[:] = False
+    def abandon(self, environments: np.ndarray):
+        """Leave the increments of the environments (env,) bool where they are: they are not on their way any more."""
+        for now in (self.working, self._first, self._solving):
+            now &= ~environments
 
     def supports(self) -> np.ndarray:
         """Forces (unknowns, env) that hold the body at ``x``; rows of pressures say what their volumes lack, mm3."""

@@ -43,12 +43,12 @@ SKIN = skin()
 def presser(job, sensor, device):
     """As the fake one, but where the skin of the BioTac is."""
 
-    def press(indenters, poses, path):
-        results = fake.failing_presser(job, sensor, device)(indenters, poses, path)
+    def press(indenters, poses):
+        results = fake.failing_presser(job, sensor, device)(indenters, poses)
         if sensor == "biotac":
             for indenter, pose, result in zip(indenters, poses, results, strict=True):
                 near = np.exp(-np.sum((SKIN[0] - pose[:3, 3]) ** 2, axis=1) / (WIDTH_M * (1 + indenter)) ** 2)
-                moved = path.depths_m[:, None, None] * near[:, None] * pose[:3, 1]
+                moved = job.indenter_path.depths_m[:, None, None] * near[:, None] * pose[:3, 1]
                 result.displacement = np.where((result.status == 0)[:, None, None], moved, np.nan)
         return results
 

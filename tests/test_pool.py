@@ -1,0 +1,110 @@
+"""Tasks that share a march: the same bytes as alone, no press waits for another task's, and what an error ends."""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from test_press import CUBE, GEL, SPHERE, make_block, pose
+
+from simgen.pool import POOLS, Pool, Queue
+from simgen.press import Scene, follow
+
+PATH = np.array([[0.0, 0.2e-3, 0.0], [0.0, 0.4e-3, 0.0]])
+POSES = np.concatenate([pose(), pose(x=1.0), pose(tilt_deg=5.0), pose(x=-1.0)])
+
+
+@pytest.fixture(scope="module")
+def block():
+    return make_block((4, 2, 4))
+
+
+def make_pool(block, batch):
+    return Pool(Scene(block, GEL, batch=batch), [SPHERE, CUBE], PATH, np.zeros(2), np.inf)
+
+
+def press(pool, first, last):
+    """Those of `POSES`, with the two shapes in turns."""
+    return pool.press([i % 2 for i in range(first, last)], POSES[first:last], np.full(last - first, 2))
+
+
+@pytest.mark.parametrize("batch", [1, 3])
+def test_tasks_side_by_side_give_the_bytes_of_each_alone(block, batch):
+    alone = follow(Scene(block, GEL), [SPHERE, CUBE, SPHERE, CUBE], POSES, PATH)
+    pool = make_pool(block, batch)
+    with ThreadPoolExecutor(2) as threads:
+        tasks = list(threads.map(lambda task: list(press(pool, *task)), [(0, 2), (2, 4)]))
+    for one, other in zip(alone, [*tasks[0], *tasks[1]], strict=True):
+        np.testing.assert_array_equal(one.displacement, other.displacement)
+        np.testing.assert_array_equal(one.force, other.force)
+        assert one.touch == other.touch and other.seconds > 0.0
+
+
+def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):
+    """Three environments: the second task has one of the two that its first press leaves free."""
+    pool = make_pool(block, 2)
+    settle, ended = pool._march._settle, []
+    hard = press(pool, 0, 1)
+
+    def never_ends(finished):
+        settle(finished & np.array([each is not hard._presses[0] for each in pool._march.press]))
+
+    pool._march._settle = never_ends
+    ended = list(press(pool, 1, 4))
+    assert [result.status[-1] for result in ended] == [0, 0, 0]
+    assert hard._presses[0].status is None and pool.urgency == (1, 1)
+
+
+def test_the_march_that_keeps_most_environments_at_work_goes_first(block):
+    small, large = make_pool(block, 1), make_pool(block, 2)
+    waiting, first = press(small, 0, 3), press(large, 0, 2)
+    assert max(small, large, key=lambda pool: pool.urgency) is large
+    assert len(list(first)) == 2
+    assert small._march.left == 3 or large._march.left == 0  # nothing of the other was solved before
+    assert len(list(waiting)) == 3
+
+
+def test_an_error_ends_all_tasks_and_the_next_one_is_sound(block, monkeypatch):
+    pool, other = make_pool(block, 2), make_pool(block, 1)
+    first, second, third = press(pool, 0, 2), press(pool, 2, 4), press(other, 0, 1)
+    with monkeypatch.context() as patch:
+
+        def break_down(ended):
+            raise MemoryError("no more")
+
+        patch.setattr(pool._march, "_settle", break_down)
+        with pytest.raises(MemoryError):
+            list(first)
+    for task in (second, third):
+        with pytest.raises(RuntimeError, match="another task of this process has failed"):
+            list(task)
+    assert all(each.urgency == (0, 0) for each in (pool, other))
+    [again] = press(pool, 0, 1)
+    [alone] = follow(Scene(block, GEL), [SPHERE], POSES[:1], PATH)
+    np.testing.assert_array_equal(again.displacement, alone.displacement)
+
+
+def test_a_pool_that_nobody_has_is_no_pool_any_more(block):
+    pool = make_pool(block, 1)
+    assert pool in POOLS
+    count = len(POOLS)
+    del pool
+    assert len(POOLS) == count - 1
+
+
+def test_a_queue_lets_threads_in_by_turns():
+    """A plain lock may let the thread that leaves it in again, however long others wait."""
+    queue, order = Queue(), []
+
+    def work(name):
+        with queue:
+            order.append(name)
+
+    with ThreadPoolExecutor(2) as threads:
+        with queue:
+            for count, name in enumerate("ab"):
+                threads.submit(work, name)
+                while len(queue._turns) < 2 + count:
+                    time.sleep(0.001)
+        work("c")
+    assert order == ["a", "b", "c"]
