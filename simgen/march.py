@@ -23,6 +23,7 @@ CALM = 4  # increments that converge before a step that was halved is doubled: o
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 SECOND_TRY = 0.5  # of the steps of the first
+EASY = 25  # Newton iterations: an increment that took more is not solved again for elements that are inside out
 MOST_REPEATS = 8  # of an increment whose state has elements inside out, or overlaps the indenter too far
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
@@ -219,16 +220,16 @@ class March:
 
         Elements that are inside out are stabilised more, and where a sample is due, faces that overlap the indenter too
         far are stiffened. Returns which (env,) of those that ``ended`` go on. One that does not converge again is
-        solved once more from its start; elements that are inside out are then accepted. Where faces still overlap the
-        indenter too far, the increment has failed.
+        solved once more from its start; elements that are inside out are then accepted, as they are where the increment
+        was not `EASY`. Where faces still overlap the indenter too far, the increment has failed.
         """
         solver, out = self.solver, self.solver.increment
         converged = ended & (out.status == Status.CONVERGED)
         asked = converged & (self._repeats < MOST_REPEATS)
-        again = np.zeros_like(ended)
-        if asked.any():
-            solver.mark(asked)
-            again = asked & (solver.elasticity.stabilise(solver.x) > 0)
+        again = asked & (out.newton_iterations <= EASY)
+        if again.any():
+            solver.mark(again)
+            again &= solver.elasticity.stabilise(solver.x) > 0
         due = converged & (self.target == self.goal)
         if due.any():
             solver.mark(due)

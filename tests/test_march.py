@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_press import CUBE, DEPTHS, GEL, SPHERE, make_block, pose
+from test_press import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
 
 from simgen.distance import Kind
 from simgen.fem.balance import Balance
@@ -146,3 +146,15 @@ def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch,
     assert result.status.tolist() == [0] * reached + [Status.NOT_RESOLVED] * (3 - reached)
     if reached == 3:
         assert result.certificate["substeps"][2] > result.certificate["substeps"][1]
+
+
+@pytest.mark.parametrize(("easy", "statuses"), [(25, [0, 0, 0, 0]), (0, [0, 0, 9, 9])])
+def test_only_easy_steps_are_solved_again_for_elements_that_are_inside_out(block, monkeypatch, easy, statuses):
+    scene = Scene(block, GEL)
+    monkeypatch.setattr(scene.solver.elasticity, "expect", lambda x: None)  # nothing is stabilised before
+    monkeypatch.setattr("simgen.march.EASY", easy)
+    result = press(scene, [RIGID_EDGE], pose(), np.array([1.2e-3, 1.6e-3, 1.8e-3, 2.0e-3]))[0]
+    assert result.status.tolist() == statuses
+    stabilised = result.certificate["stabilised_elements"]
+    assert (stabilised[-1] > 0) == (easy > 0)
+    assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
