@@ -7,7 +7,7 @@ from test_press import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
 from simgen.distance import Kind
 from simgen.fem.balance import Balance
 from simgen.fem.contact import Contact
-from simgen.fem.newton import NEAR_BALANCE, SolverSettings
+from simgen.fem.newton import EARLY, NEAR_BALANCE, SolverSettings
 from simgen.fem.preconditioner import BlockTriangular
 from simgen.fem.status import Status
 from simgen.march import MOST_OVERLAP, March
@@ -158,3 +158,26 @@ def test_only_easy_steps_are_solved_again_for_elements_that_are_inside_out(block
     stabilised = result.certificate["stabilised_elements"]
     assert (stabilised[-1] > 0) == (easy > 0)
     assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
+
+
+@pytest.mark.parametrize(("iteration", "damped"), [(EARLY, False), (EARLY + 1, True)])
+def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, iteration, damped):
+    """The work of one step is said to be negative; the first steps may go uphill. The state is the same."""
+    path, spheres = np.array([[0.0, 0.4e-3, 0.0], [0.3e-3, 0.4e-3, 0.0]]), [SPHERE]
+    plain = follow(Scene(block, GEL), spheres, pose(), path)[0]
+    assert not plain.certificate["damping"].any() and (plain.certificate["newton_iterations"] > EARLY).all()
+    scene, work = Scene(block, GEL), Balance.work
+    told = []
+
+    def uphill(balance):
+        found = work(balance)
+        if not told and scene.solver.increment.newton_iterations[0] == iteration:
+            told.append(found[0])
+            return found * [[-1.0], [1.0]]
+        return found
+
+    monkeypatch.setattr(Balance, "work", uphill)
+    result = follow(scene, spheres, pose(), path)[0]
+    assert told[0] > 0.0 and (result.status == 0).all()
+    assert (result.certificate["damping"] > 0.0).any() == damped
+    np.testing.assert_allclose(result.force, plain.force, rtol=5e-3, atol=1e-3)

@@ -77,6 +77,7 @@ KRYLOV_AT_ONCE = 4
 # on the default mesh, and of 18 smooth presses to 2 mm on the coarse one: without this bound 180 and 1,307; with 1 169;
 # with 0.5 120 and 1,331; with 0.2 120 and 1,355; with 0.02 153.
 NEAR_BALANCE = 0.5
+EARLY = 3  # Newton iterations in which a step may go uphill
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
 
@@ -212,7 +213,9 @@ class NewtonSolver:
         self.increment.status[stalled] = Status.LINEAR_SOLVER_STALLED
         if solved.any():
             self.mark(solved)
-            self._search.begin(solved, self._size, self.balance.work())
+            work = self.balance.work()
+            self._search.begin(solved, self._size, work)
+            solved &= ~self._refuse_uphill(solved, work[0])
         if (again | solved).any():
             marked = self.mark(again | solved)
             columns.go_along(self.x, self._step, -self._search.alpha, marked, self.trial)
@@ -272,6 +275,18 @@ class NewtonSolver:
             self.elasticity.stabilise(self.x)
         columns.copy(self.x, self.mark(environments), self.trial)
         self._first |= environments
+
+    def _refuse_uphill(self, solved: np.ndarray, work: np.ndarray) -> np.ndarray:
+        """Damp the tangent where it is indefinite along the step that was solved for; returns where (env,) it is.
+
+        work (env,): the forces' virtual work along the step. One that is not positive leads to a saddle, or away. In
+        the first iterations volumes are still off, and its sign says little.
+        """
+        now = self.increment.newton_iterations
+        uphill = solved & (work <= 0.0) & (now > EARLY) & self.damping.can_raise(now)
+        if uphill.any():
+            self._damp(uphill)
+        return uphill
 
     def _begin_solving(self, environments: np.ndarray):
         """Start on Newton directions at ``x``."""
