@@ -146,6 +146,22 @@ def test_presses_reach_depths_that_are_inside_out_and_no_depths_after_a_planned_
     assert found == ["sphere_7mm 12 of 12 0", "ring_7mm 8 of 8 0", "texture_14mm 16 of 16 4"]
 
 
+def test_the_report_says_how_much_was_damped_and_stabilised(tmp_path):
+    def build(job, sensor, device):
+        def presser(indenters, poses):
+            results = fake.fake_presser(job, sensor, device)(indenters, poses)
+            for indenter, result in zip(indenters, results, strict=True):
+                result.certificate["damping"][:] = [0.0, 0.0, 0.0, float(indenter)]
+                result.certificate["stabilised_elements"][:] = [0, 0, 10 * indenter, 30 * indenter]
+            return results
+
+        return presser
+
+    page = "".join(effort_section(run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=build)))
+    cells = [re.findall("<td>(.*?)</td>", row)[9:11] for row in re.findall("<tr>(<td>digit</td>.*?)</tr>", page)]
+    assert cells == [["0, 0", "0.0%"], ["10, 30", "25.0%"], ["20, 60", "25.0%"]]
+
+
 def test_survival_is_the_share_that_reaches_each_depth(failing, missing):
     np.testing.assert_array_equal(survival(failing, "digit"), [[1, 1, 1, 1], [1, 1, 0, 0], [1, 1, 1, 1]])
     np.testing.assert_array_equal(survival(missing, "digit")[1], [0, 0, 0, 0])

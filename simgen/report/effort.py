@@ -14,8 +14,8 @@ from .choice import NOTHING_YET
 
 BINS = 40  # of counts, at most
 PER_DECADE = 10  # bins of residuals
-SHOWN = ("residual", "contact_error", "force_balance", "min_det_F", "inverted_elements", "rms_penetration_m",
-         "max_penetration_m", "newton_iterations", "krylov_iterations")  # fmt: skip
+SHOWN = ("residual", "contact_error", "force_balance", "min_det_F", "inverted_elements", "stabilised_elements",
+         "damping", "rms_penetration_m", "max_penetration_m", "newton_iterations", "krylov_iterations")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def _draw_histogram(dataset: Dataset, quantity: Quantity, values: list[np.ndarra
 
 def _certificates(dataset: Dataset) -> str:
     header = ["sensor", "indenter", "converged", "of these inside out", "residual", "contact error", "force balance",
-              "least det F", "elements inside out", "penetration rms, max (um)",
-              "Newton, Krylov iterations (mean)"]  # fmt: skip
+              "least det F", "elements inside out", "elements stabilised (mean, max)", "samples damped",
+              "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
     rows = []
     for sensor in dataset.sensors:
         status = dataset[f"{sensor}/status"]
@@ -102,7 +102,7 @@ def _certificates(dataset: Dataset) -> str:
             converged = f"{np.count_nonzero(good)} of {np.count_nonzero(own & ~is_planned_end(status))}"
             inside_out = np.count_nonzero(own & (status == Status.INSIDE_OUT))
             if not good.any():
-                rows.append([sensor, name, converged] + [""] * 8)
+                rows.append([sensor, name, converged] + [""] * (len(header) - 3))
                 continue
             values = {key: array[good] for key, array in stored.items()}
             rows.append([
@@ -110,6 +110,8 @@ def _certificates(dataset: Dataset) -> str:
                 f"{values['residual'].max():.1e}", f"{values['contact_error'].max():.1e}",
                 f"{values['force_balance'].max():.1e}", f"{values['min_det_F'].min():.3f}",
                 f"{values['inverted_elements'].max()}",
+                f"{values['stabilised_elements'].mean():.0f}, {values['stabilised_elements'].max()}",
+                f"{np.mean(values['damping'] > 0):.1%}",
                 ", ".join(f"{values[f'{k}_penetration_m'].max() * 1e6:.1f}" for k in ("rms", "max")),
                 f"{values['newton_iterations'].mean():.1f}, {values['krylov_iterations'].mean():.0f}",
             ])  # fmt: skip
