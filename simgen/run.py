@@ -21,8 +21,9 @@ from simgen.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.shard_writer import Failure
 from simgen.workers import Workers
 
-# A task on a GPU. The tasks of a process are solved together, and what has ended is written task by task.
-PRESSES_PER_GPU_TASK = 324
+# Solved together by a GPU's process. They are many, as a few hard ones at the end leave the device idle; the host keeps
+# their samples until their task has ended.
+PRESSES_PER_GPU_PROCESS = 3888
 SMALLER = 8  # times: a task that broke down is tried again in parts of which most may be sound
 
 
@@ -55,7 +56,7 @@ def run(
         shards = sorted({*dataset.unfinished(), *again})
         on_start(dataset.presses - sum(len(dataset.shard_presses(shard)) for shard in shards))
         log_timing(dataset, {"began": time.time(), "shards": len(shards), "folder": str(plan.job.folder.resolve())})
-        size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers.count)
+        size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers)
         try:
             for report in _reports(dataset, divide(shards, size), plan.job, workers, build):
                 log_timing(dataset, {"finished": time.time(), **asdict(report)})
@@ -122,8 +123,8 @@ def divide(shards: list[int], size: int) -> list[list[int]]:
     return [shards[first : first + size] for first in range(0, len(shards), size)]
 
 
-def shards_per_task(shards: int, job: Job, processes: int) -> int:
+def shards_per_task(shards: int, job: Job, workers: Workers) -> int:
     """As many as a GPU's task has room for, or fewer, so that all processes have the same number of tasks."""
-    most = max(1, PRESSES_PER_GPU_TASK // job.dataset.presses_per_shard)
-    rounds = max(1, -(-shards // (most * processes)))
-    return max(1, -(-shards // (rounds * processes)))
+    most = max(1, PRESSES_PER_GPU_PROCESS // (workers.tasks_at_once * job.dataset.presses_per_shard))
+    rounds = max(1, -(-shards // (most * workers.count)))
+    return max(1, -(-shards // (rounds * workers.count)))

@@ -44,6 +44,11 @@ class Workers:
         return self._start()
 
     @property
+    def tasks_at_once(self) -> int:
+        """Tasks that a process with a GPU solves together."""
+        return 1 if self._start is None else TASKS_PER_GPU_PROCESS
+
+    @property
     def about(self) -> str:
         """Where the workers are, how many they are now, and where dask shows what they do (pages that need bokeh)."""
         if self._start is None:

@@ -300,13 +300,15 @@ def test_every_gpu_has_a_worker_that_sees_no_other():
 
 
 @pytest.mark.parametrize(
-    ("shards", "processes", "tasks"), [(215, 1, 24), (215, 2, 24), (215, 8, 24), (3, 4, 3), (1, 1, 1)]
+    ("shards", "processes", "tasks", "most"),
+    [(215, 2, 24, 324), (215, 1, 24, 324), (215, 8, 24, 324), (3, 4, 3, 324), (1, 1, 1, 324), (215, None, 2, 3888)],
 )
-def test_processes_get_equal_shares_of_a_dataset(shards, processes, tasks):
-    """36 presses in a shard, 324 at most in a task."""
+def test_processes_get_equal_shares_of_a_dataset(shards, processes, tasks, most):
+    """36 presses in a shard; twelve tasks of at most 324 presses together, or one of 3,888 in this very process."""
     job = fake.make_job(dataset={"presses_per_shard": 36})
-    size = shards_per_task(shards, job, processes)
-    assert size * 36 <= 324
+    workers = Workers("cuda") if processes is None else Workers("cuda", processes, start=lambda: (None, []))
+    size = shards_per_task(shards, job, workers)
+    assert size * 36 <= most
     parts = divide(list(range(shards)), size)
     assert len(parts) == tasks and [shard for part in parts for shard in part] == list(range(shards))
 
