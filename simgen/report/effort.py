@@ -88,6 +88,14 @@ def _draw_histogram(dataset: Dataset, quantity: Quantity, values: list[np.ndarra
     return figure
 
 
+def _of_later_datasets(values: dict[str, np.ndarray]) -> tuple[str, str]:
+    """Elements stabilised, mean and most, and the share of samples damped; empty where the dataset has neither."""
+    if "damping" not in values:
+        return "", ""
+    stabilised = values["stabilised_elements"]
+    return f"{stabilised.mean():.0f}, {stabilised.max()}", f"{np.mean(values['damping'] > 0):.1%}"
+
+
 def _certificates(dataset: Dataset) -> str:
     header = ["sensor", "indenter", "converged", "of these inside out", "residual", "contact error", "force balance",
               "least det F", "elements inside out", "elements stabilised (mean, max)", "samples damped",
@@ -95,7 +103,8 @@ def _certificates(dataset: Dataset) -> str:
     rows = []
     for sensor in dataset.sensors:
         status = dataset[f"{sensor}/status"]
-        stored = {key: dataset[f"{sensor}/certificate/{key}"] for key in SHOWN}
+        paths = {key: f"{sensor}/certificate/{key}" for key in SHOWN}
+        stored = {key: dataset[path] for key, path in paths.items() if path in dataset.arrays}  # older ones lack two
         for index, name in enumerate(dataset.indenters):
             own = (dataset["press/indenter"] == index)[:, None]
             good = own & has_values(status)
@@ -110,8 +119,7 @@ def _certificates(dataset: Dataset) -> str:
                 f"{values['residual'].max():.1e}", f"{values['contact_error'].max():.1e}",
                 f"{values['force_balance'].max():.1e}", f"{values['min_det_F'].min():.3f}",
                 f"{values['inverted_elements'].max()}",
-                f"{values['stabilised_elements'].mean():.0f}, {values['stabilised_elements'].max()}",
-                f"{np.mean(values['damping'] > 0):.1%}",
+                *_of_later_datasets(values),
                 ", ".join(f"{values[f'{k}_penetration_m'].max() * 1e6:.1f}" for k in ("rms", "max")),
                 f"{values['newton_iterations'].mean():.1f}, {values['krylov_iterations'].mean():.0f}",
             ])  # fmt: skip
