@@ -180,7 +180,7 @@ def begin_presses(
 
 
 def result_of(march: March, press: Press) -> PressResult:
-    """What came of a press that has ended, as arrays over the depths of its march."""
+    """The samples of a press that has ended, as arrays over the depths of its march."""
     scene, displacement = march.scene, press.displacement
     if displacement is None:
         displacement = np.empty((len(march.path), scene.n_vertices, 3))

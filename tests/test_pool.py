@@ -41,7 +41,7 @@ def test_tasks_side_by_side_give_the_bytes_of_each_alone(block, batch):
 
 
 def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):
-    """Of two environments one is left for three presses."""
+    """One of two environments is left for three presses."""
     pool = make_pool(block, 2)
     settle = pool._march._settle
     hard = press(pool, 0, 1)
