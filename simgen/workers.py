@@ -19,7 +19,7 @@ from simgen.job_schema import Job
 from simgen.quiet import check_device
 from simgen.shard import Presser, fem_presser, prepare
 
-# At once. One whose presses are hard takes as long as ten others, and each keeps some 300 presses in the host's memory.
+# Solved together: a task ends with its hardest press, and the others keep the device busy until then.
 TASKS_PER_GPU_PROCESS = 12
 TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
 LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
