@@ -4,11 +4,15 @@ Local coordinates are barycentric, (l0, l1, l2, l3) with sum 1.
 """
 
 import numpy as np
+import trimesh
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
 INSIDE = 1e-12  # of the mesh's size: a point this near to an element's point is in the element
+FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+STEPS = 12  # to the nearest place in a curved element
+SETTLED = 1e-13  # change of barycentric coordinates at which that place is found
 FEW = 6  # elements with the nearest centroids: they hold nearly all points inside
 
 
@@ -35,37 +39,62 @@ def geometry_jacobian(element_nodes: np.ndarray, barycentric: np.ndarray) -> np.
     return np.einsum("...ni,...nj->...ij", element_nodes, shape_gradients(barycentric))
 
 
-def _invert(element_nodes: np.ndarray, points: np.ndarray, steps: int = 6) -> np.ndarray:
-    """Barycentric coordinates of points (m, 3) in elements (m, 10, 3), inside or not: Newton's method."""
+def _nearest_inside(element_nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Barycentric coordinates (m, 4) of the place in each element (m, 10, 3) that is nearest to its point (m, 3).
+
+    Each step replaces the element by the straight tetrahedron that touches it where the last step ended (Gauss and
+    Newton), and takes the place nearest to the point there. Straight elements need one step.
+    """
     barycentric = np.full((len(points), 4), 0.25)
-    for _ in range(steps):
-        miss = points - np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes)
-        jacobian = geometry_jacobian(element_nodes, barycentric)
-        singular = np.abs(np.linalg.det(jacobian)) < 1e-30
-        jacobian[singular] = np.eye(3)
-        step = np.linalg.solve(jacobian, miss[..., None])[..., 0]
-        step[singular] = 0.0
-        # Far outside its element the quadratic map folds over: such a point only has to stay recognisably
-        # outside.
-        step /= np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True))
-        barycentric[:, 1:] += step
-        barycentric[:, 0] = 1.0 - barycentric[:, 1:].sum(axis=1)
+    best, least = barycentric.copy(), np.full(len(points), np.inf)
+    moving = np.arange(len(points))
+    for _ in range(STEPS):
+        now = barycentric[moving]
+        reached = np.einsum("mn,mni->mi", shape_functions(now), element_nodes[moving])
+        edges = np.swapaxes(geometry_jacobian(element_nodes[moving], now), 1, 2)  # (m, corner 1 to 3, xyz)
+        first = reached - np.einsum("mk,mki->mi", now[:, 1:], edges)
+        corners = np.concatenate([first[:, None], first[:, None] + edges], axis=1)
+        barycentric[moving] = _nearest_in_straight(corners, points[moving])
+        reached = np.einsum("mn,mni->mi", shape_functions(barycentric[moving]), element_nodes[moving])
+        distance = np.linalg.norm(reached - points[moving], axis=1)
+        nearer = distance < least[moving]
+        best[moving[nearer]], least[moving[nearer]] = barycentric[moving[nearer]], distance[nearer]
+        moving = moving[np.abs(barycentric[moving] - now).max(axis=1) > SETTLED]
+    return best
+
+
+def _nearest_in_straight(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Barycentric coordinates (m, 4) of the place in each straight tetrahedron (m, 4, 3) nearest to a point (m, 3)."""
+    edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+    volume, size = np.linalg.det(edges), np.abs(edges).max(axis=(1, 2))
+    flat = np.abs(volume) < 1e-9 * size**3
+    edges[flat] = np.eye(3)
+    inner = np.linalg.solve(edges, (points - corners[:, 0])[..., None])[..., 0]
+    barycentric = np.concatenate([1.0 - inner.sum(axis=1, keepdims=True), inner], axis=1)
+    outside = np.flatnonzero(flat | (barycentric < 0.0).any(axis=1))
+    if not len(outside):
+        return barycentric
+    # In units of the tetrahedron, as trimesh has absolute tolerances.
+    middle, size = corners[outside].mean(axis=1), size[outside, None]
+    corners, points = (corners[outside] - middle[:, None]) / size[..., None], (points[outside] - middle) / size
+    least = np.full(len(outside), np.inf)
+    for face in FACES:
+        foot = trimesh.triangles.closest_point(corners[:, face], points)
+        distance = np.linalg.norm(foot - points, axis=1)
+        nearer = distance < least
+        least[nearer] = distance[nearer]
+        place = np.zeros((np.count_nonzero(nearer), 4))
+        place[:, face] = trimesh.triangles.points_to_barycentric(corners[nearer][:, face], foot[nearer])
+        barycentric[outside[nearer]] = place
+    barycentric[outside] = np.clip(barycentric[outside], 0.0, 1.0)
+    barycentric[outside] /= barycentric[outside].sum(axis=1, keepdims=True)
     return barycentric
-
-
-def _to_simplex(barycentric: np.ndarray) -> np.ndarray:
-    """Closest barycentric coordinates with no negative entry (Duchi et al., ICML 2008, fig. 1)."""
-    ordered = -np.sort(-barycentric, axis=-1)
-    excess = (np.cumsum(ordered, axis=-1) - 1.0) / np.arange(1, 5)
-    last = (ordered > excess).sum(axis=-1, keepdims=True) - 1
-    return np.maximum(barycentric - np.take_along_axis(excess, last, axis=-1), 0.0)
 
 
 def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
     """Element (m,), barycentric coordinates (m, 4) and distance (m,) of the mesh's point nearest each point.
 
-    The distance is zero (to rounding) for points inside; points outside are moved to the boundary of an
-    element, and the distance says by how much, in the unit of the nodes.
+    The distance is zero (to rounding) for points inside. It has the unit of the nodes.
     """
     element_nodes = nodes[tetrahedra]
     few = min(FEW, len(tetrahedra))
@@ -89,7 +118,7 @@ def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
 def _nearest(element_nodes, points, point, element) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The best of the pairs of a ``point`` and an ``element`` (pairs,), for each point of them, as by `locate`."""
     target = points[point]
-    barycentric = _to_simplex(_invert(element_nodes[element], target))
+    barycentric = _nearest_inside(element_nodes[element], target)
     reached = np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes[element])
     distance = np.linalg.norm(reached - target, axis=1)
     order = np.lexsort([distance, point])

@@ -44,14 +44,32 @@ def test_quadratic_fields_are_exact_on_straight_elements(box):
     np.testing.assert_allclose(matrix.sum(axis=1), 1.0, atol=1e-13)
 
 
-def test_points_outside_go_to_the_nearest_place_and_say_how_far(box):
-    points = np.array([[1.5, 1.0, 1.2], [-0.1, 1.0, 0.5], [1.5, 1.0, 0.5]]) * 1e-3
-    _, barycentric, distance = locate(box.nodes, box.tetrahedra, points)
+def test_points_outside_go_to_the_nearest_place(box):
+    """In a box the nearest place is the point clamped to it."""
+    size = np.array([3.0, 2.0, 1.0])
+    points = np.random.default_rng(4).uniform(-1.0, size + 1.0, (2000, 3))
+    _, barycentric, distance = locate(box.nodes, box.tetrahedra, points * 1e-3)
     assert barycentric.min() >= 0.0
-    # The barycentric clamp finds a point of the face that need not be the foot of the perpendicular.
-    assert (distance[:2] >= np.array([0.2, 0.1]) * 1e-3 * (1 - 1e-9)).all()
-    assert (distance[:2] <= np.array([0.2, 0.1]) * 1e-3 * 1.5).all()
-    assert distance[2] < 1e-15
+    foot = np.clip(points, 0.0, size)
+    np.testing.assert_allclose(distance * 1e3, np.linalg.norm(points - foot, axis=1), atol=1e-11)
+    np.testing.assert_allclose(interpolation_matrix(box, points * 1e-3) @ box.nodes * 1e3, foot, atol=1e-11)
+
+
+def test_points_outside_a_curved_mesh_go_to_the_nearest_place(box):
+    """The box is bent along a circle: the nearest place on its outer face is on the line to the circle's centre."""
+    x, y, z = (box.nodes * 1e3).T
+    radius = 8.0 + z
+    bent = np.stack([radius * np.sin(x / 8.0), y, radius * np.cos(x / 8.0)], axis=1)
+    angle, height = np.random.default_rng(5).uniform([0.02, 0.2], [0.35, 1.8], (200, 2)).T
+    across = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
+    points = 9.3 * across + np.stack([np.zeros_like(height), height, np.zeros_like(height)], axis=1)
+    _, _, distance = locate(bent, box.tetrahedra, points)
+    np.testing.assert_allclose(distance, 0.3, atol=2e-4)  # chord error of a parabola over 0.56 mm of the arc
+    inside = points - 0.6 * across
+    element, barycentric, distance = locate(bent, box.tetrahedra, inside)
+    assert distance.max() < 1e-12
+    reached = np.einsum("mn,mni->mi", shape_functions(barycentric), bent[box.tetrahedra[element]])
+    np.testing.assert_allclose(reached, inside, atol=1e-12)
 
 
 def test_a_point_in_a_large_element_beside_many_small_ones_is_found():
