@@ -21,9 +21,10 @@ from simgen.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.shard_writer import Failure
 from simgen.workers import Workers
 
-# Solved together by a GPU's process. They are many, as a few hard ones at the end leave the device idle; the host keeps
-# their samples until their task has ended.
-PRESSES_PER_GPU_PROCESS = 3888
+# In all tasks that a GPU's process solves at once. They are many more than are under way at once, because a shard waits
+# for its hardest press, and the others must keep the device busy. The host keeps their samples until their shard has
+# ended: 5 MB for a press of the paired job.
+PRESSES_PER_GPU_PROCESS = 2304
 SMALLER = 8  # times: a task that broke down is tried again in parts of which most may be sound
 
 

@@ -19,8 +19,9 @@ from simgen.job_schema import Job
 from simgen.quiet import check_device
 from simgen.shard import Presser, fem_presser, prepare
 
-# Solved together: a task ends with its hardest press, and the others keep the device busy until then.
-TASKS_PER_GPU_PROCESS = 12
+# Threads of a GPU's process. Each solves a task; the presses of all tasks share the device (see ``pool``). One shard is
+# a task where shards have their default size, so what has ended is written early.
+TASKS_PER_GPU_PROCESS = 64
 TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
 LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
 ANSWER_S = 10.0  # within which a scheduler must answer
@@ -32,21 +33,20 @@ IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class Workers:
-    """``count`` processes, and the ``device`` as they see it: one with a GPU of its own sees no other."""
+    """``count`` processes, and the ``device`` as they see it: one with a GPU of its own sees no other.
+
+    Each process solves ``tasks_at_once`` tasks at a time.
+    """
 
     def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, list]] | None = None,
-                 close: Callable[[], None] = lambda: None):  # fmt: skip
-        self.device, self.count, self.close, self._start = device, count, close, start
+                 close: Callable[[], None] = lambda: None, tasks_at_once: int = 1):  # fmt: skip
+        self.device, self.count, self.tasks_at_once = device, count, tasks_at_once
+        self.close, self._start = close, start
 
     @cached_property
     def started(self) -> tuple[Any, list]:
         """dask's client of the processes, which start when it is first asked for, and what prepares them."""
         return self._start()
-
-    @property
-    def tasks_at_once(self) -> int:
-        """Tasks that a process with a GPU solves together."""
-        return 1 if self._start is None else TASKS_PER_GPU_PROCESS
 
     @property
     def about(self) -> str:
@@ -146,7 +146,8 @@ def start_workers(
                         client.wait_for_workers(count, timeout=LONGEST_WAIT_S)
                 return client, []
 
-            yield Workers(device, count or max(1, len(client.nthreads())), joined)
+            threads = client.nthreads().values()
+            yield Workers(device, count or max(1, len(threads)), joined, tasks_at_once=min(threads, default=1))
         return
     gpus = visible_gpus(device) if device != "cpu" else []
     there = "cuda" if gpus else device
@@ -164,7 +165,7 @@ def start_workers(
             addresses = client.nthreads()
             return client, [client.submit(prepare, job, there, build, workers=[each], **own) for each in addresses]
 
-        workers = Workers(there, len(environments), start, close=stack.close)
+        workers = Workers(there, len(environments), start, stack.close, TASKS_PER_GPU_PROCESS if gpus else 1)
         if gpus:
             _ = workers.started
         yield workers

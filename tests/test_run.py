@@ -18,7 +18,7 @@ from simgen.dataset import Dataset
 from simgen.dataset_writer import manifest_aside, open_or_create
 from simgen.errors import InputError
 from simgen.plan import sensor_identity
-from simgen.run import divide, run, shards_per_task
+from simgen.run import PRESSES_PER_GPU_PROCESS, divide, run, shards_per_task
 from simgen.sensor import load_sensor
 from simgen.shard import run_shards
 from simgen.workers import TASKS_PER_GPU_PROCESS, Workers, local_cluster, start_workers
@@ -300,15 +300,14 @@ def test_every_gpu_has_a_worker_that_sees_no_other():
 
 
 @pytest.mark.parametrize(
-    ("shards", "processes", "tasks", "most"),
-    [(215, 2, 24, 324), (215, 1, 24, 324), (215, 8, 24, 324), (3, 4, 3, 324), (1, 1, 1, 324), (215, None, 2, 3888)],
+    ("shards", "processes", "threads", "tasks"),
+    [(215, 2, 64, 215), (215, 2, 12, 43), (215, 8, 12, 43), (3, 4, 64, 3), (1, 1, 64, 1), (215, 1, 1, 4)],
 )
-def test_processes_get_equal_shares_of_a_dataset(shards, processes, tasks, most):
-    """36 presses in a shard; twelve tasks of at most 324 presses together, or one of 3,888 in this very process."""
+def test_the_tasks_of_a_gpu_s_process_fill_it(shards, processes, threads, tasks):
+    """36 presses in a shard: one in each of 64 tasks, five in each of 12, or 54 in a process without threads."""
     job = fake.make_job(dataset={"presses_per_shard": 36})
-    workers = Workers("cuda") if processes is None else Workers("cuda", processes, start=lambda: (None, []))
-    size = shards_per_task(shards, job, workers)
-    assert size * 36 <= most
+    size = shards_per_task(shards, job, Workers("cuda", processes, tasks_at_once=threads))
+    assert size * 36 * threads <= PRESSES_PER_GPU_PROCESS
     parts = divide(list(range(shards)), size)
     assert len(parts) == tasks and [shard for part in parts for shard in part] == list(range(shards))
 
