@@ -252,7 +252,7 @@ class NewtonSolver:
         better = taken & (relative < 0.9 * self._best)
         self._best[better], self._since_best[better] = relative[better], 0
         self._since_best[taken & ~better] += 1
-        damped = failed | ~done & self.damping.follow(stepped, relative, self._since_best)
+        damped = failed | ~done & self.damping.follow(stepped, self._search.alpha, self._since_best)
         if damped.any():
             self._damp(damped)
         patience, most = self.damping.limits(PATIENCE, s.max_newton_iterations)

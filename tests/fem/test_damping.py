@@ -1,6 +1,6 @@
 import numpy as np
 
-from simgen.fem.damping import FADE, FIRST, ITERATIONS, LEAST, MOST, PATIENCE, STUCK, Damping
+from simgen.fem.damping import FADE, FIRST, ITERATIONS, LEAST, MOST, PATIENCE, SHORT, STUCK, Damping
 
 ONE, BOTH = np.array([True, False]), np.ones(2, dtype=bool)
 
@@ -16,17 +16,21 @@ def test_only_what_gets_stuck_is_damped_and_twice_as_much_each_time():
     assert not damping.eta.any() and not damping.used.any()
 
 
-def test_damping_fades_to_nothing_while_the_residual_falls_and_doubles_where_it_grows():
+def follow(damping, share):
+    damping.follow(BOTH[:1], np.array([share]), np.zeros(1))
+    return damping.eta[0]
+
+
+def test_whole_steps_let_damping_fade_to_nothing_and_short_ones_double_it():
     damping = Damping(1)
     damping.raise_(BOTH[:1])
-    damping.follow(BOTH[:1], np.array([1.0]), np.zeros(1))
-    assert damping.eta[0] == FIRST * FADE
-    damping.follow(BOTH[:1], np.array([10.0]), np.zeros(1))
-    assert damping.eta[0] == 2.0 * FIRST * FADE
+    assert follow(damping, 1.0) == FIRST * FADE
+    assert follow(damping, 0.9 * SHORT) == 2.0 * FIRST * FADE
+    assert follow(damping, 1.1 * SHORT) == 2.0 * FIRST * FADE  # neither short nor whole
     fades = int(np.ceil(np.log(2.0 * FIRST / LEAST) / -np.log(FADE)))
-    for _ in range(fades + 1):
-        damping.follow(BOTH[:1], np.array([1.0]), np.zeros(1))
-    assert damping.eta[0] == 0.0
+    assert [follow(damping, 1.0) for _ in range(fades + 1)][-1] == 0.0
+    damping.eta[:] = MOST
+    assert follow(damping, 0.1) == MOST
 
 
 def test_an_increment_is_stuck_after_iterations_without_progress_and_has_a_last_damping():

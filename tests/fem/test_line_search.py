@@ -38,6 +38,17 @@ def test_a_step_that_overshoots_is_cut_by_the_secant_until_it_fits():
     assert judge(search, tried(work=0.1)) == (True, False)
 
 
+def test_the_zero_of_a_bent_curve_is_found_where_one_end_of_the_interval_stays():
+    """Work 1 - 10 alpha^2: plain regula falsi ends at 0.43."""
+    search = begun()
+    for _ in range(MOST_TRIALS):
+        alpha = search.alpha[0]
+        taken, _ = judge(search, tried(work=1.0 - 10.0 * alpha**2))
+        if taken:
+            break
+    assert taken and abs(1.0 - 10.0 * alpha**2) < 0.2
+
+
 @pytest.mark.parametrize("bad", [{"size": np.nan}, {"size": 1.1 * MOST_GROWTH}])
 def test_a_state_that_cannot_be_used_halves_the_step_and_at_last_fails(bad):
     search = begun()

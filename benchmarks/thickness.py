@@ -1,0 +1,108 @@
+"""Which presses complete, and how accurate are they, by the share of the gel's thickness that is left?
+
+    python benchmarks/thickness.py --device cuda --output thickness.json
+
+Contacts are drawn without `trajectories.least_thickness_left`. Presses of the widest indenters are chosen by the share
+that they leave at the last depth on one sensor. All are pressed on two meshes. Reported by share: how many complete,
+how many samples have an element inside out, and how far force and surface are from the finer mesh at some depths.
+"""
+
+import argparse
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from presses import job_scene
+from record import write
+
+from simgen.fem.status import Status, has_values
+from simgen.indenter import chosen_indenters
+from simgen.job import load_job
+from simgen.least_thickness import LeastThickness
+from simgen.plan import chosen_sensor, make_plan
+from simgen.press import press
+from simgen.quiet import start_warp
+
+BOUNDS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.40, 0.60)
+SHOWN_MM = (1.0, 1.5, 2.0)
+
+
+def choose(job, sensor: str, names: list[str], count: int) -> list[dict]:
+    """The first ``count`` presses of each indenter whose share lies between two of `BOUNDS`."""
+    indenters, arrays = chosen_indenters(job), make_plan(job).arrays
+    poses = np.linalg.inv(arrays[f"{sensor}/pose"]) @ arrays["press/contact_pose"]
+    measure = LeastThickness(chosen_sensor(job, sensor), [each.shape() for each in indenters], job.indenter_path)
+    shares, chosen = measure.shares(poses[:: len(indenters)]), []
+    for i, indenter in enumerate(indenters):
+        if indenter.name not in names:
+            continue
+        for low, high in pairwise(BOUNDS):
+            fitting = np.flatnonzero((shares[:, i] >= low) & (shares[:, i] < high))[:count]
+            chosen += [{"indenter": i, "name": indenter.name, "bounds": (low, high), "share": float(shares[t, i]),
+                        "pose": poses[t * len(indenters) + i]} for t in fitting]  # fmt: skip
+    return chosen
+
+
+def solve(job, sensor: str, mesh: str, chosen: list[dict], device: str, batch: int):
+    """Results of the chosen presses on a mesh of the sensor."""
+    on_mesh = job.sensors[sensor].model_copy(update={"mesh": mesh})
+    job = job.model_copy(update={"sensors": job.sensors | {sensor: on_mesh}})
+    scene, shapes = job_scene(job, sensor, batch, device), [each.shape() for each in chosen_indenters(job)]
+    poses = np.stack([each["pose"] for each in chosen])
+    return press(scene, [shapes[each["indenter"]] for each in chosen], poses, job.depths_m), scene
+
+
+def row(name: str, bounds: tuple[float, float], own: list[tuple], shown: list[int], surface: np.ndarray) -> dict:
+    """Counts of pairs (press, the same on the finer mesh), and differences at the shown depths where both converged."""
+    status = np.stack([ours.status for ours, _ in own])
+    finer = np.stack([fine.status for _, fine in own])
+    force, moved = [], []
+    for depth in shown:
+        both = [pair for pair in own if all(has_values(each.status[depth]) for each in pair)]
+        sizes = np.array([[np.linalg.norm(each.force[depth]) for each in pair] for pair in both]).reshape(-1, 2)
+        force.append((sizes[:, 0] / sizes[:, 1] - 1.0).round(4).tolist())
+        moved.append([float(np.linalg.norm((ours.displacement - fine.displacement)[depth][surface], axis=1).max() * 1e6)
+                      for ours, fine in both])  # fmt: skip
+    return {
+        "indenter": name, "share_left": bounds, "presses": len(own),
+        "complete": int(has_values(status).all(axis=1).sum()),
+        "complete_on_the_finer_mesh": int(has_values(finer).all(axis=1).sum()),
+        "samples": int(has_values(status).sum()), "inside_out": int((status == Status.INSIDE_OUT).sum()),
+        "newton_iterations": int(sum(np.nansum(ours.certificate["newton_iterations"]) for ours, _ in own)),
+        "force_over_finer_less_1": force, "surface_largest_difference_um": moved,
+    }  # fmt: skip
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sensor", default="digit")
+    parser.add_argument("--mesh", default="default")
+    parser.add_argument("--finer", default="fine")
+    parser.add_argument("--indenters", nargs="+", default=["cylinder_long_7mm", "cube_14mm", "ring_7mm"])
+    parser.add_argument("--count", type=int, default=8, help="presses of an indenter for each range of shares")
+    parser.add_argument("--trajectories", type=int, default=400, help="contacts from which they are chosen")
+    parser.add_argument("--batch", type=int, default=1)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--output", type=Path, default=Path("thickness.json"))
+    asked = parser.parse_args()
+    start_warp()
+    job = load_job("paired", [f"trajectories.count={asked.trajectories}", "trajectories.least_thickness_left=0"])
+    chosen = choose(job, asked.sensor, asked.indenters, asked.count)
+    results, scene = solve(job, asked.sensor, asked.mesh, chosen, asked.device, asked.batch)
+    finer, _ = solve(job, asked.sensor, asked.finer, chosen, asked.device, asked.batch)
+    surface = chosen_sensor(job, asked.sensor).output_mesh.touchable
+    shown = [int(np.abs(job.depths_m * 1e3 - depth).argmin()) for depth in SHOWN_MM]
+    rows = []
+    for name in asked.indenters:
+        for bounds in pairwise(BOUNDS):
+            own = [(ours, fine) for each, ours, fine in zip(chosen, results, finer, strict=True)
+                   if each["name"] == name and each["bounds"] == bounds]  # fmt: skip
+            if own:
+                rows.append(row(name, bounds, own, shown, surface))
+                print(rows[-1], flush=True)
+    plain = {name: str(value) for name, value in vars(asked).items()}
+    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, shown_mm=SHOWN_MM, unknowns=scene.unknowns)
+
+
+if __name__ == "__main__":
+    main()
