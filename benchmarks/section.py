@@ -43,7 +43,7 @@ def solve(file: Path) -> None:
     pose[:3, :3], pose[:3, 3] = AXES, 1e-3 * np.array(CONTACT_MM)
 
     def watch(reached):
-        states.append(scene.solver.x.numpy()[: 3 * len(scene.nodes), 0].reshape(-1, 3))
+        states.append(scene.solver.x.numpy()[: 3 * len(scene.nodes), 0].reshape(-1, 3).copy())
         return take(reached)
 
     scene.samples.take = watch

@@ -18,12 +18,14 @@ from .fem.status import Status
 from .indenter_path import moved
 from .scene import Scene
 
+LONGEST_MM = 0.25  # of a load step: with friction the force depends on the way, also where few depths are stored
 FURTHEST = 3.0  # of the last step, that a start may lie beyond: a short one says little of one that is much longer
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 SECOND_TRY = 0.5  # of the steps of the first
 EASY = 25  # Newton iterations: an increment that took more is not solved again for elements that are inside out
+LESS_OVERLAP = 0.95  # of the last, that stiffer faces must leave: else they are of no use
 MOST_REPEATS = 8  # of an increment whose state has elements inside out, or overlaps the indenter too far
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
@@ -84,7 +86,7 @@ class March:
         self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_LEVER_MM]])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
-        self._spacing = longest_of_leg(self._corners, lengths)
+        self._spacing = np.minimum(longest_of_leg(self._corners, lengths), LONGEST_MM)
         batch = scene.batch
         self.press: list[Press | None] = [None] * batch
         self.at_work, self._next = np.zeros((2, batch), dtype=bool)  # has a press; begins its next increment
@@ -92,6 +94,7 @@ class March:
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
         self._repeats = np.zeros(batch, dtype=int)  # of the increment under way
+        self._overlap = np.full(batch, np.inf)  # largest over a face's edge, of its last solution
         self._damping = np.zeros(batch)  # largest since the last row
         self._reinforced = np.zeros(batch, dtype=bool)  # tried once more before it was given up
         self._share = np.ones(batch)  # of the longest steps that this try takes
@@ -221,7 +224,7 @@ class March:
         Elements that are inside out are stabilised more, and where a sample is due, faces that overlap the indenter too
         far are stiffened. Returns which (env,) of those that ``ended`` go on. One that does not converge again is
         solved once more from its start; elements that are inside out are then accepted, as they are where the increment
-        was not `EASY`. Where faces still overlap the indenter too far, the increment has failed.
+        was not `EASY`. Where stiffer faces do not help, or no gel is left before core or support, it has failed.
         """
         solver, out = self.solver, self.solver.increment
         converged = ended & (out.status == Status.CONVERGED)
@@ -233,9 +236,13 @@ class March:
         due = converged & (self.target == self.goal)
         if due.any():
             solver.mark(due)
-            too_far = due & (self.scene.samples.overlap()[1] > MOST_OVERLAP)
-            out.status[too_far & ~asked] = Status.NOT_RESOLVED
-            too_far &= asked
+            overlap = self.scene.samples.overlap()[1]
+            too_far = due & ((overlap > MOST_OVERLAP) | (self.scene.samples.room() < 0.0))
+            given_up = too_far & ~(asked & (overlap < LESS_OVERLAP * self._overlap))
+            self._overlap[due] = overlap[due]
+            out.status[given_up] = Status.NOT_RESOLVED
+            too_far &= ~given_up
+            again &= ~given_up
             if too_far.any():
                 solver.mark(too_far)
                 for contact in solver.contacts:
@@ -268,6 +275,7 @@ class March:
         unchecked = failed & (self._repeats > 0) & (self._repeats <= MOST_REPEATS)
         unchecked &= out.status != Status.NOT_RESOLVED
         self._repeats[ended] = np.where(unchecked, MOST_REPEATS + 1, 0)[ended]
+        self._overlap[ended] = np.inf
         failed &= ~unchecked
         if failed.any():
             self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0

@@ -118,6 +118,15 @@ class Samples:
             deepest, of_edge = np.maximum(deepest, -distance - at_rest), np.maximum(of_edge, into)
         return deepest, of_edge
 
+    def room(self) -> np.ndarray:
+        """Least distance (env,) mm between the indenter and core or support where it overlaps the surface.
+
+        Negative where they meet, with no gel left between; inf without overlap.
+        """
+        pressed, x = self.scene.indenter_contact, self.scene.solver.x
+        rooms = [pressed.room(x, self._dense, contact) for contact in self.scene.fixed_contacts]
+        return np.min(rooms, axis=0, initial=np.inf) if rooms else np.full(self.scene.batch, np.inf)
+
     def inverted_elements(self) -> np.ndarray:
         """Number of elements (env,) that are inside out somewhere; the solver sees its integration points alone."""
         return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x)

@@ -34,7 +34,7 @@ from .contact_history import (
     stiffen_kernel,
     update_kernel,
 )
-from .contact_results import corner_forces_kernel, gap_kernel, nearest_kernel, resultant_kernel
+from .contact_results import corner_forces_kernel, gap_kernel, nearest_kernel, resultant_kernel, room_kernel
 from .element import Element, face_geometry
 from .material import mat33, vec3
 from .traction import Surface
@@ -273,3 +273,13 @@ class Contact:
         of_edge = wp.zeros(self.n_env, dtype=wp.float64, device=self.device)
         self._launch(nearest_kernel, [x, dense, at_rest, self.active], [distance, of_edge])
         return distance.numpy(), of_edge.numpy()
+
+    def room(self, x, dense: wp.array, other: Contact) -> np.ndarray:
+        """Distance (env,) mm that is left between the shape and that of another contact of the same body, at least.
+
+        Where the surface overlaps the shape, at points with shape functions (point, nodes); negative where the overlap
+        is more than the gel that is left, inf where there is none.
+        """
+        room = wp.full(self.n_env, np.inf, dtype=wp.float64, device=self.device)
+        self._launch(room_kernel, [other.surface, x, dense, self.active], [room])
+        return room.numpy()

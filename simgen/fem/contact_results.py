@@ -134,3 +134,28 @@ def nearest_kernel(
         least = wp.min(least, distance(s.rigid[s.shape_of[env]], local))
     wp.atomic_min(distance_out, env, least)
     wp.atomic_max(of_edge_out, env, -(least + at_rest) / s.edges[f])
+
+
+@wp.kernel
+def room_kernel(
+    s: Surface,
+    other: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    dense: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    room_out: wp.array(dtype=wp.float64),
+):
+    """Least distance from another contact's shape that is left beyond the overlap, at points that overlap the shape."""
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0 or least_gap(s, face_positions(s, x, f, env), f, env) > real(0.0):
+        return
+    room = real(wp.inf)
+    for q in range(dense.shape[0]):
+        position = surface_point(s, x, dense, f, q, env)
+        gap = distance(s.rigid[s.shape_of[env]], wp.transpose(s.rotation[env]) * (position - s.origin[env]))
+        if gap < real(0.0):
+            local = wp.transpose(other.rotation[env]) * (position - other.origin[env])
+            room = wp.min(room, gap + distance(other.rigid[other.shape_of[env]], local))
+    wp.atomic_min(room_out, env, room)

@@ -40,7 +40,7 @@ class SolverSettings:
     volumetric_split : gamma / mu, the part of the bulk stiffness that acts pointwise (see material.py)
     contact_stiffness, friction_stiffness : k edge / E of the augmented Lagrangian, edge of each face (see traction.py)
     max_newton_iterations : per increment; an increment that needs more is halved
-    smallest_substep : least increment, as a share of the distance between stored depths
+    smallest_substep : least increment, as a share of the distance between stored depths, or of the longest increment
     krylov_size : most iterations of one linear solve
     """
 

@@ -1,7 +1,6 @@
 """Hard cases: presses that ask for trouble. Each converges with its certificate or is refused with a sentence.
 
-What the coarse meshes cannot do is declared as a limit, with the depth that they must still reach; the tables show it
-beside the price of every press in iterations, sub-steps and seconds.
+The tables show the price of every press in iterations, sub-steps and seconds.
 """
 
 from __future__ import annotations

@@ -25,7 +25,6 @@ class Attempt:
 
     path_m : (d, 3) m from first touch, in the indenter's frame
     refusals : the outcomes that are right where it has to be refused; empty: it has to converge
-    reach_mm : a declared limit: it may be refused beyond this depth, not before; None: no limit
     core : share of the indenter's force that the core carries, and the deepest point in the core, um; NaN without one
     """
 
@@ -34,7 +33,6 @@ class Attempt:
     settings: SolverSettings
     path_m: np.ndarray
     refusals: tuple[Status, ...]
-    reach_mm: float | None
     core: tuple[float, float]
 
     @property
@@ -51,15 +49,13 @@ class Attempt:
         last = Status(self.result.status[-1])
         if self.refusals:
             return last in self.refusals
-        return last.has_values or (self.reach_mm is not None and self.reached >= self.reach_mm - 1e-6)
+        return last.has_values
 
     @property
     def outcome(self) -> str:
         last = Status(self.result.status[-1])
         words = "converges" if last.has_values and not self.refusals else f"refused: {last.sentence}"
-        if not self.as_declared:
-            return f"NOT AS DECLARED; {words}"
-        return words if self.reach_mm is None else f"declared limit {self.reach_mm:g} mm; {words}"
+        return words if self.as_declared else f"NOT AS DECLARED; {words}"
 
     @property
     def force(self) -> np.ndarray:
@@ -83,11 +79,10 @@ def attempt(
     pose: np.ndarray,
     path_m: np.ndarray,
     refusals: tuple[Status, ...] = (),
-    reach_mm: float | None = None,
 ) -> Attempt:
     """Follow a path (d, 3) m from a pose (4, 4), and look at what the certificate does not tell."""
     result = follow(scene, [shape], pose[None], path_m)[0]
-    return Attempt(name, result, scene.settings, path_m, refusals, reach_mm, core_contact(scene))
+    return Attempt(name, result, scene.settings, path_m, refusals, core_contact(scene))
 
 
 def core_contact(scene: Scene) -> tuple[float, float]:
