@@ -25,7 +25,6 @@ MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the c
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 SECOND_TRY = 0.5  # of the steps of the first
 EASY = 25  # Newton iterations: an increment that took more is not solved again for elements that are inside out
-LESS_OVERLAP = 0.95  # of the last, that stiffer faces must leave: else they are of no use
 MOST_REPEATS = 8  # of an increment whose state has elements inside out, or overlaps the indenter too far
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
@@ -94,7 +93,6 @@ class March:
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
         self._repeats = np.zeros(batch, dtype=int)  # of the increment under way
-        self._overlap = np.full(batch, np.inf)  # largest over a face's edge, of its last solution
         self._damping = np.zeros(batch)  # largest since the last row
         self._reinforced = np.zeros(batch, dtype=bool)  # tried once more before it was given up
         self._share = np.ones(batch)  # of the longest steps that this try takes
@@ -224,7 +222,7 @@ class March:
         Elements that are inside out are stabilised more, and where a sample is due, faces that overlap the indenter too
         far are stiffened. Returns which (env,) of those that ``ended`` go on. One that does not converge again is
         solved once more from its start; elements that are inside out are then accepted, as they are where the increment
-        was not `EASY`. Where stiffer faces do not help, or no gel is left before core or support, it has failed.
+        was not `EASY`. Where stiffer faces do not help, or no skin is left before the core, the increment has failed.
         """
         solver, out = self.solver, self.solver.increment
         converged = ended & (out.status == Status.CONVERGED)
@@ -236,13 +234,10 @@ class March:
         due = converged & (self.target == self.goal)
         if due.any():
             solver.mark(due)
-            overlap = self.scene.samples.overlap()[1]
-            too_far = due & ((overlap > MOST_OVERLAP) | (self.scene.samples.room() < 0.0))
-            given_up = too_far & ~(asked & (overlap < LESS_OVERLAP * self._overlap))
-            self._overlap[due] = overlap[due]
-            out.status[given_up] = Status.NOT_RESOLVED
-            too_far &= ~given_up
-            again &= ~given_up
+            samples = self.scene.samples
+            too_far = due & ((samples.overlap()[1] > MOST_OVERLAP) | (samples.room() < 0.0))
+            out.status[too_far & ~asked] = Status.NOT_RESOLVED
+            too_far &= asked
             if too_far.any():
                 solver.mark(too_far)
                 for contact in solver.contacts:
@@ -275,7 +270,6 @@ class March:
         unchecked = failed & (self._repeats > 0) & (self._repeats <= MOST_REPEATS)
         unchecked &= out.status != Status.NOT_RESOLVED
         self._repeats[ended] = np.where(unchecked, MOST_REPEATS + 1, 0)[ended]
-        self._overlap[ended] = np.inf
         failed &= ~unchecked
         if failed.any():
             self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0

@@ -119,13 +119,14 @@ class Samples:
         return deepest, of_edge
 
     def room(self) -> np.ndarray:
-        """Least distance (env,) mm between the indenter and core or support where it overlaps the surface.
+        """Least distance (env,) mm between the indenter and the core, where the indenter overlaps the skin.
 
-        Negative where they meet, with no gel left between; inf without overlap.
+        Negative where they meet, with no skin left between; inf without overlap or core.
         """
-        pressed, x = self.scene.indenter_contact, self.scene.solver.x
-        rooms = [pressed.room(x, self._dense, contact) for contact in self.scene.fixed_contacts]
-        return np.min(rooms, axis=0, initial=np.inf) if rooms else np.full(self.scene.batch, np.inf)
+        scene = self.scene
+        if scene.core_contact is None:
+            return np.full(scene.batch, np.inf)
+        return scene.indenter_contact.room(scene.solver.x, self._dense, scene.core_contact)
 
     def inverted_elements(self) -> np.ndarray:
         """Number of elements (env,) that are inside out somewhere; the solver sees its integration points alone."""

@@ -7,7 +7,7 @@ from test_press import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
 from simgen.distance import Kind
 from simgen.fem.balance import Balance
 from simgen.fem.contact import Contact
-from simgen.fem.newton import EARLY, NEAR_BALANCE, NewtonSolver, SolverSettings
+from simgen.fem.newton import EARLY, NEAR_BALANCE, SolverSettings
 from simgen.fem.preconditioner import BlockTriangular
 from simgen.fem.status import Status
 from simgen.march import MOST_OVERLAP, March
@@ -133,18 +133,6 @@ def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):
                          for part in (depths[-1:], depths))  # fmt: skip
     assert at_once.certificate["substeps"].tolist() == [3] and stepwise.certificate["substeps"].tolist() == [1, 1, 1]
     np.testing.assert_allclose(at_once.displacement[-1], stepwise.displacement[-1], atol=1e-12)
-
-
-def test_faces_are_not_stiffened_again_where_that_does_not_help(block, monkeypatch):
-    """A state overlaps too far, and stays as it is: one more solution, then the press ends."""
-    scene, solved = Scene(block, GEL, settings=SolverSettings(smallest_substep=1.0)), []
-    begin = NewtonSolver.begin
-    monkeypatch.setattr(NewtonSolver, "begin", lambda solver, which: (solved.append(1), begin(solver, which))[1])
-    monkeypatch.setattr(Samples, "overlap", lambda samples: (np.full(1, 0.5), np.full(1, 2.0 * MOST_OVERLAP)))
-    monkeypatch.setattr(March, "_fail", March._end)  # no second try
-    result = press(scene, [SPHERE], pose(), np.array([0.2e-3]))[0]
-    assert result.status.tolist() == [Status.NOT_RESOLVED]
-    assert len(solved) == 4  # the step and once more; the same with reinforced elements
 
 
 @pytest.mark.parametrize(("longest", "reached"), [(0.06, 3), (0.0, 2)])

@@ -280,10 +280,10 @@ class NewtonSolver:
         """Damp the tangent where it is indefinite along the step that was solved for; returns where (env,) it is.
 
         work (env,): the forces' virtual work along the step. One that is not positive leads to a saddle, or away. In
-        the first iterations volumes are still off, and its sign says little.
+        the first iterations volumes are still off, and its sign says little, as it does where there is no force left.
         """
         now = self.increment.newton_iterations
-        uphill = solved & (work <= 0.0) & (now > EARLY) & self.damping.can_raise(now)
+        uphill = solved & (work <= 0.0) & (self._size > SMALLEST_FORCE) & (now > EARLY) & self.damping.can_raise(now)
         if uphill.any():
             self._damp(uphill)
         return uphill

@@ -269,6 +269,21 @@ def test_the_nearest_point_is_looked_for_between_the_integration_points():
     assert term.gap(rest).min() > 0.1001
 
 
+@pytest.mark.parametrize("height, room", [(1.0, 0.9), (0.05, -0.05)])
+def test_room_is_what_is_left_between_two_shapes(height, room):
+    """Two spheres with their tips at y = 0.1 and at a height, the surface at y = 0."""
+    nodes, term = contact(0.0, SPHERE)
+    _, other = contact(0.0, SPHERE)
+    rest, dense = state(np.zeros(3 * len(nodes))), wp.array(dense_shapes(12, linear=False), dtype=wp.float64)
+    facing = pose(0.0, height, 0.0)
+    facing[0, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    other.set_pose(facing)
+    term.set_pose(pose(0.0, 0.1, 0.0))
+    assert term.room(rest, dense, other) == pytest.approx(room, abs=1e-12)
+    term.set_pose(pose(0.0, -0.01, 0.0))
+    assert term.room(rest, dense, other) == np.inf  # nothing overlaps
+
+
 @wp.kernel
 def least_gap_kernel(s: Surface, x: wp.array2d(dtype=wp.float64), least_out: wp.array2d(dtype=wp.float64)):
     f, env = wp.tid()
