@@ -77,7 +77,7 @@ class Block:
 
 
 def test_iterations_do_not_grow_with_the_mesh():
-    coarse, fine = Block(4, 0.499), Block(9, 0.499)
+    coarse, fine = Block(3, 0.499), Block(9, 0.499)
     assert coarse.body.n_corners * 3 <= SMALL < fine.body.n_corners * 3  # fine has aggregates
     assert fine.n > 9 * coarse.n
     few, many = coarse.iterations(), fine.iterations()
