@@ -1,4 +1,4 @@
-"""What happens inside the gel under an edge? A cube pressed into the DIGIT, in section.
+"""Draw the inside of the gel under an edge: a cube pressed into the DIGIT, in section.
 
     python benchmarks/section.py solve after.npz                     # 5 minutes on a core
     python benchmarks/section.py draw docs/images/section.png before.npz after.npz

@@ -1,4 +1,4 @@
-"""Which presses complete, and how accurate are they, by the share of the gel's thickness that is left?
+"""Completeness and accuracy of presses by the share of the gel's thickness that they leave.
 
     python benchmarks/thickness.py --device cuda --output thickness.json
 
