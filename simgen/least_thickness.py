@@ -23,6 +23,7 @@ from simgen.gel_columns import MM, GelColumns, Lattice
 from simgen.indenter_path import IndenterPath
 from simgen.sensor import Sensor
 from simgen.shape import highest, lateral_reach, shape_array
+from simgen.support import MARGIN_MM
 
 wp.set_module_options({"enable_backward": False})
 
@@ -97,6 +98,43 @@ def left_kernel(
     least_room[n, s, p] = room
 
 
+@wp.kernel
+def support_kernel(
+    support: wp.array(dtype=RigidShape),
+    rotation: wp.array(dtype=wp.mat33d),
+    origin: wp.array(dtype=wp.vec3d),
+    columns: wp.array(dtype=wp.vec2d),
+    rigid: wp.array2d(dtype=wp.float64),
+    height: wp.array3d(dtype=wp.float64),
+    touch: wp.array2d(dtype=wp.float64),
+    depth: wp.array(dtype=wp.float64),
+    # outputs
+    least_share: wp.array3d(dtype=wp.float64),
+    least_room: wp.array3d(dtype=wp.float64),
+):
+    """Lower both where a shape meets the support in a column without gel on a back. Sphere tracing from first touch."""
+    n, s, p = wp.tid()
+    room = least_room[n, s, p]
+    ahead = rotation[n] * wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))
+    for m in range(rigid.shape[1]):
+        if height[p, s, m] > -wp.float64(wp.inf) and rigid[n, m] == wp.float64(wp.inf):
+            start = wp.vec3d(columns[m][0], height[p, s, m] + touch[n, s], columns[m][1])
+            x = origin[n] + rotation[n] * start
+            gone = wp.float64(0.0)
+            for _ in range(STEPS):
+                gap = distance(support[0], x + gone * ahead)
+                if gap < wp.float64(CLOSE_MM):
+                    room = wp.min(room, gone)
+                    break
+                # Outside the grid of a sampled distance the gap may be too large; its margin is wider than this step.
+                gone += wp.min(gap, wp.float64(MARGIN_MM))
+                if gone > room:
+                    break
+    if room < least_room[n, s, p] and room < depth[p]:
+        least_share[n, s, p] = -wp.float64(wp.inf)
+    least_room[n, s, p] = room
+
+
 class LeastThickness:
     """The share that indenters leave of one sensor's gel.
 
@@ -106,6 +144,7 @@ class LeastThickness:
 
     def __init__(self, sensor: Sensor, shapes: Sequence[RigidShape], path: IndenterPath):
         self._gel, self._path = GelColumns(sensor), path
+        self._support = None if sensor.support is None else shape_array([sensor.support.shape("cpu")])
         reach = max(map(lateral_reach, shapes))
         spacing = min(SPACING_MM, reach / LEAST_ACROSS)
         # Moves are rounded to whole columns, and turns to as much half way to the rim, so that fine steps share places.
@@ -124,6 +163,7 @@ class LeastThickness:
         square = Lattice(spacing, half, half)
         height = self._faces(shapes, places, square.points, -ENDS_MM - reach)
         self._lattice, self._height = _cropped(square, height)
+        self._columns = wp.array(self._lattice.points, dtype=wp.vec2d, device="cpu")
 
     def _faces(self, shapes: Sequence[RigidShape], places: np.ndarray, points: np.ndarray, ends: float) -> np.ndarray:
         """Heights (position, shape, column) mm of the indenters' faces at points (column, 2) mm, tips at height 0."""
@@ -174,6 +214,11 @@ class LeastThickness:
         least, room = (wp.empty((len(poses), shapes, positions), dtype=wp.float64, device="cpu") for _ in range(2))
         inputs = [rigid, thickness, self._height, touch, self._depths, share]
         wp.launch(left_kernel, least.shape, inputs=inputs, outputs=[least, room], device="cpu")
+        if self._support is not None:
+            frames = [wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=wp.mat33d, device="cpu"),
+                      wp.array(poses[:, :3, 3] * MM, dtype=wp.vec3d, device="cpu")]  # fmt: skip
+            inputs = [self._support, *frames, self._columns, rigid, self._height, touch, self._depths]
+            wp.launch(support_kernel, least.shape, inputs=inputs, outputs=[least, room], device="cpu")
         return least.numpy(), room.numpy()
 
 

@@ -1,5 +1,7 @@
 """The share of the gel that indenters leave: closed forms on slabs, wedges and skins; distances on the sensors."""
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +16,9 @@ from simgen.indenter_path import press_path, with_legs
 from simgen.least_thickness import LeastThickness
 from simgen.pairing import indenter_poses, sample_contacts
 from simgen.sensor import load_sensor
+from simgen.sensor_schema import SupportPlane
 from simgen.shape import sampled_shape, signed_distance
+from simgen.support import Support, plate_under
 
 THICK, SLOPE, LAST = 4.0, 0.15, 2.0  # mm, of wedges; the last depth, mm
 PRESS = press_path(1e-3 * np.linspace(0.1, LAST, 20))
@@ -27,7 +31,7 @@ def wedge(slope: float = 0.0) -> SimpleNamespace:
     back = surface.vertices[:, 1] > 0.0
     surface.vertices[:, 1] = np.where(back, 1e-3 * THICK - slope * surface.vertices[:, 0], 0.0)
     held = (surface.triangles[:, :, 1] > 0.0).all(axis=1)
-    return SimpleNamespace(surface=surface, surface_region=np.where(held, HELD, FREE), core=None)
+    return SimpleNamespace(surface=surface, surface_region=np.where(held, HELD, FREE), core=None, support=None)
 
 
 def skin_over_core(skin: float, gap: float) -> SimpleNamespace:
@@ -38,7 +42,15 @@ def skin_over_core(skin: float, gap: float) -> SimpleNamespace:
     core = trimesh.creation.box(extents=[0.034, 0.020 - 2e-3 * (skin + gap), 0.034])
     surface = trimesh.util.concatenate([outer, cavity]).apply_translation([0.0, 0.010, 0.0])
     core.apply_translation([0.0, 0.010, 0.0])
-    return SimpleNamespace(surface=surface, surface_region=np.repeat([FREE, CORE], 12), core=core)
+    return SimpleNamespace(surface=surface, surface_region=np.repeat([FREE, CORE], 12), core=core, support=None)
+
+
+def on_plate(beyond: float) -> SimpleNamespace:
+    """A wedge without slope on a plate in the plane y = THICK."""
+    sensor = wedge()
+    plane = SupportPlane(axis="y", at_mm=THICK, beyond_outline_mm=beyond)
+    sensor.support = Support(plate_under(sensor.surface, plane, Path("sensor.yaml")), None, "")
+    return sensor
 
 
 def pose(x: float = 0.0, tilt_deg: float = 0.0) -> np.ndarray:
@@ -110,6 +122,40 @@ def test_places_beyond_the_outline_do_not_count():
     assert share(wedge(), CUBE, x=30.0) == np.inf
 
 
+def test_beyond_the_outline_an_indenter_stays_out_of_the_support():
+    """A cube across the outline of an upright gel: no column meets the plate before one meets the back."""
+    steep = {"x": 18.0, "tilt_deg": 30.0}  # the tilt lowers the side beyond the outline
+    bare, measure = LeastThickness(wedge(), [CUBE], PRESS), LeastThickness(on_plate(10.0), [CUBE], PRESS)
+    flat = pose(18.0)
+    assert measure.shares(flat) == bare.shares(flat)
+    np.testing.assert_allclose(measure.depths_that_leave(flat, 0.0), 1e-3 * THICK, atol=1e-6)
+    tilted = pose(**steep)
+    assert bare.shares(tilted) > 0.4 and measure.shares(tilted) == -np.inf
+    narrow = LeastThickness(on_plate(0.5), [CUBE], PRESS)  # a plate that ends before the cube's low edge
+    assert narrow.shares(tilted) == bare.shares(tilted)
+
+
+def test_the_depth_at_which_an_indenter_meets_the_support():
+    """By signed distances at points of the plate's face; indenters that reach over the DIGIT's outline."""
+    sensor, shapes = load_sensor("digit"), [CUBE, LONG]
+    poses = indenter_poses(sample_contacts(sensor, 40, 1, LAST * 1e-3))
+    depths = LeastThickness(sensor, shapes, PRESS).depths_that_leave(poses, 0.0)[:, :, 0]
+    without = replace(sensor, support=None)
+    earlier = depths < LeastThickness(without, shapes, PRESS).depths_that_leave(poses, 0.0)[:, :, 0] - 1e-5
+    assert earlier.sum() >= 5
+    low, high = sensor.support.body.bounds_mm
+    x, z = np.meshgrid(np.arange(low[0], high[0], 0.1), np.arange(low[2], high[2], 0.1), indexing="ij")
+    face = np.column_stack([x.ravel(), np.full(x.size, sensor.support.body.at_mm), z.ravel()])
+    face = face[np.abs(sensor.support.distance(1e-3 * face)) < 1e-6]
+    mesh, in_mm = sensor.simulation_mesh, poses.copy()
+    in_mm[:, :3, 3] *= 1e3
+    for i, shape in enumerate(shapes):
+        travel, _, _ = first_touch(mesh.nodes * 1e3, mesh.touchable, [shape] * len(poses), in_mm)
+        for end in advanced(poses, 1e-3 * travel + depths[:, i])[earlier[:, i]]:
+            gap = signed_distance(shape, (face - 1e3 * end[:3, 3]) @ end[:3, :3])[0].min()
+            assert abs(gap) < 0.03  # mm
+
+
 def test_an_indenter_in_the_back_leaves_less_than_nothing():
     assert share(wedge(), CUBE, press_path([5e-3])) == pytest.approx(-0.25, abs=1e-6)
 
@@ -158,7 +204,7 @@ def test_results_do_not_depend_on_how_many_are_measured_together(monkeypatch):
 @pytest.mark.parametrize("name", ["digit", "biotac"])
 def test_at_the_depth_that_leaves_nothing_the_indenter_meets_the_rigid_body(name):
     """By first touch on the mesh that is pressed, and by signed distances at points of back or core."""
-    sensor, shapes = load_sensor(name), [CUBE, SPHERE, LONG]
+    sensor, shapes = replace(load_sensor(name), support=None), [CUBE, SPHERE, LONG]
     poses = indenter_poses(sample_contacts(sensor, 3, 1, LAST * 1e-3))
     depths = LeastThickness(sensor, shapes, PRESS).depths_that_leave(poses, 0.0)[:, :, 0]
     back = sensor.surface.submesh([sensor.surface_region == HELD], append=True)

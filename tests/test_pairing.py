@@ -79,7 +79,8 @@ def sensor(surface, touchable, core=None, region=None) -> SimpleNamespace:
     """A stand-in with those parts of a sensor that pairing reads."""
     on_surface = np.arange(len(surface.vertices))
     output = SimpleNamespace(vertices=surface.vertices, surface_vertices=on_surface, touchable=touchable)
-    return SimpleNamespace(name="slab", surface=surface, surface_region=region, core=core, output_mesh=output)
+    own = {"name": "slab", "surface": surface, "surface_region": region, "core": core, "support": None}
+    return SimpleNamespace(**own, output_mesh=output)
 
 
 def test_contact_points_coincide_and_normals_align(digit, biotac, contacts):
