@@ -31,7 +31,7 @@ def balance_kernel(
 ):
     """Sum of both where nothing is held; squares of the loads and of the sum, and its virtual work.
 
-    Then the resultant of what is left on free components, x, y and z, and the sum of the nodes' loads.
+    Then the resultant of what is left on free components, x, y and z, and the sum of the sizes of the nodes' loads.
     """
     c, lane = wp.tid()
     env = active[lane]
@@ -58,6 +58,26 @@ def balance_kernel(
     for i in range(3):
         wp.atomic_add(sums_out, 3 + i, env, resultant[i])
     wp.atomic_add(sums_out, 6, env, loads)
+
+
+@wp.kernel
+def first_loads_kernel(
+    surface: wp.array2d(dtype=wp.float64),
+    nodes: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    sums_out: wp.array2d(dtype=wp.float64),
+):
+    """Sum of the sizes of the nodes' loads, while there are those of the first contact alone."""
+    c, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    total = real(0.0)
+    for node in range(c * CHUNK, wp.min((c + 1) * CHUNK, nodes)):
+        i = 3 * node
+        total += wp.length(vec3(surface[i, env], surface[i + 1, env], surface[i + 2, env]))
+    wp.atomic_add(sums_out, 7, env, total)
 
 
 @wp.kernel
@@ -89,8 +109,8 @@ def work_kernel(
 @dataclass(frozen=True)
 class Measured:
     """Of a state, each (env,): norms of the loads (forces of contacts and liquid) and of the out-of-balance forces, the
-    virtual work of these along the step, their resultant over the sum of the loads' sizes, least det F, and what a
-    further update would change of the multipliers, relative.
+    virtual work of these along the step, their resultant over the sum of the sizes of the indenter's loads (of all
+    loads where it does not touch), least det F, and what a further update would change of the multipliers, relative.
     """
 
     load: np.ndarray
@@ -113,19 +133,20 @@ class Balance:
         self.internal, self.surface, self.residual = (wp.zeros_like(step) for _ in range(3))
         n, n_env = step.shape
         self._sections = chunks(n)
-        self._sums = wp.zeros((7, n_env), dtype=wp.float64, device=step.device)
+        self._terms = contacts if cavity is None else [*contacts, cavity]
+        self._sums = wp.zeros((8, n_env), dtype=wp.float64, device=step.device)
         self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
 
-    def _sum(self, kernel, inputs, outputs) -> np.ndarray:
-        self._sums.zero_()
-        columns.launch(kernel, self._sections, inputs, [*outputs, self._sums])
-        return self._sums.numpy()
+    def _add_up(self, kernel, rows: int, inputs, outputs):
+        columns.launch(kernel, rows, inputs, [*outputs, self._sums])
 
     def _measure_sum(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows load, size, work, imbalance (4, env), and the contact error (env,)."""
         n_u = self.elasticity.n_displacements
         inputs = [self.internal, self.surface, self._step, self._held, n_u, self.active]
-        load, square, work, *resultant, loads = self._sum(balance_kernel, inputs, [self.residual])
+        self._add_up(balance_kernel, self._sections, inputs, [self.residual])
+        load, square, work, *resultant, loads, by_first = self._sums.numpy()
+        loads = np.where(by_first > SMALLEST_LOADS, by_first, loads)
         imbalance = np.linalg.norm(resultant, axis=0) / np.maximum(loads, SMALLEST_LOADS)
         changes = [contact.multiplier_change() for contact in self.contacts]
         change, size = np.sqrt(np.square(changes).sum(axis=0))
@@ -151,11 +172,18 @@ class Balance:
         return replace(before, **{name: np.where(marked, new[name], getattr(before, name)) for name in new})
 
     def _apply_surfaces(self, x):
-        for term in self.contacts if self.cavity is None else [*self.contacts, self.cavity]:
+        """Add all loads at x, and begin the sums with those of the first contact, which is the indenter's."""
+        self._sums.zero_()
+        nodes = self.elasticity.n_displacements // 3
+        for i, term in enumerate(self._terms):
             term.residual(x, self.surface)
+            if i == 0 and len(self._terms) > 1:
+                self._add_up(first_loads_kernel, chunks(nodes), [self.surface, nodes, self.active], [])
 
     def work(self) -> np.ndarray:
         """Virtual work of the residual along the step, and the product of their norms: (2, env)."""
+        self._sums.zero_()
         inputs = [self.residual, self._step, self.elasticity.n_displacements, self.active]
-        work, square, length, *_ = self._sum(work_kernel, inputs, [])
+        self._add_up(work_kernel, self._sections, inputs, [])
+        work, square, length, *_ = self._sums.numpy()
         return np.stack([work, np.sqrt(np.abs(square * length))])  # what is not active may be anything
