@@ -30,7 +30,7 @@ def presses_table(name: str) -> None:
         poses = np.linalg.inv(pairing.unfold(reference, sensors[sensor], contacts)) @ pairing.indenter_poses(contacts)
         left[sensor] = measure.shares(poses)
     least = np.min([*left.values()], axis=0)
-    columns = [*((f"in the back or core: {sensor}", own < 0.0) for sensor, own in left.items()),
+    columns = [*((f"in the back, core or support: {sensor}", own < 0.0) for sensor, own in left.items()),
                *((f"below {share:g}: {sensor}", own < share) for sensor, own in left.items()),
                (f"below {share:g}: any", least < share)]  # fmt: skip
     print("| indenter | " + " | ".join(title for title, _ in columns) + " |")

@@ -11,9 +11,7 @@ from simgen.fem.newton import SolverSettings
 from simgen.sensor import Sensor
 from simgen.support import faces_in_reach
 
-AT_ONCE = {"cpu": 1, "cuda": 512}  # of a process: a core does one after the other
-# Of a GPU, which waits for Python a third of the time, and at the end of a task for few presses.
-PROCESSES = {"cpu": 1, "cuda": 2}
+AT_ONCE = {"cpu": 1, "cuda": 512}  # a core does one after the other
 USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
 
 
@@ -47,26 +45,21 @@ def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSett
     return 8 * double + 4 * single + 36 * blocks + coarse + weights + products + in_contact + output
 
 
-def processes_of(device: str) -> int:
-    """Processes that share a device."""
-    return PROCESSES[device.partition(":")[0]]
-
-
 def at_once(device: str) -> int:
-    """Presses that are under way on a device, in all its processes, where its memory allows them."""
-    return AT_ONCE[device.partition(":")[0]] * processes_of(device)
+    """Presses that are under way on a device where its memory allows them."""
+    return AT_ONCE[device.partition(":")[0]]
 
 
 def presses_at_once(sensor: Sensor, device: str, element: str, settings: SolverSettings) -> int:
-    """Presses under way in one process: `AT_ONCE`, or what fits into its share of the free memory.
+    """Presses under way on a device: `AT_ONCE`, or what fits into the free memory.
 
     Raises InputError where that is none.
     """
-    most = AT_ONCE[device.partition(":")[0]]
+    most = at_once(device)
     if most == 1:
         return 1
     each, free = bytes_per_press(sensor, element, settings), wp.get_device(device).free_memory
-    fit = int(USABLE * free / (each * processes_of(device)))
+    fit = int(USABLE * free / each)
     if fit < 1:
         raise InputError(
             f"{device}: {free / 1e9:.2g} GB of memory are free, one press on sensor {sensor.name} takes "

@@ -35,7 +35,7 @@ Overrides = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Processes of the local cluster; of a scheduler, how many to wait for.",
-                 show_default="one per core, or two per GPU"),
+                 show_default="one per core or GPU"),
 ]
 Scheduler = Annotated[
     str | None,

@@ -42,7 +42,8 @@ def _redrawn(job: Job, seen: "Preview") -> str:
     if not left or job.stops_early:
         return ""
     share = seen.refused / (seen.refused + seen.contacts)
-    return f"; {share:.1%} of the proposals would leave less than {left:g} of the gel, and are drawn again"
+    bad = f"leave less than {left:g} of the gel or enter the support"
+    return f"; {share:.1%} of the proposals would {bad}, and are drawn again"
 
 
 def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:

@@ -140,9 +140,9 @@ def _too_few(room: "Room", others: Sequence["Room"], count: int, counts: tuple[i
     if partnered > 2 * found:
         return line + (
             f"{partnered} contacts fit otherwise, but an indenter leaves less than least_thickness_left "
-            f"{room.settings.least_thickness_left:g} of the gel there; press less deep, tilt less, leave out the "
-            "widest indenters, allow a smaller least_thickness_left (0: off), or end such presses early "
-            "(too_thin: stop)"
+            f"{room.settings.least_thickness_left:g} of the gel there, or enters the support; press less deep, tilt "
+            "less, leave out the widest indenters, allow a smaller least_thickness_left (0: off), or end such presses "
+            "early (too_thin: stop)"
         )
     if roomy > 2 * partnered:  # most had room: the partners are missing
         names = " and ".join(other.name for other in others)

@@ -13,7 +13,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from simgen.capacity import processes_of
 from simgen.errors import InputError
 from simgen.job_schema import Job
 from simgen.quiet import check_device
@@ -21,7 +20,7 @@ from simgen.shard import Presser, fem_presser, prepare
 
 # Threads of a GPU's process. Each solves a task; the presses of all tasks share the device (see ``pool``). One shard is
 # a task where shards have their default size, so what has ended is written early.
-TASKS_PER_GPU_PROCESS = 64
+TASKS_PER_GPU_PROCESS = 128
 TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
 LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
 ANSWER_S = 10.0  # within which a scheduler must answer
@@ -115,7 +114,7 @@ def start_workers(
 ) -> Iterator[Workers]:
     """Workers for a job.
 
-    `count` processes of a local cluster (default: one per core, or two per GPU; no more than shards), all those of a
+    `count` processes of a local cluster (default: one per core or GPU; no more than shards), all those of a
     `scheduler`, which see the same file system, once there are `count` or after `LONGEST_WAIT_S`, or this process if
     that is "sync". Those of a local cluster load their sensors, scenes and kernels as soon as they start; with GPUs
     that is at once, as cores are free while the caller plans. Raises `InputError` for a device that this machine has
@@ -151,7 +150,7 @@ def start_workers(
         return
     gpus = visible_gpus(device) if device != "cpu" else []
     there = "cuda" if gpus else device
-    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] * processes_of(device) or [{}] * (count or cores())
+    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (count or cores())
     environments = environments[: min(count or job.shards, job.shards)]
     with ExitStack() as stack:
 

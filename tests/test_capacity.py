@@ -50,10 +50,10 @@ class Gpu:
 def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
     sensor, settings = load_sensor("digit", "coarse"), SolverSettings()
     each = bytes_per_press(sensor)
-    for free, expected in ((1e12, 512), (100.0 * each, 40), (2.6 * each, 1)):
+    for free, expected in ((1e12, 512), (100.0 * each, 80), (1.3 * each, 1)):
         monkeypatch.setattr("simgen.capacity.wp.get_device", lambda name, free=free: Gpu(free))
         assert presses_at_once(sensor, "cuda:0", "P2-P1", settings) == expected
-    monkeypatch.setattr("simgen.capacity.wp.get_device", lambda name: Gpu(2.0 * each))
+    monkeypatch.setattr("simgen.capacity.wp.get_device", lambda name: Gpu(1.2 * each))
     with pytest.raises(InputError, match="coarser mesh"):
         presses_at_once(sensor, "cuda", "P2-P1", settings)
     assert presses_at_once(sensor, "cpu", "P2-P1", settings) == 1

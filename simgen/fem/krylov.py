@@ -150,7 +150,8 @@ class ConjugateResiduals:
         count, active = self._count, self.active
         sums = [self._square, self._along, self._left]
         columns.launch(clear_kernel, (), [count, active], [self._products, *sums])
-        columns.launch(project_kernel, sections, [self._images, self._image, count, active], [self._products])
+        inputs = [self._images, self._image, count, active]
+        columns.launch(project_kernel, (sections, WINDOW), inputs, [self._products])
         inputs = [self._direction, self._image, self._residual, self._products, self._inverse_squares, count, active]
         outputs = [self._directions, self._images, self._square, self._along]
         columns.launch(orthogonalize_kernel, sections, inputs, outputs)

@@ -62,9 +62,9 @@ def refused_lines(dataset: Dataset, surface: TouchableSurface) -> Iterator[str]:
     yield "<h3>Contacts that were drawn again: red; kept: blue</h3>"
     yield (
         f"<p>At {refused:,} of {kept + refused:,} places that fit otherwise ({refused / (kept + refused):.1%}) an "
-        f"indenter would leave less than {least:g} of the gel under it, on one of the sensors "
-        "(<code>trajectories.least_thickness_left</code>). Other places were drawn instead. Areas are those of the "
-        f"touchable skin within {near * 1e3:.2g} mm of a contact.</p>"
+        f"indenter would leave less than {least:g} of the gel under it, or enter what the gel rests on, on one of the "
+        "sensors (<code>trajectories.least_thickness_left</code>). Other places were drawn instead. Areas are those of "
+        f"the touchable skin within {near * 1e3:.2g} mm of a contact.</p>"
     )
     yield table(["sensor", "area of all places", "area of the kept ones", "lost"], [
         [name, f"{before * 1e6:.0f} mm2", f"{after * 1e6:.0f} mm2", f"{(before - after) * 1e6:.0f} mm2"],

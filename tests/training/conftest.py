@@ -12,6 +12,8 @@ from simgen import electrode_gaps
 from simgen.run import run
 from simgen.training.data import load_training_data
 
+THREADS = torch.get_num_threads()
+
 
 def make_dataset(path, **changes):
     """Twelve trajectories on a ball of 642 vertices, whose tetrahedra fill it."""
@@ -19,6 +21,12 @@ def make_dataset(path, **changes):
     for sensor in plan.job.sensors:
         plan.arrays[f"{sensor}/tetrahedra"] = Delaunay(fake.VERTICES).simplices.astype(np.int32)
     return run(plan, path, build=fake.failing_presser)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def all_threads():
+    """Sums depend on the number of threads, and tests before these may have kept torch to one core."""
+    torch.set_num_threads(THREADS)
 
 
 @pytest.fixture(scope="session")

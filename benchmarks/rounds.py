@@ -1,0 +1,171 @@
+"""Where does the time of a GPU run go: by presses at work, by phase of an iteration, by kernel?
+
+    python benchmarks/rounds.py --trajectories 216 --device cuda --output rounds.json
+
+Runs the first trajectories of the paired job in this process, as a worker of `simgen run` does, into a folder that is
+removed. A round is one call of `March.go_on`: an iteration, or a trial of a line search, of all presses of a sensor
+that are under way. A phase's time is its own, without that of phases inside it. The device works on while Python goes
+on, so a phase also waits for kernels that earlier ones have started; `--wait` waits after each phase instead, and slows
+the run. Kernels are timed in some rounds at each number of presses; these rounds run without CUDA graphs.
+"""
+
+import argparse
+import tempfile
+import time
+from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+
+import warp as wp
+from record import write
+
+from simgen.fem.balance import Balance
+from simgen.fem.krylov import ConjugateResiduals
+from simgen.fem.newton import NewtonSolver
+from simgen.fem.operator import Elasticity
+from simgen.fem.preconditioner import BlockTriangular
+from simgen.job import load_job
+from simgen.march import March
+from simgen.plan import make_plan
+from simgen.quiet import start_warp
+from simgen.run import run
+from simgen.samples import Samples
+from simgen.shard import prepare
+from simgen.workers import TASKS_PER_GPU_PROCESS, Workers
+
+PHASES = {
+    March: ("_begin", "_load", "_solve_again", "_settle", "_store"),
+    Samples: ("overlap", "room", "displacement", "inverted_elements"),
+    NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving", "_go_on_solving"),
+    Balance: ("measure", "measure_surfaces", "work"),
+    ConjugateResiduals: ("begin", "go_on", "end"),
+    BlockTriangular: ("follow", "update"),
+    Elasticity: ("stabilise", "linearize", "damp", "expect"),
+}
+AT_WORK = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)  # lower bounds of the rows
+# Presses at work, rounds of that kind before the first that is timed by kernel, and how many are.
+KERNELS = {"few": (1, 2, 40, 30), "some": (16, 64, 20, 30), "full": (500, 512, 150, 4)}
+
+
+class Stopwatch:
+    """Own time and calls of phases, which may lie in each other; of one thread at a time."""
+
+    def __init__(self, wait: bool):
+        self.seconds, self.calls, self._inside, self._wait = defaultdict(float), defaultdict(int), [], wait
+
+    def timed(self, name: str, function):
+        def call(*args, **more):
+            begin, _ = time.perf_counter(), self._inside.append(0.0)
+            try:
+                return function(*args, **more)
+            finally:
+                if self._wait:
+                    wp.synchronize()
+                spent = time.perf_counter() - begin
+                self.seconds[name] += spent - self._inside.pop()
+                self.calls[name] += 1
+                if self._inside:
+                    self._inside[-1] += spent
+
+        return call
+
+    def watch(self):
+        for owner, names in PHASES.items():
+            for name in names:
+                setattr(owner, name, self.timed(f"{owner.__name__}.{name}", getattr(owner, name)))
+
+
+class Rounds:
+    """Every round's sensor, presses at work and time; and kernels of some."""
+
+    def __init__(self, stopwatch: Stopwatch, device: str):
+        self.found, self.kernels, self._seen = [], defaultdict(lambda: defaultdict(float)), defaultdict(int)
+        self._capture, self._device = True, device
+        go_on, krylov = stopwatch.timed("the rest of a round", March.go_on), ConjugateResiduals.go_on
+
+        def solve(solver, *args, **more):
+            return krylov(solver, *args, **more | ({} if self._capture else {"capture": False}))
+
+        def watched(march):
+            kind, begin, at_work = self._kind(march), time.perf_counter(), int(march.at_work.sum())
+            if kind:
+                self._capture = False
+                wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
+            go_on(march)
+            if kind:
+                self._keep(kind, wp.timing_end(), time.perf_counter() - begin)
+            else:
+                self.found.append((march.scene.sensor.name, at_work, time.perf_counter() - begin))
+
+        ConjugateResiduals.go_on, March.go_on = solve, watched
+
+    def _kind(self, march: March) -> str | None:
+        if wp.get_device(self._device).is_cpu:
+            return None
+        for kind, (least, most, before, count) in KERNELS.items():
+            if least <= march.at_work.sum() <= most:
+                self._seen[kind] += 1
+                return kind if before < self._seen[kind] <= before + count else None
+        return None
+
+    def _keep(self, kind: str, timed: list, seconds: float):
+        self._capture, own = True, self.kernels[kind]
+        own["rounds"] += 1
+        own["ms, all of the rounds"] += 1e3 * seconds
+        for each in timed:
+            own[f"ms, {each.name}"] += each.elapsed
+
+    def rows(self) -> list[dict]:
+        spent = defaultdict(list)
+        for sensor, count, seconds in self.found:
+            if count:
+                spent[sensor, max(least for least in AT_WORK if least <= count)].append(seconds)
+        return [{"sensor": sensor, "presses_at_work": least, "rounds": len(own),
+                 "ms_a_round": round(1e3 * sum(own) / len(own), 2), "seconds": round(sum(own), 2)}
+                for (sensor, least), own in sorted(spent.items())]  # fmt: skip
+
+
+class Threads(Workers):
+    """The threads of one worker process, in this process."""
+
+    def map(self, function, arguments):
+        with ThreadPoolExecutor(self.tasks_at_once) as threads:
+            tasks = {threads.submit(function, each): each for each in arguments}
+            for task in as_completed(tasks):
+                yield tasks[task], task.result()
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trajectories", type=int, default=216)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--wait", action="store_true", help="for the device, after each phase")
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="keys of the job to replace")
+    parser.add_argument("--output", type=Path, default=Path("rounds.json"))
+    asked = parser.parse_args()
+    start_warp()
+    stopwatch = Stopwatch(asked.wait)
+    stopwatch.watch()
+    rounds, reports = Rounds(stopwatch, asked.device), []
+    job = load_job("paired", [f"trajectories.count={asked.trajectories}", *asked.set])
+    plan = make_plan(job, asked.device)
+    prepare(job, asked.device)
+    begin = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        workers = Threads(asked.device, tasks_at_once=TASKS_PER_GPU_PROCESS)
+        run(plan, Path(folder) / "dataset.zarr", workers, on_report=reports.append)
+    seconds = time.perf_counter() - begin
+    phases = {name: {"seconds": round(spent, 2), "calls": stopwatch.calls[name]}
+              for name, spent in sorted(stopwatch.seconds.items(), key=lambda each: -each[1])}  # fmt: skip
+    kernels = {kind: {name: round(value, 3) for name, value in sorted(own.items(), key=lambda each: -each[1])}
+               for kind, own in rounds.kernels.items()}  # fmt: skip
+    counts = {key: sum(getattr(report, key) for report in reports) for key in ("presses", "failed", "inside_out")}
+    plain = {name: str(value) for name, value in vars(asked).items()}
+    rows, measured = rounds.rows(), {"seconds": round(seconds, 1), "phases": phases, "kernels": kernels}
+    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, **counts, **measured)
+    for row in rows:
+        print(row)
+
+
+if __name__ == "__main__":
+    main()
