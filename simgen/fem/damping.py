@@ -20,7 +20,7 @@ FIRST, MOST, LEAST = 0.5, 50.0, 0.05  # eta: where it begins, where it is given 
 FADE = 0.7  # of eta that is left after a whole step
 SHORT = 0.5  # of a step: where less of it is taken, eta doubles
 STUCK = 3  # iterations without a new least residual before an increment is damped
-PATIENCE, ITERATIONS = 40, 160  # of a damped increment: it goes slowly
+PATIENCE, ITERATIONS = 60, 160  # of a damped increment: it goes slowly
 
 
 class Damping:
