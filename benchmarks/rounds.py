@@ -1,4 +1,4 @@
-"""Where does the time of a GPU run go: by presses at work, by phase of an iteration, by kernel?
+"""Measure where the time of a GPU run goes: by presses at work, by phase of an iteration, by kernel.
 
     python benchmarks/rounds.py --trajectories 216 --device cuda --output rounds.json
 

@@ -58,7 +58,7 @@ def complete(results: list) -> int:
 
 
 def differences(pairs: list[tuple], shown: list[int], surface: np.ndarray) -> dict:
-    """Of pairs (press, the same on the finer mesh), at the shown depths where both converged."""
+    """Differences of pairs (press, the same on the finer mesh), at the shown depths where both converged."""
     force, moved = [], []
     for depth in shown:
         both = [pair for pair in pairs if all(has_values(each.status[depth]) for each in pair)]

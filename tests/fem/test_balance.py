@@ -1,4 +1,4 @@
-"""What Newton's method asks of a state: forces of a skin that an indenter presses onto its core."""
+"""The balance of forces on a skin that an indenter presses onto its core."""
 
 import numpy as np
 import pytest
