@@ -7,7 +7,6 @@ at once. On a CPU the bytes of none depend on how many are under way together; o
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
@@ -16,6 +15,7 @@ import numpy as np
 from .fem import columns
 from .fem.status import Status
 from .indenter_path import moved
+from .press_queue import PressQueue
 from .scene import Scene
 
 LONGEST_MM = 0.25  # of a load step: with friction the force depends on the way, also where few depths are stored
@@ -25,6 +25,9 @@ MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the c
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
 SECOND_TRY = 0.5  # of the steps of the first
 EASY = 25  # Newton iterations: an increment that took more is not solved again for elements that are inside out
+# Newton iterations since the last sample, after which an increment that fails ends the try. Of the 619,192 samples that
+# two runs of the paired job made (8a88ef0, 5c68dee; one H200) none took more than 951.
+MOST_ITERATIONS = 1000
 MOST_REPEATS = 8  # of an increment whose state has elements inside out, or overlaps the indenter too far
 TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
 
@@ -42,7 +45,7 @@ def longest_of_leg(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     return longest[leg]
 
 
-@dataclass
+@dataclass(eq=False)
 class Press:
     """One press: the way that it goes, its samples so far, and how it ended.
 
@@ -79,9 +82,11 @@ class March:
     ``way`` is the length of path that lies behind an environment, mm.
     """
 
+    _counted = 0.0  # s, until when the time of all marches has been shared out
+
     def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float):
         self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, path, max_force_n
-        self._waiting: deque[Press] = deque()
+        self._waiting = PressQueue()
         self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_LEVER_MM]])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -98,23 +103,24 @@ class March:
         self._share = np.ones(batch)  # of the longest steps that this try takes
         self.goal = np.zeros(batch)
         self.spacing = np.full(batch, self._spacing[0])  # of the leg under way
+        self._spent = np.zeros(batch, dtype=np.int64)  # Newton iterations of this try
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
         self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
         self._now = np.tile(np.eye(4), (batch, 1, 1))  # poses at the end of the increments under way
 
     def add(self, presses: Iterable[Press]):
-        """Let presses wait, in this order, for environments that become free."""
+        """Let presses wait for environments that become free."""
         for press in presses:
             if press.status is None and press.steps == 0:
                 press.status = Status.NO_ROOM
             if press.status is None:
-                self._waiting.append(press)
+                self._waiting.add(press)
 
     def drop(self, presses: Collection[Press]):
         """Forget presses that nobody waits for any more."""
         for press in presses:
             press.dropped = True
-        self._waiting = deque(press for press in self._waiting if not press.dropped)
+        self._waiting.remove_dropped()
         free = np.array([press is not None and press.dropped for press in self.press])
         for env in np.flatnonzero(free):
             self._free(env)
@@ -146,8 +152,11 @@ class March:
             ended &= ~self._solve_again(ended)
             self._settle(ended)
             self._next = ended & self.at_work
+        # Marches of two threads overlap: time counts once, for the one that ends first.
+        now = time.perf_counter()
+        begin, March._counted = max(begin, March._counted), now
         for press in under_way:
-            press.seconds += (time.perf_counter() - begin) / len(under_way)
+            press.seconds += (now - begin) / len(under_way)
 
     def _load(self) -> np.ndarray:
         """Presses that wait into environments that are free; returns which (env,) these are."""
@@ -156,12 +165,12 @@ class March:
         if not len(free):
             return fresh
         for env in free:
-            press = self.press[env] = self._waiting.popleft()
+            press = self.press[env] = self._waiting.pop()
             self._shape[env], self._poses[env], self._lateral[env] = press.shape, press.pose, press.lateral
             self._share[env] = 1.0 if press.first_try is None else SECOND_TRY
         fresh[free] = True
         self.at_work |= fresh
-        for array in (self.way, self.previous, self.cost.T, self._repeats, self._damping):
+        for array in (self.way, self.previous, self.cost.T, self._spent, self._repeats, self._damping):
             array[fresh] = 0
         self._calm[fresh] = CALM
         self._reinforced[fresh] = False
@@ -253,6 +262,7 @@ class March:
     def _count_cost(self, ended: np.ndarray):
         out = self.solver.increment
         self.cost[:2, ended] += np.stack([out.newton_iterations, out.krylov_iterations])[:, ended]
+        self._spent[ended] += out.newton_iterations[ended]
         self._damping[ended] = np.maximum(self._damping, out.most_damping)[ended]
 
     def _settle(self, ended: np.ndarray):
@@ -275,13 +285,14 @@ class March:
             self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0
             # A leg of few long steps may be cut as finely as the press.
             least = self.scene.settings.smallest_substep * np.minimum(self.spacing / self._share, self._spacing[0])
-            hopeless = failed & (self.step < least)
-            once_more = hopeless & ~self._reinforced
+            worn_out = failed & (self.cost[0] > MOST_ITERATIONS)
+            once_more = failed & (self.step < least) & ~worn_out & ~self._reinforced
+            hopeless = failed & (self.step < least) & ~once_more | worn_out
             if once_more.any():
                 solver.elasticity.reinforce(solver.mark(once_more))
                 self._reinforced |= once_more
                 self.step[once_more] = self.spacing[once_more]
-            for env in np.flatnonzero(hopeless & ~once_more):
+            for env in np.flatnonzero(hopeless):
                 self._fail(env, out.status[env])
         marked = solver.mark(converged)
         columns.copy(self.x_start, marked, self.x_previous)
@@ -298,9 +309,10 @@ class March:
         """Press once more from rest what has failed for the first time. Then keep the try that got further."""
         press = self.press[env]
         if press.first_try is None:
+            self._waiting.learn(press.shape, self._spent[env])
             press.first_try = press.rows, press.displacement, status
             press.rows, press.displacement = [], None
-            self._waiting.appendleft(press)
+            self._waiting.add(press)
             self._free(env)
             return
         if len(press.first_try[0]) > len(press.rows):
@@ -309,6 +321,7 @@ class March:
 
     def _end(self, env: int, status: int):
         self.press[env].status = status
+        self._waiting.learn(self.press[env].shape, self._spent[env])
         self._free(env)
 
     def _free(self, env: int):

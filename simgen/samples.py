@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from .fem import columns
+from .fem.device import read
 from .fem.krylov_kernels import CHUNK, chunks
 from .fem.material import real
 from .fem.newton import SMALLEST_FORCE
@@ -94,7 +95,8 @@ class Samples:
         self._sums.zero_()
         inputs = [balance.internal, balance.surface, solver.held, self._nodes, solver.active]
         columns.launch(reaction_kernel, (chunks(self._nodes), 3), inputs, [self._sums])
-        return self._sums.numpy()
+        [sums] = read(self._sums)
+        return sums
 
     def displacement(self, environments: np.ndarray) -> np.ndarray:
         """Displacement of the output mesh (k, v, 3), m, in k environments; on a CPU it is valid until the next call."""
@@ -103,7 +105,8 @@ class Samples:
         dim = (self._displacement.shape[1], 3, k)
         inputs, outputs = [*self._weights, x, lanes], [self._displacement]
         wp.launch(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
-        return self._displacement[:k].numpy()
+        [displacement] = read(self._displacement[:k])
+        return displacement
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
         """Deepest overlap with indenter, core and support, mm, on points denser than the integration's; and over the
@@ -147,7 +150,8 @@ class Samples:
             total += fixed.resultants(solver.x).force
         if scene.cavity is not None:
             total += scene.cavity.resultant(solver.x)
-            lacking, pressure = (array[scene.cavity.row].numpy() for array in (solver.balance.surface, solver.x))
+            row = scene.cavity.row
+            lacking, pressure = read(solver.balance.surface[row], solver.x[row])
         overlap, _ = self.overlap()
         inverted = self.inverted_elements()
         size = np.maximum(np.linalg.norm(force, axis=1), SMALLEST_FORCE)

@@ -23,11 +23,12 @@ from simgen.capacity import presses_at_once
 from simgen.dataset import Dataset
 from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
+from simgen.fem.device import DEVICE
 from simgen.fem.status import Status, is_failure, is_planned_end
 from simgen.indenter import Indenter, chosen_indenters
 from simgen.job_schema import Job
 from simgen.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
-from simgen.pool import DEVICE, Pool
+from simgen.pool import Pool
 from simgen.press import PressResult, Scene, SolverSettings
 from simgen.provenance import difference, package_versions, source_hash
 from simgen.quiet import start_warp

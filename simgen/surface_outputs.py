@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
+from .fem.device import read
 from .fem.material import real
 from .fem.nodal_stress import NodalStress
 from .fem.pattern import corners_to_nodes
@@ -58,7 +59,7 @@ class _Field:
             some, device = min(lanes, count - first), self._found.device
             inputs, outputs = [*self._matrix, self._sums], [self._found]
             wp.launch(to_vertices_kernel, dim=(*self.shape, some), inputs=inputs, outputs=outputs, device=device)
-            found[first : first + some] = self._found[:some].numpy()
+            [found[first : first + some]] = read(self._found[:some])
         return found
 
 

@@ -29,6 +29,10 @@ STARTS = 3  # of a process that is killed as it starts
 
 # A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+# Threads that write shards must not keep those that feed a GPU from Python for Python's usual 5 ms.
+SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
+# dask would look at the stacks of all threads every 10 ms, for its dashboard.
+NO_PROFILE = {"distributed.worker.profile.enabled": False}
 
 
 class Workers:
@@ -207,12 +211,13 @@ def local_cluster(environments: list[dict[str, str]]):
             with suppress(TimeoutError):  # it has been killed, and takes its time
                 return await super().close(timeout, reason)
 
-    shared = {"preload": [IGNORE_INTERRUPTS], "silence_logs": "CRITICAL", "dashboard": False}
+    shared = {"silence_logs": "CRITICAL", "dashboard": False, "config": NO_PROFILE}
     shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's own would be a share by cores
     threads = [TASKS_PER_GPU_PROCESS if environment else 1 for environment in environments]
+    preload = [[IGNORE_INTERRUPTS, *([SHORT_TURNS] if environment else [])] for environment in environments]
     workers = {
-        i: {"cls": QuickNanny, "options": {**shared, "nthreads": count, "env": environment}}
-        for i, (count, environment) in enumerate(zip(threads, environments, strict=True))
+        i: {"cls": QuickNanny, "options": {**shared, "nthreads": count, "env": environment, "preload": before}}
+        for i, (count, environment, before) in enumerate(zip(threads, environments, preload, strict=True))
     }
     options = {"host": "127.0.0.1", "port": 0, "dashboard_address": "127.0.0.1:0", "dashboard": None}
     # Two other processes take what was at work in one that died, then `simgen.run` decides.

@@ -111,6 +111,26 @@ def test_a_press_that_fails_is_tried_once_more_from_rest_in_half_steps(block, mo
     np.testing.assert_allclose(tried_twice.displacement, in_half_steps.displacement[1::2], atol=1e-12)
 
 
+@pytest.mark.parametrize("most, increments", [(1000, (0.1, 0.2, 0.3, 0.25)), (2, (0.1, 0.2, 0.3))])
+def test_a_try_that_has_taken_too_many_iterations_ends_where_an_increment_fails(block, monkeypatch, most, increments):
+    """Without the bound the step would be halved first."""
+    scene, targets = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.25)), []
+    monkeypatch.setattr("simgen.march.MOST_ITERATIONS", most)
+    fail_beyond(monkeypatch, (0.22, 0.22))
+    settle = March._settle
+
+    def watch(march, ended):
+        if ended.any() and march.press[0].first_try is None:
+            targets.append(round(float(march.target[0]), 6))
+        settle(march, ended)
+
+    monkeypatch.setattr(March, "_settle", watch)
+    result = press(scene, [SPHERE], pose(), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3]))[0]
+    assert result.status.tolist() == [0, 0, Status.NEWTON_STALLED, Status.NEWTON_STALLED]
+    assert tuple(targets[: len(increments)]) == increments
+    assert len(targets) == len(increments) or most == 1000
+
+
 @pytest.mark.parametrize("second", [0.05, 0.12, 0.32])
 def test_the_try_that_got_further_is_kept(block, monkeypatch, second):
     """The other press of the batch has ended by then: its environment is free, too."""

@@ -1,5 +1,6 @@
 """Tasks that share a march: the same bytes as alone, no press waits for another task's, and what an error ends."""
 
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -7,7 +8,8 @@ import numpy as np
 import pytest
 from test_press import CUBE, GEL, SPHERE, make_block, pose
 
-from simgen.pool import POOLS, Pool, Queue
+from simgen.fem.device import DEVICE
+from simgen.pool import CREW, POOLS, Pool, _choose
 from simgen.press import Scene, follow
 
 PATH = np.array([[0.0, 0.2e-3, 0.0], [0.0, 0.4e-3, 0.0]])
@@ -93,19 +95,60 @@ def test_a_pool_that_nobody_has_is_no_pool_any_more(block):
     assert len(POOLS) == count - 1
 
 
-def test_a_queue_lets_threads_in_by_turns():
-    """A plain lock may let the thread that leaves it in again, however long others wait."""
-    queue, order = Queue(), []
+def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
+    """Ten tasks; none is lost when the thread that solved its presses goes home."""
+    pool, carrying, most = make_pool(block, 2), set(), []
+    go_on = Pool.go_on
 
-    def work(name):
-        with queue:
-            order.append(name)
+    def watch(which):
+        carrying.add(threading.get_ident())
+        most.append(len(CREW._asleep))
+        go_on(which)
 
-    with ThreadPoolExecutor(2) as threads:
-        with queue:
-            for count, name in enumerate("ab"):
-                threads.submit(work, name)
-                while len(queue._turns) < 2 + count:
-                    time.sleep(0.001)
-        work("c")
-    assert order == ["a", "b", "c"]
+    monkeypatch.setattr(Pool, "go_on", watch)
+    with ThreadPoolExecutor(10) as threads:
+        tasks = list(threads.map(lambda i: list(press(pool, i % 4, i % 4 + 1)), range(10)))
+    assert all((result.status == 0).all() for task in tasks for result in task)
+    assert max(most) >= 4 and len(carrying) < 10  # ten tasks, two of the crew
+    assert not CREW._asleep and CREW._free == 2
+
+
+def test_two_pools_that_take_turns_in_the_middle_of_an_iteration_give_the_bytes_of_each_alone(block, monkeypatch):
+    """As on a GPU, where a thread lets the other in whenever it reads from the device."""
+    alone = follow(Scene(block, GEL), [SPHERE, CUBE, SPHERE, CUBE], POSES, PATH)
+    inside, overlaps = set(), []
+
+    def let_others_in(device):
+        with DEVICE.left():
+            time.sleep(1e-4)
+
+    go_on = Pool.go_on
+
+    def watch(pool):
+        inside.add(pool)
+        overlaps.append(len(inside))
+        go_on(pool)
+        inside.remove(pool)
+
+    monkeypatch.setattr("simgen.fem.device._wait_for", let_others_in)
+    monkeypatch.setattr(Pool, "go_on", watch)
+    pools = make_pool(block, 2), make_pool(block, 2)
+    with ThreadPoolExecutor(4) as threads:
+        tasks = [threads.submit(lambda pool, i: list(press(pool, i, i + 2)), pool, i) for pool in pools for i in (0, 2)]
+        first, second, third, fourth = (task.result() for task in tasks)
+    assert max(overlaps) == 2
+    for found in ([*first, *second], [*third, *fourth]):
+        for one, other in zip(alone, found, strict=True):
+            np.testing.assert_array_equal(one.displacement, other.displacement)
+
+
+@pytest.mark.parametrize("busy, chosen", [((4, 3), 1), ((4, 1), 0), ((1, 4), 0)])
+def test_a_pool_goes_on_beside_the_busiest_one_where_it_is_about_as_busy(block, monkeypatch, busy, chosen):
+    pools = [make_pool(block, 4), make_pool(block, 4)]
+    waiting = [press(pool, 0, 1) for pool, count in zip(pools, busy, strict=True) for _ in range(count)]
+    monkeypatch.setattr("simgen.pool.POOLS", pools)
+    with max(pools, key=lambda pool: pool.urgency).turn:
+        assert _choose() is pools[chosen if busy[0] > busy[1] else 1]
+    for pool in pools:
+        pool.drop()
+    assert len(waiting) == sum(busy)

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from . import columns
+from .device import read
 from .krylov_kernels import CHUNK, chunks
 from .material import real, vec3
 
@@ -145,11 +146,12 @@ class Balance:
         n_u = self.elasticity.n_displacements
         inputs = [self.internal, self.surface, self._step, self._held, n_u, self.active]
         self._add_up(balance_kernel, self._sections, inputs, [self.residual])
-        load, square, work, *resultant, loads, by_first = self._sums.numpy()
+        changes = [contact.multiplier_change() for contact in self.contacts]
+        (load, square, work, *resultant, loads, by_first), *changes = read(self._sums, *changes)
         loads = np.where(by_first > SMALLEST_LOADS, by_first, loads)
         imbalance = np.linalg.norm(resultant, axis=0) / np.maximum(loads, SMALLEST_LOADS)
-        changes = [contact.multiplier_change() for contact in self.contacts]
-        change, size = np.sqrt(np.square(changes).sum(axis=0))
+        squares = [change / contact.edge for change, contact in zip(changes, self.contacts, strict=True)]
+        change, size = np.sqrt(np.sum(squares, axis=0))
         sums = np.stack([np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance])
         return sums, change / np.maximum(size, SMALLEST_MULTIPLIERS)
 
@@ -185,5 +187,5 @@ class Balance:
         self._sums.zero_()
         inputs = [self.residual, self._step, self.elasticity.n_displacements, self.active]
         self._add_up(work_kernel, self._sections, inputs, [])
-        work, square, length, *_ = self._sums.numpy()
+        [(work, square, length, *_)] = read(self._sums)
         return np.stack([work, np.sqrt(np.abs(square * length))])  # what is not active may be anything

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from .device import read
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -104,7 +106,8 @@ class Active:
         self.assign(listed(environments))
 
     def numpy(self) -> np.ndarray:
-        return self.numbers.numpy()
+        [numbers] = read(self.numbers)
+        return numbers
 
 
 def listed(environments: np.ndarray) -> np.ndarray:

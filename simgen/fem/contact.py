@@ -35,6 +35,7 @@ from .contact_history import (
     update_kernel,
 )
 from .contact_results import corner_forces_kernel, gap_kernel, nearest_kernel, resultant_kernel, room_kernel
+from .device import read
 from .element import Element, face_geometry
 from .material import mat33, vec3
 from .traction import Surface
@@ -216,13 +217,14 @@ class Contact:
         self._sums.zero_()
         self._launch(contact_residual_kernel, [x, self.active], [residual_out, self._sums])
 
-    def multiplier_change(self) -> np.ndarray:
-        """L2 norms (2, env) of the change that an update would make at the last ``residual``, and of what it leads to.
+    def multiplier_change(self) -> wp.array:
+        """Squares (2, env) of L2 norms, times `edge`, on the device: of the change that an update would make at the
+        last ``residual``, and of what it leads to.
         """
         self._change.zero_()
         inputs = [self.weights, self._sums, self.active]
         self._launch(change_kernel, inputs, [self._change], self.n_slots)
-        return np.sqrt(self._change.numpy() / self.edge)
+        return self._change
 
     def update_multipliers(self):
         """Project the tractions of the last ``residual`` onto the multipliers."""
@@ -251,10 +253,10 @@ class Contact:
         moment = wp.zeros(self.n_env, dtype=vec3, device=self.device)
         sums = wp.zeros((4, self.n_env), dtype=wp.float64, device=self.device)
         self._launch(resultant_kernel, [x, self.active], [force, moment, sums])
-        area, squared, deepest, sliding = sums.numpy()
+        force, moment, (area, squared, deepest, sliding) = read(force, moment, sums)
         area = np.where(area > 0.0, area, 1.0)
         rms = np.sqrt(squared / area)
-        return Resultants(force.numpy(), moment.numpy(), rms, np.maximum(deepest, 0.0), sliding / area)
+        return Resultants(force, moment, rms, np.maximum(deepest, 0.0), sliding / area)
 
     def add_corner_forces(self, sums: wp.array, x, first: int = 0):
         """Add the forces on the sensor at state x, shared among `corners`, to sums (corner, 3, lane).
@@ -272,7 +274,7 @@ class Contact:
         distance = wp.full(self.n_env, np.inf, dtype=wp.float64, device=self.device)
         of_edge = wp.zeros(self.n_env, dtype=wp.float64, device=self.device)
         self._launch(nearest_kernel, [x, dense, at_rest, self.active], [distance, of_edge])
-        return distance.numpy(), of_edge.numpy()
+        return tuple(read(distance, of_edge))
 
     def room(self, x, dense: wp.array, other: Contact) -> np.ndarray:
         """Distance (env,) mm that is left between the shape and that of another contact of the same body, at least.
@@ -282,4 +284,5 @@ class Contact:
         """
         room = wp.full(self.n_env, np.inf, dtype=wp.float64, device=self.device)
         self._launch(room_kernel, [other.surface, x, dense, self.active], [room])
-        return room.numpy()
+        [room] = read(room)
+        return room

@@ -12,6 +12,7 @@ import warp as wp
 
 from . import columns
 from .blocks import TILE
+from .device import recording
 from .material import single
 
 wp.set_module_options({"enable_backward": False})
@@ -197,9 +198,9 @@ class Inverter:
             return
         self._invert()  # and loads the kernels, which cannot be done while one captures
         if not wp.get_device(self._matrices.device).is_cpu:
-            with wp.ScopedCapture(device=self._matrices.device) as captured:
+            with recording(self._matrices.device) as recorded:
                 self._invert()
-            self._graphs[lanes] = captured.graph
+            self._graphs[lanes] = recorded.graph
 
     def _invert(self):
         m, n, active, column, rows = self._m, self._m // SIDE, self._active, self._column, self._rows

@@ -18,8 +18,10 @@ import numpy as np
 import warp as wp
 
 from . import columns
+from .device import read, recording
 from .krylov_kernels import (
     SOON,
+    TOGETHER,
     WINDOW,
     advance_kernel,
     begin_kernel,
@@ -117,10 +119,10 @@ class ConjugateResiduals:
         else:
             wp.capture_while(self._going, iterate)  # and loads all kernels, which cannot be done while one captures
             if capture:
-                with wp.ScopedCapture(device=self.device) as captured:
+                with recording(self.device) as recorded:
                     wp.capture_while(self._going, iterate)
-                self._graphs[key] = captured.graph
-        count, relative = self._count.numpy(), self._relative.numpy()
+                self._graphs[key] = recorded.graph
+        count, relative = read(self._count, self._relative)
         missed = relative > np.where(count >= SOON, later, tolerance)
         return began & missed & (count < self.size) & np.isfinite(relative)
 
@@ -133,7 +135,8 @@ class ConjugateResiduals:
         columns.launch(substitute_kernel, (), inputs, [self._steps])
         inputs = [self._directions, self._steps, self._count, self._size, self.active]
         columns.launch(end_kernel, len(x_out), inputs, [x_out])
-        return self._count.numpy().astype(int), self._relative.numpy().copy()
+        count, relative = read(self._count, self._relative)
+        return count.astype(int), relative.copy()
 
     def solve(self, operator, preconditioner, b, x_out, tolerance: float):
         """Begin, go on to the end and return what :meth:`end` does, zeros where nothing was active."""
@@ -151,7 +154,7 @@ class ConjugateResiduals:
         sums = [self._square, self._along, self._left]
         columns.launch(clear_kernel, (), [count, active], [self._products, *sums])
         inputs = [self._images, self._image, count, active]
-        columns.launch(project_kernel, (sections, WINDOW), inputs, [self._products])
+        columns.launch(project_kernel, (sections, WINDOW // TOGETHER), inputs, [self._products])
         inputs = [self._direction, self._image, self._residual, self._products, self._inverse_squares, count, active]
         outputs = [self._directions, self._images, self._square, self._along]
         columns.launch(orthogonalize_kernel, sections, inputs, outputs)

@@ -18,6 +18,40 @@ STUCK = 0.9  # of the last residual: one that shrinks less says little that is n
 # even 6 are enough (4 % more iterations under a cube 1.6 mm deep, none more elsewhere), to 1e-5 8 are too few.
 WINDOW = 16
 SOON = 4  # iterations after which a looser tolerance holds
+TOGETHER = 4  # images that one thread multiplies a new one with: most systems have no more
+
+Terms = wp.types.vector(length=CHUNK, dtype=wp.float32)
+
+
+@wp.func
+def terms(a: wp.array2d(dtype=wp.float32), c: wp.int32, env: wp.int32):
+    """A thread's section of a vector, with zeros beyond the vector's end.
+
+    A GPU fetches all of them at once, and not one after the other.
+    """
+    found = Terms()
+    for j in range(CHUNK):
+        i = c * CHUNK + j
+        if i < a.shape[0]:
+            found[j] = a[i, env]
+    return found
+
+
+@wp.func
+def store_terms(a: wp.array2d(dtype=wp.float32), c: wp.int32, env: wp.int32, values: Terms):
+    for j in range(CHUNK):
+        i = c * CHUNK + j
+        if i < a.shape[0]:
+            a[i, env] = values[j]
+
+
+@wp.func
+def product(a: Terms, b: Terms):
+    """Inner product, summed in double precision."""
+    total = real(0.0)
+    for j in range(CHUNK):
+        total += real(a[j] * b[j])
+    return total
 
 
 @wp.kernel
@@ -96,19 +130,19 @@ def project_kernel(
     # outputs
     products_out: wp.array3d(dtype=wp.float64),
 ):
-    """Inner products of the new image with the last ones before it, each by threads of its own."""
-    c, back, lane = wp.tid()
+    """Inner products of the new image with the last ones before it, some of them by each thread."""
+    c, group, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     last = count[env]
-    k = last - 1 - back
-    if k < 0:
+    if last <= group * TOGETHER:
         return
-    total = real(0.0)
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
-        total += real(images[k % WINDOW, i, env] * image[i, env])
-    wp.atomic_add(products_out, last, k, env, total)
+    new = terms(image, c, env)
+    for back in range(TOGETHER):
+        k = last - 1 - group * TOGETHER - back
+        if k >= 0:
+            wp.atomic_add(products_out, last, k, env, product(terms(images[k % WINDOW], c, env), new))
 
 
 @wp.kernel
@@ -135,17 +169,14 @@ def orthogonalize_kernel(
     if env < 0:
         return
     last = count[env]
-    square, along = real(0.0), real(0.0)
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, image.shape[0])):
-        q = image[i, env]
-        for k in range(wp.max(last - WINDOW, 0), last):
-            q -= single(products[last, k, env] * inverse_squares[k, env]) * images_out[k % WINDOW, i, env]
-        directions_out[last, i, env] = direction[i, env]
-        images_out[last % WINDOW, i, env] = q
-        square += real(q * q)
-        along += real(q * residual[i, env])
-    wp.atomic_add(square_out, env, square)
-    wp.atomic_add(along_out, env, along)
+    q = terms(image, c, env)
+    for k in range(wp.max(last - WINDOW, 0), last):
+        share = single(products[last, k, env] * inverse_squares[k, env])
+        q -= share * terms(images_out[k % WINDOW], c, env)
+    store_terms(directions_out[last], c, env, terms(direction, c, env))
+    store_terms(images_out[last % WINDOW], c, env, q)
+    wp.atomic_add(square_out, env, product(q, q))
+    wp.atomic_add(along_out, env, product(q, terms(residual, c, env)))
 
 
 @wp.kernel
@@ -172,12 +203,9 @@ def advance_kernel(
     if c == 0:
         inverse_squares_out[last, env] = inverse
         steps_out[last, env] = along[env] * inverse
-    left = real(0.0)
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual_out.shape[0])):
-        r = residual_out[i, env] - step * images[last % WINDOW, i, env]
-        residual_out[i, env] = r
-        left += real(r * r)
-    wp.atomic_add(left_out, env, left)
+    r = terms(residual_out, c, env) - step * terms(images[last % WINDOW], c, env)
+    store_terms(residual_out, c, env, r)
+    wp.atomic_add(left_out, env, product(r, r))
 
 
 @wp.kernel
@@ -280,14 +308,12 @@ def source_kernel(
     env = active[lane]
     if env < 0:
         return
-    scale = single(1.0)
     if stuck[env] == 1:
-        scale = single(wp.sqrt(inverse_squares[count[env] - 1, env]))
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, residual.shape[0])):
-        value = residual[i, env]
-        if stuck[env] == 1:
-            value = scale * images[(count[env] - 1) % WINDOW, i, env]
-        source_out[i, env] = value
+        last = count[env] - 1
+        scale = single(wp.sqrt(inverse_squares[last, env]))
+        store_terms(source_out, c, env, scale * terms(images[last % WINDOW], c, env))
+    else:
+        store_terms(source_out, c, env, terms(residual, c, env))
 
 
 @wp.kernel

@@ -19,7 +19,7 @@ from . import columns
 from .aggregation import largest_eigenvalue
 from .blocks import Blocks, block, clear, invert_kernel, load, store, zeros
 from .corner_cycle import CornerCycle, chebyshev
-from .krylov_kernels import CHUNK, chunks
+from .krylov_kernels import chunks, store_terms, terms
 from .material import single
 from .operator import Elasticity
 from .pattern import corners_to_nodes
@@ -58,8 +58,7 @@ def negative_kernel(
     env = active[lane]
     if env < 0:
         return
-    for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, a.shape[0])):
-        negative_out[i, env] = -a[i, env]
+    store_terms(negative_out, c, env, -terms(a, c, env))
 
 
 class Multigrid:

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from . import columns
+from .device import read
 from .element import Element, tet_geometry
 from .element_fields import (
     corner_gradients,
@@ -207,7 +208,8 @@ class Elasticity:
         """Number of elements (env,) that are inside out somewhere at state x; see ``validity.py``."""
         count = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
         self._launch(inside_out_kernel, [self._solid, x, self._parts, LEVELS, self.active], [count])
-        return count.numpy()
+        [count] = read(count)
+        return count
 
     def forget(self, marked):
         """Take the stabilisation from all elements in the listed environments (env,)."""
@@ -221,7 +223,8 @@ class Elasticity:
         """Stabilise elements that are inside out at state x; returns how many (env,) have more of it now."""
         raised = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
         self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, raised])
-        return raised.numpy()
+        [raised] = read(raised)
+        return raised
 
     def reinforce(self, marked):
         """Stabilise all elements four times as much that are stabilised, in the listed environments (env,)."""
@@ -231,7 +234,8 @@ class Elasticity:
         """Number of elements (env,) that are stabilised in the active environments."""
         count = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
         self._launch(count_kernel, [self.weight, self.active], [count])
-        return count.numpy()
+        [count] = read(count)
+        return count
 
     @property
     def solid(self) -> Solid:

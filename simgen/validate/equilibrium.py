@@ -29,6 +29,7 @@ class DeadLoad:
     """Forces that do not depend on the state, as a term of the solver: ``share`` of nodal forces (n, 3), E mm2."""
 
     host_faces = np.zeros((0, 6), dtype=np.int32)
+    edge = 1.0
 
     def __init__(self, forces: np.ndarray, n_unknowns: int, device: str):
         column = np.zeros((n_unknowns, 1))
@@ -36,6 +37,7 @@ class DeadLoad:
         self._forces = wp.array(column, dtype=wp.float64, device=device)
         self._everywhere = columns.Active(1, device)
         self.share = 1.0
+        self._change = wp.zeros((2, 1), dtype=wp.float64, device=device)  # there are no multipliers
 
     def residual(self, x, residual_out):
         columns.go_along(residual_out, self._forces, np.array([-self.share]), self._everywhere, residual_out)
@@ -53,7 +55,7 @@ class DeadLoad:
         pass
 
     def multiplier_change(self):
-        return np.zeros((2, 1))
+        return self._change
 
     def update_multipliers(self):
         pass

@@ -11,6 +11,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -124,10 +125,17 @@ def _finished(cases: list[Case], context: Context, workers: int) -> Iterator[Res
                 yield _result(case, Outcome([]), begin, DIED)
 
 
-def _pool(workers: int, device: str) -> ProcessPoolExecutor:
-    for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # cores are for workers
-        os.environ.setdefault(threads, "1")
-    return ProcessPoolExecutor(workers, get_context("spawn"), initializer=_prepare, initargs=(device,))
+@contextmanager
+def _pool(workers: int, device: str) -> Iterator[ProcessPoolExecutor]:
+    """Worker processes. Each keeps its libraries to one core, unless the environment says how many they may use."""
+    unset = {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"} - os.environ.keys()
+    os.environ.update(dict.fromkeys(unset, "1"))  # which the workers inherit
+    try:
+        with ProcessPoolExecutor(workers, get_context("spawn"), initializer=_prepare, initargs=(device,)) as pool:
+            yield pool
+    finally:
+        for name in unset:
+            del os.environ[name]
 
 
 def _prepare(device: str) -> None:

@@ -47,7 +47,7 @@ def forces(term, x):
 def update(term, x):
     """Move the multipliers to the tractions at x; norms of the change and of what they are then, as before it."""
     forces(term, x)
-    change = term.multiplier_change()
+    change = np.sqrt(term.multiplier_change().numpy() / term.edge)
     term.update_multipliers()
     return change
 

@@ -1,6 +1,7 @@
 """Running, recording and showing cases, with cases that are made up."""
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -21,10 +22,11 @@ VERDICTS = {"passes": "ok", "misses": "FAIL", "skips": "skipped", "raises": "err
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     context = Context("cpu", None, None, tmp_path_factory.mktemp("scratch"))
-    told = []
+    told, environment = [], dict(os.environ)
     results = runner.run_cases(list(FAKES.values()), context, 2, lambda result: told.append(result.case))
     assert sorted(told) == sorted(FAKES)
     assert not list(context.scratch.iterdir())  # the cases' own folders are gone
+    assert dict(os.environ) == environment  # what keeps the workers to one core is not for those that come later
     return results
 
 

@@ -1,0 +1,60 @@
+"""The order in which presses begin."""
+
+import numpy as np
+import pytest
+
+from simgen.march import Press
+from simgen.press_queue import PressQueue
+
+
+def a_press(shape, again=False):
+    return Press(shape, np.eye(4), 0.0, 1, 0.0, first_try=([], None, 1) if again else None)
+
+
+def filled(*shapes):
+    queue, presses = PressQueue(), [a_press(shape) for shape in shapes]
+    for press in presses:
+        queue.add(press)
+    return queue, presses
+
+
+def order(queue, presses):
+    return [presses.index(queue.pop()) for _ in range(len(queue))]
+
+
+def test_presses_of_which_nothing_is_known_begin_as_they_came():
+    assert order(*filled(2, 0, 1, 0)) == [0, 1, 2, 3]
+
+
+def test_the_hardest_indenter_begins_first_and_an_unknown_one_before_it():
+    queue, presses = filled(0, 1, 2, 0, 1, 2)
+    for shape, iterations in ((0, 80), (1, 300), (1, 200), (0, 90)):
+        queue.learn(shape, iterations)
+    assert order(queue, presses) == [2, 5, 1, 4, 0, 3]
+
+
+def test_the_mean_of_all_tries_counts():
+    queue, presses = filled(0, 1)
+    for shape, iterations in ((0, 300), (1, 150), (0, 10), (0, 11)):
+        queue.learn(shape, iterations)
+    assert order(queue, presses) == [1, 0]
+
+
+def test_a_press_that_is_tried_again_goes_before_all():
+    queue, presses = filled(0, 1)
+    presses.append(a_press(0, again=True))
+    queue.add(presses[-1])
+    assert order(queue, presses) == [2, 0, 1]
+
+
+def test_dropped_presses_do_not_wait():
+    queue, presses = filled(0, 1, 1)
+    presses.append(a_press(0, again=True))
+    queue.add(presses[-1])
+    for i in (1, 3):
+        presses[i].dropped = True
+    queue.remove_dropped()
+    assert len(queue) == 2 and {id(press) for press in queue} == {id(presses[0]), id(presses[2])}
+    assert order(queue, presses) == [0, 2]
+    with pytest.raises(IndexError, match="no press waits"):
+        queue.pop()
