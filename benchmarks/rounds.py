@@ -7,6 +7,9 @@ removed. A round is one call of `March.go_on`: an iteration, or a trial of a lin
 that are under way. A phase's time is its own, without that of phases inside it. The device works on while Python goes
 on, so a phase also waits for kernels that earlier ones have started; `--wait` waits after each phase instead, and slows
 the run. Kernels are timed in some rounds at each number of presses; these rounds run without CUDA graphs.
+
+One thread feeds the device. With `--crew 2` there are two, as in `simgen run`: rounds of the two sensors overlap, so
+only they are timed, and neither phases nor kernels.
 """
 
 import argparse
@@ -19,6 +22,7 @@ from pathlib import Path
 import warp as wp
 from record import write
 
+from simgen import pool
 from simgen.fem.balance import Balance
 from simgen.fem.krylov import ConjugateResiduals
 from simgen.fem.newton import NewtonSolver
@@ -78,10 +82,12 @@ class Stopwatch:
 class Rounds:
     """Every round's sensor, presses at work and time; and kernels of some."""
 
-    def __init__(self, stopwatch: Stopwatch, device: str):
+    def __init__(self, stopwatch: Stopwatch, device: str, of_kernels: bool):
         self.found, self.kernels, self._seen = [], defaultdict(lambda: defaultdict(float)), defaultdict(int)
-        self._capture, self._device = True, device
-        go_on, krylov = stopwatch.timed("the rest of a round", March.go_on), ConjugateResiduals.go_on
+        self._capture, self._of_kernels = True, of_kernels and not wp.get_device(device).is_cpu
+        go_on, krylov = March.go_on, ConjugateResiduals.go_on
+        if of_kernels:
+            go_on = stopwatch.timed("the rest of a round", go_on)
 
         def solve(solver, *args, **more):
             return krylov(solver, *args, **more | ({} if self._capture else {"capture": False}))
@@ -100,7 +106,7 @@ class Rounds:
         ConjugateResiduals.go_on, March.go_on = solve, watched
 
     def _kind(self, march: March) -> str | None:
-        if wp.get_device(self._device).is_cpu:
+        if not self._of_kernels:
             return None
         for kind, (least, most, before, count) in KERNELS.items():
             if least <= march.at_work.sum() <= most:
@@ -139,14 +145,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trajectories", type=int, default=216)
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--crew", type=int, choices=(1, 2), default=1, help="threads that feed the device")
     parser.add_argument("--wait", action="store_true", help="for the device, after each phase")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="keys of the job to replace")
     parser.add_argument("--output", type=Path, default=Path("rounds.json"))
     asked = parser.parse_args()
     start_warp()
+    pool.CREW = pool.Crew(asked.crew)
     stopwatch = Stopwatch(asked.wait)
-    stopwatch.watch()
-    rounds, reports = Rounds(stopwatch, asked.device), []
+    if asked.crew == 1:
+        stopwatch.watch()
+    rounds, reports = Rounds(stopwatch, asked.device, of_kernels=asked.crew == 1), []
     job = load_job("paired", [f"trajectories.count={asked.trajectories}", *asked.set])
     plan = make_plan(job, asked.device)
     prepare(job, asked.device)
