@@ -78,7 +78,7 @@ class Pressing:
 
     @property
     def under_way(self) -> bool:
-        """Whether some have not ended, and will."""
+        """True while some of the presses have not ended and nobody has dropped them."""
         return any(press.status is None and not press.dropped for press in self._presses)
 
 
@@ -90,7 +90,7 @@ class Crew:
         self._asleep: dict[Pressing, tuple[threading.Event, list[bool]]] = {}
 
     def join(self, pressing: Pressing) -> bool:
-        """Whether this thread is one of the crew now; otherwise the presses that it waits for have ended."""
+        """Return True if this thread joins the crew, False if it slept until its presses had ended."""
         with self._lock:
             if self._free:
                 self._free -= 1
@@ -100,7 +100,7 @@ class Crew:
         return joins[0]
 
     def leave(self):
-        """Go, and let another thread join that waits for presses under way."""
+        """Leave the crew, and let a thread join whose presses are under way."""
         with self._lock:
             self._wake_those_done()
             if not self._asleep:

@@ -42,7 +42,7 @@ class Queue:
 
     @property
     def mine(self) -> bool:
-        """Whether this thread is in."""
+        """True for the thread that is in."""
         return self._owner == threading.get_ident()
 
     @contextmanager
@@ -59,7 +59,7 @@ class Queue:
             self.__enter__()
 
     def wait_for_others(self):
-        """Until no thread waits for the device: the one that is in may do then what concerns the whole device."""
+        """Wait until no other thread waits for the device. This one may then do what concerns all of it."""
         while self._waits:
             time.sleep(1e-4)
 

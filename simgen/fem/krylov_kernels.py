@@ -10,7 +10,7 @@ from .material import real, single
 
 wp.set_module_options({"enable_backward": False})
 
-# Terms that one thread sums, one after the other. A GPU has threads for more environments than are under way at the end
+# Terms that one thread sums. A GPU has threads for more environments than are under way at the end
 # of a run; there a sum takes as long as one thread's terms.
 CHUNK = 16
 STUCK = 0.9  # of the last residual: one that shrinks less says little that is new

@@ -1,4 +1,4 @@
-"""Who may use the device, and what comes back from it."""
+"""Threads that take turns on the device, and arrays that they read from it."""
 
 import threading
 import time
