@@ -39,7 +39,7 @@ from simgen.workers import TASKS_PER_GPU_PROCESS, Workers
 
 PHASES = {
     March: ("_begin", "_load", "_solve_again", "_settle", "_store"),
-    Samples: ("overlap", "room", "displacement", "inverted_elements"),
+    Samples: ("overlap", "room", "_displacements", "inverted_elements"),
     NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving", "_go_on_solving"),
     Balance: ("measure", "measure_surfaces", "work"),
     ConjugateResiduals: ("begin", "go_on", "end"),

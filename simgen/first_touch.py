@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from .distance import RigidShape, distance
+from .fem.device import read
 from .fem.element import TRIANGLE_EDGES, barycentric_p2
 from .fem.material import mat33, real, vec3
 from .fem.status import Status
@@ -92,7 +93,8 @@ class _Approach:
         inputs = [*self._surface, self._points[fine], self._shapes, self._shape_of, self._rotation]
         inputs += [wp.array(origin, dtype=vec3, device=self.device), known, limit]
         wp.launch(approach_kernel, dim=known.shape, inputs=inputs, outputs=[of_face, least], device=self.device)
-        return least.numpy()
+        [least] = read(least)
+        return least
 
     def _advance(self, travel: np.ndarray, going: np.ndarray, fine: bool, limit) -> tuple[np.ndarray, np.ndarray]:
         """Move those that go (b,) along their +y until they touch; returns travel and last distance (b,)."""
@@ -111,7 +113,8 @@ class _Approach:
         status[travel > RETREAT_MM] = Status.NEVER_TOUCHES
         status[travel == start] = Status.STARTS_INSIDE
         touches = status == Status.CONVERGED
-        near = (self._of_face.numpy() < reach).sum(axis=0)
+        [of_face] = read(self._of_face)
+        near = (of_face < reach).sum(axis=0)
         travel, _ = self._advance(np.maximum(travel - CLOSE_MM, start), touches, True, least + CLOSE_MM)
         return np.where(touches, travel, 0.0), status, near
 

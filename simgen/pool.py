@@ -41,6 +41,7 @@ class Pool:
     def press(self, shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray) -> Pressing:
         """Put presses under way: shape numbers (b,), poses (b, 4, 4) m, most steps (b,). Returns their results."""
         with DEVICE:
+            self._use_stream()
             return Pressing(self._march, begin_presses(self._march, self._shapes, shape_of, poses, steps))
 
     @property
@@ -50,9 +51,12 @@ class Pool:
 
     def go_on(self):
         """Carry the presses on by an iteration. The thread has the pool's `turn`, and the device."""
+        self._use_stream()
+        self._march.go_on()
+
+    def _use_stream(self):
         if self._stream is not None:
             wp.set_stream(self._stream, self._device)
-        self._march.go_on()
 
     def drop(self):
         """Forget all presses that have not ended."""

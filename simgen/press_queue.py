@@ -1,4 +1,4 @@
-"""Presses that wait for a free environment, the hardest first."""
+"""Presses that wait for a free environment, those of hard indenters first."""
 
 from __future__ import annotations
 
@@ -12,19 +12,24 @@ if TYPE_CHECKING:
     from .march import Press
 
 
+HARD = 2.0  # times the mean of all tries: an indenter with a try that took longer is hard
+
+
 class PressQueue:
     """Presses in the order in which they should begin.
 
-    A run ends when its last press ends. The hardest presses take ten times the Newton iterations of most, so they
-    begin early. The queue learns how hard an indenter is from presses that have ended. An indenter that it knows
-    nothing of goes first. Presses of the same indenter keep their order. A press that is tried again goes before all.
+    A run ends when its last press ends, and a few presses take ten times the Newton iterations of most. So presses of
+    hard indenters begin first: those of the indenter with the longest try before the others. All other presses keep
+    their order, so that tasks end one after the other. The queue learns how long tries are from those that have ended.
+    An indenter that it knows nothing of counts as the hardest. A press that is tried again goes before all.
     """
 
     def __init__(self):
         self._by_shape: dict[int, deque[tuple[int, Press]]] = {}
         self._again: deque[Press] = deque()
         self._numbers = count()
-        self._mean: dict[int, tuple[float, int]] = {}  # Newton iterations of a try, and how many tries have ended
+        self._longest: dict[int, int] = {}  # Newton iterations of a try with this shape
+        self._iterations = self._tries = 0  # of all shapes
 
     def add(self, press: Press):
         if press.first_try is not None:
@@ -39,16 +44,19 @@ class PressQueue:
         waiting = {shape: presses for shape, presses in self._by_shape.items() if presses}
         if not waiting:
             raise IndexError("no press waits")
-        hardest = max(waiting, key=lambda shape: (self._expected(shape), -waiting[shape][0][0]))
-        return waiting[hardest].popleft()[1]
+        first = max(waiting, key=lambda shape: (self._hardness(shape), -waiting[shape][0][0]))
+        return waiting[first].popleft()[1]
 
     def learn(self, shape: int, iterations: int):
         """A try with this indenter has ended after so many Newton iterations."""
-        mean, tries = self._mean.get(shape, (0.0, 0))
-        self._mean[shape] = (mean + (iterations - mean) / (tries + 1), tries + 1)
+        self._longest[shape] = max(iterations, self._longest.get(shape, 0))
+        self._iterations += iterations
+        self._tries += 1
 
-    def _expected(self, shape: int) -> float:
-        return self._mean[shape][0] if shape in self._mean else math.inf
+    def _hardness(self, shape: int) -> float:
+        """Newton iterations of a hard indenter's longest try, 0 for one that is not hard."""
+        longest = self._longest.get(shape, math.inf)
+        return longest if longest * self._tries > HARD * self._iterations else 0.0
 
     def remove_dropped(self):
         self._again = deque(press for press in self._again if not press.dropped)

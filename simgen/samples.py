@@ -66,6 +66,10 @@ def output_kernel(
     displacement_out[k, vertex, i] = displacement_out.dtype(total / real(MM))
 
 
+for _kind in (wp.float64, wp.float32):
+    wp.overload(output_kernel, {"displacement_out": wp.array3d(dtype=_kind)})
+
+
 class Samples:
     """Measures the states of a scene's solver in the environments that have reached a point."""
 
@@ -98,15 +102,16 @@ class Samples:
         [sums] = read(self._sums)
         return sums
 
-    def displacement(self, environments: np.ndarray) -> np.ndarray:
-        """Displacement of the output mesh (k, v, 3), m, in k environments; on a CPU it is valid until the next call."""
-        k, x = len(environments), self.scene.solver.x
-        lanes = wp.array(environments, dtype=wp.int32, device=self.scene.device)
-        dim = (self._displacement.shape[1], 3, k)
-        inputs, outputs = [*self._weights, x, lanes], [self._displacement]
+    def _displacements(self, count: int) -> np.ndarray:
+        """Those of the output mesh (count, v, 3), m, in the first active environments.
+
+        On a CPU they are valid until the next call.
+        """
+        solver, dim = self.scene.solver, (self._displacement.shape[1], 3, count)
+        inputs, outputs = [*self._weights, solver.x, solver.active.numbers], [self._displacement]
         wp.launch(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
-        [displacement] = read(self._displacement[:k])
-        return displacement
+        [displacements] = read(self._displacement[:count])
+        return displacements
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
         """Deepest overlap with indenter, core and support, mm, on points denser than the integration's; and over the
@@ -171,7 +176,7 @@ class Samples:
             found["liquid_volume_error"] = np.abs(lacking) / scene.cavity.volume
             found["cavity_pressure"] = pressure * scene.material.youngs_modulus_pa
         environments = np.flatnonzero(reached)
-        surface = scene.surface_outputs.take(len(environments))
-        for k, (env, displacement) in enumerate(zip(environments, self.displacement(environments), strict=True)):
+        surface, displacements = scene.surface_outputs.take(len(environments)), self._displacements(len(environments))
+        for k, (env, displacement) in enumerate(zip(environments, displacements, strict=True)):
             of_surface = {name: values[k] for name, values in surface.items()}
             yield env, {"displacement": displacement, **of_surface} | {name: each[env] for name, each in found.items()}

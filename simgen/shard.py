@@ -23,7 +23,7 @@ from simgen.capacity import presses_at_once
 from simgen.dataset import Dataset
 from simgen.dataset_writer import folder_aside
 from simgen.errors import InputError
-from simgen.fem.device import DEVICE
+from simgen.fem.device import DEVICE, load_kernels
 from simgen.fem.status import Status, is_failure, is_planned_end
 from simgen.indenter import Indenter, chosen_indenters
 from simgen.job_schema import Job
@@ -92,6 +92,7 @@ def _indenters(job: Job) -> list[Indenter]:
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     """Presses of one sensor by finite elements. Its scene is made once and serves all presses."""
     start_warp()
+    load_kernels(device)
     sensor = _sensor(job, sensor_name)
     settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
     batch = presses_at_once(sensor, device, job.solver.element, settings)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from test_press import CUBE, GEL, SPHERE, make_block, pose
 
+import simgen.pool
 from simgen.fem.device import DEVICE
 from simgen.pool import CREW, POOLS, Pool, _choose
 from simgen.press import Scene, follow
@@ -97,19 +98,21 @@ def test_a_pool_that_nobody_has_is_no_pool_any_more(block):
 
 def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
     """Ten tasks; none is lost when the thread that solved its presses goes home."""
-    pool, carrying, most = make_pool(block, 2), set(), []
-    go_on = Pool.go_on
+    pool, carrying, most, asleep = make_pool(block, 2), set(), [], []
+    go_on = simgen.pool._go_on
 
-    def watch(which):
+    def watch():
         carrying.add(threading.get_ident())
-        most.append(len(CREW._asleep))
-        go_on(which)
+        most.append(len(carrying))
+        asleep.append(len(CREW._asleep))
+        go_on()
+        carrying.remove(threading.get_ident())
 
-    monkeypatch.setattr(Pool, "go_on", watch)
+    monkeypatch.setattr(simgen.pool, "_go_on", watch)
     with ThreadPoolExecutor(10) as threads:
         tasks = list(threads.map(lambda i: list(press(pool, i % 4, i % 4 + 1)), range(10)))
     assert all((result.status == 0).all() for task in tasks for result in task)
-    assert max(most) >= 4 and len(carrying) < 10  # ten tasks, two of the crew
+    assert max(asleep) >= 4 and max(most) == 2
     assert not CREW._asleep and CREW._free == 2
 
 

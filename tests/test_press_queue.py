@@ -26,18 +26,29 @@ def test_presses_of_which_nothing_is_known_begin_as_they_came():
     assert order(*filled(2, 0, 1, 0)) == [0, 1, 2, 3]
 
 
-def test_the_hardest_indenter_begins_first_and_an_unknown_one_before_it():
-    queue, presses = filled(0, 1, 2, 0, 1, 2)
-    for shape, iterations in ((0, 80), (1, 300), (1, 200), (0, 90)):
+def test_hard_indenters_begin_first_and_an_unknown_one_before_them():
+    queue, presses = filled(0, 1, 2, 3, 0, 1, 2, 3)
+    for shape, iterations in ((0, 80), (1, 300), (3, 500), (0, 90), (0, 100), (3, 100)):
         queue.learn(shape, iterations)
-    assert order(queue, presses) == [2, 5, 1, 4, 0, 3]
+    assert order(queue, presses) == [2, 6, 3, 7, 0, 1, 4, 5]  # 300 is less than twice the mean of 195
 
 
-def test_the_mean_of_all_tries_counts():
-    queue, presses = filled(0, 1)
-    for shape, iterations in ((0, 300), (1, 150), (0, 10), (0, 11)):
+def test_the_longest_try_makes_an_indenter_hard():
+    """Ten presses of the second are as long as those of the first, one is not."""
+    queue, presses = filled(0, 1, 0, 1)
+    for _ in range(10):
+        queue.learn(0, 100)
+        queue.learn(1, 100)
+    assert order(*filled(0, 1, 0, 1)) == [0, 1, 2, 3]
+    queue.learn(1, 500)
+    assert order(queue, presses) == [1, 3, 0, 2]
+
+
+def test_presses_of_other_indenters_keep_their_order():
+    queue, presses = filled(0, 1, 1, 0, 2)
+    for shape, iterations in ((0, 80), (1, 100), (2, 120)):
         queue.learn(shape, iterations)
-    assert order(queue, presses) == [1, 0]
+    assert order(queue, presses) == [0, 1, 2, 3, 4]
 
 
 def test_a_press_that_is_tried_again_goes_before_all():

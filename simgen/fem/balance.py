@@ -142,17 +142,17 @@ class Balance:
         columns.launch(kernel, rows, inputs, [*outputs, self._sums])
 
     def _measure_sum(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows load, size, work, imbalance (4, env), and the contact error (env,)."""
+        """Load, size, work, imbalance and least det F (5, env), and the contact error (env,)."""
         n_u = self.elasticity.n_displacements
         inputs = [self.internal, self.surface, self._step, self._held, n_u, self.active]
         self._add_up(balance_kernel, self._sections, inputs, [self.residual])
         changes = [contact.multiplier_change() for contact in self.contacts]
-        (load, square, work, *resultant, loads, by_first), *changes = read(self._sums, *changes)
+        (load, square, work, *resultant, loads, by_first), min_det, *changes = read(self._sums, self._min_det, *changes)
         loads = np.where(by_first > SMALLEST_LOADS, by_first, loads)
         imbalance = np.linalg.norm(resultant, axis=0) / np.maximum(loads, SMALLEST_LOADS)
         squares = [change / contact.edge for change, contact in zip(changes, self.contacts, strict=True)]
         change, size = np.sqrt(np.sum(squares, axis=0))
-        sums = np.stack([np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance])
+        sums = np.stack([np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance, min_det])
         return sums, change / np.maximum(size, SMALLEST_MULTIPLIERS)
 
     def measure(self, x) -> Measured:
@@ -163,14 +163,14 @@ class Balance:
         self.elasticity.residual(x, self.internal, self._min_det)
         self._apply_surfaces(x)
         sums, error = self._measure_sum()
-        return Measured(*sums, self._min_det.numpy().copy(), error)
+        return Measured(*sums, error)
 
     def measure_surfaces(self, x, before: Measured, marked: np.ndarray) -> Measured:
         """The same once more where the multipliers have changed, and nothing else; the active ones are ``marked``."""
         columns.clear(self.active, self.surface)
         self._apply_surfaces(x)
         sums, error = self._measure_sum()
-        new = dict(zip(("load", "size", "work", "imbalance"), sums, strict=True), contact_error=error)
+        new = dict(zip(("load", "size", "work", "imbalance", "min_det"), sums, strict=True), contact_error=error)
         return replace(before, **{name: np.where(marked, new[name], getattr(before, name)) for name in new})
 
     def _apply_surfaces(self, x):

@@ -26,8 +26,10 @@ import warp as wp
 
 from . import columns
 from .blocks import Blocks, add_block
+from .device import read
 from .element import TRIANGLE_EDGES, Element, face_shapes
 from .element_fields import gather
+from .krylov_kernels import CHUNK, chunks
 from .material import mat33f, real, single, vec3
 
 wp.set_module_options({"enable_backward": False})
@@ -199,6 +201,25 @@ def add_volume_kernel(volume: wp.array(dtype=wp.float64), row: wp.int32, residua
     residual_out[row, env] = residual_out[row, env] + volume[env]
 
 
+@wp.kernel
+def resultant_kernel(
+    gradient: wp.array2d(dtype=wp.float64),
+    pressure: wp.array(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    force_out: wp.array2d(dtype=wp.float64),
+):
+    """Components (3, env) of the force on the solid: minus the pressure times the sum of the nodes' gradients."""
+    c, i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    total, nodes = real(0.0), gradient.shape[0] // 3
+    for node in range(c * CHUNK, wp.min((c + 1) * CHUNK, nodes)):
+        total += gradient[3 * node + i, env]
+    wp.atomic_add(force_out, i, env, -pressure[env] * total)
+
+
 class Cavity:
     """The liquid behind wetted faces (f, 6) of the rest mesh (nodes in mm).
 
@@ -231,6 +252,7 @@ class Cavity:
         self._pressure = wp.zeros(n_env, dtype=wp.float64, device=device)
         self._deformed = wp.zeros((len(faces), len(weights), n_env), dtype=Tangents, device=device)
         self.gradient = wp.zeros((3 * len(nodes), n_env), dtype=wp.float64, device=device)
+        self._force = wp.zeros((3, n_env), dtype=wp.float64, device=device)
 
     def _launch(self, kernel, inputs, outputs):
         columns.launch(kernel, len(self.host_faces), [self.wetted, *inputs], outputs)
@@ -253,8 +275,11 @@ class Cavity:
     def resultant(self, x) -> np.ndarray:
         """Force (env, 3) on the solid: nothing where the wetted faces are all that closes the cavity."""
         self.linearize(x)
-        forces = self._pressure.numpy() * self.gradient.numpy().reshape(-1, 3, self.active.shape[0])
-        return -forces.sum(axis=0).T
+        self._force.zero_()
+        rows = chunks(len(self.gradient) // 3), 3
+        columns.launch(resultant_kernel, rows, [self.gradient, self._pressure, self.active], [self._force])
+        [force] = read(self._force)
+        return force.T.copy()
 
     def blocks(self, block_index, blocks_out, linear: bool):
         """Add the derivative by displacements as 3 x 3 blocks between nodes; symmetric once all faces are in."""

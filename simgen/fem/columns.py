@@ -42,6 +42,11 @@ def clear_kernel(
         cleared_out[i, env] = cleared_out.dtype(0.0)
 
 
+for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a kind that came later would compile the module again
+    wp.overload(copy_kernel, {"source": wp.array2d(dtype=_kind), "copy_out": wp.array2d(dtype=_kind)})
+    wp.overload(clear_kernel, {"cleared_out": wp.array2d(dtype=_kind)})
+
+
 @wp.kernel
 def along_kernel(
     start: wp.array2d(dtype=wp.float64),
@@ -82,6 +87,7 @@ class Active:
 
     def __init__(self, n_env: int, device):
         self.numbers = wp.array(np.arange(n_env), dtype=wp.int32, device=device)
+        self._factors = wp.zeros(n_env, dtype=wp.float64, device=device)
         self.device, self.shape, self.lanes = device, (n_env,), n_env
         self._exact = wp.get_device(device).is_cpu
 
@@ -104,6 +110,11 @@ class Active:
     def choose(self, environments: np.ndarray):
         """Act in the environments (env,) bool from now on."""
         self.assign(listed(environments))
+
+    def factors(self, values: np.ndarray) -> wp.array:
+        """Numbers (env,) for the next kernel: always the same array, see `simgen.fem.device`."""
+        self._factors.assign(values)
+        return self._factors
 
     def numpy(self) -> np.ndarray:
         [numbers] = read(self.numbers)
@@ -149,9 +160,9 @@ def clear(marked, out):
 
 def go_along(start, step, factor: np.ndarray, marked, out):
     """out = start + factor (env,) times step."""
-    _launch(along_kernel, [start, step, wp.array(factor, dtype=wp.float64, device=out.device), marked], out)
+    _launch(along_kernel, [start, step, marked.factors(factor), marked], out)
 
 
 def go_beyond(before, start, factor: np.ndarray, marked, out):
     """out = start + factor (env,) times (start - before)."""
-    _launch(beyond_kernel, [before, start, wp.array(factor, dtype=wp.float64, device=out.device), marked], out)
+    _launch(beyond_kernel, [before, start, marked.factors(factor), marked], out)

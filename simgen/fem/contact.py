@@ -109,6 +109,9 @@ class Contact:
         self._sums = wp.zeros((self.n_slots, self.n_env), dtype=wp.vec4d, device=device)
         self._change = wp.zeros((2, self.n_env), dtype=wp.float64, device=device)
         self._carried = wp.zeros(self._points, dtype=vec3, device=device)
+        self._resultants = [wp.zeros(self.n_env, dtype=vec3, device=device) for _ in range(2)]
+        self._resultants.append(wp.zeros((4, self.n_env), dtype=wp.float64, device=device))
+        self._least, self._largest = (wp.zeros(self.n_env, dtype=wp.float64, device=device) for _ in range(2))
         self._start_rotation, self._start_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
         self._saved = [wp.zeros_like(array) for array in self._history()]
         self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # where the last increment began
@@ -187,8 +190,8 @@ class Contact:
         """Let the multipliers of the active environments start this increment where ``factor`` (env,) times what the
         last one that was kept has changed would lead them.
         """
-        factors = wp.array(factor, dtype=wp.float64, device=self.device)
-        self._launch(extrapolate_kernel, [*self._before, factors, self.active], [], self.n_slots)
+        inputs = [*self._before, self.active.factors(factor), self.active]
+        self._launch(extrapolate_kernel, inputs, [], self.n_slots)
 
     def keep(self, marked):
         """The increments of the listed environments (env,) have converged: the next ones go on along them."""
@@ -249,11 +252,10 @@ class Contact:
 
     def resultants(self, x) -> Resultants:
         """Measure the contact at state x."""
-        force = wp.zeros(self.n_env, dtype=vec3, device=self.device)
-        moment = wp.zeros(self.n_env, dtype=vec3, device=self.device)
-        sums = wp.zeros((4, self.n_env), dtype=wp.float64, device=self.device)
-        self._launch(resultant_kernel, [x, self.active], [force, moment, sums])
-        force, moment, (area, squared, deepest, sliding) = read(force, moment, sums)
+        for array in self._resultants:
+            array.zero_()
+        self._launch(resultant_kernel, [x, self.active], self._resultants)
+        force, moment, (area, squared, deepest, sliding) = map(np.copy, read(*self._resultants))
         area = np.where(area > 0.0, area, 1.0)
         rms = np.sqrt(squared / area)
         return Resultants(force, moment, rms, np.maximum(deepest, 0.0), sliding / area)
@@ -271,10 +273,10 @@ class Contact:
 
         And the largest overlap (env,) beyond ``at_rest`` mm, over the edge of its own face; 0 without any.
         """
-        distance = wp.full(self.n_env, np.inf, dtype=wp.float64, device=self.device)
-        of_edge = wp.zeros(self.n_env, dtype=wp.float64, device=self.device)
-        self._launch(nearest_kernel, [x, dense, at_rest, self.active], [distance, of_edge])
-        return tuple(read(distance, of_edge))
+        self._least.fill_(np.inf)
+        self._largest.zero_()
+        self._launch(nearest_kernel, [x, dense, at_rest, self.active], [self._least, self._largest])
+        return tuple(map(np.copy, read(self._least, self._largest)))
 
     def room(self, x, dense: wp.array, other: Contact) -> np.ndarray:
         """Distance (env,) mm that is left between the shape and that of another contact of the same body, at least.
@@ -282,7 +284,7 @@ class Contact:
         Where the surface overlaps the shape, at points with shape functions (point, nodes); negative where the overlap
         is more than the gel that is left, inf where there is none.
         """
-        room = wp.full(self.n_env, np.inf, dtype=wp.float64, device=self.device)
-        self._launch(room_kernel, [other.surface, x, dense, self.active], [room])
-        [room] = read(room)
-        return room
+        self._least.fill_(np.inf)
+        self._launch(room_kernel, [other.surface, x, dense, self.active], [self._least])
+        [room] = read(self._least)
+        return room.copy()

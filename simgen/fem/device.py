@@ -1,11 +1,13 @@
 """Threads of a process share its device: one at a time gives it work, and lets another in while it waits for results.
 
 A GPU works on its own. While it makes what one thread waits for, another thread prepares its own kernels, which run on
-another stream.
+another stream. Warp copies with `array.numpy()`, and frees arrays, on CUDA's default stream, which waits for all others
+and lets all others wait. So what is done in every iteration uses `read`, and arrays that are made once.
 """
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import deque
@@ -67,6 +69,15 @@ class Queue:
 DEVICE = Queue()
 
 
+def load_kernels(device: str):
+    """Compile the kernels of all modules that are imported for a GPU, as many modules at once as there are cores.
+
+    Warp would compile each one when a kernel of it is first launched, one after the other.
+    """
+    if not wp.get_device(device).is_cpu:
+        wp.force_load(device, max_workers=os.cpu_count())
+
+
 def read(*arrays) -> list[np.ndarray]:
     """The values of arrays on one device. Until the kernels before have ended, other threads may use the device.
 
@@ -74,7 +85,8 @@ def read(*arrays) -> list[np.ndarray]:
     """
     if DEVICE.mine:
         _wait_for(arrays[0].device)
-    return [array.numpy() for array in arrays]
+    # `array.numpy()` would copy on CUDA's default stream, which waits for all streams, those of other threads too.
+    return [array.to("cpu").numpy() for array in arrays]
 
 
 def _wait_for(device: wp.Device):

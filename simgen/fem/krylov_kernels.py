@@ -72,6 +72,10 @@ def dots_kernel(
     wp.atomic_add(products_out, env, total)
 
 
+for _kind in (wp.float64, wp.float32):
+    wp.overload(dots_kernel, {"a": wp.array2d(dtype=_kind), "b": wp.array2d(dtype=_kind)})
+
+
 @wp.kernel
 def begin_kernel(
     b: wp.array2d(dtype=wp.float64),

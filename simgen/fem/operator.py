@@ -183,6 +183,7 @@ class Elasticity:
         self._rough.state = self._single.state
         self._damping = wp.zeros(active.shape[0], dtype=wp.float32, device=device)
         self._single.damping = self._rough.damping = self._damping
+        self._count = wp.zeros(active.shape[0], dtype=wp.int32, device=device)
 
     def _launch(self, kernel, inputs, outputs):
         columns.launch(kernel, len(self.host_tetrahedra), inputs, outputs)
@@ -206,10 +207,9 @@ class Elasticity:
 
     def inverted_elements(self, x) -> np.ndarray:
         """Number of elements (env,) that are inside out somewhere at state x; see ``validity.py``."""
-        count = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
-        self._launch(inside_out_kernel, [self._solid, x, self._parts, LEVELS, self.active], [count])
-        [count] = read(count)
-        return count
+        self._count.zero_()
+        self._launch(inside_out_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self._count])
+        return self._read_count()
 
     def forget(self, marked):
         """Take the stabilisation from all elements in the listed environments (env,)."""
@@ -221,10 +221,9 @@ class Elasticity:
 
     def stabilise(self, x) -> np.ndarray:
         """Stabilise elements that are inside out at state x; returns how many (env,) have more of it now."""
-        raised = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
-        self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, raised])
-        [raised] = read(raised)
-        return raised
+        self._count.zero_()
+        self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, self._count])
+        return self._read_count()
 
     def reinforce(self, marked):
         """Stabilise all elements four times as much that are stabilised, in the listed environments (env,)."""
@@ -232,10 +231,13 @@ class Elasticity:
 
     def stabilised_elements(self) -> np.ndarray:
         """Number of elements (env,) that are stabilised in the active environments."""
-        count = wp.zeros(self.active.shape[0], dtype=wp.int32, device=self.device)
-        self._launch(count_kernel, [self.weight, self.active], [count])
-        [count] = read(count)
-        return count
+        self._count.zero_()
+        self._launch(count_kernel, [self.weight, self.active], [self._count])
+        return self._read_count()
+
+    def _read_count(self) -> np.ndarray:
+        [count] = read(self._count)
+        return count.copy()
 
     @property
     def solid(self) -> Solid:

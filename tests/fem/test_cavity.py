@@ -131,6 +131,21 @@ def test_the_gradient_is_the_row_and_the_column_of_the_pressure():
     np.testing.assert_allclose(column, gradient, atol=SINGLE * np.abs(gradient).max())
 
 
+def test_the_resultant_is_the_sum_of_the_forces():
+    """Where the faces leave an opening, as the BioTac's do around its core; in the environments that are active."""
+    nodes, _, _, faces = box()
+    held = np.ones(len(nodes), dtype=bool)
+    term = Cavity(P2P1, nodes, faces[: len(faces) // 2], held, 3 * len(nodes), "cpu", columns.Active(2, "cpu"))
+    x = 0.1 * np.random.default_rng(6).normal(size=(3 * len(nodes) + 1, 2))
+    x[-1] = 0.4, -0.7
+    x = wp.array(x, dtype=wp.float64, device="cpu")
+    forces = residual(term, x)[:-1].reshape(-1, 3, 2).sum(axis=0).T
+    assert np.abs(forces).max() > 1.0
+    np.testing.assert_allclose(term.resultant(x), -forces, rtol=1e-12)
+    term.active.choose(np.array([False, True]))
+    np.testing.assert_allclose(term.resultant(x)[1], -forces[1], rtol=1e-12)
+
+
 @pytest.mark.parametrize("element", [P1, P2P1])
 def test_blocks_are_the_displacement_part_of_the_tangent(element):
     nodes, tets, term = boundary(element)
