@@ -21,9 +21,9 @@ from simgen.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.shard_writer import Failure
 from simgen.workers import Workers
 
-# In all tasks that a GPU's process solves at once. They are many more than are under way at once, because a shard waits
-# for its hardest press, and the others must keep the device busy. The host keeps their samples until their shard has
-# ended: 2.5 MB for a press of the paired job, in single precision.
+# In all tasks that a GPU's process solves at once, where these have several shards. They are many more than are under
+# way at once, because a shard waits for its hardest press, and the others must keep the device busy. The host keeps
+# their samples until their shard has ended: 2.5 MB for a press of the paired job, in single precision.
 PRESSES_PER_GPU_PROCESS = 4608
 SMALLER = 8  # times: a task that broke down is tried again in parts of which most may be sound
 
