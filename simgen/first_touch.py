@@ -21,6 +21,7 @@ RETREAT_MM = 10.0  # the approach starts this far behind the given pose and ends
 ACCURACY_MM = 1e-6
 CLOSE_MM = 0.02  # faces that are looked at densely: those that come this near to where coarse points touch
 COARSE, FINE = 10, 80  # points on an edge of a face
+THREADS = {"cpu": 1, "cuda": 64}  # that share the 3,321 dense points of a face: few faces are looked at densely
 
 
 @wp.kernel
@@ -34,25 +35,28 @@ def approach_kernel(
     origin: wp.array(dtype=vec3),
     known: wp.array2d(dtype=wp.float64),
     limit: wp.array(dtype=wp.float64),
+    threads: wp.int32,
     # outputs
     of_face_out: wp.array2d(dtype=wp.float64),
     distance_out: wp.array(dtype=wp.float64),
 ):
     """Least distance of each shape from each face at points with shape functions (point, nodes), and from all faces.
 
-    Faces whose distance is ``known`` (face, press) to be beyond the limit are left out.
+    Faces whose distance is ``known`` (face, press) to be beyond the limit are left out. Several threads may share the
+    points of a face; then only the distance from all faces is found.
     """
-    f, i = wp.tid()
+    f, first, i = wp.tid()
     if known[f, i] > limit[i]:
         return
     least = real(wp.inf)
-    for q in range(points.shape[0]):
+    for q in range(first, points.shape[0], threads):
         position = vec3()
         for a in range(faces.shape[1]):
             position += points[q, a] * nodes[faces[f, a]]
         local = wp.transpose(rotation[i]) * (position - origin[i])
         least = wp.min(least, distance(shapes[shape_of[i]], local))
-    of_face_out[f, i] = least
+    if threads == 1:
+        of_face_out[f, i] = least
     wp.atomic_min(distance_out, i, least)
 
 
@@ -91,8 +95,10 @@ class _Approach:
         least = wp.full(len(self.poses), np.inf, dtype=wp.float64, device=self.device)
         limit = wp.array(np.where(going, limit, -np.inf), dtype=wp.float64, device=self.device)
         inputs = [*self._surface, self._points[fine], self._shapes, self._shape_of, self._rotation]
-        inputs += [wp.array(origin, dtype=vec3, device=self.device), known, limit]
-        wp.launch(approach_kernel, dim=known.shape, inputs=inputs, outputs=[of_face, least], device=self.device)
+        threads = THREADS["cpu" if least.device.is_cpu else "cuda"] if fine else 1
+        inputs += [wp.array(origin, dtype=vec3, device=self.device), known, limit, threads]
+        dim, outputs = (known.shape[0], threads, known.shape[1]), [of_face, least]
+        wp.launch(approach_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
         [least] = read(least)
         return least
 

@@ -5,7 +5,7 @@ from fem.box import box
 
 from simgen.distance import Kind
 from simgen.fem.status import Status
-from simgen.first_touch import COARSE, dense_shapes, first_touch
+from simgen.first_touch import COARSE, THREADS, dense_shapes, first_touch
 from simgen.shape import rigid_shape
 
 RADIUS, REACH = 3.5, 1.5
@@ -27,3 +27,19 @@ def test_faces_within_reach_of_a_sphere():
     assert not np.isclose(distance, REACH, atol=1e-4).any()  # or the count would depend on rounding
     assert near[0] == (distance < REACH).sum() and 0 < near[0] < len(faces)
     assert near[1] == 0
+
+
+def test_threads_that_share_a_face_find_the_same(monkeypatch):
+    """As on a GPU. Tilted cylinders touch between the coarse points."""
+    nodes, _, _, faces = box((8, 2, 8), (10.0, 4.0, 10.0))
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :3, 3] = [[0.3, -2.0, 0.1], [1.7, -2.0, -0.9], [40.0, -2.0, 0.0]]
+    for pose, degrees in zip(poses, (3.0, 8.0, 0.0), strict=True):
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        pose[:2, :2] = [[c, -s], [s, c]]
+    shapes = [rigid_shape(Kind.CYLINDER, RADIUS, 2.0, 0.2)] * 3
+    alone = first_touch(nodes, faces, shapes, poses, batch=3, reach=REACH)
+    monkeypatch.setitem(THREADS, "cpu", 64)
+    for one, other in zip(alone, first_touch(nodes, faces, shapes, poses, batch=3, reach=REACH), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert list(alone[1]) == [Status.CONVERGED, Status.CONVERGED, Status.NEVER_TOUCHES]
