@@ -116,15 +116,15 @@ def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypa
     assert not CREW._asleep and CREW._free == 2
 
 
+def let_others_in(device):
+    """What a thread does on a GPU whenever it reads from it."""
+    with DEVICE.left():
+        time.sleep(1e-4)
+
+
 def test_two_pools_that_take_turns_in_the_middle_of_an_iteration_give_the_bytes_of_each_alone(block, monkeypatch):
-    """As on a GPU, where a thread lets the other in whenever it reads from the device."""
     alone = follow(Scene(block, GEL), [SPHERE, CUBE, SPHERE, CUBE], POSES, PATH)
     inside, overlaps = set(), []
-
-    def let_others_in(device):
-        with DEVICE.left():
-            time.sleep(1e-4)
-
     go_on = Pool.go_on
 
     def watch(pool):
@@ -143,6 +143,34 @@ def test_two_pools_that_take_turns_in_the_middle_of_an_iteration_give_the_bytes_
     for found in ([*first, *second], [*third, *fourth]):
         for one, other in zip(alone, found, strict=True):
             np.testing.assert_array_equal(one.displacement, other.displacement)
+
+
+def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_both(block, monkeypatch):
+    monkeypatch.setattr("simgen.fem.device._wait_for", let_others_in)
+    pools, begun, raised, seen = (make_pool(block, 2), make_pool(block, 2)), threading.Event(), [], []
+    iterate = pools[1]._march.go_on
+
+    def break_down():
+        while not begun.is_set():
+            let_others_in("cpu")
+        raised.append(True)
+        raise MemoryError("no more")
+
+    def slow():
+        begun.set()
+        while not raised:
+            let_others_in("cpu")
+        iterate()
+        seen.append([press.dropped for press in pools[1]._march.unfinished])
+
+    monkeypatch.setattr(pools[0]._march, "go_on", break_down)
+    monkeypatch.setattr(pools[1]._march, "go_on", slow)
+    with ThreadPoolExecutor(2) as threads:
+        tasks = [threads.submit(lambda pool: list(press(pool, 0, 2)), pool) for pool in pools]
+        errors = [type(task.exception(timeout=20.0)) for task in tasks]
+    assert set(errors) == {MemoryError, RuntimeError}  # either thread may carry the first pool on
+    assert seen[0] == [False, False]  # nothing was taken from it while it was at work
+    assert all(pool.urgency == (0, 0) for pool in pools) and CREW._free == 2
 
 
 @pytest.mark.parametrize("busy, chosen", [((4, 3), 1), ((4, 1), 0), ((1, 4), 0)])
