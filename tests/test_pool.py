@@ -148,7 +148,6 @@ def test_two_pools_that_take_turns_in_the_middle_of_an_iteration_give_the_bytes_
 def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_both(block, monkeypatch):
     monkeypatch.setattr("simgen.fem.device._wait_for", let_others_in)
     pools, begun, raised, seen = (make_pool(block, 2), make_pool(block, 2)), threading.Event(), [], []
-    iterate = pools[1]._march.go_on
 
     def break_down():
         while not begun.is_set():
@@ -156,15 +155,16 @@ def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_b
         raised.append(True)
         raise MemoryError("no more")
 
-    def slow():
+    def never_ends():
         begun.set()
         while not raised:
             let_others_in("cpu")
-        iterate()
+        for _ in range(10):
+            let_others_in("cpu")
         seen.append([press.dropped for press in pools[1]._march.unfinished])
 
     monkeypatch.setattr(pools[0]._march, "go_on", break_down)
-    monkeypatch.setattr(pools[1]._march, "go_on", slow)
+    monkeypatch.setattr(pools[1]._march, "go_on", never_ends)
     with ThreadPoolExecutor(2) as threads:
         tasks = [threads.submit(lambda pool: list(press(pool, 0, 2)), pool) for pool in pools]
         errors = [type(task.exception(timeout=20.0)) for task in tasks]
