@@ -55,8 +55,10 @@ class PressQueue:
 
     def _hardness(self, shape: int) -> float:
         """Newton iterations of a hard indenter's longest try, 0 for one that is not hard."""
-        longest = self._longest.get(shape, math.inf)
-        return longest if longest * self._tries > HARD * self._iterations else 0.0
+        if shape not in self._longest:
+            return math.inf
+        longest = self._longest[shape]
+        return longest if longest * self._tries > HARD * self._iterations else 0
 
     def remove_dropped(self):
         self._again = deque(press for press in self._again if not press.dropped)

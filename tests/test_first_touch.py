@@ -30,7 +30,7 @@ def test_faces_within_reach_of_a_sphere():
 
 
 def test_threads_that_share_a_face_find_the_same(monkeypatch):
-    """As on a GPU. Tilted cylinders touch between the coarse points."""
+    """Share the dense points as on a GPU: the least distance does not depend on the order."""
     nodes, _, _, faces = box((8, 2, 8), (10.0, 4.0, 10.0))
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, :3, 3] = [[0.3, -2.0, 0.1], [1.7, -2.0, -0.9], [40.0, -2.0, 0.0]]

@@ -117,7 +117,7 @@ def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypa
 
 
 def let_others_in(device):
-    """What a thread does on a GPU whenever it reads from it."""
+    """Do what a thread does on a GPU whenever it reads from it."""
     with DEVICE.left():
         time.sleep(1e-4)
 

@@ -132,7 +132,7 @@ def test_the_gradient_is_the_row_and_the_column_of_the_pressure():
 
 
 def test_the_resultant_is_the_sum_of_the_forces():
-    """Where the faces leave an opening, as the BioTac's do around its core; in the environments that are active."""
+    """Check faces that leave an opening, as the BioTac's do around its core, in the environments that are active."""
     nodes, _, _, faces = box()
     held = np.ones(len(nodes), dtype=bool)
     term = Cavity(P2P1, nodes, faces[: len(faces) // 2], held, 3 * len(nodes), "cpu", columns.Active(2, "cpu"))
