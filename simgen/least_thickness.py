@@ -13,7 +13,9 @@ column at most: with a fillet of 1 mm and columns of 0.25 mm by less than 0.02 m
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
@@ -197,8 +199,11 @@ class LeastThickness:
 
     def _least(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
         """Least share left and largest depth mm, (n, shapes, position) each."""
-        at_once = max(1, MOST_VALUES // (8 * self._height.shape[2]))
-        parts = [self._some(poses[i : i + at_once], share) for i in range(0, len(poses), at_once)]
+        threads = os.cpu_count() or 1  # Python lets go of its lock while a kernel runs
+        at_once = MOST_VALUES // (8 * self._height.shape[2])
+        size = max(1, -(-min(at_once, len(poses)) // threads))
+        with ThreadPoolExecutor(threads) as pool:
+            parts = list(pool.map(lambda i: self._some(poses[i : i + size], share), range(0, len(poses), size)))
         empty = np.empty((0, *self._height.shape[1::-1]))
         return tuple(np.concatenate([empty, *each]) for each in zip(*parts, strict=True)) if parts else (empty, empty)
 

@@ -111,8 +111,9 @@ def draw_contacts(
             fitting.append(_those(block, slice(first, first + SLICE)))
             enough.append(np.ones(len(fitting[-1].points), dtype=bool))
             for sensor, own, thickness in zip(sensors, rooms, indented, strict=False):
-                poses = np.linalg.inv(unfold(reference, sensor, fitting[-1], own.skin)) @ indenter_poses(fitting[-1])
-                enough[-1] &= (thickness.shares(poses) >= settings.least_thickness_left).all(axis=1)
+                some = _those(fitting[-1], enough[-1])
+                poses = np.linalg.inv(unfold(reference, sensor, some, own.skin)) @ indenter_poses(some)
+                enough[-1][enough[-1]] = (thickness.shares(poses) >= settings.least_thickness_left).all(axis=1)
             found += int(enough[-1].sum())
             if found >= count:
                 break

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -155,10 +156,50 @@ def _check_inputs(job: Job, recorded: str) -> None:
         )
 
 
+@dataclass(frozen=True)
+class PlannedPresses:
+    """What a dataset's plan says of all presses: arrays by press, poses (press, 4, 4) m.
+
+    sensor_pose, steps : by sensor; no steps where the job does not stop presses early
+    """
+
+    dataset: Dataset
+    indenter: np.ndarray
+    contact_pose: np.ndarray
+    sensor_pose: dict[str, np.ndarray]
+    steps: dict[str, np.ndarray]
+
+
+_READING = threading.Lock()
+
+
+def _planned(path: Path) -> PlannedPresses:
+    """Read the plan once for all tasks of this process: hundreds of them may begin at the same time."""
+    found = os.stat(file) if (file := path / "zarr.json").is_file() else None
+    with _READING:
+        return _read_plan(path, found and (found.st_ino, found.st_mtime_ns))
+
+
+@lru_cache(maxsize=1)
+def _read_plan(path: Path, version: tuple[int, int] | None) -> PlannedPresses:
+    """The plan of the dataset whose description has this inode and time of change."""
+    dataset = Dataset(path)
+    poses = {sensor: dataset.root[f"{sensor}/pose"][:] for sensor in dataset.sensors}
+    steps = {sensor: dataset[f"{sensor}/pressable_steps"] for sensor in dataset.sensors if dataset.job.stops_early}
+    return PlannedPresses(
+        dataset, dataset.root["press/indenter"][:], dataset.root["press/contact_pose"][:], poses, steps
+    )
+
+
 def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
-    """Make all pressers of a job, which its tasks then find: their sensors and scenes, and most kernels."""
-    with DEVICE:
+    """Make all pressers of a job, which its tasks then find: their sensors and scenes, and most kernels.
+
+    A GPU's kernels are compiled while sensors are loaded.
+    """
+    with DEVICE, ThreadPoolExecutor(1) as beside:
+        loading = beside.submit(load_kernels, device)
         inputs = _inputs(job, tuple(sorted(job.sensors)))
+        loading.result()
         for sensor in job.sensors:
             _presser(build, job, sensor, device, inputs)
 
@@ -169,12 +210,13 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     Raises `InputError` where this process sees other sensors or indenters than those of the dataset. What cannot be
     written of one shard alone stands in its report.
     """
-    dataset = Dataset(path)
+    plan = _planned(path)
+    dataset = plan.dataset
     with folder_aside(dataset) as folder, ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
         try:
             begin = time.perf_counter()
-            _solve(dataset, writers, job, device, build)
+            _solve(plan, writers, job, device, build)
             put_shards_in_place(dataset, writers)
         except BaseException:
             threads.shutdown(cancel_futures=True)  # nobody will use what waits to be written
@@ -183,20 +225,19 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     return [_report(writer, share) for writer in writers]
 
 
-def _solve(dataset: Dataset, writers: Sequence[ShardWriter], job: Job, device: str, build) -> None:
+def _solve(plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, device: str, build) -> None:
     """Press all shards' indenters into every sensor, and give each shard's writer what came of it."""
-    rows = np.concatenate([writer.presses for writer in writers])
+    dataset, rows = plan.dataset, np.concatenate([writer.presses for writer in writers])
     ends = np.cumsum([len(writer.presses) for writer in writers])
-    contact_pose = dataset.root["press/contact_pose"][:][rows]
-    indenters = dataset.root["press/indenter"][:][rows].tolist()
+    contact_pose, indenters = plan.contact_pose[rows], plan.indenter[rows].tolist()
     inputs = recorded_inputs(dataset.attributes)
     with DEVICE:
         _check_inputs(job, inputs)
         pressers = {sensor: _presser(build, job, sensor, device, inputs) for sensor in dataset.sensors}
     under_way = {}
     for sensor, presser in pressers.items():
-        poses = np.linalg.inv(dataset.root[f"{sensor}/pose"][:][rows]) @ contact_pose
-        limits = [dataset[f"{sensor}/pressable_steps"][rows]] if job.stops_early else []
+        poses = np.linalg.inv(plan.sensor_pose[sensor][rows]) @ contact_pose
+        limits = [plan.steps[sensor][rows]] if plan.steps else []
         under_way[sensor] = presser(indenters, poses, *limits)
     for sensor in dataset.sensors:
         results = list(under_way.pop(sensor))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import warp as wp
 
 from .blocks import Blocks, add_block, block, store_block
+from .device import large_kernel
 from .element_fields import gather, scatter
 from .material import mat33f, real, single, vec3f
 from .traction import NODES, Surface, at_point, face_positions, face_vectors, traction_at
@@ -19,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 face_vectors_f = wp.types.matrix(shape=(NODES, 3), dtype=wp.float32)
 
 
-@wp.kernel
+@large_kernel
 def contact_residual_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
@@ -64,7 +65,7 @@ def contact_residual_kernel(
         wp.atomic_add(sums_out, s.slots[f, 2], env, third)
 
 
-@wp.kernel
+@large_kernel
 def contact_tangent_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import warp as wp
 
 from ..distance import distance
+from .device import large_kernel
 from .material import mat33, real, vec3
 from .traction import Surface, at_point, face_positions, gap_at, return_to_cone, traction_at
 
@@ -20,7 +21,7 @@ MOST_STIFFENING, MOST_IN_INCREMENT = 16.0, 128.0
 HELD_OVERLAP = wp.constant(wp.float64(0.15))  # of a face's edge: beyond, its stiffness grows with the overlap
 
 
-@wp.kernel
+@large_kernel
 def stiffen_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
@@ -53,7 +54,7 @@ def stiffen_kernel(
     stiffening_out[f, env] = factor
 
 
-@wp.kernel
+@large_kernel
 def anchor_kernel(
     s: Surface,
     x_start: wp.array2d(dtype=wp.float64),
@@ -92,7 +93,7 @@ def anchor_kernel(
         anchor_out[f, q, env] = start + entry * (predicted - start) - slip
 
 
-@wp.kernel
+@large_kernel
 def carry_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),

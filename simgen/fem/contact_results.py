@@ -8,6 +8,7 @@ from __future__ import annotations
 import warp as wp
 
 from ..distance import distance
+from .device import large_kernel
 from .material import real, vec3
 from .traction import (
     Surface,
@@ -25,7 +26,7 @@ wp.set_module_options({"enable_backward": False})
 SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # of the limit: where a traction is returned to the cone, it is rounded
 
 
-@wp.kernel
+@large_kernel
 def gap_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
@@ -40,7 +41,7 @@ def gap_kernel(
     gap_out[f, q, env] = gap_at(s, deformed(s, x, f, q, env), f, q, env)
 
 
-@wp.kernel
+@large_kernel
 def resultant_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
@@ -75,7 +76,7 @@ def resultant_kernel(
                 wp.atomic_add(sums_out, 3, env, area)
 
 
-@wp.kernel
+@large_kernel
 def corner_forces_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
@@ -105,7 +106,7 @@ def corner_forces_kernel(
                     wp.atomic_add(force_out, s.slots[f, i], c, lane, s.multiplier_shapes[q, i] * force[c])
 
 
-@wp.kernel
+@large_kernel
 def nearest_kernel(
     s: Surface,
     x: wp.array2d(dtype=wp.float64),
@@ -136,7 +137,7 @@ def nearest_kernel(
     wp.atomic_max(of_edge_out, env, -(least + at_rest) / s.edges[f])
 
 
-@wp.kernel
+@large_kernel
 def room_kernel(
     s: Surface,
     other: Surface,

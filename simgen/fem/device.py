@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -67,6 +68,10 @@ class Queue:
 
 
 DEVICE = Queue()
+
+# A kernel that takes a second or more to compile is a module of its own: one core compiles a module of Warp, and
+# `load_kernels` compiles as many at once as there are cores.
+large_kernel = partial(wp.kernel, module="unique", enable_backward=False)
 
 
 def load_kernels(device: str):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import warp as wp
 
 from .blocks import Blocks, add_block
+from .device import large_kernel
 from .element_fields import corner_gradients, corner_pressures, edge_gradient, interpolate
 from .material import mat33f, single, tangent_block, vec3f
 from .solid import Modulus, SingleSolid, gradient_metric, modulus
@@ -150,7 +151,7 @@ def own_block(gradient: vec3f, m: Modulus, metric: mat33f, volume: single) -> ma
     return wp.diag(vec3f(plain, plain, plain)) + wp.outer((volume * (m.alpha + m.beta)) * h, h)
 
 
-@wp.kernel(cuda_max_registers=REGISTERS)
+@large_kernel(cuda_max_registers=REGISTERS)
 def diagonal_kernel(
     s: SingleSolid,
     active: wp.array(dtype=wp.int32),
