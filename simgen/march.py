@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,13 +16,13 @@ from .fem.status import Status
 from .indenter_path import moved
 from .press_queue import PressQueue
 from .scene import Scene
+from .tries import DOUBT, Press, Try
 
 LONGEST_MM = 0.25  # of a load step: with friction the force depends on the way, also where few depths are stored
 FURTHEST = 3.0  # of the last step, that a start may lie beyond: a short one says little of one that is much longer
 CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
 MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
 LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
-SECOND_TRY = 0.5  # of the steps of the first
 EASY = 25  # Newton iterations: an increment that took more is not solved again for elements that are inside out
 # Newton iterations since the last sample, after which an increment that fails ends the try. Of the 619,193 samples that
 # two runs of the paired job made (8a88ef0, 5c68dee; one H200) none took more than 951.
@@ -45,35 +44,6 @@ def longest_of_leg(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     return longest[leg]
 
 
-@dataclass(eq=False)
-class Press:
-    """One press: the way that it goes, its samples so far, and how it ended.
-
-    shape : its number in the scene
-    pose : (4, 4) mm at first touch
-    touch : m, travel to there from where it was placed; NaN where there is none
-    steps : points of the path after which it ends as planned
-    lateral : mm, how far the indenter reaches from the press axis
-    status : how it ended; None before
-    rows, displacement : its samples, and (d, v, 3) m of all of them
-    first_try : rows, displacement and status of a first try that failed
-    seconds : its share in the time of those that were under way with it
-    dropped : nobody waits for it any more, and it will not end
-    """
-
-    shape: int
-    pose: np.ndarray
-    touch: float
-    steps: int
-    lateral: float
-    status: int | None = None
-    rows: list[dict] = field(default_factory=list)
-    displacement: np.ndarray | None = None
-    first_try: tuple[list[dict], np.ndarray | None, int] | None = None
-    seconds: float = 0.0
-    dropped: bool = False
-
-
 class March:
     """Presses along one path, of which ``scene.batch`` are under way at a time, one in each environment.
 
@@ -92,8 +62,8 @@ class March:
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
         self._spacing = np.minimum(longest_of_leg(self._corners, lengths), LONGEST_MM)
         batch = scene.batch
-        self.press: list[Press | None] = [None] * batch
-        self.at_work, self._next = np.zeros((2, batch), dtype=bool)  # has a press; begins its next increment
+        self.tries: list[Try | None] = [None] * batch
+        self.at_work, self._next = np.zeros((2, batch), dtype=bool)  # has a try; begins its next increment
         self._shape, self._poses, self._lateral = np.zeros(batch), np.tile(np.eye(4), (batch, 1, 1)), np.zeros(batch)
         self.way, self.previous, self.target, self.step = np.zeros((4, batch))
         self._calm = np.zeros(batch, dtype=int)  # increments since one failed
@@ -121,19 +91,15 @@ class March:
         for press in presses:
             press.dropped = True
         self._waiting.remove_dropped()
-        free = np.array([press is not None and press.dropped for press in self.press])
-        for env in np.flatnonzero(free):
-            self._free(env)
-        self._next &= ~free
-        self.solver.abandon(free)
+        self._free(np.array([each is not None and each.press.dropped for each in self.tries]))
 
     @property
     def unfinished(self) -> list[Press]:
-        return [*self._waiting, *(press for press in self.press if press is not None)]
+        return [*self._waiting, *(each.press for each in self.tries if each is not None)]
 
     @property
     def left(self) -> int:
-        """Presses that have not ended."""
+        """Presses that wait, and tries that are under way."""
         return len(self._waiting) + int(self.at_work.sum())
 
     @property
@@ -146,7 +112,7 @@ class March:
         begin = time.perf_counter()
         self._begin(self._next | self._load())
         self._next[:] = False
-        under_way = [press for press in self.press if press is not None]
+        under_way = [each.press for each in self.tries if each is not None]
         ended = self.solver.iterate()
         if ended.any():
             ended &= ~self._solve_again(ended)
@@ -159,16 +125,21 @@ class March:
             press.seconds += (now - begin) / len(under_way)
 
     def _load(self) -> np.ndarray:
-        """Presses that wait into environments that are free; returns which (env,) these are."""
+        """Begin tries in environments that are free; returns which (env,) these are."""
         fresh = np.zeros(self.scene.batch, dtype=bool)
-        free = np.flatnonzero(~self.at_work)[: len(self._waiting)]
+        free = np.flatnonzero(~self.at_work)
         if not len(free):
             return fresh
-        for env in free:
-            press = self.press[env] = self._waiting.pop()
+        doubted = [self.tries[env].press for env in np.flatnonzero(self.at_work & (self.cost[0] > DOUBT))]
+        doubted = [press for press in doubted if len(press.tries) == 1]
+        for env in free[: len(doubted) + len(self._waiting)]:
+            press = doubted.pop() if doubted else self._waiting.pop()
+            self.tries[env] = press.next_try()
             self._shape[env], self._poses[env], self._lateral[env] = press.shape, press.pose, press.lateral
-            self._share[env] = 1.0 if press.first_try is None else SECOND_TRY
-        fresh[free] = True
+            self._share[env] = self.tries[env].share
+            fresh[env] = True
+        if not fresh.any():
+            return fresh
         self.at_work |= fresh
         for array in (self.way, self.previous, self.cost.T, self._spent, self._repeats, self._damping):
             array[fresh] = 0
@@ -195,7 +166,7 @@ class March:
         if not starting.any():
             return
         solver = self.solver
-        stored = np.array([0 if press is None else len(press.rows) for press in self.press])
+        stored = np.array([0 if each is None else len(each.rows) for each in self.tries])
         segment = np.minimum(stored, len(self.path) - 1)
         self.goal = self._way_to[1 + segment]
         spacing = self._share * self._spacing[segment]
@@ -293,7 +264,8 @@ class March:
                 self._reinforced |= once_more
                 self.step[once_more] = self.spacing[once_more]
             for env in np.flatnonzero(hopeless):
-                self._fail(env, out.status[env])
+                if self.tries[env] is not None:  # or the press has ended with its other try
+                    self._end(env, out.status[env], failed=True)
         marked = solver.mark(converged)
         columns.copy(self.x_start, marked, self.x_previous)
         for contact in solver.contacts:
@@ -305,27 +277,25 @@ class March:
         self.step[longer] = np.minimum(2.0 * self.step, self.spacing)[longer]
         self._store(converged & (self.target == self.goal))
 
-    def _fail(self, env: int, status: int):
-        """Press once more from rest what has failed for the first time. Then keep the try that got further."""
-        press = self.press[env]
-        if press.first_try is None:
-            self._waiting.learn(press.shape, self._spent[env])
-            press.first_try = press.rows, press.displacement, status
-            press.rows, press.displacement = [], None
+    def _end(self, env: int, status: int, failed: bool = False):
+        """End a try. The press ends with it, or goes on with another one."""
+        ended = self.tries[env]
+        ended.status, ended.failed = status, failed
+        press = ended.press
+        self._waiting.learn(press.shape, self._spent[env])
+        press.settle()
+        if press.status is None and len(press.tries) == 1:
             self._waiting.add(press)
-            self._free(env)
-            return
-        if len(press.first_try[0]) > len(press.rows):
-            press.rows, press.displacement, status = press.first_try
-        self._end(env, status)
+        over = press.tries if press.status is not None else [ended]
+        self._free(np.array([each in over for each in self.tries]))
 
-    def _end(self, env: int, status: int):
-        self.press[env].status = status
-        self._waiting.learn(self.press[env].shape, self._spent[env])
-        self._free(env)
-
-    def _free(self, env: int):
-        self.press[env], self.at_work[env] = None, False
+    def _free(self, environments: np.ndarray):
+        """Take the tries from the environments (env,) bool, wherever they are."""
+        for env in np.flatnonzero(environments):
+            self.tries[env] = None
+        self.at_work &= ~environments
+        self._next &= ~environments
+        self.solver.abandon(environments)
 
     def _store(self, reached: np.ndarray):
         """Keep the samples of the environments that have just reached a point to store."""
@@ -333,26 +303,27 @@ class March:
             return
         out = self.solver.increment
         for env, sample in self.scene.samples.take(reached):
-            press, displacement = self.press[env], sample.pop("displacement")
-            overlap = sample.pop("overlap_mm")
-            if abs(sample["force"] @ press.pose[:3, 1]) > self._max_force_n:
+            if (current := self.tries[env]) is None:
+                continue
+            displacement, overlap = sample.pop("displacement"), sample.pop("overlap_mm")
+            if abs(sample["force"] @ current.press.pose[:3, 1]) > self._max_force_n:
                 self._end(env, Status.FORCE_LIMIT)
                 continue
-            entered = not press.rows and self.path[0, 1] > LEAST_OVERLAP_MM
+            entered = not current.rows and self.path[0, 1] > LEAST_OVERLAP_MM
             missed = not sample["force"].any() and (entered or overlap > LEAST_OVERLAP_MM)
             if missed:
                 self._end(env, Status.NOT_RESOLVED)
                 continue
-            if not press.rows:
-                press.displacement = np.empty((len(self.path), *displacement.shape), displacement.dtype)
-            press.displacement[len(press.rows)] = displacement
+            if not current.rows:
+                current.displacement = np.empty((len(self.path), *displacement.shape), displacement.dtype)
+            current.displacement[len(current.rows)] = displacement
             costs = dict(zip(("newton_iterations", "krylov_iterations", "substeps"), self.cost[:, env], strict=True))
             solved = {name: getattr(out, name)[env] for name in ("residual", "contact_error")}
             status = Status.INSIDE_OUT if sample["inverted_elements"] else Status.CONVERGED
             solved |= {"min_det_F": out.min_det[env], "damping": self._damping[env], "status": status}
-            press.rows.append(sample | costs | solved)
+            current.rows.append(sample | costs | solved)
             self.cost[:, env], self._damping[env] = 0, 0.0
-            if len(press.rows) == len(self.path):
+            if len(current.rows) == len(self.path):
                 self._end(env, Status.CONVERGED)
-            elif len(press.rows) == press.steps:
+            elif len(current.rows) == current.press.steps:
                 self._end(env, Status.NO_ROOM)

@@ -16,8 +16,9 @@ import warp as wp
 
 from simgen.distance import RigidShape
 from simgen.fem.device import DEVICE
-from simgen.march import March, Press
+from simgen.march import March
 from simgen.press import MM, PressResult, Scene, begin_presses, result_of
+from simgen.tries import Press
 
 POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 

@@ -15,9 +15,10 @@ from .fem.newton import SolverSettings
 from .fem.status import Status
 from .first_touch import first_touch
 from .indenter_path import DOWN
-from .march import March, Press
+from .march import March
 from .scene import MM, Scene
 from .shape import lateral_reach
+from .tries import Press
 
 __all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
 

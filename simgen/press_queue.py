@@ -9,7 +9,7 @@ from itertools import count
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .march import Press
+    from .tries import Press
 
 
 HARD = 2.0  # times the mean of all tries: an indenter with a try that took longer is hard
@@ -32,7 +32,7 @@ class PressQueue:
         self._iterations = self._tries = 0  # of all shapes
 
     def add(self, press: Press):
-        if press.first_try is not None:
+        if press.tries:
             self._again.append(press)
         else:
             self._by_shape.setdefault(press.shape, deque()).append((next(self._numbers), press))

@@ -21,7 +21,7 @@ HOUSE = {
     "indenter": ["indenter"],
     "pairing": ["pairing", "skin", "least_thickness", "gel_columns"],
     "fem": ["fem"],
-    "press": ["press", "pool", "march", "press_queue", "samples", "surface_outputs", "scene", "first_touch",
+    "press": ["press", "pool", "march", "press_queue", "tries", "samples", "surface_outputs", "scene", "first_touch",
               "capacity"],
     "dataset": ["dataset", "dataset_layout", "dataset_writer", "dataset_growth", "chunk_files", "whole_files",
                 "folder_lock", "finding", "audit", "touch_audit", "touchable", "contact_patch", "run_status", "splits",

@@ -94,7 +94,7 @@ def fail_beyond(monkeypatch, furthest_mm):
     settle = March._settle
 
     def fail(march, ended):
-        tries = np.array([int(press is not None and press.first_try is not None) for press in march.press])
+        tries = np.array([int(each is not None and each is not each.press.tries[0]) for each in march.tries])
         march.solver.increment.status[ended & (march.target > np.array(furthest_mm)[tries])] = Status.NEWTON_STALLED
         settle(march, ended)
 
@@ -120,7 +120,7 @@ def test_a_try_that_has_taken_too_many_iterations_ends_where_an_increment_fails(
     settle = March._settle
 
     def watch(march, ended):
-        if ended.any() and march.press[0].first_try is None:
+        if ended.any() and len(march.tries[0].press.tries) == 1:
             targets.append(round(float(march.target[0]), 6))
         settle(march, ended)
 
@@ -143,6 +143,30 @@ def test_the_try_that_got_further_is_kept(block, monkeypatch, second):
     assert np.isfinite(plain.displacement[:reached]).all() and np.isnan(plain.displacement[reached:]).all()
     for result in both:
         np.testing.assert_array_equal(result.displacement, plain.displacement)
+
+
+@pytest.mark.parametrize("furthest", [(0.25, np.inf), (0.25, 0.12), (np.inf, np.inf), (np.inf, 0.12)])
+def test_a_second_try_beside_the_first_changes_no_result_and_saves_time(block, monkeypatch, furthest):
+    """It begins as soon as the first has begun. The first counts wherever it gets to its end."""
+    settings, depths = SolverSettings(smallest_substep=0.5), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3])
+    fail_beyond(monkeypatch, furthest)
+    iterations, tries, go_on = [0, 0], [0, 0], March.go_on
+
+    def watch(march):
+        go_on(march)
+        iterations[march.scene.batch - 1] += 1
+        tries[march.scene.batch - 1] = max(tries[march.scene.batch - 1], march.left)
+
+    monkeypatch.setattr(March, "go_on", watch)
+    plain = press(Scene(block, GEL, settings=settings), [SPHERE], pose(), depths)[0]
+    monkeypatch.setattr("simgen.march.DOUBT", -1)
+    scene = Scene(block, GEL, batch=2, settings=settings)
+    beside = press(scene, [SPHERE], pose(), depths)[0]
+    assert tries == [1, 2] and not scene.solver.working.any()
+    np.testing.assert_array_equal(beside.status, plain.status)
+    np.testing.assert_array_equal(beside.displacement, plain.displacement)
+    np.testing.assert_array_equal(beside.certificate["newton_iterations"], plain.certificate["newton_iterations"])
+    assert iterations[1] < iterations[0] if furthest[0] < 1.0 else iterations[1] == iterations[0]
 
 
 def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from simgen.march import Press
 from simgen.press_queue import PressQueue
+from simgen.tries import Press
 
 
 def a_press(shape, again=False):
-    return Press(shape, np.eye(4), 0.0, 1, 0.0, first_try=([], None, 1) if again else None)
+    press = Press(shape, np.eye(4), 0.0, 1, 0.0)
+    if again:
+        press.next_try()
+    return press
 
 
 def filled(*shapes):

@@ -157,8 +157,8 @@ class Balance:
 
     def measure(self, x) -> Measured:
         """Forces at x in the active environments."""
-        self.internal.zero_()
-        self.surface.zero_()
+        columns.reset(self.active, self.internal)
+        columns.reset(self.active, self.surface)
         self._min_det.fill_(np.inf)
         self.elasticity.residual(x, self.internal, self._min_det)
         self._apply_surfaces(x)

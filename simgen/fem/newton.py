@@ -58,11 +58,14 @@ class SolverSettings:
 @wp.kernel
 def hold_kernel(
     rows: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     action_out: wp.array2d(dtype=wp.float32),
 ):
-    i, env = wp.tid()
-    action_out[rows[i], env] = 0.0
+    i, lane = wp.tid()
+    env = active[lane]
+    if env >= 0:
+        action_out[rows[i], env] = 0.0
 
 
 SMALLEST_FORCE = 1e-6  # in units of E mm2: forces below are nothing (1e-6 x 0.539 MPa mm2 = 0.5 uN)
@@ -157,11 +160,10 @@ class NewtonSolver:
         self.elasticity.tangent(v, out, rough)
         for term in self.surface_terms:
             term.tangent(v, out)
-        dim = (len(self._held_rows), self.n_env)
-        wp.launch(hold_kernel, dim=dim, inputs=[self._held_rows], outputs=[out], device=out.device)
+        columns.launch(hold_kernel, len(self._held_rows), [self._held_rows, self.active], [out])
 
     def _tangent(self, v, out):
-        out.zero_()
+        columns.reset(self.active, out)
         self._add_tangent(v, out, rough=False)
 
     def abandon(self, environments: np.ndarray):

@@ -148,7 +148,7 @@ class BlockTriangular:
 
     def apply(self, r, z_out):
         """z = M^-1 r."""
-        z_out.zero_()
+        columns.reset(self.elasticity.active, z_out)
         n_u, n_p = self.elasticity.n_displacements, self.elasticity.n_pressures
         if n_p:
             columns.launch(pressures_kernel, n_p, [self._schur, r, n_u, self.elasticity.active], [z_out])

@@ -1,0 +1,87 @@
+"""A press and its tries: one that fails, or does not get on for long, is pressed once more from rest in half steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+SECOND_TRY = 0.5  # of the steps of the first
+# Newton iterations since the last sample, after which a second try begins beside the first where a place is free. A
+# press that fails twice takes up to a thousand for each try, and a run ends when its last press ends. Of the paired
+# job's 7,740 presses on the DIGIT some 20 need more for a depth (f124716, one H200).
+DOUBT = 300
+
+
+@dataclass(eq=False)
+class Try:
+    """One way from rest along the path.
+
+    share : of the longest steps that it takes
+    rows, displacement : its samples, and (d, v, 3) m of all of them
+    status : how it ended; None before
+    failed : True where it ended before it should
+    """
+
+    press: Press
+    share: float
+    rows: list[dict] = field(default_factory=list)
+    displacement: np.ndarray | None = None
+    status: int | None = None
+    failed: bool = False
+
+
+@dataclass(eq=False)
+class Press:
+    """One press: the way that it goes, its tries, and how it ended.
+
+    shape : its number in the scene
+    pose : (4, 4) mm at first touch
+    touch : m, travel to there from where it was placed; NaN where there is none
+    steps : points of the path after which it ends as planned
+    lateral : mm, how far the indenter reaches from the press axis
+    status : how it ended; None before
+    tries : one or two
+    kept : the try that counts, when the press has ended
+    seconds : its share in the time of those that were under way with it
+    dropped : nobody waits for it any more, and it will not end
+    """
+
+    shape: int
+    pose: np.ndarray
+    touch: float
+    steps: int
+    lateral: float
+    status: int | None = None
+    tries: list[Try] = field(default_factory=list)
+    kept: Try | None = None
+    seconds: float = 0.0
+    dropped: bool = False
+
+    @property
+    def rows(self) -> list[dict]:
+        """The samples that count."""
+        return [] if self.kept is None else self.kept.rows
+
+    @property
+    def displacement(self) -> np.ndarray | None:
+        """Displacements (d, v, 3) m of the samples that count; None without any."""
+        return None if self.kept is None else self.kept.displacement
+
+    def next_try(self) -> Try:
+        """Begin the first try, or the second."""
+        self.tries.append(Try(self, SECOND_TRY if self.tries else 1.0))
+        return self.tries[-1]
+
+    def settle(self):
+        """End the press where its tries decide: the first counts if it has not failed, else what got further.
+
+        So the result does not depend on which of two tries under way is the faster.
+        """
+        first, second = self.tries[0], self.tries[-1]
+        if first.status is not None and not first.failed:
+            self.kept = first
+        elif first.failed and second is not first and second.status is not None:
+            self.kept = first if len(first.rows) > len(second.rows) else second
+        if self.kept is not None:
+            self.status = self.kept.status

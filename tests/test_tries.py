@@ -1,0 +1,55 @@
+"""Which of two tries counts, and when that is known."""
+
+import numpy as np
+import pytest
+
+from simgen.fem.status import Status
+from simgen.tries import SECOND_TRY, Press
+
+
+def tried(*tries):
+    """A press with tries (samples, status, failed); a status of None is one under way."""
+    press = Press(0, np.eye(4), 0.0, 3, 0.0)
+    for samples, status, failed in tries:
+        one = press.next_try()
+        one.rows, one.status, one.failed = [{}] * samples, status, failed
+    press.settle()
+    return press
+
+
+UNDER_WAY = (1, None, False)
+WHOLE = (3, Status.CONVERGED, False)
+
+
+def failed(samples, status=Status.NEWTON_STALLED):
+    return samples, status, True
+
+
+def test_the_second_try_takes_half_steps():
+    assert [each.share for each in tried(UNDER_WAY, UNDER_WAY).tries] == [1.0, SECOND_TRY]
+
+
+@pytest.mark.parametrize("tries", [(UNDER_WAY,), (failed(2),), (UNDER_WAY, WHOLE), (UNDER_WAY, failed(2)),
+                                   (failed(2), UNDER_WAY)])  # fmt: skip
+def test_a_press_goes_on_while_its_tries_do_not_decide(tries):
+    press = tried(*tries)
+    assert press.status is None and press.rows == [] and press.displacement is None
+
+
+@pytest.mark.parametrize(
+    ("tries", "kept"),
+    [
+        ((WHOLE,), 0),
+        ((WHOLE, UNDER_WAY), 0),
+        ((WHOLE, WHOLE), 0),
+        ((WHOLE, failed(1)), 0),
+        ((failed(2), WHOLE), 1),
+        ((failed(2), failed(1, Status.NOT_RESOLVED)), 0),
+        ((failed(1), failed(2, Status.NOT_RESOLVED)), 1),
+        ((failed(2), failed(2, Status.NOT_RESOLVED)), 1),
+    ],
+)
+def test_the_first_try_counts_unless_it_failed_and_then_the_one_that_got_further(tries, kept):
+    press = tried(*tries)
+    assert press.kept is press.tries[kept]
+    assert press.status == press.kept.status and press.rows is press.kept.rows
