@@ -28,8 +28,8 @@ BOUNDS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.40, 0.60)
 SHOWN_MM = (1.0, 1.5, 2.0)
 
 
-def choose(job, sensor: str, names: list[str], count: int) -> list[dict]:
-    """The first ``count`` presses of each indenter whose share lies between two of `BOUNDS`."""
+def choose(job, sensor: str, names: list[str], ranges: list[tuple[float, float]], count: int) -> list[dict]:
+    """The first ``count`` presses of each indenter in each range of shares."""
     indenters, arrays = chosen_indenters(job), make_plan(job).arrays
     poses = np.linalg.inv(arrays[f"{sensor}/pose"]) @ arrays["press/contact_pose"]
     measure = LeastThickness(chosen_sensor(job, sensor), [each.shape() for each in indenters], job.indenter_path)
@@ -37,7 +37,7 @@ def choose(job, sensor: str, names: list[str], count: int) -> list[dict]:
     for i, indenter in enumerate(indenters):
         if indenter.name not in names:
             continue
-        for low, high in pairwise(BOUNDS):
+        for low, high in ranges:
             fitting = np.flatnonzero((shares[:, i] >= low) & (shares[:, i] < high))[:count]
             chosen += [{"indenter": i, "name": indenter.name, "bounds": (low, high), "share": float(shares[t, i]),
                         "pose": poses[t * len(indenters) + i]} for t in fitting]  # fmt: skip
@@ -90,6 +90,7 @@ def main():
     parser.add_argument("--indenters", nargs="+", default=["cylinder_long_7mm", "cube_14mm", "ring_7mm"])
     parser.add_argument("--count", type=int, default=8, help="presses of an indenter for each range of shares")
     parser.add_argument("--finer-count", type=int, default=2, help="of these, on the finer mesh; 0: none")
+    parser.add_argument("--least-share", type=float, default=BOUNDS[0], help="leave out ranges below this share")
     parser.add_argument("--trajectories", type=int, default=400, help="contacts from which they are chosen")
     parser.add_argument("--batch", type=int, default=1)
     parser.add_argument("--device", default="cpu")
@@ -97,12 +98,13 @@ def main():
     asked = parser.parse_args()
     start_warp()
     job = load_job("paired", [f"trajectories.count={asked.trajectories}", "trajectories.least_thickness_left=0"])
-    chosen = choose(job, asked.sensor, asked.indenters, asked.count)
+    ranges = [bounds for bounds in pairwise(BOUNDS) if bounds[0] >= asked.least_share]
+    chosen = choose(job, asked.sensor, asked.indenters, ranges, asked.count)
     plain = {name: str(value) for name, value in vars(asked).items()}
     results, scene = solve(job, asked.sensor, asked.mesh, chosen, asked.device, asked.batch)
     rows, members = [], []
     for name in asked.indenters:
-        for bounds in pairwise(BOUNDS):
+        for bounds in ranges:
             own = [i for i, each in enumerate(chosen) if each["name"] == name and each["bounds"] == bounds]
             if own:
                 rows.append(row(name, bounds, [results[i] for i in own]))

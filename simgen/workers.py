@@ -4,6 +4,7 @@ Only this file imports dask.
 """
 
 import json
+import logging
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -212,6 +213,7 @@ def local_cluster(environments: list[dict[str, str]]):
             with suppress(TimeoutError):  # it has been killed, and takes its time
                 return await super().close(timeout, reason)
 
+    logging.getLogger("distributed.process").setLevel(logging.WARNING)  # a worker that frees a GPU outlives the cluster
     shared = {"silence_logs": "CRITICAL", "dashboard": False, "config": NO_PROFILE}
     shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's own would be a share by cores
     threads = [TASKS_PER_GPU_PROCESS if environment else 1 for environment in environments]
