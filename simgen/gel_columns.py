@@ -113,6 +113,7 @@ class GelColumns:
     """The surfaces of one sensor, from which `Columns` are cut for poses of an indenter."""
 
     def __init__(self, sensor: Sensor):
+        wp.load_module(__name__, device="cpu")  # before threads launch its kernels: each would compile it
         vertices, faces = sensor.surface.vertices, sensor.surface.faces
         kinds = np.asarray(sensor.surface_region, dtype=np.int32)
         if sensor.core is not None:

@@ -62,6 +62,7 @@ class March:
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
         self._spacing = np.minimum(longest_of_leg(self._corners, lengths), LONGEST_MM)
         batch = scene.batch
+        self.press: list[Press | None] = [None] * batch
         self.tries: list[Try | None] = [None] * batch
         self.at_work, self._next = np.zeros((2, batch), dtype=bool)  # has a try; begins its next increment
         self._shape, self._poses, self._lateral = np.zeros(batch), np.tile(np.eye(4), (batch, 1, 1)), np.zeros(batch)
@@ -91,11 +92,11 @@ class March:
         for press in presses:
             press.dropped = True
         self._waiting.remove_dropped()
-        self._free(np.array([each is not None and each.press.dropped for each in self.tries]))
+        self._free(np.array([press is not None and press.dropped for press in self.press]))
 
     @property
     def unfinished(self) -> list[Press]:
-        return [*self._waiting, *(each.press for each in self.tries if each is not None)]
+        return [*self._waiting, *(press for press in self.press if press is not None)]
 
     @property
     def left(self) -> int:
@@ -112,7 +113,7 @@ class March:
         begin = time.perf_counter()
         self._begin(self._next | self._load())
         self._next[:] = False
-        under_way = [each.press for each in self.tries if each is not None]
+        under_way = [press for press in self.press if press is not None]
         ended = self.solver.iterate()
         if ended.any():
             ended &= ~self._solve_again(ended)
@@ -130,11 +131,11 @@ class March:
         free = np.flatnonzero(~self.at_work)
         if not len(free):
             return fresh
-        doubted = [self.tries[env].press for env in np.flatnonzero(self.at_work & (self.cost[0] > DOUBT))]
+        doubted = [self.press[env] for env in np.flatnonzero(self.at_work & (self.cost[0] > DOUBT))]
         doubted = [press for press in doubted if len(press.tries) == 1]
         for env in free[: len(doubted) + len(self._waiting)]:
             press = doubted.pop() if doubted else self._waiting.pop()
-            self.tries[env] = press.next_try()
+            self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._lateral[env] = press.shape, press.pose, press.lateral
             self._share[env] = self.tries[env].share
             fresh[env] = True
@@ -264,8 +265,7 @@ class March:
                 self._reinforced |= once_more
                 self.step[once_more] = self.spacing[once_more]
             for env in np.flatnonzero(hopeless):
-                if self.tries[env] is not None:  # or the press has ended with its other try
-                    self._end(env, out.status[env], failed=True)
+                self._end(env, out.status[env], failed=True)
         marked = solver.mark(converged)
         columns.copy(self.x_start, marked, self.x_previous)
         for contact in solver.contacts:
@@ -279,20 +279,21 @@ class March:
 
     def _end(self, env: int, status: int, failed: bool = False):
         """End a try. The press ends with it, or goes on with another one."""
-        ended = self.tries[env]
+        press, ended = self.press[env], self.tries[env]
         ended.status, ended.failed = status, failed
-        press = ended.press
         self._waiting.learn(press.shape, self._spent[env])
         press.settle()
         if press.status is None and len(press.tries) == 1:
             self._waiting.add(press)
-        over = press.tries if press.status is not None else [ended]
-        self._free(np.array([each in over for each in self.tries]))
+        if press.status is None:
+            self._free(np.arange(self.scene.batch) == env)
+        else:  # with its other try, if that is under way
+            self._free(np.array([each is press for each in self.press]))
 
     def _free(self, environments: np.ndarray):
         """Take the tries from the environments (env,) bool, wherever they are."""
         for env in np.flatnonzero(environments):
-            self.tries[env] = None
+            self.press[env] = self.tries[env] = None
         self.at_work &= ~environments
         self._next &= ~environments
         self.solver.abandon(environments)
@@ -303,10 +304,11 @@ class March:
             return
         out = self.solver.increment
         for env, sample in self.scene.samples.take(reached):
-            if (current := self.tries[env]) is None:
+            if (current := self.tries[env]) is None:  # the press has just ended with its other try
                 continue
+            press = self.press[env]
             displacement, overlap = sample.pop("displacement"), sample.pop("overlap_mm")
-            if abs(sample["force"] @ current.press.pose[:3, 1]) > self._max_force_n:
+            if abs(sample["force"] @ press.pose[:3, 1]) > self._max_force_n:
                 self._end(env, Status.FORCE_LIMIT)
                 continue
             entered = not current.rows and self.path[0, 1] > LEAST_OVERLAP_MM
@@ -325,5 +327,5 @@ class March:
             self.cost[:, env], self._damping[env] = 0, 0.0
             if len(current.rows) == len(self.path):
                 self._end(env, Status.CONVERGED)
-            elif len(current.rows) == current.press.steps:
+            elif len(current.rows) == press.steps:
                 self._end(env, Status.NO_ROOM)

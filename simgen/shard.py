@@ -173,16 +173,16 @@ class PlannedPresses:
 _READING = threading.Lock()
 
 
-def _planned(path: Path) -> PlannedPresses:
+def _planned(path: Path, job: Job) -> PlannedPresses:
     """Read the plan once for all tasks of this process: hundreds of them may begin at the same time."""
     found = os.stat(file) if (file := path / "zarr.json").is_file() else None
     with _READING:
-        return _read_plan(path, found and (found.st_ino, found.st_mtime_ns))
+        return _read_plan(path, job, found and (found.st_ino, found.st_mtime_ns))
 
 
 @lru_cache(maxsize=1)
-def _read_plan(path: Path, version: tuple[int, int] | None) -> PlannedPresses:
-    """The plan of the dataset whose description has this inode and time of change."""
+def _read_plan(path: Path, job: Job, version: tuple[int, int] | None) -> PlannedPresses:
+    """The plan of a job's dataset whose description has this inode and time of change."""
     dataset = Dataset(path)
     poses = {sensor: dataset.root[f"{sensor}/pose"][:] for sensor in dataset.sensors}
     steps = {sensor: dataset[f"{sensor}/pressable_steps"] for sensor in dataset.sensors if dataset.job.stops_early}
@@ -196,6 +196,7 @@ def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = f
 
     A GPU's kernels are compiled while sensors are loaded.
     """
+    start_warp()
     with DEVICE, ThreadPoolExecutor(1) as beside:
         loading = beside.submit(load_kernels, device)
         inputs = _inputs(job, tuple(sorted(job.sensors)))
@@ -210,7 +211,7 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     Raises `InputError` where this process sees other sensors or indenters than those of the dataset. What cannot be
     written of one shard alone stands in its report.
     """
-    plan = _planned(path)
+    plan = _planned(path, job)
     dataset = plan.dataset
     with folder_aside(dataset) as folder, ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]

@@ -20,10 +20,9 @@ class Try:
     share : of the longest steps that it takes
     rows, displacement : its samples, and (d, v, 3) m of all of them
     status : how it ended; None before
-    failed : True where it ended before it should
+    failed : True where the solver failed, so that another try may get further
     """
 
-    press: Press
     share: float
     rows: list[dict] = field(default_factory=list)
     displacement: np.ndarray | None = None
@@ -41,7 +40,7 @@ class Press:
     steps : points of the path after which it ends as planned
     lateral : mm, how far the indenter reaches from the press axis
     status : how it ended; None before
-    tries : one or two
+    tries : one or two; the one that counts alone when the press has ended
     kept : the try that counts, when the press has ended
     seconds : its share in the time of those that were under way with it
     dropped : nobody waits for it any more, and it will not end
@@ -70,18 +69,19 @@ class Press:
 
     def next_try(self) -> Try:
         """Begin the first try, or the second."""
-        self.tries.append(Try(self, SECOND_TRY if self.tries else 1.0))
+        self.tries.append(Try(SECOND_TRY if self.tries else 1.0))
         return self.tries[-1]
 
     def settle(self):
-        """End the press where its tries decide: the first counts if it has not failed, else what got further.
+        """End the press where its tries decide: the first counts if it has not failed, else the second.
 
-        So the result does not depend on which of two tries under way is the faster.
+        Of two that have failed the one that got further counts. So the result does not depend on which of two tries
+        under way is the faster.
         """
         first, second = self.tries[0], self.tries[-1]
         if first.status is not None and not first.failed:
             self.kept = first
         elif first.failed and second is not first and second.status is not None:
-            self.kept = first if len(first.rows) > len(second.rows) else second
+            self.kept = first if second.failed and len(first.rows) > len(second.rows) else second
         if self.kept is not None:
-            self.status = self.kept.status
+            self.status, self.tries = self.kept.status, [self.kept]

@@ -11,9 +11,10 @@ from simgen.fem.newton import EARLY, NEAR_BALANCE, SolverSettings
 from simgen.fem.preconditioner import BlockTriangular
 from simgen.fem.status import Status
 from simgen.march import MOST_OVERLAP, March
-from simgen.press import Scene, follow, press
+from simgen.press import Scene, begin_presses, follow, press
 from simgen.samples import Samples
 from simgen.shape import rigid_shape
+from simgen.tries import Press
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +95,8 @@ def fail_beyond(monkeypatch, furthest_mm):
     settle = March._settle
 
     def fail(march, ended):
-        tries = np.array([int(each is not None and each is not each.press.tries[0]) for each in march.tries])
+        tries = np.array([int(press is not None and each is not press.tries[0])
+                          for press, each in zip(march.press, march.tries, strict=True)])
         march.solver.increment.status[ended & (march.target > np.array(furthest_mm)[tries])] = Status.NEWTON_STALLED
         settle(march, ended)
 
@@ -120,7 +122,7 @@ def test_a_try_that_has_taken_too_many_iterations_ends_where_an_increment_fails(
     settle = March._settle
 
     def watch(march, ended):
-        if ended.any() and len(march.tries[0].press.tries) == 1:
+        if ended.any() and len(march.press[0].tries) == 1:
             targets.append(round(float(march.target[0]), 6))
         settle(march, ended)
 
@@ -167,6 +169,44 @@ def test_a_second_try_beside_the_first_changes_no_result_and_saves_time(block, m
     np.testing.assert_array_equal(beside.displacement, plain.displacement)
     np.testing.assert_array_equal(beside.certificate["newton_iterations"], plain.certificate["newton_iterations"])
     assert iterations[1] < iterations[0] if furthest[0] < 1.0 else iterations[1] == iterations[0]
+
+
+def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
+    monkeypatch.setattr("simgen.march.DOUBT", -1)
+    depths = np.array([0.1e-3, 0.2e-3])
+    plain = press(Scene(block, GEL), [SPHERE], pose(), depths)[0]
+    monkeypatch.setattr("simgen.tries.SECOND_TRY", 1.0)
+    both = press(Scene(block, GEL, batch=2), [SPHERE], pose(), depths)[0]
+    np.testing.assert_array_equal(both.displacement, plain.displacement)
+
+
+def two_tries(block, monkeypatch, doubt: int) -> tuple[March, Press]:
+    """A press of which the step to its second depth fails, and room for a second try after ``doubt`` iterations."""
+    monkeypatch.setattr("simgen.march.DOUBT", doubt)
+    fail_beyond(monkeypatch, (0.25, 0.25))
+    scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=1e-3))
+    scene.reset([SPHERE])
+    march = March(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
+    [one] = begin_presses(march, [SPHERE], [0], pose(), np.array([2]))
+    return march, one
+
+
+@pytest.mark.parametrize("doubt", [5, 15])
+def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_for_a_depth(block, monkeypatch, doubt):
+    march, one = two_tries(block, monkeypatch, doubt)
+    while len(one.tries) < 2:
+        spent = march.cost[0, 0]
+        march.go_on()
+    assert spent > doubt and len(one.tries[0].rows) == 1
+
+
+def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
+    march, one = two_tries(block, monkeypatch, -1)
+    for _ in range(3):
+        march.go_on()
+    assert march.at_work.all() and march.press == [one, one]
+    march.drop([one])
+    assert march.left == 0 and march.press == march.tries == [None, None] and not march.solver.working.any()
 
 
 def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):

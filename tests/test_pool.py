@@ -50,7 +50,7 @@ def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):
     hard = press(pool, 0, 1)
 
     def never_ends(finished):
-        settle(finished & np.array([each is None or each.press is not hard._presses[0] for each in pool._march.tries]))
+        settle(finished & np.array([each is not hard._presses[0] for each in pool._march.press]))
 
     pool._march._settle = never_ends
     ended = list(press(pool, 1, 4))

@@ -1,6 +1,11 @@
 """Shards: a worker presses only with the code, the packages, the sensors and the indenters of the dataset."""
 
+import os
 import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import fake
 import numpy as np
@@ -111,3 +116,25 @@ def test_pressers_are_told_how_many_steps_leave_enough_gel(tmp_path):
     told.clear()
     run(fake.make_plan(fake.make_job()), tmp_path / "e.zarr", build=build)
     assert told and not any(steps for _, steps in told)
+
+
+def test_tasks_share_what_they_read_of_the_plan_until_the_dataset_is_another(tmp_path):
+    """A worker may live on while a dataset is removed and made again in the same place."""
+    path, job = tmp_path / "d.zarr", fake.make_job()
+    run(fake.make_plan(job), path, build=fake.fake_presser)
+    first = shard._planned(path, job)
+    assert shard._planned(path, job) is first
+    shutil.rmtree(path)
+    other = fake.make_job(seed=4)
+    run(fake.make_plan(other), path, build=fake.fake_presser)
+    second = shard._planned(path, other)
+    assert not np.array_equal(second.contact_pose, first.contact_pose)
+    np.testing.assert_array_equal(second.contact_pose, Dataset(path)["press/contact_pose"])
+
+
+def test_a_process_gets_ready_without_a_word(tmp_path):
+    """Warp would warn of a machine without a GPU."""
+    code = "import fake; from simgen.shard import prepare; prepare(fake.make_job(), 'cpu', fake.fake_presser)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(fake.__file__).parent), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout + done.stderr == ""

@@ -61,10 +61,14 @@ def border_kernel(
     along: wp.array(dtype=wp.float64),
     r: wp.array2d(dtype=wp.float32),
     row: wp.int32,
+    active: wp.array(dtype=wp.int32),
     # outputs
     z_out: wp.array2d(dtype=wp.float32),
 ):
-    i, env = wp.tid()
+    i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
     pressure = single(0.0)
     if stiffness[env] != wp.float64(0.0):
         pressure = single((along[env] - wp.float64(r[row, env])) / stiffness[env])
@@ -155,5 +159,5 @@ class BlockTriangular:
         self._displacements.apply(r, z_out)
         if self.cavity is not None:
             along = self._along(self._gradient, z_out)
-            inputs = [self._response, self._stiffness.values, along, r, self.cavity.row]
-            wp.launch(border_kernel, dim=r.shape, inputs=inputs, outputs=[z_out], device=r.device)
+            inputs = [self._response, self._stiffness.values, along, r, self.cavity.row, self.elasticity.active]
+            columns.launch(border_kernel, len(r), inputs, [z_out])
