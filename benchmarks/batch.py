@@ -16,8 +16,8 @@ import warp as wp
 from presses import paired_presses, summary
 from record import write
 
-from simgen.press import press
-from simgen.quiet import start_warp
+from simgen.config.warp_device import start_warp
+from simgen.simulation.press import press
 
 PHASES = {  # name: attributes of the solver, method
     "forces": ("balance", "measure"),

@@ -24,16 +24,16 @@ import record
 import torch
 from torch import Tensor
 
-from simgen.training.chain import make_chain
-from simgen.training.checkpoint import load_network
-from simgen.training.data import load_training_data
-from simgen.training.fit import Training, epoch_seed
-from simgen.training.metrics import mesh_errors
-from simgen.training.recipes import Inputs, latents, latents_at_rest, translation
-from simgen.training.run import torch_device
-from simgen.training.translator import read_job
-from simgen.translate.accuracy import NEAR_MM
-from simgen.translate.contact import ContactGauge
+from simgen.learning.training.chain import make_chain
+from simgen.learning.training.checkpoint import load_network
+from simgen.learning.training.data import load_training_data
+from simgen.learning.training.fit import Training, epoch_seed
+from simgen.learning.training.metrics import mesh_errors
+from simgen.learning.training.recipes import Inputs, latents, latents_at_rest, translation
+from simgen.learning.training.run import torch_device
+from simgen.learning.training.translator import read_job
+from simgen.learning.translation.accuracy import NEAR_MM
+from simgen.learning.translation.contact import ContactGauge
 
 TESTED = 100
 ONE_IN = 10  # contacts that validate

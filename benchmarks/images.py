@@ -20,10 +20,10 @@ import numpy as np
 import record
 import warp as wp
 
-from simgen.dataset import Dataset
-from simgen.fem.status import is_valid
-from simgen.optics.image_files import write_image
-from simgen.optics.renderer import Look, Renderer
+from simgen.dataset.reader import Dataset
+from simgen.fem.nonlinear.status import is_valid
+from simgen.sensing.camera.image_files import write_image
+from simgen.sensing.camera.renderer import Look, Renderer
 
 LOOK = Look(height=640, width=480)
 TURNS = 5

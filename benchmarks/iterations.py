@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from record import write
 
-from simgen.fem.status import has_values
-from simgen.indenter import load_indenter
-from simgen.press import Scene, SolverSettings, press
-from simgen.quiet import start_warp
-from simgen.sensor import load_sensor
-from simgen.validate.sensors import PLACES_MM, place_indenter
+from simgen.config.warp_device import start_warp
+from simgen.fem.nonlinear.status import has_values
+from simgen.sensors.indenter import load_indenter
+from simgen.sensors.sensor import load_sensor
+from simgen.simulation.press import Scene, SolverSettings, press
+from simgen.verification.validate.sensors import PLACES_MM, place_indenter
 
 DEPTHS_MM = np.arange(1, 21) * 0.1
 SHOWN_MM = (0.1, 0.5, 1.0, 1.5, 2.0)

@@ -26,12 +26,12 @@ from scipy.sparse import csr_array, eye_array, vstack
 from torch import Tensor, nn
 from torch_geometric.nn import ChebConv
 
-from simgen.provenance import code_version
-from simgen.resources import resource
-from simgen.training.chebyshev import ChebyshevConvolution, scaled_laplacian
-from simgen.training.hierarchy import Hierarchy, build_hierarchy
-from simgen.training.mesh_vae import DECODER, ENCODER, HIDDEN, LATENT, ORDER, MeshVAE
-from simgen.training.step import coarse_products
+from simgen.config.resources import resource
+from simgen.dataset.provenance import code_version
+from simgen.learning.training.chebyshev import ChebyshevConvolution, scaled_laplacian
+from simgen.learning.training.hierarchy import Hierarchy, build_hierarchy
+from simgen.learning.training.mesh_vae import DECODER, ENCODER, HIDDEN, LATENT, ORDER, MeshVAE
+from simgen.learning.training.step import coarse_products
 
 SAMPLES = 123_000  # of an epoch: the training split of jobs/paired.yaml
 BETA = 0.005

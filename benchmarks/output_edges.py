@@ -16,18 +16,19 @@ import numpy as np
 import trimesh
 import yaml
 
-from simgen.image_resolution import contact_radius, touched_edge
-from simgen.indenter import load_indenter
-from simgen.optics.blur import scaled_kernels
-from simgen.optics.image_files import read_image
-from simgen.optics.pinhole import Pinhole
-from simgen.optics.renderer import BACKGROUND, TABLE, Renderer
-from simgen.optics.response import Response
-from simgen.press import Scene, press
-from simgen.quiet import start_warp
-from simgen.sensor import Sensor, load_geometry, load_sensor, sensor_folder
-from simgen.sensor_meshes import make_output_mesh
-from simgen.sensor_schema import MeshSize
+from simgen.config.warp_device import start_warp
+from simgen.pipeline.image_resolution import contact_radius, touched_edge
+from simgen.sensing.camera.blur import scaled_kernels
+from simgen.sensing.camera.image_files import read_image
+from simgen.sensing.camera.pinhole import Pinhole
+from simgen.sensing.camera.renderer import BACKGROUND, TABLE, Renderer
+from simgen.sensing.camera.response import Response
+from simgen.sensors.indenter import load_indenter
+from simgen.sensors.sensor import Sensor, load_sensor
+from simgen.sensors.sensor_geometry import load_geometry, sensor_folder
+from simgen.sensors.sensor_meshes import make_output_mesh
+from simgen.sensors.sensor_schema import MeshSize
+from simgen.simulation.press import Scene, press
 
 SEEN = 10.0  # grey levels
 PLACES_M = {"middle": (0.0, 0.0), "beside": (0.4e-3, 0.3e-3)}

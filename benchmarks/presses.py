@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgen.distance import RigidShape
-from simgen.fem.newton import SolverSettings
-from simgen.fem.status import has_values
-from simgen.indenter import chosen_indenters
-from simgen.job import load_job
-from simgen.job_schema import Job
-from simgen.plan import chosen_material, chosen_sensor, make_plan
-from simgen.press import PressResult, Scene
+from simgen.config.job import load_job
+from simgen.config.job_schema import Job
+from simgen.fem.nonlinear.newton import SolverSettings
+from simgen.fem.nonlinear.status import has_values
+from simgen.geometry.signed_distance import RigidShape
+from simgen.pipeline.plan import chosen_material, chosen_sensor, make_plan
+from simgen.sensors.indenter import chosen_indenters
+from simgen.simulation.press import PressResult, Scene
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Presses:
     depths_m: np.ndarray
 
     def some(self, count: int) -> tuple:
-        """Arguments of ``simgen.press.press`` for the first of them, again from the first on where there are fewer."""
+        """Arguments of ``press.press`` for the first of them, again from the first on where there are fewer."""
         of = np.arange(count) % len(self.shapes)
         return self.scene, [self.shapes[i] for i in of], self.poses[of], self.depths_m
 

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from simgen.provenance import code_version, package_versions
-from simgen.validate.record import machine
+from simgen.dataset.provenance import code_version, package_versions
+from simgen.verification.validate.record import machine
 
 
 def write(output: Path, question: str, device: str, asked: dict[str, Any], rows: list[dict[str, Any]], **more: Any):

@@ -8,13 +8,13 @@ import time
 
 import numpy as np
 
-from simgen import pairing
-from simgen.indenter import chosen_indenters
-from simgen.job import load_job
-from simgen.plan import chosen_sensor, first_contacts, gel_under_indenters, make_plan
-from simgen.quiet import start_warp
+from simgen.config.job import load_job
+from simgen.config.warp_device import start_warp
+from simgen.dataset.touchable import touchable_surface
+from simgen.pipeline.plan import chosen_sensor, first_contacts, gel_under_indenters, make_plan
 from simgen.report.refused import NEAR, areas, draws_of
-from simgen.touchable import touchable_surface
+from simgen.sensors import pairing
+from simgen.sensors.indenter import chosen_indenters
 
 SHARES = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3)
 

@@ -22,20 +22,20 @@ from pathlib import Path
 import warp as wp
 from record import write
 
-from simgen import pool
-from simgen.fem.balance import Balance
-from simgen.fem.krylov import ConjugateResiduals
-from simgen.fem.newton import NewtonSolver
-from simgen.fem.operator import Elasticity
-from simgen.fem.preconditioner import BlockTriangular
-from simgen.job import load_job
-from simgen.march import March
-from simgen.plan import make_plan
-from simgen.quiet import start_warp
-from simgen.run import run
-from simgen.samples import Samples
-from simgen.shard import prepare
-from simgen.workers import TASKS_PER_GPU_PROCESS, Workers
+from simgen.config.job import load_job
+from simgen.config.warp_device import start_warp
+from simgen.fem.elements.elasticity import Elasticity
+from simgen.fem.linear_solver.krylov import ConjugateResiduals
+from simgen.fem.linear_solver.preconditioner import BlockTriangular
+from simgen.fem.nonlinear.force_balance import Balance
+from simgen.fem.nonlinear.newton import NewtonSolver
+from simgen.pipeline.plan import make_plan
+from simgen.pipeline.run import run
+from simgen.pipeline.shard import prepare
+from simgen.pipeline.workers import TASKS_PER_GPU_PROCESS, Workers
+from simgen.simulation import pool
+from simgen.simulation.load_stepping import March
+from simgen.simulation.state_sampler import Samples
 
 PHASES = {
     March: ("_begin", "_load", "_solve_again", "_settle", "_store"),

@@ -19,12 +19,12 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap
 from presses import job_scene
 
-from simgen.indenter import load_indenter
-from simgen.interpolation import geometry_jacobian, shape_functions
-from simgen.job import load_job
-from simgen.press import press
-from simgen.quiet import start_warp
-from simgen.shape import signed_distance
+from simgen.config.job import load_job
+from simgen.config.warp_device import start_warp
+from simgen.geometry.interpolation import geometry_jacobian, shape_functions
+from simgen.geometry.rigid_shape import signed_distance
+from simgen.sensors.indenter import load_indenter
+from simgen.simulation.press import press
 
 INDENTER = "cube_14mm"
 CONTACT_MM = (-9.2379, -8.0671, -2.9699)  # contact 1 of jobs/paired.yaml, seed 1

@@ -14,11 +14,11 @@ import numpy as np
 from presses import summary
 from record import write
 
-from simgen.indenter import load_indenter
-from simgen.press import Scene, press
-from simgen.quiet import start_warp
-from simgen.sensor import load_sensor
-from simgen.validate.sensors import PLACES_MM, difference_um, place_indenter
+from simgen.config.warp_device import start_warp
+from simgen.sensors.indenter import load_indenter
+from simgen.sensors.sensor import load_sensor
+from simgen.simulation.press import Scene, press
+from simgen.verification.validate.sensors import PLACES_MM, difference_um, place_indenter
 
 COMPARED_M = np.array([0.5e-3, 1e-3])
 

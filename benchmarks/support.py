@@ -21,16 +21,16 @@ import pyvista
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Rectangle
 
-from simgen.distance import RigidShape
-from simgen.drawing import PLAIN
-from simgen.fem.status import Status
-from simgen.geometry import advanced
-from simgen.indenter import indenter_names, load_indenter
-from simgen.press import PressResult, Scene, press
-from simgen.sensor import load_sensor
-from simgen.shape import signed_distance
-from simgen.support import distance_to_outline
-from simgen.validate.sensors import place_indenter
+from simgen.fem.nonlinear.status import Status
+from simgen.geometry.rigid_shape import signed_distance
+from simgen.geometry.signed_distance import RigidShape
+from simgen.plotting.surface_plot import PLAIN
+from simgen.sensors.indenter import indenter_names, load_indenter
+from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.sensor import load_sensor
+from simgen.sensors.support import distance_to_outline
+from simgen.simulation.press import PressResult, Scene, press
+from simgen.verification.validate.sensors import place_indenter
 
 PLACES_MM = [(-7.5, 0.0), (-7.5, 4.0), (-3.0, -6.0), (-13.0, 3.0), (1.0, 3.0), (-15.0, -5.0)]  # the first: the centre
 DEPTHS_M = 1e-3 * np.linspace(0.1, 2.0, 20)

@@ -9,8 +9,8 @@ import time
 
 from presses import paired_presses
 
-from simgen.press import press
-from simgen.quiet import check_device, start_warp
+from simgen.config.warp_device import check_device, start_warp
+from simgen.simulation.press import press
 
 OUTPUTS = "outputs={digit: [stress, traction]}"
 

@@ -16,13 +16,13 @@ import numpy as np
 from presses import job_scene
 from record import write
 
-from simgen.fem.status import Status, has_values
-from simgen.indenter import chosen_indenters
-from simgen.job import load_job
-from simgen.least_thickness import LeastThickness
-from simgen.plan import chosen_sensor, make_plan
-from simgen.press import press
-from simgen.quiet import start_warp
+from simgen.config.job import load_job
+from simgen.config.warp_device import start_warp
+from simgen.fem.nonlinear.status import Status, has_values
+from simgen.pipeline.plan import chosen_sensor, make_plan
+from simgen.sensors.indenter import chosen_indenters
+from simgen.sensors.least_thickness import LeastThickness
+from simgen.simulation.press import press
 
 BOUNDS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.40, 0.60)
 SHOWN_MM = (1.0, 1.5, 2.0)

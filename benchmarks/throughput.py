@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from record import write
 
-from simgen.audit import check, passes
-from simgen.fem.status import has_values
-from simgen.job import load_job
-from simgen.plan import make_plan
-from simgen.run import run
-from simgen.workers import start_workers
+from simgen.config.job import load_job
+from simgen.dataset.audit import check, passes
+from simgen.fem.nonlinear.status import has_values
+from simgen.pipeline.plan import make_plan
+from simgen.pipeline.run import run
+from simgen.pipeline.workers import start_workers
 
 
 def measure(job, device: str, workers: int, folder: Path) -> dict:

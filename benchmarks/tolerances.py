@@ -16,11 +16,11 @@ import numpy as np
 from presses import summary
 from record import write
 
-from simgen.indenter import load_indenter
-from simgen.press import Scene, SolverSettings, press
-from simgen.quiet import start_warp
-from simgen.sensor import load_sensor
-from simgen.validate.sensors import PLACES_MM, difference_um, place_indenter
+from simgen.config.warp_device import start_warp
+from simgen.sensors.indenter import load_indenter
+from simgen.sensors.sensor import load_sensor
+from simgen.simulation.press import Scene, SolverSettings, press
+from simgen.verification.validate.sensors import PLACES_MM, difference_um, place_indenter
 
 DEFAULTS = SolverSettings()
 TIGHT = replace(DEFAULTS, residual_tolerance=1e-6, contact_tolerance=1e-4, linear_tolerance=1e-2)

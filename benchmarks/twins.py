@@ -21,18 +21,18 @@ import record
 from presses import job_scene
 from scipy.spatial.distance import cdist
 
-from simgen.fem.status import has_values
-from simgen.indenter import chosen_indenters, load_indenter
-from simgen.job import load_job
-from simgen.job_schema import Job
-from simgen.pairing import Contacts, Room, indenter_poses, unfold
-from simgen.plan import chosen_sensor, contact_settings, first_contacts, gel_under_indenters, make_plan
-from simgen.press import press
-from simgen.quiet import start_warp
-from simgen.sensor import Sensor
-from simgen.skin import Skin
-from simgen.translate.accuracy import NEAR_MM
-from simgen.translate.contact import ContactGauge
+from simgen.config.job import load_job
+from simgen.config.job_schema import Job
+from simgen.config.warp_device import start_warp
+from simgen.fem.nonlinear.status import has_values
+from simgen.geometry.developed_skin import Skin
+from simgen.learning.translation.accuracy import NEAR_MM
+from simgen.learning.translation.contact import ContactGauge
+from simgen.pipeline.plan import chosen_sensor, contact_settings, first_contacts, gel_under_indenters, make_plan
+from simgen.sensors.indenter import chosen_indenters, load_indenter
+from simgen.sensors.pairing import Contacts, Room, indenter_poses, unfold
+from simgen.sensors.sensor import Sensor
+from simgen.simulation.press import press
 
 INDENTER, HALF_M = "cube_14mm", 7e-3
 DEPTHS_M = np.array([1e-4, 2e-4, 3e-4, 5e-4])

@@ -12,11 +12,11 @@ __all__ = ["load_dataset", "load_network"]
 def __getattr__(name: str) -> Any:
     """`simgen.load_dataset` and `load_network`, imported when asked for: the command line answers at once."""
     if name == "load_dataset":
-        from simgen.loading import load_dataset
+        from simgen.dataset.loading import load_dataset
 
         return load_dataset
     if name == "load_network":
-        from simgen.training.checkpoint import load_network
+        from simgen.learning.training.checkpoint import load_network
 
         return load_network
     raise AttributeError(f"module 'simgen' has no attribute {name!r}")

@@ -12,7 +12,7 @@ import trimesh
 import yaml
 import zarr
 
-from simgen.tetrahedra import sizing_grid
+from simgen.geometry.tetrahedra import sizing_grid
 
 Files = dict[str, str | bytes | None]  # None is a folder
 

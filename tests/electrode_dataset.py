@@ -3,9 +3,9 @@
 import fake
 import numpy as np
 
-from simgen.dataset import Dataset
-from simgen.run import run
-from simgen.sensor import load_sensor
+from simgen.dataset.reader import Dataset
+from simgen.pipeline.run import run
+from simgen.sensors.sensor import load_sensor
 
 
 def presser(job, sensor, device):

@@ -14,13 +14,13 @@ import numpy as np
 import trimesh
 import zarr
 
-from simgen.dataset import Dataset, path_arrays
-from simgen.indenter import chosen_indenters
-from simgen.job import job_from_dict
-from simgen.job_schema import Job
-from simgen.plan import indenter_identities
-from simgen.provenance import code_version, package_versions
-from simgen.splits import split_presses
+from simgen.config.job import job_from_dict
+from simgen.config.job_schema import Job
+from simgen.dataset.provenance import code_version, package_versions
+from simgen.dataset.reader import Dataset, path_arrays
+from simgen.dataset.splits import split_presses
+from simgen.pipeline.plan import indenter_identities
+from simgen.sensors.indenter import chosen_indenters
 
 RADIUS_M = 7e-3
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
@@ -43,7 +43,7 @@ def make_job(**changes) -> Job:
 
 
 def make_plan(job: Job) -> SimpleNamespace:
-    """As `simgen.plan.make_plan`, with contacts around the pole at -y and both sensors in the same place."""
+    """As `simgen.pipeline.plan.make_plan`, with contacts around the pole at -y and both sensors in the same place."""
     count, indenters = job.trajectories.count, len(job.indenters)
     trajectory = np.repeat(np.arange(count, dtype=np.int32), indenters)
     indenter = np.tile(np.arange(indenters, dtype=np.int32), count)

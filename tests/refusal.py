@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from simgen import cli
+from simgen.cli import app as cli
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:

@@ -1,8 +1,9 @@
-"""The arrows of the house: who may import whom. Data walks one way, and so do imports."""
+"""The house: its folders in the order in which data walk, imports that follow it, and tests that mirror it."""
 
 import ast
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -10,108 +11,78 @@ import pytest
 import simgen
 
 PACKAGE = Path(simgen.__file__).parent
+TESTS = Path(__file__).parent
 
-# From left to right, as the data walk. A module may import from its own room and from rooms before it.
-HOUSE = {
-    "words": ["errors", "parsing", "yaml_files", "resources", "provenance", "quiet"],
-    "job": ["section", "job", "job_schema", "indenter_path"],
-    "shapes": ["distance", "shape"],
-    "sensor": ["sensor", "sensor_schema", "sensor_meshes", "geometry", "tetrahedra", "surface", "curved",
-               "interpolation", "mesh_files", "mesh_quality", "region_edges", "support", "sweep"],
-    "indenter": ["indenter"],
-    "pairing": ["pairing", "skin", "least_thickness", "gel_columns"],
-    "fem": ["fem"],
-    "press": ["press", "pool", "march", "press_queue", "tries", "samples", "surface_outputs", "scene", "first_touch",
-              "capacity"],
-    "dataset": ["dataset", "dataset_layout", "dataset_writer", "dataset_growth", "chunk_files", "whole_files",
-                "folder_lock", "finding", "audit", "touch_audit", "touchable", "contact_patch", "run_status", "splits",
-                "card", "loading", "torch_samples", "exchange", "hdf5_files", "electrode_files", "electrodes",
-                "electrode_gaps", "electrode_model"],
-    "run": ["image_resolution", "plan", "shard_writer", "shard", "workers", "run"],
-    "views": ["drawing", "pictures", "page", "preview", "report", "console", "reference_page",
-              "job_reference"],
-    "optics": ["optics"],
-    "validate": ["validate"],
-    "bench": ["bench"],
-    "training": ["training"],
-    "translate": ["translate"],
-    "cli": ["cli", "cli_exchange", "cli_images"],
-}  # fmt: skip
-ROOM = {module: number for number, modules in enumerate(HOUSE.values()) for module in modules}
+# In the order in which data walk. A folder imports from those before it, and everything may import `errors`.
+FOLDERS = ["config", "geometry", "sensors", "fem", "simulation", "dataset", "pipeline", "sensing", "plotting",
+           "learning", "report", "verification", "cli"]  # fmt: skip
+FLOOR = {folder: number for number, folder in enumerate(["errors", *FOLDERS])}
+FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
+         for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem != "__init__"}  # fmt: skip
 
 
-def module_files() -> dict[str, list[Path]]:
-    """Top-level module of the package -> its files; a folder is one module."""
-    files = {path.stem: [path] for path in PACKAGE.glob("*.py") if path.stem != "__init__"}
-    folders = {path.parent.name: sorted(path.parent.rglob("*.py")) for path in PACKAGE.glob("*/__init__.py")}
-    return files | folders
-
-
-class _WithoutTypeChecking(ast.NodeTransformer):
-    def visit_If(self, node):
-        return None if ast.unparse(node.test).endswith("TYPE_CHECKING") else self.generic_visit(node)
-
-
-def imports(path: Path) -> set[str]:
-    """Dotted names that a file imports, anywhere but for type checkers; of simgen as ``simgen.module``."""
-    inside = path.relative_to(PACKAGE).with_suffix("").parts
-    found = set()
-    tree = _WithoutTypeChecking().visit(ast.parse(path.read_text(encoding="utf-8")))
-    for node in ast.walk(tree):
+def imported_names(module: str) -> set[str]:
+    """Dotted names that a module imports anywhere, for type checkers and inside functions too."""
+    path, found = FILES[module], set()
+    package = ["simgen", *path.relative_to(PACKAGE).parent.parts]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            base = ["simgen", *inside[: len(inside) - node.level]] if node.level else []
-            base += node.module.split(".") if node.module else []
+            base = package[: len(package) - node.level + 1] if node.level else []
+            base = base + (node.module.split(".") if node.module else [])
             found |= {".".join([*base, alias.name]) for alias in node.names}
     return found
 
 
 def own_imports(module: str) -> set[str]:
-    names = {name for file in module_files()[module] for name in imports(file)}
-    return {name.split(".")[1] for name in names if name.startswith("simgen.")} & set(module_files()) - {module}
+    """Modules of simgen that a module imports."""
+    names = {name.removeprefix("simgen.") for name in imported_names(module) if name.startswith("simgen.")}
+    return {name if name in FILES else name.rpartition(".")[0] for name in names} & FILES.keys() - {module}
 
 
-def third_party(module: str) -> set[str]:
-    return {name.split(".")[0] for file in module_files()[module] for name in imports(file)}
+def modules_with(*packages: str) -> set[str]:
+    """Modules that import one of these packages."""
+    return {module for module in FILES if {name.split(".")[0] for name in imported_names(module)} & set(packages)}
 
 
-def test_every_module_has_its_room():
-    assert sorted(module_files()) == sorted(ROOM)
+def test_the_root_holds_the_folders_alone():
+    entries = {path.name for path in PACKAGE.iterdir() if path.name != "__pycache__"}
+    assert entries == {*FOLDERS, "__init__.py", "errors.py"}
+    assert {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()} == set(FOLDERS)
 
 
-@pytest.mark.parametrize("module", sorted(module_files()))
-def test_imports_follow_the_arrows(module):
-    backwards = {other for other in own_imports(module) if ROOM[other] > ROOM[module]}
-    assert not backwards, f"{module} imports {backwards} from a later room"
+@pytest.mark.parametrize("module", sorted(FILES))
+def test_imports_follow_the_order_of_the_folders(module):
+    floor = FLOOR[module.split(".")[0]]
+    later = {other for other in own_imports(module) if FLOOR[other.split(".")[0]] > floor}
+    assert not later, f"{module} imports {later}"
 
 
 def test_no_module_imports_itself_in_a_circle():
-    graph = {module: own_imports(module) for module in module_files()}
+    graph = {module: own_imports(module) for module in FILES}
     while free := [module for module, needs in graph.items() if not needs & graph.keys()]:
         for module in free:
             del graph[module]
     assert not graph, f"circle among {sorted(graph)}"
 
 
-def test_only_workers_import_dask():
-    assert [module for module in module_files() if {"dask", "distributed"} & third_party(module)] == ["workers"]
+def test_each_heavy_package_has_its_place():
+    assert modules_with("dask", "distributed") == {"pipeline.workers"}
+    assert {module.split(".")[0] for module in modules_with("typer")} == {"cli"}
+    torch = modules_with("torch", "safetensors")
+    assert {module.split(".")[0] for module in torch} - {"cli"} == {"learning", "dataset"}
+    assert {module for module in torch if module.startswith("dataset")} == {"dataset.loading"}
 
 
-def test_only_the_command_line_imports_views():
-    views = set(HOUSE["views"])
-    may = {"validate", "training", "optics", "translate", *HOUSE["cli"]}
-    for module in set(module_files()) - views - may:
-        assert not own_imports(module) & views, module
-
-
-def test_only_the_command_line_imports_the_validation():
-    assert {module for module in module_files() if "validate" in own_imports(module)} <= {"bench", "cli"}
-    assert {module for module in module_files() if "bench" in own_imports(module)} <= {"cli"}
-
-
-def test_nothing_but_training_imports_torch():
-    assert {module for module in module_files() if "torch" in third_party(module)} == {"torch_samples", "training"}
+def test_no_public_class_has_the_name_of_another():
+    names = Counter(
+        node.name
+        for path in FILES.values()
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    )
+    assert {name for name, count in names.items() if count > 1} == set()
 
 
 def loaded_after(statement: str) -> set[str]:
@@ -121,21 +92,10 @@ def loaded_after(statement: str) -> set[str]:
 
 
 def test_help_needs_none_of_the_heavy_packages():
-    heavy = {
-        "numpy",
-        "scipy",
-        "warp",
-        "pyvista",
-        "zarr",
-        "dask",
-        "trimesh",
-        "matplotlib",
-        "plotly",
-        "pydantic",
-        "torch",
-    }
-    assert not heavy & loaded_after("import simgen.cli")
+    heavy = {"numpy", "scipy", "warp", "zarr", "dask", "trimesh", "pydantic", "torch"}
+    drawing = {"pyvista", "matplotlib", "plotly"}
+    assert not (heavy | drawing) & loaded_after("import simgen.cli.app")
 
 
 def test_a_run_draws_nothing_and_learns_nothing():
-    assert not {"torch", "matplotlib", "plotly"} & loaded_after("import simgen.run")
+    assert not {"torch", "matplotlib", "plotly"} & loaded_after("import simgen.pipeline.run")

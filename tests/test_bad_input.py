@@ -32,8 +32,8 @@ from bad_files import (
 )
 from refusal import check_refusal, contents, rows, simgen
 
-from simgen import workers
-from simgen.run import run
+from simgen.pipeline import workers
+from simgen.pipeline.run import run
 
 DRY = "run job.yaml --dry-run"
 RUN = "run job.yaml --scheduler sync"

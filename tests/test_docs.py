@@ -15,10 +15,12 @@ import typer
 import yaml
 from pages import DOCS, ROOT, blocks, code, prose
 
-from simgen import cli, indenter, mesh_quality, sensor_schema
-from simgen.dataset import Dataset
-from simgen.fem.status import Status
-from simgen.run import run
+from simgen.cli import app as cli
+from simgen.dataset.reader import Dataset
+from simgen.fem.nonlinear.status import Status
+from simgen.geometry import mesh_quality
+from simgen.pipeline.run import run
+from simgen.sensors import indenter, sensor_schema
 
 PAGES = [ROOT / "README.md", ROOT / "sensor_models" / "README.md", *sorted(DOCS.glob("*.md"))]
 page = pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
@@ -156,7 +158,7 @@ def test_every_key_of_a_sensor_is_on_the_page():
     part = text.partition("## All keys")[2].partition("## Quality gates")[0]
     named = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", part))))
     classes = [each for each in vars(sensor_schema).values() if isinstance(each, type)]
-    keys = {key for each in classes if issubclass(each, sensor_schema.Section) for key in each.model_fields}
+    keys = {key for each in classes if issubclass(each, sensor_schema.SensorSection) for key in each.model_fields}
     assert keys - named == set()
 
 

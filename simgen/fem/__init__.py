@@ -1,7 +1,7 @@
 """Quasi-static finite-strain finite elements with frictional contact against rigid shapes.
 
 Solver units: mm, and Young's modulus as the unit of stress, so that the same relative tolerances and the very same
-numbers serve soft and stiff gels (a press is driven by displacements). ``simgen.press`` converts at the edge.
+numbers serve soft and stiff gels (a press is driven by displacements). ``simulation.press`` converts at the edge.
 
 Symbols (every array has the environment, one press, as its fastest index)
 
@@ -12,7 +12,7 @@ cof    cofactor of F, J F^-T: turns reference into current area vectors
 p      continuous (P1) pressure-like multiplier of the volume constraint, tension positive
 mu     shear modulus (material); the friction coefficient is always called ``friction``
 lam    Lame's first parameter, 2 mu nu / (1 - 2 nu)
-gamma  the part of ``lam`` that acts pointwise; ``lam - gamma`` acts through p (see material.py)
+gamma  the part of ``lam`` that acts pointwise; ``lam - gamma`` acts through p (see material/neo_hookean.py)
 p_c    pressure of the liquid in a cavity, above ambient, compression positive
 g, n   gap (signed distance of the rigid shape) and its gradient, the outward normal of the shape
 t, tau normal traction (compression positive) and friction traction, per unit of rest area

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from . import columns
-from .krylov_kernels import CHUNK, chunks
-from .material import mat33f, vec3f
+from simgen.fem import columns
+from simgen.fem.material.neo_hookean import mat33f, vec3f
+from simgen.fem.sections import CHUNK, chunks
 
 wp.set_module_options({"enable_backward": False})
 

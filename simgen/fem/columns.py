@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from .device import read
+from simgen.fem.device import read
 
 wp.set_module_options({"enable_backward": False})
 

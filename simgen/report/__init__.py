@@ -7,19 +7,18 @@ which a dataset can have a terabyte, are read of a bounded number of presses alo
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from simgen.dataset import Dataset
-from simgen.page import contents, heading, write_page
-
-from .coverage import coverage_section
-from .curves import force_section, pressure_section
-from .effort import effort_section
-from .meshes import meshes_section
-from .motion import motion_section
-from .outcomes import outcomes_section
-from .overview import audit_section, head, job_section
-from .patches import patches_section
-from .path import path_section
-from .solid_view import solid_view_section
+from simgen.dataset.reader import Dataset
+from simgen.plotting.html import contents, heading, write_page
+from simgen.report.coverage import coverage_section
+from simgen.report.curves import force_section, pressure_section
+from simgen.report.effort import effort_section
+from simgen.report.meshes import meshes_section
+from simgen.report.motion import motion_section
+from simgen.report.outcomes import outcomes_section
+from simgen.report.overview import audit_section, head, job_section
+from simgen.report.patches import patches_section
+from simgen.report.path import path_section
+from simgen.report.solid_view import solid_view_section
 
 Section = Callable[[Dataset], Iterable[str]]
 SECTIONS: dict[str, Section] = {

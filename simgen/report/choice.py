@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from simgen.dataset import Dataset
-from simgen.fem.status import has_values
+from simgen.dataset.reader import Dataset
+from simgen.fem.nonlinear.status import has_values
 
 NOTHING_YET = "<p>No press has converged yet.</p>"
 

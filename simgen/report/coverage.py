@@ -6,17 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from simgen.dataset import Dataset
-from simgen.page import picture, table, tiles
-from simgen.touchable import TouchableSurface, touchable_surface
-
-from .choice import NOTHING_YET, depths_reached
-from .maps import draw_map
-from .refused import refused_lines
+from simgen.dataset.reader import Dataset
+from simgen.dataset.touchable import TouchableSurface, touchable_surface
+from simgen.plotting.html import picture, table, tiles
+from simgen.report.choice import NOTHING_YET, depths_reached
+from simgen.report.maps import draw_map
+from simgen.report.refused import refused_lines
 
 
 @dataclass(frozen=True)
-class Contacts:
+class ConvergedContacts:
     """Of trajectories with a converged sample on a sensor, in its frame: points (n, 3) m, outward normals (n, 3)."""
 
     trajectories: np.ndarray
@@ -24,7 +23,7 @@ class Contacts:
     normals: np.ndarray
 
 
-def contacts_on(dataset: Dataset, sensor: str) -> Contacts:
+def contacts_on(dataset: Dataset, sensor: str) -> ConvergedContacts:
     there = dataset["press/trajectory"][depths_reached(dataset, sensor) > 0]
     trajectories, first = np.unique(dataset["press/trajectory"], return_index=True)
     keep = np.isin(trajectories, there)
@@ -34,7 +33,7 @@ def contacts_on(dataset: Dataset, sensor: str) -> Contacts:
     own, normals = (
         np.einsum("nji,nj->ni", pose[:, :3, :3], each) for each in (points, dataset["press/contact_normal"][first])
     )
-    return Contacts(trajectories[keep], own, normals)
+    return ConvergedContacts(trajectories[keep], own, normals)
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,9 @@ def coverage_section(dataset: Dataset) -> Iterator[str]:
     yield from refused_lines(dataset, surfaces[dataset.sensors[0]])
 
 
-def _picture_of_contacts(sensor: str, surface: TouchableSurface, contacts: Contacts, colours: np.ndarray) -> str:
+def _picture_of_contacts(
+    sensor: str, surface: TouchableSurface, contacts: ConvergedContacts, colours: np.ndarray
+) -> str:
     shown = contacts.points, contacts.normals, colours[contacts.trajectories]
     return picture(draw_map(surface, None, sensor, contacts=shown), f"contacts on {sensor}")
 

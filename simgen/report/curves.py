@@ -6,10 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from simgen.dataset import Dataset
-from simgen.page import picture, tiles
-
-from .choice import NOTHING_YET
+from simgen.dataset.reader import Dataset
+from simgen.plotting.html import picture, tiles
+from simgen.report.choice import NOTHING_YET
 
 CURVES = 40  # most trajectories drawn, the first ones, which lie all over the sensor
 BAND_FROM = 20  # trajectories, from which on the band is drawn

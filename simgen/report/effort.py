@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from simgen.dataset import Dataset
-from simgen.fem.status import Status, has_values, is_planned_end
-from simgen.page import picture, table, tiles
-
-from .choice import NOTHING_YET
+from simgen.dataset.reader import Dataset
+from simgen.fem.nonlinear.status import Status, has_values, is_planned_end
+from simgen.plotting.html import picture, table, tiles
+from simgen.report.choice import NOTHING_YET
 
 BINS = 40  # of counts, at most
 PER_DECADE = 10  # bins of residuals

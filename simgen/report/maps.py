@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from simgen.drawing import FROM_OTHER_SIDE, FROM_PAD, draw_points, draw_surface
-from simgen.touchable import TouchableSurface
+from simgen.dataset.touchable import TouchableSurface
+from simgen.plotting.surface_plot import FROM_OTHER_SIDE, FROM_PAD, draw_points, draw_surface
 
 
 def draw_map(

@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from simgen.dataset import Dataset
-from simgen.drawing import camera, draw_surface
-from simgen.page import picture, tiles
-
-from .choice import NOTHING_YET, furthest_press, step_title
+from simgen.dataset.reader import Dataset
+from simgen.plotting.html import picture, tiles
+from simgen.plotting.surface_plot import camera, draw_surface
+from simgen.report.choice import NOTHING_YET, furthest_press, step_title
 
 OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal: a press is seen from there
 

@@ -12,16 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
-from simgen.dataset import Dataset
-from simgen.drawing import camera, draw_surface, gif
+from simgen.config.indenter_path import moved
+from simgen.config.warp_device import start_warp
+from simgen.dataset.reader import Dataset
+from simgen.dataset.touch_audit import pressed_indenters
 from simgen.errors import InputError
-from simgen.geometry import advanced
-from simgen.indenter_path import moved
-from simgen.page import image
-from simgen.quiet import start_warp
-from simgen.touch_audit import pressed_indenters
-
-from .choice import NOTHING_YET, furthest_press
+from simgen.plotting.html import image
+from simgen.plotting.surface_plot import camera, draw_surface, gif
+from simgen.report.choice import NOTHING_YET, furthest_press
+from simgen.sensors.polar_bodies import advanced
 
 FRAME_MS, HOLD_MS = 180, 1200  # of each depth, of the last
 SHAFT_M = 5e-3  # how much of the indenter is drawn

@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from simgen.dataset import Dataset
-from simgen.fem.status import NOT_THERE, in_words
-from simgen.page import picture, table, tiles
-
-from .choice import depths_reached, steps_axis
+from simgen.dataset.reader import Dataset
+from simgen.fem.nonlinear.status import NOT_THERE, in_words
+from simgen.plotting.html import picture, table, tiles
+from simgen.report.choice import depths_reached, steps_axis
 
 NOT_THERE_YET = "Not there yet."
 

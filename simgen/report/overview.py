@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simgen.audit import check, passes
-from simgen.dataset import Dataset
-from simgen.page import folded, table
-from simgen.splits import SPLITS
+from simgen.dataset.audit import check, passes
+from simgen.dataset.reader import Dataset
+from simgen.dataset.splits import SPLITS
+from simgen.plotting.html import folded, table
 
 
 def head(dataset: Dataset) -> Iterator[str]:

@@ -6,23 +6,22 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from simgen.contact_patch import ContactPatches
-from simgen.dataset import Dataset
-from simgen.drawing import camera, draw_surface
+from simgen.dataset.contact_patch import ContactPatches
+from simgen.dataset.reader import Dataset
+from simgen.dataset.touch_audit import FACET_M
+from simgen.dataset.touchable import touchable_surface
 from simgen.errors import InputError
-from simgen.page import picture, tiles
-from simgen.touch_audit import FACET_M
-from simgen.touchable import touchable_surface
-
-from .choice import NOTHING_YET, depths_reached, drawn_presses, furthest_press, step_title
-from .maps import draw_map
+from simgen.plotting.html import picture, tiles
+from simgen.plotting.surface_plot import camera, draw_surface
+from simgen.report.choice import NOTHING_YET, depths_reached, drawn_presses, furthest_press, step_title
+from simgen.report.maps import draw_map
 
 PRESSES = 180  # at most, per sensor: of nine indenters twenty presses each
 CLOSE_UP_M = 9e-3  # half the width of what a close-up shows
 
 
 class Patches:
-    """Contact patches on one sensor, see `simgen.contact_patch`. Raises `InputError` as it does."""
+    """Contact patches on one sensor, see `simgen.dataset.contact_patch`. Raises `InputError` as it does."""
 
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor = dataset, sensor

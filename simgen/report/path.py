@@ -6,11 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from simgen.dataset import Dataset
-from simgen.page import picture, tiles
-
-from .choice import NOTHING_YET
-from .curves import CURVES, axial_force
+from simgen.dataset.reader import Dataset
+from simgen.plotting.html import picture, tiles
+from simgen.report.choice import NOTHING_YET
+from simgen.report.curves import CURVES, axial_force
 
 QUANTITIES = ("normal force, N", "shear force, N", "sliding share of the contact")
 

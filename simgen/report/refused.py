@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from simgen.dataset import Dataset
-from simgen.drawing import camera, draw_points, draw_surface
-from simgen.page import picture, table
-from simgen.touchable import TouchableSurface
+from simgen.dataset.reader import Dataset
+from simgen.dataset.touchable import TouchableSurface
+from simgen.plotting.html import picture, table
+from simgen.plotting.surface_plot import camera, draw_points, draw_surface
 
 NEAR = 0.5  # of the deepest press: a place counts as covered by a contact so far away
 KEPT, REFUSED = np.array([0.10, 0.35, 0.60]), np.array([0.80, 0.10, 0.10])

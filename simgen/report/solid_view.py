@@ -12,12 +12,11 @@ from plotly.graph_objects import Figure, Frame, Mesh3d
 from plotly.io import to_html
 from plotly.offline import get_plotlyjs
 
-from simgen.dataset import Dataset
-from simgen.drawing import COLOURS, LIGHT, camera
-from simgen.page import tiles
-
-from .choice import NOTHING_YET, furthest_press, steps_axis
-from .meshes import OBLIQUE
+from simgen.dataset.reader import Dataset
+from simgen.plotting.html import tiles
+from simgen.plotting.surface_plot import COLOURS, LIGHT, camera
+from simgen.report.choice import NOTHING_YET, furthest_press, steps_axis
+from simgen.report.meshes import OBLIQUE
 
 HEIGHT_PX = 480
 DISTANCE = 1.35  # of the camera, over the longest side

@@ -11,7 +11,7 @@ import fake
 import pytest
 import yaml
 
-from .conftest import JOB
+from tests.crash.conftest import JOB
 
 CLUSTERS = Path(__file__).resolve().parents[2] / "docs" / "clusters"
 

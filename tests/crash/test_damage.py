@@ -6,8 +6,8 @@ import time
 
 import fake
 
-from .conftest import JOB, SHARDS, simgen, start
-from .test_disk import one_line
+from tests.crash.conftest import JOB, SHARDS, simgen, start
+from tests.crash.test_disk import one_line
 
 
 def test_a_second_run_into_the_same_dataset_is_refused_and_the_first_is_not_disturbed(whole, tmp_path):

@@ -10,7 +10,7 @@ import sys
 import fake
 import pytest
 
-from .conftest import JOB, SHARDS, simgen
+from tests.crash.conftest import JOB, SHARDS, simgen
 
 CAP_DAC_OVERRIDE, PR_CAPBSET_DROP = 1, 24
 ALONE = ["--scheduler", "sync"]

@@ -14,7 +14,7 @@ import fake
 import psutil
 import pytest
 
-from .conftest import JOB, SHARDS, start
+from tests.crash.conftest import JOB, SHARDS, start
 
 SEED, KILLS = 5, 50
 LOOPBACK = ["--host", "127.0.0.1", "--no-dashboard"]

@@ -12,7 +12,7 @@ import fake
 import psutil
 import pytest
 
-from .conftest import JOB, SHARDS, start
+from tests.crash.conftest import JOB, SHARDS, start
 
 SEED = 5
 START, SHARD = 12.0, 0.3  # s: until there is work, and from one shard to the next

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simgen.validate.meshes import box, top
+from simgen.verification.validate.meshes import box, top
 
 __all__ = ["box", "lattice", "top"]
 

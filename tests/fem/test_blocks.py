@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from simgen.fem import blocks, columns
-from simgen.fem.material import mat33f
+from simgen.fem.material.neo_hookean import mat33f
 
 
 @wp.kernel

@@ -21,23 +21,24 @@ import yaml
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from simgen import audit, mesh_files
-from simgen.dataset import Dataset
-from simgen.dataset_layout import faults
+from simgen.config.job import load_job
+from simgen.config.job_schema import MESH_SUFFIXES, Job
+from simgen.config.resources import resource
+from simgen.dataset import audit
+from simgen.dataset.layout import faults
+from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
-from simgen.indenter import MESH_SUFFIXES as INDENTER_SUFFIXES
-from simgen.indenter import load_indenter
-from simgen.job import load_job
-from simgen.job_schema import MESH_SUFFIXES, Job
-from simgen.resources import resource
-from simgen.run import run
-from simgen.run_status import outcomes, run_status
-from simgen.sensor import load_geometry, place_camera, place_electrodes
-from simgen.sensor_meshes import check_count
-from simgen.support import load_support
-from simgen.tetrahedra import sizing_grid
-
-from .mutations import mutated_bytes, mutated_tree
+from simgen.geometry import mesh_files
+from simgen.geometry.tetrahedra import sizing_grid
+from simgen.pipeline.run import run
+from simgen.pipeline.run_status import outcomes, run_status
+from simgen.sensors.indenter import MESH_SUFFIXES as INDENTER_SUFFIXES
+from simgen.sensors.indenter import load_indenter
+from simgen.sensors.sensor import place_camera, place_electrodes
+from simgen.sensors.sensor_geometry import load_geometry
+from simgen.sensors.sensor_meshes import check_count
+from simgen.sensors.support import load_support
+from tests.fuzz.mutations import mutated_bytes, mutated_tree
 
 LONGEST_S = 30.0  # of one example, which takes milliseconds on its own
 MOST_BYTES = 6 * 2**30  # by which the process may grow

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from simgen.indenter import load_indenter
-from simgen.press import Scene, press
-from simgen.sensor import load_sensor
-from simgen.tetrahedra import tetrahedralize
+from simgen.geometry.tetrahedra import tetrahedralize
+from simgen.sensors.indenter import load_indenter
+from simgen.sensors.sensor import load_sensor
+from simgen.simulation.press import Scene, press
 
 SENSOR = """
 name: layer

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from simgen.distance import Kind
-from simgen.press import Scene, follow
-from simgen.sensor import Material
-from simgen.shape import rigid_shape
-from simgen.validate.friction import Ball, press_then_shear, slide
-from simgen.validate.layer_meshes import graded, make_sensor, round_layer
-from simgen.validate.meshes import on_plane, top
+from simgen.geometry.rigid_shape import rigid_shape
+from simgen.geometry.signed_distance import Kind
+from simgen.sensors.sensor import Material
+from simgen.simulation.press import Scene, follow
+from simgen.verification.validate.friction import Ball, press_then_shear, slide
+from simgen.verification.validate.layer_meshes import graded, make_sensor, round_layer
+from simgen.verification.validate.meshes import on_plane, top
 
 MM = 1e3
 SHEAR_MODULUS_MPA = 0.2

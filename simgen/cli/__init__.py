@@ -1,0 +1,1 @@
+"""The command line: every command and every view on the console. Nothing else imports typer or rich."""

@@ -1,0 +1,163 @@
+"""A group of keys in a YAML file, strictly checked: what a job, whatever its kind, is made of.
+
+A key that is unknown, or a value that is out of range, is an `InputError` of one line: the file, the key path, the
+value, what is allowed.
+"""
+
+import difflib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import UnionType
+from typing import Any, ClassVar, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from simgen.config.yaml_files import parse_yaml, read_yaml
+from simgen.errors import InputError, shown
+
+
+class StrictSection(BaseModel):
+    """A frozen group of keys that accepts no other keys, no NaN, and no text where a number is due."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    text_means: ClassVar[str | None] = None  # the key that a text in place of the whole section stands for
+
+
+Own = TypeVar("Own", bound=StrictSection)
+
+
+def load_section(kind: type[Own], file: Path, source: str, overrides: Iterable[str] = ()) -> Own:
+    """Read a file; `overrides` are ``key.sub=value`` strings, their values read as YAML.
+
+    ``source`` stands for the file in messages. Raises `InputError` with one line.
+    """
+    data = read_yaml(file, source)
+    if not isinstance(data, dict):
+        found = "empty" if data is None else f"a {type(data).__name__}"
+        raise InputError(f"{source}: a job is a mapping of keys to values; this is {found}")
+    sources = dict.fromkeys(_key_paths(data), source)
+    for override in overrides:
+        key = _apply_override(kind, data, override)
+        sources[key] = f"override {shown(override)}"
+        for section in _upwards(key.split(".")):
+            sources.setdefault(section, sources[key])
+    return section_from_dict(kind, data, source, sources)
+
+
+def section_from_dict(
+    kind: type[Own], data: Mapping[str, Any], source: str, sources: Mapping[str, str] | None = None
+) -> Own:
+    """Check plain data (as from YAML) and make a section of it. `sources` tells which key came from where."""
+    try:
+        return kind.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        raise InputError(_one_line(kind, error, source, sources or {})) from None
+    except (TypeError, ValueError, RecursionError) as error:  # keys that are no texts, or lists without end
+        raise InputError(f"{source}: not what JSON can say ({error}); allowed: a mapping of keys to values") from None
+
+
+def find_file(path: str | Path, bundled: Iterable[Path], what: str) -> Path:
+    """The file itself, or for ``NAME`` and ``jobs/NAME`` the bundled one of that name.
+
+    Raises `InputError` if there is neither.
+    """
+    path = Path(os.path.expanduser(path))
+    if os.path.isfile(path):  # which is no error of a name that is too long
+        return path
+    bundled = sorted(bundled)
+    if path.parent in (Path(), Path("jobs")):
+        for file in bundled:
+            if path.name in (file.name, file.stem):
+                return file
+    names = ", ".join(file.name for file in bundled)
+    raise InputError(f"{path}: no such {what} file; bundled {what}s: {names}")
+
+
+def _apply_override(kind: type[StrictSection], data: dict, override: str) -> str:
+    """Set one key in place; return its dotted path."""
+    key, equals, text = override.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise InputError(f"override {shown(override)}: write it as key=value or key.sub=value")
+    target, here = data, kind
+    for part in parts[:-1]:
+        inner, here = target.get(part), _below(here, part)
+        if not isinstance(inner, dict):
+            meant = here.text_means if _is_section(here) else None
+            inner = {meant: inner} if meant and isinstance(inner, str) else {}
+            target[part] = inner
+        target = inner
+    target[parts[-1]] = parse_yaml(text, f"override {shown(override)}")
+    return ".".join(parts)
+
+
+def _key_paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
+    paths = []
+    for key, value in data.items():
+        paths.append(f"{prefix}{key}")
+        if isinstance(value, dict):
+            paths += _key_paths(value, f"{prefix}{key}.")
+    return paths
+
+
+def _one_line(kind: type[StrictSection], error: ValidationError, source: str, sources: Mapping[str, str]) -> str:
+    """The first complaint, in the words of the job file. An unknown key comes first: a missing one may be misspelt."""
+    first = min(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
+    parts = [str(part) for part in first["loc"]]
+    section, allowed = _schema_at(kind, parts)
+    if first["type"] == "extra_forbidden":
+        complaint = f"unknown key; {_allowed_keys(section, parts[-1])}"
+    elif first["type"] == "missing":
+        complaint = f"missing; allowed: {allowed}"
+    elif first["type"] == "json_invalid":  # half a character, which JSON can escape
+        complaint = first["msg"]
+    elif first["type"] == "value_error":
+        complaint = first["msg"].removeprefix("Value error, ")
+    else:
+        value = shown(json.dumps(first["input"]))
+        complaint = f"{value} is not allowed; allowed: {allowed or 'a mapping of keys to values'}"
+    at = next((sources[path] for path in _upwards(parts) if path in sources), source)
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return f"{': '.join(filter(None, [at, shown('.'.join(parts)), complaint]))}{more}"
+
+
+def _upwards(parts: list[str]) -> list[str]:
+    return [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
+
+
+def _schema_at(kind: type[StrictSection], parts: list[str]) -> tuple[type[StrictSection], str]:
+    """The section that holds the last key of a path, and what is allowed at that path."""
+    section, allowed, here = kind, "", kind
+    for part in parts:
+        field = here.model_fields.get(part) if _is_section(here) else None
+        allowed = getattr(field, "description", None) or allowed
+        here = _below(here, part)
+        if _is_section(here):
+            section, or_text = here, "a text, or " if here.text_means else ""
+            allowed = f"{or_text}a mapping with the keys {', '.join(here.model_fields)}"
+    return section, allowed
+
+
+def _below(annotation: Any, part: str) -> Any:
+    """The type of what a key, or the number of a list's member, holds; None if there is no such key."""
+    if _is_section(annotation):
+        field = annotation.model_fields.get(part)
+        annotation = field.annotation if field else None
+        optional = get_args(annotation) if isinstance(annotation, UnionType) else ()
+        return next(filter(_is_section, optional), annotation)  # of `Section | None` the section
+    place = {dict: 1, tuple: 0}.get(get_origin(annotation))  # of the members' type
+    return None if place is None else get_args(annotation)[place]
+
+
+def _is_section(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, StrictSection)
+
+
+def _allowed_keys(section: type[StrictSection], wrong: str = "") -> str:
+    keys = list(section.model_fields)
+    close = difflib.get_close_matches(wrong, keys, n=1, cutoff=0.5)
+    hint = f" (did you mean {close[0]}?)" if close else ""
+    return f"allowed: {', '.join(keys)}{hint}"

@@ -1,0 +1,262 @@
+"""Audit of a dataset: is it whole, unchanged, converged, paired, held and touched where it should be?
+
+All is computed again from what is stored; what the run said about itself is not believed, except for the
+certificates, which the solver alone can know. Shards whose files have changed are told by their checksums, and are
+looked at no further: what they hold might not even be read.
+"""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from simgen.config.job_schema import SURFACE_COMPONENTS, hash_of
+from simgen.dataset import touch_audit
+from simgen.dataset.audit_finding import SHOWN, Finding, name, named, not_looked_at
+from simgen.dataset.layout import faults
+from simgen.dataset.reader import PLAN, Dataset, path_arrays
+from simgen.dataset.splits import IN_NONE, SPLITS, number_presses, split_presses
+from simgen.errors import InputError
+from simgen.fem.nonlinear.status import NOT_THERE, Status, has_values, is_planned_end
+
+FORCE_BALANCE = 1e-3  # of the contact force
+LIQUID_VOLUME = 1e-6  # of the cavity's volume
+
+
+def check(dataset: Dataset) -> list[Finding]:
+    """All findings, the whole dataset first, then each sensor."""
+    checksums = _checksums(dataset)
+    findings = [_presses(dataset), checksums, _job(dataset)]
+    if PLAN in checksums.spoiled:  # what all shards share: nothing else means anything
+        return findings
+    layout = _layout(dataset)
+    findings.append(layout)
+    if layout.failed:
+        return findings
+    sound = Sound(dataset, {int(name.removesuffix(".json")) for name in checksums.spoiled})
+    findings += [_depths(sound), *([] if dataset.imported else [_numbering(sound)]), *_splits(sound)]
+    for sensor in dataset.sensors:
+        findings += [
+            *(_imported(sound, sensor) if dataset.imported else _certificates(sound, sensor)),
+            *touch_audit.displacements(sound, sensor),
+            *touch_audit.pairing(sound, sensor),
+        ]
+    return findings
+
+
+def passes(findings: list[Finding]) -> bool:
+    return not any(finding.failed for finding in findings)
+
+
+class Sound(Dataset):
+    """A dataset of which some shards are as if they were not there."""
+
+    def __init__(self, dataset: Dataset, spoiled: set[int]):
+        super().__init__(dataset.path)
+        self._spoiled = spoiled
+
+    def finished(self) -> list[int]:
+        return [shard for shard in super().finished() if shard not in self._spoiled]
+
+
+def to_repair(dataset: Dataset, findings: Sequence[Finding]) -> list[int]:
+    """Shards to be solved again: those whose files have changed, with bad samples, or that are not there yet.
+
+    Samples that did not converge are not bad: they would not converge again. Raises `InputError` if what all shards
+    share has changed, or if the dataset was imported.
+    """
+    spoiled = {name for finding in findings for name in finding.spoiled}
+    if dataset.imported and (spoiled or dataset.unfinished() or any(finding.bad for finding in findings)):
+        raise InputError(f"{dataset.path}: what was imported cannot be solved again; import it anew")
+    if PLAN in spoiled:
+        raise InputError(f"{dataset.path}: its plan, which all presses share, has changed; run the job anew")
+    per_shard = dataset.job.dataset.presses_per_shard
+    bad = {press // per_shard for finding in findings for press, _ in finding.bad}
+    return sorted({*bad, *dataset.unfinished(), *(int(name.removesuffix(".json")) for name in spoiled)})
+
+
+def _presses(dataset: Dataset) -> Finding:
+    missing = [press for shard in dataset.unfinished() for press in dataset.shard_presses(shard)]
+    found = f"{dataset.presses - len(missing)} of {dataset.presses}"
+    if missing:
+        found += f", not {missing[0]}"
+    return Finding("dataset", "presses", found, "all", not missing)
+
+
+def _checksums(dataset: Dataset) -> Finding:
+    """Manifests that cannot be read or leave files out, and files that are not what theirs says; whose they are."""
+    sums, wrong = {}, []  # manifest and path of a file
+    for manifest in {*dataset.manifests(), PLAN}:
+        try:
+            own = dataset.sums_of(manifest)
+        except InputError:
+            own = {}
+        expected = _files_of(dataset, manifest)
+        if own.keys() == expected if manifest != PLAN else own.keys() >= expected:
+            sums |= {(manifest, file): total for file, total in own.items()}
+        else:
+            wrong.append((manifest, f"manifest/{manifest}"))
+    count = len(sums) + len(wrong)
+    with ThreadPoolExecutor() as threads:
+        found_sums = threads.map(lambda each: _sha256(dataset, each[1]), sums)
+        wrong += [each for each, found in zip(sums, found_sums, strict=True) if found != sums[each]]
+    names = sorted(file for _, file in wrong)
+    note = "changed or gone: " + "; ".join(names[:SHOWN]) if wrong else ""
+    note += f"; and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    found, spoiled = f"{count - len(wrong)} of {count}", tuple(sorted({manifest for manifest, _ in wrong}))
+    return Finding("dataset", "checksums", found, "all", not wrong, note, spoiled=spoiled)
+
+
+def _files_of(dataset: Dataset, manifest: str) -> set[str]:
+    """Files that a manifest must vouch for; those of the plan are these at least."""
+    if manifest == PLAN:
+        return {"zarr.json", "depth/c/0", *(f"{name}/zarr.json" for name in dataset.arrays)}
+    return dataset.shard_files(int(manifest.removesuffix(".json")))
+
+
+def _sha256(dataset: Dataset, file: str) -> str | None:
+    path = dataset.path / file
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+    except (OSError, ValueError):  # which a name that nobody wrote can raise
+        return None
+
+
+def _job(dataset: Dataset) -> Finding:
+    found, expected = hash_of(dataset.attributes["job"]), dataset.attributes["job_hash"]
+    return Finding("dataset", "job hash", found[:12], expected[:12], found == expected)
+
+
+def _layout(dataset: Dataset) -> Finding:
+    wrong = faults(dataset)
+    total = f"{len(dataset.arrays)}"
+    found = f"{len(wrong)} wrong" if wrong else total
+    note = "; ".join(f"{name}: {fault}" for name, fault in list(wrong.items())[:SHOWN])
+    return Finding("dataset", "arrays", found, "all", not wrong, note)
+
+
+def _depths(dataset: Dataset) -> Finding:
+    expected = path_arrays(dataset.indenter_path)
+    wrong = [name for name, values in expected.items() if not np.array_equal(dataset[name], values)]
+    what = "depths" if dataset.indenter_path.is_a_press else "steps of the path"
+    return Finding("dataset", what, f"{len(dataset['depth'])}", "the job's", not wrong, ", ".join(wrong))
+
+
+def _numbering(dataset: Dataset) -> Finding:
+    """Trajectory, indenter and split of each press, which the job decides."""
+    expected = dict(zip(("trajectory", "indenter"), number_presses(dataset.job), strict=True))
+    expected["split"] = split_presses(dataset.job, dataset.grown_from)
+    wrong = {name: np.flatnonzero(dataset[f"press/{name}"] != values) for name, values in expected.items()}
+    note = "; ".join(f"{name}: press {presses[0]}" for name, presses in wrong.items() if len(presses))
+    count = dataset.presses - len(np.unique(np.concatenate(list(wrong.values()))))
+    return Finding("dataset", "numbering", f"{count} of {dataset.presses}", "the job's", not note, note)
+
+
+def _splits(dataset: Dataset) -> Iterator[Finding]:
+    trajectory, indenter, split = (dataset[f"press/{key}"] for key in ("trajectory", "indenter", "split"))
+    counts = ", ".join(f"{name} {np.count_nonzero(split == code)}" for code, name in enumerate(SPLITS))
+    used = split != IN_NONE
+    pairs = np.unique(np.stack([trajectory, split])[:, used], axis=1)
+    shared = np.flatnonzero(np.bincount(pairs[0]) > 1)
+    note = f"in two splits: trajectories {', '.join(map(str, shared[:SHOWN]))}" if len(shared) else ""
+    yield Finding("dataset", "splits", counts, "disjoint", not len(shared), note)
+    if (left_out := dataset.job.dataset.leave_out) is not None:
+        own = dataset.indenters.index(left_out)
+        wrong = np.flatnonzero(used & ((split == list(SPLITS).index("test")) != (indenter == own)))
+        note = f"in a split of others: presses {', '.join(map(str, wrong[:SHOWN]))}" if len(wrong) else ""
+        yield Finding("dataset", "left out", left_out, "in test alone", not len(wrong), note)
+
+
+def _imported(dataset: Dataset, sensor: str) -> Iterator[Finding]:
+    """Which samples there are; whether they converged, the files of others do not say."""
+    status = dataset[f"{sensor}/status"]
+    there = has_values(status)
+    found = f"{np.count_nonzero(there)} of {there.size}"
+    yield Finding(sensor, "samples in the files", found, "stated", None, _sentences(dataset, status, ~there))
+    yield not_looked_at(sensor, "certificates", "the files that were imported hold none")
+
+
+def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
+    status = dataset[f"{sensor}/status"]
+    converged = has_values(status)
+    yield from _outcomes(dataset, sensor, status)
+    limits = [
+        ("residual", "residual", dataset.job.solver.residual_tolerance),
+        ("contact_error", "contact error", dataset.job.solver.contact_tolerance),
+        ("force_balance", "force balance", FORCE_BALANCE),
+    ]
+    if dataset.job.sensors[sensor].fluid != "none":
+        limits.append(("liquid_volume_error", "liquid volume, change", LIQUID_VOLUME))
+    for key, what, limit in limits:
+        yield named(sensor, what, dataset[f"{sensor}/certificate/{key}"], limit, "{:.2e}", of=converged)
+
+    def stored(key: str) -> np.ndarray:
+        return dataset[f"{sensor}/certificate/{key}"]
+
+    liquid = ["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else []
+    for key in ("force", "moment", *liquid, *dataset.job.stored_outputs(sensor)):
+        finite = _finite(dataset, f"{sensor}/{key}", converged.shape)
+        yield named(sensor, f"{key} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
+    least = stored("min_det_F")
+    valid = dataset[f"{sensor}/status"] == Status.CONVERGED
+    bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(valid & ~(least > 0)))
+    found = f"{np.min(least, initial=np.inf, where=valid):.3f}"
+    yield Finding(sensor, "det F, least", found, "> 0", not bad, name("det F", bad), bad)
+    yield _inside_out(sensor, np.where(converged, stored("inverted_elements"), 0), np.count_nonzero(converged))
+    rms, deepest = (
+        np.max(stored(f"{each}_penetration_m"), initial=0.0, where=converged) * 1e6 for each in ("rms", "max")
+    )
+    yield Finding(sensor, "penetration", f"rms {rms:.1f}, max {deepest:.1f} um", "stated", None)
+
+
+def _finite(dataset: Dataset, name: str, shape: tuple[int, int]) -> np.ndarray:
+    """(press, depth) whether all numbers of a sample are finite; arrays of surfaces are read a shard at a time."""
+    if name.rpartition("/")[2] not in SURFACE_COMPONENTS:
+        return np.isfinite(dataset[name]).reshape(*shape, -1).all(axis=2)
+    finite = np.ones(shape, dtype=bool)
+    for shard in dataset.finished():
+        presses = dataset.shard_presses(shard)
+        rows = slice(presses.start, presses.stop)
+        finite[rows] = np.isfinite(dataset.of_samples(name, rows)).all(axis=(2, 3))
+    return finite
+
+
+def _outcomes(dataset: Dataset, sensor: str, status: np.ndarray) -> Iterator[Finding]:
+    """Samples that converged, of those that were to be pressed; those that were not, if there are any."""
+    planned, converged = is_planned_end(status), has_values(status)
+    missed = ~(planned | converged)
+    found, note = f"{np.count_nonzero(converged)} of {np.count_nonzero(~planned)}", _sentences(dataset, status, missed)
+    yield Finding(sensor, "samples converged", found, "all", not missed.any(), note, listed=_first_of_presses(missed))
+    if planned.any():
+        found, note = f"{np.count_nonzero(planned)} of {status.size}", _sentences(dataset, status, planned)
+        yield Finding(sensor, "not pressed, as planned", found, "stated", None, note, listed=_first_of_presses(planned))
+
+
+def _inside_out(sensor: str, elements: np.ndarray, converged: int) -> Finding:
+    """Converged samples in which elements (press, depth) are inside out, press by press."""
+    samples = np.argwhere(elements > 0)
+    presses, first, counts = np.unique(samples[:, 0], return_index=True, return_counts=True)
+    lines = [f"press {press}, {count} from depth {depth} on, in at most {elements[press].max()} elements"
+             for press, depth, count in zip(presses, samples[first, 1], counts, strict=True)]  # fmt: skip
+    note = "inside out: " + "; ".join(lines[:SHOWN]) if lines else ""
+    note += f"; and {len(lines) - SHOWN} more presses" if len(lines) > SHOWN else ""
+    found, listed = f"{len(samples)} of {converged}", tuple((int(press), int(depth)) for press, depth in samples)
+    return Finding(sensor, "of these inside out", found, "stated", None, note, listed=listed)
+
+
+def _first_of_presses(samples: np.ndarray) -> tuple[tuple[int, int], ...]:
+    """The first sample of each press, from samples (press, depth) bool."""
+    presses = np.flatnonzero(samples.any(axis=1))
+    return tuple((int(press), int(samples[press].argmax())) for press in presses)
+
+
+def _sentences(dataset: Dataset, status: np.ndarray, of: np.ndarray) -> str:
+    """One line for each status of the samples ``of`` (press, depth) bool."""
+    lines = []
+    for code in np.unique(status[of]):
+        press, depth = np.argwhere(status == code)[0]
+        count = np.count_nonzero(status == code)
+        words = dataset.sentence(code) if code != NOT_THERE else "Not there yet, or in a file that has changed."
+        lines.append(f"{count} samples, the first at press {press}, depth {depth}: {words}")
+    return "\n".join(lines)

@@ -1,0 +1,136 @@
+"""``croissant.json``: the dataset in the Croissant vocabulary (MLCommons, version 1.0; http://mlcommons.org/croissant).
+
+Croissant knows tables, not zarr: ``presses.csv`` is a record set that its readers load, the arrays are listed with
+shape, type, unit and meaning, and the files of the zarr folder are named.
+"""
+
+import hashlib
+import json
+from typing import Any
+
+import numpy as np
+import zarr
+
+from simgen.dataset.card.presses import columns
+from simgen.dataset.card.readme import METHOD, summary
+from simgen.dataset.reader import Dataset
+
+CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "sc": "https://schema.org/",
+    "cr": "http://mlcommons.org/croissant/",
+    "dct": "http://purl.org/dc/terms/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "conformsTo": "dct:conformsTo",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "equivalentProperty": "cr:equivalentProperty",
+    "fileObject": "cr:fileObject",
+    "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
+
+
+def croissant(dataset: Dataset, table: str) -> str:
+    """The text of the file; ``table`` is that of ``presses.csv``."""
+    license = dataset.job.dataset.license
+    described = {
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.0",
+        "name": dataset.job.name,
+        "description": summary(dataset),
+        **({"license": license} if license else {}),
+        "citeAs": METHOD,
+        "version": "1.0.0",
+        "keywords": ["tactile sensing", "finite elements", "simulation", "robotics", *dataset.sensors],
+        "isBasedOn": "https://github.com/wzaielamri/across_framework",
+        "distribution": [
+            _file("presses.csv", "text/csv", table.encode(), "a line for each press"),
+            _file("zarr.json", "application/json", (dataset.path / "zarr.json").read_bytes(),
+                  "root of the zarr v3 folder that holds all arrays"),
+        ],
+        "recordSet": [_presses(dataset), _arrays(dataset)],
+    }  # fmt: skip
+    return json.dumps(described, indent=1) + "\n"
+
+
+def _file(name: str, kind: str, data: bytes, about: str) -> dict[str, Any]:
+    return {
+        "@type": "cr:FileObject",
+        "@id": name,
+        "name": name,
+        "description": about,
+        "contentUrl": name,
+        "contentSize": f"{len(data)} B",
+        "encodingFormat": kind,
+        "sha256": hashlib.sha256(data).hexdigest(),
+    }
+
+
+def _presses(dataset: Dataset) -> dict[str, Any]:
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "presses",
+        "name": "presses",
+        "description": "one record for each press",
+        "key": {"@id": "presses/press"},
+        "field": [
+            {
+                "@type": "cr:Field",
+                "@id": f"presses/{column}",
+                "name": column,
+                "description": about,
+                "dataType": kind,
+                "source": {"fileObject": {"@id": "presses.csv"}, "extract": {"column": column}},
+            }
+            for column, (kind, about) in columns(dataset).items()
+        ],
+    }
+
+
+def _arrays(dataset: Dataset) -> dict[str, Any]:
+    """All arrays of the zarr folder, as records that stand in this very file."""
+    fields = ("path", "shape", "dtype", "unit", "about")
+    records = []
+    members = dataset.root.members(max_depth=None)
+    for path, array in sorted((path, member) for path, member in members if isinstance(member, zarr.Array)):
+        about = array.attrs
+        shape = " x ".join(map(str, array.shape))
+        record = (path, shape, str(np.dtype(array.dtype)), about.get("unit", ""), about.get("about", ""))
+        records.append({f"arrays/{key}": value for key, value in zip(fields, record, strict=True)})
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "arrays",
+        "name": "arrays",
+        "description": "the arrays of the zarr folder",
+        "field": [
+            {"@type": "cr:Field", "@id": f"arrays/{key}", "name": key, "dataType": "sc:Text"} for key in fields
+        ],
+        "data": records,
+    }
+

@@ -1,0 +1,79 @@
+"""The contact patch of a sample: which points of a sensor's touchable surface touch the indenter."""
+
+import numpy as np
+import warp as wp
+
+from simgen.config.indenter_path import moved
+from simgen.config.warp_device import start_warp
+from simgen.dataset.reader import Dataset
+from simgen.dataset.touch_audit import FACET_M, pressed_indenters, touchable_points
+from simgen.errors import InputError
+from simgen.geometry.rigid_shape import shape_array
+from simgen.geometry.signed_distance import RigidShape, distance
+from simgen.sensors.polar_bodies import advanced
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _distance_kernel(
+    shapes: wp.array(dtype=RigidShape),
+    indenter: wp.array(dtype=wp.int32),
+    rotation: wp.array(dtype=wp.mat33d),
+    tip: wp.array(dtype=wp.vec3d),
+    rest: wp.array(dtype=wp.vec3d),
+    displacement: wp.array2d(dtype=wp.vec3d),
+    # outputs
+    distance_out: wp.array2d(dtype=wp.float64),
+):
+    """Signed distance, mm, of displaced points (m) from each sample's shape, where it is."""
+    sample, point = wp.tid()
+    local = wp.transpose(rotation[sample]) * (rest[point] + displacement[sample, point] - tip[sample])
+    distance_out[sample, point] = distance(shapes[indenter[sample]], wp.float64(1000.0) * local)
+
+
+class ContactPatches:
+    """A point touches if it is at most `FACET_M` from the indenter, or in it.
+
+    points : (point,) vertices of the touchable surface
+    device : where distances are found, cpu or cuda:N
+
+    Raises `InputError` if the dataset was imported, and does not say what may touch, or if an indenter is no more what
+    it was.
+    """
+
+    def __init__(self, dataset: Dataset, sensor: str, device: str = "cpu"):
+        if dataset.imported:
+            raise InputError(f"{dataset.path}: the files that were imported do not say what touches the indenter")
+        start_warp()
+        self.device, self.points = device, touchable_points(dataset, sensor)
+        self._rest = dataset[f"{sensor}/rest_positions"][self.points]
+        self._shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)], device)
+        self._indenter, self._path = dataset["press/indenter"], dataset.indenter_path
+        self._first_touch = advanced(
+            np.linalg.inv(dataset[f"{sensor}/pose"]) @ dataset["press/pose"], dataset[f"{sensor}/touch"]
+        )
+
+    def touching(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
+        """(sample, point) whether each touches; arguments as in `gap`."""
+        return self.gap(press, step, displacement) <= FACET_M
+
+    def gap(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
+        """(sample, point) signed distance from the indenter, m, in samples of these presses and depths, (sample,) each.
+
+        displacement : (sample, point, 3) m, of `points` alone; or (sample, point) of ``wp.vec3d`` on the device
+        """
+        pose = moved(self._first_touch[press], self._path.offsets_m[step], self._path.turns_rad[step])
+        arrays = [
+            (self._indenter[press], wp.int32),
+            (pose[:, :3, :3], wp.mat33d),
+            (pose[:, :3, 3], wp.vec3d),
+            (self._rest, wp.vec3d),
+        ]
+        inputs = [wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device) for values, kind in arrays]
+        if not isinstance(displacement, wp.array):
+            displacement = wp.array(np.asarray(displacement, np.float64), dtype=wp.vec3d, device=self.device)
+        found = wp.empty(displacement.shape, dtype=wp.float64, device=self.device)
+        inputs = [self._shapes, *inputs, displacement]
+        wp.launch(_distance_kernel, dim=found.shape, inputs=inputs, outputs=[found], device=self.device)
+        return found.numpy() * 1e-3

@@ -1,0 +1,76 @@
+"""The depths of an imported dataset, which are even, and where samples of files go on them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from simgen.config.indenter_path import IndenterPath
+from simgen.config.job_schema import Job
+from simgen.dataset.exchange.catalogue import Catalogue, Place
+from simgen.errors import InputError
+
+ROUNDING_M = 1e-9  # depths of a dataset are whole nanometres
+
+
+def depth_axis(found: Catalogue, asked: str | None, own: Job | None) -> dict[str, float | int]:
+    """Keys of `job.Depths`, mm: as asked (``first:last:count``), as the job of the files, or as they state.
+
+    Raises `InputError` where the files state none, or uneven ones, and none are asked for.
+    """
+    depths = found.depths()
+    stated = sorted({round(depth, 9) for depth in depths if depth is not None})
+    if stated and None in depths:
+        raise InputError("some files say how deep their samples are, others do not; import them one by one")
+    if asked is not None:
+        return _parsed(asked)
+    if own is not None:
+        return own.depths_mm.model_dump()
+    if not stated:
+        raise InputError("the files do not say how deep their steps are; add --depths-mm first:last:count")
+    even = np.linspace(stated[0], stated[-1], len(stated))
+    if np.abs(even - stated).max() > ROUNDING_M:
+        raise InputError(
+            f"the files hold {len(stated)} uneven depths from {1e3 * stated[0]:g} to {1e3 * stated[-1]:g} mm; "
+            "add --depths-mm first:last:count, and each sample goes to the nearest"
+        )
+    return {"first": round(1e3 * stated[0], 6), "last": round(1e3 * stated[-1], 6), "count": len(stated)}
+
+
+def _parsed(text: str) -> dict[str, float | int]:
+    try:
+        first, last, count = text.split(":")
+        return {"first": float(first), "last": float(last), "count": int(count)}
+    except ValueError:
+        raise InputError(f"--depths-mm {text!r}: write it as first:last:count, such as 0.1:2.0:20") from None
+
+
+def on_axis(found: Catalogue, path: IndenterPath) -> tuple[dict[str, dict[tuple[int, str], dict[int, Place]]], int]:
+    """Sensor -> press -> index of the depth -> its sample; and how many samples have no place.
+
+    A sample goes to the nearest depth of a press, if none is nearer to that and it is within half a spacing; without a
+    depth, step j is the j-th. With legs, which depths do not tell apart, step j is always the j-th. Raises `InputError`
+    for a step beyond the last one, and if no sample is left.
+    """
+    axis = path.depths_m
+    placed = {sensor: {key: _press(places, axis, path.is_a_press) for key, places in presses.items()}
+              for sensor, presses in found.samples.items()}  # fmt: skip
+    kept = sum(len(press) for presses in placed.values() for press in presses.values())
+    if not kept:
+        raise InputError(f"no sample is at depths of {1e3 * axis[0]:g} to {1e3 * axis[-1]:g} mm; see --depths-mm")
+    return placed, len(found.depths()) - kept
+
+
+def _press(places: list[Place], axis: np.ndarray, by_depth: bool) -> Mapping[int, Place]:
+    spacing = axis[1] - axis[0] if len(axis) > 1 else axis[0]
+    nearest: dict[int, tuple[float, Place]] = {}
+    for place in places:
+        if place.depth_m is None or not by_depth:
+            if place.step >= len(axis):
+                raise InputError(f"{place.path}: step_{place.step}, but there are {len(axis)} depths")
+            nearest[place.step] = 0.0, place
+            continue
+        index = int(np.abs(axis - place.depth_m).argmin())
+        off = abs(axis[index] - place.depth_m)
+        if off <= 0.5 * spacing and (index not in nearest or off < nearest[index][0]):
+            nearest[index] = off, place
+    return {index: place for index, (_, place) in nearest.items()}

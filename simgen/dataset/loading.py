@@ -1,0 +1,151 @@
+"""Samples of a dataset for training: a sequence of named arrays, in numpy or in torch."""
+
+import os
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgen.config.job_schema import SURFACE_COMPONENTS
+from simgen.dataset.reader import Dataset
+from simgen.dataset.splits import IN_NONE, SPLITS, leave_out
+from simgen.errors import InputError
+from simgen.fem.nonlinear.status import has_values, is_valid
+
+# Where the dataset has them.
+OF_SENSOR = ("force", "moment", "cavity_pressure", "stated_depth", "shear_force", "slip_share")
+
+
+def load_dataset(
+    path: str | Path,
+    split: str | None = None,
+    sensors: Sequence[str] | None = None,
+    left_out: str | None = None,
+    include_inside_out: bool = False,
+) -> "Samples":
+    """The valid samples of a dataset on all `sensors` (default: all of the dataset): converged, nothing inside out.
+
+    `split`: train, validation or test; None is all of them. `left_out`, the name of an indenter, tests that one alone
+    at the trajectories of the test, and leaves it out of training and validation; by default as the dataset says.
+    `include_inside_out` adds converged samples in which an element is inside out somewhere.
+    Raises `InputError` for a name that is not there, and where no sample is left.
+    """
+    dataset = Dataset(path)
+    names = dataset.sensors if sensors is None else tuple(sensors)
+    for key, value, allowed in (
+        *(("sensor", name, dataset.sensors) for name in names),
+        *([("split", split, tuple(SPLITS))] if split is not None else []),
+        *([("left_out", left_out, dataset.indenters)] if left_out is not None else []),
+    ):
+        if value not in allowed:
+            raise InputError(f"{path}: {key} {value!r}: allowed: {', '.join(allowed)}")
+    if not names:
+        raise InputError(f"{path}: no sensor is asked for; allowed: {', '.join(dataset.sensors)}")
+    stored = dataset.job.dataset.leave_out
+    if left_out is not None and stored not in (None, left_out):
+        raise InputError(f"{path}: left_out {left_out!r}: allowed: {stored}, which the dataset leaves out itself")
+    is_chosen = has_values if include_inside_out else is_valid
+    there = np.all([is_chosen(dataset[f"{name}/status"]) for name in names], axis=0)
+    own = dataset["press/split"]
+    if left_out is not None and stored is None:
+        own = leave_out(own, dataset["press/indenter"], dataset.indenters.index(left_out))
+    chosen = own != IN_NONE if split is None else own == list(SPLITS).index(split)
+    if not (there & chosen[:, None]).any():
+        counts = ", ".join(f"{name} {np.count_nonzero(own == code)}" for code, name in enumerate(SPLITS))
+        raise InputError(f"{path}: no sample of split {split!r} is valid; presses: {counts}")
+    return Samples(dataset.path, names, np.argwhere(there & chosen[:, None]))
+
+
+class Samples(Sequence):
+    """Samples by number: ``samples[0]["digit/displacement"]``; made by `load_dataset`.
+
+    sensors : names
+    rows : (sample, 2) press and index of the depth of each
+    """
+
+    def __init__(self, path: Path, sensors: tuple[str, ...], rows: np.ndarray):
+        self.path, self.sensors, self.rows = path.resolve(), sensors, rows
+        self._opened: tuple[int, Dataset] | None = None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, number: int | slice) -> "dict[str, np.ndarray] | Samples":
+        """A sample, or some of them: float32 in SI units, numbers in int64.
+
+        ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` and ``<sensor>/moment`` (3,) in the sensor's frame;
+        with a liquid ``<sensor>/cavity_pressure``. Where the dataset has them: ``<sensor>/shear_force`` (2,),
+        ``<sensor>/slip_share``, and at its ``<sensor>/surface_vertices`` ``<sensor>/stress`` (s, 6) and
+        ``<sensor>/traction`` (s, 3).
+
+        ``depth``, and where files of others were imported the depth they state, ``<sensor>/stated_depth``; ``press``,
+        ``trajectory`` and ``indenter``, an index into `indenters`. Of a path that is more than a press also ``offset``
+        (3,) and ``turn`` in the contact frame, and ``leg``.
+        """
+        if isinstance(number, slice):
+            return Samples(self.path, self.sensors, self.rows[number])
+        press, step = map(int, self.rows[number])
+        shared = self._columns
+        sample = {key: np.int64(shared[f"press/{key}"][press]) for key in ("trajectory", "indenter")}
+        sample |= {"press": np.int64(press), "depth": np.float32(shared["depth"][step])}
+        path = self.dataset.indenter_path
+        if not path.is_a_press:
+            sample |= {"offset": np.float32(path.offsets_m[step]), "turn": np.float32(path.turns_rad[step])}
+            sample["leg"] = np.int64(path.legs[step])
+        for sensor in self.sensors:
+            displacement = self.dataset.displacement(sensor, press, step)
+            sample[f"{sensor}/displacement"] = displacement.astype(np.float32)
+            for name in (f"{sensor}/{key}" for key in SURFACE_COMPONENTS):
+                if name in self.dataset.arrays:
+                    sample[name] = self.dataset.of_samples(name, press, step)
+            for name in (f"{sensor}/{key}" for key in OF_SENSOR):
+                if name in shared:
+                    sample[name] = np.float32(shared[name][press, step])
+        return sample
+
+    @property
+    def dataset(self) -> Dataset:
+        """The dataset, opened once in each process."""
+        if self._opened is None or self._opened[0] != os.getpid():
+            self._opened = (os.getpid(), Dataset(self.path))
+        return self._opened[1]
+
+    @cached_property
+    def _columns(self) -> dict[str, np.ndarray]:
+        names = ["depth", "press/trajectory", "press/indenter"]
+        names += [f"{sensor}/{key}" for sensor in self.sensors for key in OF_SENSOR]
+        return {name: self.dataset[name] for name in names if name in self.dataset.root}
+
+    @property
+    def indenters(self) -> tuple[str, ...]:
+        return self.dataset.indenters
+
+    @cached_property
+    def rest_positions(self) -> dict[str, np.ndarray]:
+        """Sensor -> (vertex, 3) m, in its frame."""
+        return {sensor: self.dataset[f"{sensor}/rest_positions"] for sensor in self.sensors}
+
+    def torch(self) -> "TorchSamples":
+        """The same samples as a map-style dataset of tensors; torch is imported here and nowhere before."""
+        import torch
+
+        return TorchSamples(self, torch.as_tensor)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"path": self.path, "sensors": self.sensors, "rows": self.rows, "_opened": None}
+
+
+class TorchSamples:
+    """Samples as torch tensors: a map-style dataset for `torch.utils.data.DataLoader`, with any number of workers."""
+
+    def __init__(self, samples: Samples, as_tensor: Callable[[Any], Any]):
+        self.samples, self._as_tensor = samples, as_tensor
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, number: int) -> dict[str, Any]:
+        """A sample, as `Samples` has it, in tensors."""
+        return {name: self._as_tensor(value) for name, value in self.samples[number].items()}

@@ -1,0 +1,388 @@
+"""The dataset: its layout and the reader.
+
+One zarr v3 directory, in SI units::
+
+    <name>.zarr/
+      attributes                                       resolved job and hash, code, packages, meshes, status
+      depth (depth,)                                   m, from true first touch, at each step of the indenters' path
+      path/offset (depth, 3), turn, leg (depth,)       with legs after the press: m and rad in the contact frame; the
+                                                       number of the leg, 0 is the press
+      press/trajectory, indenter (press,)              the contact; index into the job's indenters
+      press/split (press,)                             0 train, 1 validation, 2 test: by trajectory; -1 none, with
+                                                       an indenter that is left out
+      press/contact_pose (press, 4, 4)                 indenter -> shared frame, its tip at the contact point
+      press/contact_normal (press, 3)                  outward, of the reference sensor, in the shared frame
+      press/pose (press, 4, 4)                         contact_pose moved along its +y to first touch on the
+                                                       reference sensor, or contact_pose if never touched
+      <sensor>/rest_positions (vertex, 3)              the output mesh in the sensor's own frame
+      <sensor>/tetrahedra, surface_triangles, held, touchable
+      refused/points, normals (contact, 3)             contacts that were drawn again because an indenter would leave
+                                                       too little gel: m in the shared frame; absent if there are none
+      <sensor>/pose (press, 4, 4)                      sensor -> shared frame: the unfolding transform
+      <sensor>/pressable_steps (press,)                number of steps that leave enough gel; with too_thin: stop
+      <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor;
+                                                       NaN if never touched
+      <sensor>/displacement (press, depth, vertex, 3)  int16 in steps of `scale_factor` m, or float32 in m
+      <sensor>/force, moment (press, depth, 3)         N, N m: on the sensor, in its frame, with friction
+      <sensor>/cavity_pressure (press, depth)          Pa above ambient; only with a fluid in its cavity
+      <sensor>/shear_force (press, depth, 2)           N along x and z of the contact frame, and the share of the
+      <sensor>/slip_share (press, depth)               contact area that slides: with legs, or where asked for
+      <sensor>/surface_vertices (s,)                   where asked for: indices of the vertices on the surface, and
+      <sensor>/stress (press, depth, s, 6)             Pa at these: Cauchy stress xx, yy, zz, yz, xz, xy, and the
+      <sensor>/traction (press, depth, s, 3)           indenter's force per rest area, in the sensor's frame
+      <sensor>/status (press, depth)                   0 valid, 9 inside out: both converged; the sentences are in
+                                                       the attributes
+      <sensor>/certificate/* (press, depth)            residual, force_balance, min_det_F, ...
+      README.md, presses.csv, croissant.json           what it is, for people and machines (`simgen.dataset.card`)
+      manifest/*.json                                  sha256 of every file: the plan's, each finished shard's
+      manifest/timings.jsonl                           when, where, how long: all that the job does not decide
+      .lock                                            held, and signed, by the process that is filling the dataset
+
+A shard is what one task writes: the same presses of every array, one file per array. Two writers never share
+one. Each file is written aside, flushed to disk and renamed, the manifests last: a shard without one does not
+exist, so a run that is killed at any moment goes on from there. A sample that was not reached holds the fill
+value (NaN, -1, or -32768 in int16) and its status. One that converged but is inside out holds its values.
+"""
+
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import zarr
+
+from simgen.config.indenter_path import IndenterPath
+from simgen.config.job import job_from_resolved
+from simgen.config.job_schema import OUTPUTS, SURFACE_COMPONENTS, Job
+from simgen.dataset.chunk_files import check_frames, chunk_path, is_sharded, open_sharded
+from simgen.errors import InputError, shown
+
+SCHEMA = 1
+NOT_REACHED = np.iinfo(np.int16).min  # of int16 displacement; -1 of the integers, NaN of the floats
+# Of the group, at least; of a dataset that a run made, also those of `INPUTS`.
+ATTRIBUTES = {"job": dict, "job_hash": str, "status": dict}
+INPUTS = {"sensors": dict, "indenters": dict}
+PLAN = "plan.json"  # in the folder of manifests, as the next
+TIMINGS = "timings.jsonl"
+GROWING = ".growing"  # a folder in the dataset: the plan of a growth, until all its files are in place
+
+CERTIFICATE = {
+    "residual": ("float64", "out-of-balance forces over contact forces, Euclidean norms over the nodes"),
+    "contact_error": ("float64", "relative change (L2, weighted by edges) that one more multiplier update would make"),
+    "force_balance": ("float64", "|contact force + reaction of what is held| / |contact force|"),
+    "min_det_F": ("float64", "least det F over the elements' quadrature points"),
+    "inverted_elements": ("int32", "elements that are inside out somewhere, by a bound over each (conservative)"),
+    "stabilised_elements": ("int32", "elements that are kept open by a strain gradient and more bulk stiffness"),
+    "rms_penetration_m": ("float64", "root mean square pointwise penetration over the contact area, m"),
+    "max_penetration_m": ("float64", "largest pointwise penetration, m"),
+    "newton_iterations": ("int32", "Newton iterations of this depth, all sub-steps"),
+    "krylov_iterations": ("int32", "iterations of the linear solver of this depth"),
+    "substeps": ("int32", "load increments attempted from the depth before, failed ones included"),
+    "damping": ("float64", "largest damping of the tangent, over mu: forces and displacements are not damped"),
+}
+ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping")  # older datasets lack both
+LIQUID_CERTIFICATE = {"liquid_volume_error": ("float64", "change of the liquid's volume / volume of the cavity")}
+
+
+@dataclass(frozen=True)
+class Array:
+    """One array that tasks write: its shape behind the press axis, and how it is stored."""
+
+    shape: tuple[int, ...]
+    dtype: str
+    about: str
+    unit: str = ""
+    chunk: tuple[int, ...] | None = None  # one read of training; by default all of the press
+    attributes: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def fill(self) -> float | int:
+        return {"float32": np.nan, "float64": np.nan, "int16": NOT_REACHED}.get(self.dtype, -1)
+
+
+def written_arrays(
+    job: Job, output_vertices: Mapping[str, int], surface_vertices: Mapping[str, int]
+) -> dict[str, Array]:
+    """The arrays that tasks write, by path.
+
+    output_vertices : number of each sensor's output vertices
+    surface_vertices : number of those on its surface, for sensors with outputs there
+    """
+    depths, displacement = len(job.depths_m), job.dataset.displacement
+    about = "indenter to shared frame at first touch, or the contact pose where there is none"
+    arrays = {"press/pose": Array((4, 4), "float64", about, "m")}
+    for sensor, vertices in output_vertices.items():
+        scale = {"scale_factor": job.displacement_step_m} if displacement == "int16" else {}
+        arrays |= {
+            f"{sensor}/touch": Array((), "float64", "travel from press/pose to first touch, NaN if none", "m"),
+            f"{sensor}/displacement": Array(
+                (depths, vertices, 3), displacement, "of output vertices", "m", (1, vertices, 3), scale
+            ),
+            f"{sensor}/force": Array((depths, 3), "float64", "on the sensor, in its frame", "N"),
+            f"{sensor}/moment": Array((depths, 3), "float64", "about the origin of the sensor frame", "N m"),
+            f"{sensor}/status": Array((depths,), "int8", "0 converged; names in the root attributes"),
+        }
+        for output in job.stored_outputs(sensor):
+            arrays[f"{sensor}/{output}"] = _optional_array(output, depths, surface_vertices.get(sensor, 0))
+        certificate = CERTIFICATE
+        if job.sensors[sensor].fluid != "none":
+            about = "of the liquid in the cavity, above ambient"
+            arrays[f"{sensor}/cavity_pressure"] = Array((depths,), "float64", about, "Pa")
+            certificate = CERTIFICATE | LIQUID_CERTIFICATE
+        for key, (dtype, about) in certificate.items():
+            arrays[f"{sensor}/certificate/{key}"] = Array((depths,), dtype, about)
+    return arrays
+
+
+def _optional_array(output: str, depths: int, surface_vertices: int) -> Array:
+    """An output that a job may ask for; `simgen.config.job_schema.OUTPUTS` says what it means."""
+    if output in SURFACE_COMPONENTS:
+        sample = (surface_vertices, SURFACE_COMPONENTS[output])
+        return Array((depths, *sample), "float32", OUTPUTS[output], "Pa", (1, *sample))
+    shape, unit = {"shear_force": ((depths, 2), "N"), "slip_share": ((depths,), "")}[output]
+    return Array(shape, "float64", OUTPUTS[output], unit)
+
+
+def path_arrays(path: IndenterPath) -> dict[str, np.ndarray]:
+    """The arrays, by path in the dataset, that say where the indenters go; ``depth`` alone for presses."""
+    arrays = {"depth": path.depths_m}
+    if not path.is_a_press:
+        arrays |= {"path/offset": path.offsets_m, "path/turn": path.turns_rad, "path/leg": path.legs}
+    return arrays
+
+
+class Dataset:
+    """A dataset on disk, open for reading.
+
+    ``dataset.displacement("biotac", press, depth)`` is (vertex, 3) in m, NaN where the press did not get to;
+    ``dataset["biotac/force"]`` is any array, read whole; ``dataset.root`` is the zarr group itself.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        if not os.path.isfile(self.path / "zarr.json"):
+            raise InputError(f"{path}: not a dataset (a folder that `simgen run` wrote, with a zarr.json)")
+        if (self.path / GROWING).exists():
+            advice = "wait for its end; if it was killed, run its command again"
+            raise InputError(f"{path}: a run is adding trajectories to it; {advice}")
+        try:
+            self.root = zarr.open_group(self.path, mode="r")
+            self.attributes = dict(self.root.attrs)
+        except Exception as error:  # zarr's, for what is no group, of many kinds
+            raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({shown(str(error), 200)})") from None
+        self._open: dict[str, zarr.Array] = {}  # the sharded ones
+        if self.attributes.get("schema") != SCHEMA:
+            found = shown(repr(self.attributes.get("schema")))
+            raise InputError(f"{path}: schema {found}; this version reads {SCHEMA}")
+        for key, kind in (ATTRIBUTES | ({} if self.imported else INPUTS)).items():
+            if not isinstance(self.attributes.get(key), kind):
+                found = shown(repr(self.attributes[key])) if key in self.attributes else f"no {key}"
+                raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({found}; {key} is a {kind.__name__})")
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """An array, whole. Of shards that are not finished it holds fill values, whatever their files hold."""
+        array = self.arrays.get(name)
+        stored = self.array(name)
+        if array is not None and stored.shape != (self.presses, *array.shape):
+            raise InputError(f"{self.path}/{name}: shape {stored.shape}; allowed: {(self.presses, *array.shape)}")
+        self._check_there(name)
+        with self._reading(name):
+            missing = self.unfinished() if array is not None else []
+            not_read = {chunk_path(name, shard, stored.ndim) for shard in missing}
+            check_frames(stored, self.path, name, not_read)
+            if is_sharded(stored):
+                stored = self._sharded(name)
+            if not missing:
+                return stored[...]
+            values = np.full((self.presses, *array.shape), array.fill, array.dtype)
+            bounds = [-1, *missing, self.shards]  # shards between those that are missing are read at once
+            for first, end in pairwise(bounds):
+                if end > first + 1:
+                    rows = slice(self.shard_presses(first + 1).start, self.shard_presses(end - 1).stop)
+                    values[rows] = stored[rows]
+            return values
+
+    def _check_there(self, name: str) -> None:
+        """Raises `InputError` if a file that a manifest vouches for is gone: zarr would read fill values."""
+        if (array := self.arrays.get(name)) is None:
+            files = [file for file in self.sums_of(PLAN) if file.startswith(f"{name}/c/")]
+        else:
+            files = [chunk_path(name, shard, 1 + len(array.shape)) for shard in self.finished()]
+        for file in files:
+            self._check_file(file)
+
+    def _check_file(self, file: str) -> None:
+        if not (self.path / file).exists():
+            raise InputError(f"{self.path}/{file}: is gone, and its manifest says that it was there")
+
+    def get(self, name: str) -> np.ndarray | None:
+        """An array, whole; None if there is none of that name."""
+        return self[name] if name in self.root else None
+
+    def array(self, name: str) -> zarr.Array:
+        """An array as zarr reads it. Raises `InputError` if there is none."""
+        with self._reading(name):
+            found = self.root.get(name)
+        if not isinstance(found, zarr.Array):
+            raise InputError(f"{self.path}: no array {name}")
+        return found
+
+    @contextmanager
+    def _reading(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:  # what codecs and zarr raise for bytes that nobody wrote
+            complaint = f"cannot be read ({shown(str(error), 200)}); `simgen check` names the file"
+            raise InputError(f"{self.path}/{name}: {complaint}") from None
+
+    @cached_property
+    def job(self) -> Job:
+        """The job, whose relative paths start where they did when it was run last; here, if that is not known."""
+        folders = [line["folder"] for line in self.timings() if isinstance(line.get("folder"), str)]
+        source, folder = f"{self.path}: job", Path(folders[-1]) if folders else Path()
+        return job_from_resolved(self.attributes["job"], source, folder=folder)
+
+    def timings(self) -> list[dict]:
+        """When and where runs began, and when, where and how each shard ended, in order.
+
+        Lines that a kill has cut short are left out.
+        """
+        file = self.path / "manifest" / TIMINGS
+        found = []
+        for text in file.read_text(encoding="utf-8", errors="replace").splitlines() if file.exists() else ():
+            with suppress(ValueError, RecursionError):
+                found.append(json.loads(text))
+        return [line for line in found if isinstance(line, dict)]
+
+    @cached_property
+    def sensors(self) -> tuple[str, ...]:
+        return tuple(self.job.sensors)
+
+    @property
+    def imported(self) -> bool:
+        """Whether it came from files of others, which say less (see `simgen.dataset.exchange.importing`)."""
+        return "source" in self.attributes
+
+    @property
+    def grown_from(self) -> tuple[int, ...]:
+        """Counts of trajectories that the dataset had before each growth, rising."""
+        return tuple(self.attributes.get("grown_from", ()))
+
+    @cached_property
+    def indenters(self) -> tuple[str, ...]:
+        return self.job.indenter_names
+
+    @property
+    def presses(self) -> int:
+        return self.job.presses
+
+    @property
+    def shards(self) -> int:
+        return self.job.shards
+
+    @cached_property
+    def arrays(self) -> dict[str, Array]:
+        """What tasks write, by path, as this dataset should have it."""
+        shapes = {sensor: self.array(f"{sensor}/rest_positions").shape for sensor in self.sensors}
+        for sensor, shape in shapes.items():
+            if len(shape) != 2:
+                raise InputError(f"{self.path}/{sensor}/rest_positions: shape {shape}; allowed: (vertex, 3)")
+        surface = {
+            sensor: self.array(f"{sensor}/surface_vertices").shape[0]
+            for sensor in self.sensors
+            if self.job.surface_outputs(sensor)
+        }
+        arrays = written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()}, surface)
+        older = not any(f"{sensor}/{key}" in self.root for sensor in self.sensors for key in ADDED_LATER)
+        return {name: array for name, array in arrays.items() if not (older and name.endswith(ADDED_LATER))}
+
+    def sentence(self, code: int) -> str:
+        """What a status says."""
+        return str(self.attributes["status"].get(str(code), f"Status {code}, which no version of simgen writes."))
+
+    def shard_presses(self, shard: int) -> range:
+        per_shard = self.job.dataset.presses_per_shard
+        return range(shard * per_shard, min((shard + 1) * per_shard, self.presses))
+
+    def _shards_of(self, press: int | slice) -> list[int]:
+        some = np.arange(self.presses)[press]
+        return np.unique(some // self.job.dataset.presses_per_shard).tolist()
+
+    @cached_property
+    def indenter_path(self) -> IndenterPath:
+        """The path of the indenters."""
+        return self.job.indenter_path
+
+    def offsets_of(self, sensor: str) -> np.ndarray:
+        """(press, depth, 3) m: offsets from first touch in the contact frame, with the depths of `depths_of`."""
+        depths = self.depths_of(sensor)
+        offsets = np.tile(self.indenter_path.offsets_m, (self.presses, 1, 1))
+        offsets[..., 1] = depths
+        return offsets
+
+    def depths_of(self, sensor: str) -> np.ndarray:
+        """(press, depth) m: of the dataset, or what an imported file states, which need not be even."""
+        depth = np.broadcast_to(self["depth"], (self.presses, len(self["depth"])))
+        stated = self.get(f"{sensor}/stated_depth")
+        return depth if stated is None else np.where(np.isfinite(stated), stated, depth)
+
+    def finished(self) -> list[int]:
+        """Shards that are whole, by their manifests."""
+        numbers = (int(name.removesuffix(".json")) for name in self.manifests() if name != PLAN)
+        return [number for number in numbers if number < self.shards]
+
+    def unfinished(self) -> list[int]:
+        return sorted(set(range(self.shards)) - set(self.finished()))
+
+    def displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
+        """(..., vertex, 3) float64 in m; NaN where not reached or not there yet."""
+        stored, scale = self.stored_displacement(sensor, press, depth), self.displacement_scale(sensor)
+        return stored.astype(np.float64) if scale is None else np.where(stored == NOT_REACHED, np.nan, stored * scale)
+
+    def stored_displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
+        """(..., vertex, 3) as it is stored: float32 in m, or int16 in steps of `displacement_scale`."""
+        return self.of_samples(f"{sensor}/displacement", press, depth)
+
+    def of_samples(self, name: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
+        """An array with a chunk for each sample, as stored, at some presses and depths."""
+        for shard in self._shards_of(press):
+            if (self.path / "manifest" / f"{shard:06d}.json").exists():
+                self._check_file(chunk_path(name, shard, 1 + len(self.arrays[name].shape)))
+        with self._reading(name):
+            return self._sharded(name)[press, depth]
+
+    def displacement_scale(self, sensor: str) -> float | None:
+        """m a step of stored displacements; None if they are stored in m."""
+        name = f"{sensor}/displacement"
+        with self._reading(name):
+            return self._sharded(name).attrs.get("scale_factor")
+
+    def _sharded(self, name: str) -> zarr.Array:
+        if name not in self._open:
+            self._open[name] = open_sharded(self.path, name)
+        return self._open[name]
+
+    def manifests(self) -> list[str]:
+        """Names of the manifests there are, the plan's among them."""
+        names = (file.name for file in (self.path / "manifest").glob("*.json"))
+        return sorted(name for name in names if name == PLAN or re.fullmatch(r"\d{6,}\.json", name))
+
+    def shard_files(self, shard: int) -> set[str]:
+        """Paths of all files of a shard, its manifest left out."""
+        return {chunk_path(name, shard, 1 + len(array.shape)) for name, array in self.arrays.items()}
+
+    def sums_of(self, manifest: str) -> dict[str, str]:
+        """sha256 of the files that a manifest vouches for, by path in the dataset.
+
+        Raises `InputError` if the manifest is not what `simgen run` wrote.
+        """
+        try:
+            return dict(json.loads((self.path / "manifest" / manifest).read_text())["sha256"])
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise InputError(f"{self.path}/manifest/{manifest}: not a manifest ({error})") from None

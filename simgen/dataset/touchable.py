@@ -1,0 +1,40 @@
+"""The touchable surface of a sensor: its points, and the area that each stands for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgen.dataset.reader import Dataset
+from simgen.dataset.touch_audit import touchable_points
+
+
+@dataclass(frozen=True)
+class TouchableSurface:
+    """vertices (v, 3) m and outward triangles (t, 3) of the whole sensor, at rest
+
+    points : (n,) vertices of the touchable surface
+    areas : (n,) m2, a third of the triangles around each point of which all corners are touchable
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    points: np.ndarray
+    areas: np.ndarray
+
+    def on_vertices(self, values: np.ndarray) -> np.ndarray:
+        """(v,) of values of the points (n,); NaN elsewhere."""
+        whole = np.full(len(self.vertices), np.nan)
+        whole[self.points] = values
+        return whole
+
+
+def touchable_surface(dataset: Dataset | Mapping[str, np.ndarray], sensor: str) -> TouchableSurface:
+    """The touchable surface of a sensor, from a dataset or from the arrays of a plan."""
+    vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
+    touchable = dataset[f"{sensor}/touchable"]
+    points = touchable_points(dataset, sensor)
+    a, b, c = np.swapaxes(vertices[triangles], 0, 1)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) * touchable[triangles].all(axis=1)
+    areas = np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(vertices))[points]
+    return TouchableSurface(vertices, triangles, points, areas)

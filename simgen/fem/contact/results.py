@@ -1,0 +1,162 @@
+"""What is measured of a contact: gaps, forces and moments, overlap.
+
+Gathering and scattering only; the formulas are in ``traction.py``.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from simgen.fem.contact.traction import (
+    Surface,
+    at_point,
+    deformed,
+    face_positions,
+    gap_at,
+    least_gap,
+    surface_point,
+    traction_at,
+)
+from simgen.fem.device import large_kernel
+from simgen.fem.material.neo_hookean import real, vec3
+from simgen.geometry.signed_distance import distance
+
+wp.set_module_options({"enable_backward": False})
+
+SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # of the limit: where a traction is returned to the cone, it is rounded
+
+
+@large_kernel
+def gap_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    gap_out: wp.array3d(dtype=wp.float64),
+):
+    f, q, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    gap_out[f, q, env] = gap_at(s, deformed(s, x, f, q, env), f, q, env)
+
+
+@large_kernel
+def resultant_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    force_out: wp.array(dtype=vec3),
+    moment_out: wp.array(dtype=vec3),
+    sums_out: wp.array2d(dtype=wp.float64),
+):
+    """Force and moment on the sensor; rows of ``sums_out``: area in contact, integral of g^2 there, max -g, and the
+    area in contact where friction is at its limit.
+    """
+    k, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    if k >= s.count[env]:
+        return
+    f = s.candidates[k, env]
+    nodes = face_positions(s, x, f, env)
+    for q in range(s.areas.shape[1]):
+        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        if found.pressure > real(0.0):
+            area = s.areas[f, q]
+            force = area * (found.pressure * found.normal + found.friction)
+            wp.atomic_add(force_out, env, force)
+            wp.atomic_add(moment_out, env, wp.cross(found.position, force))
+            wp.atomic_add(sums_out, 0, env, area)
+            wp.atomic_add(sums_out, 1, env, area * found.gap * found.gap)
+            wp.atomic_max(sums_out, 2, env, -found.gap)
+            if wp.length(found.friction) >= SLIDING * s.friction * found.pressure:
+                wp.atomic_add(sums_out, 3, env, area)
+
+
+@large_kernel
+def corner_forces_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    first: wp.int32,
+    # outputs
+    force_out: wp.array3d(dtype=wp.float64),
+):
+    """Forces (slot, component, lane) on the sensor, shared among the corners of faces by their linear shape functions.
+
+    Lane 0 is the environment ``active[first]``.
+    """
+    k, lane = wp.tid()
+    env = active[first + lane]
+    if env < 0:
+        return
+    if k >= s.count[env]:
+        return
+    f = s.candidates[k, env]
+    nodes = face_positions(s, x, f, env)
+    for q in range(s.areas.shape[1]):
+        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        if found.pressure > real(0.0):
+            force = s.areas[f, q] * (found.pressure * found.normal + found.friction)
+            for i in range(3):
+                for c in range(3):
+                    wp.atomic_add(force_out, s.slots[f, i], c, lane, s.multiplier_shapes[q, i] * force[c])
+
+
+@large_kernel
+def nearest_kernel(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    dense: wp.array2d(dtype=wp.float64),
+    at_rest: wp.float64,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    distance_out: wp.array(dtype=wp.float64),
+    of_edge_out: wp.array(dtype=wp.float64),
+):
+    """Least distance of the shape from the surface at points with shape functions ``dense`` (point, nodes).
+
+    And the largest overlap over the edge of its own face, of what lies deeper than ``at_rest``.
+    """
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    gap = least_gap(s, face_positions(s, x, f, env), f, env)
+    if gap > distance_out[env] and -(gap + at_rest) / s.edges[f] <= of_edge_out[env]:
+        return
+    least = real(wp.inf)
+    for q in range(dense.shape[0]):
+        position = surface_point(s, x, dense, f, q, env)
+        local = wp.transpose(s.rotation[env]) * (position - s.origin[env])
+        least = wp.min(least, distance(s.rigid[s.shape_of[env]], local))
+    wp.atomic_min(distance_out, env, least)
+    wp.atomic_max(of_edge_out, env, -(least + at_rest) / s.edges[f])
+
+
+@large_kernel
+def room_kernel(
+    s: Surface,
+    other: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    dense: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    room_out: wp.array(dtype=wp.float64),
+):
+    """Least distance from another contact's shape that is left beyond the overlap, at points that overlap the shape."""
+    f, lane = wp.tid()
+    env = active[lane]
+    if env < 0 or least_gap(s, face_positions(s, x, f, env), f, env) > real(0.0):
+        return
+    room = real(wp.inf)
+    for q in range(dense.shape[0]):
+        position = surface_point(s, x, dense, f, q, env)
+        gap = distance(s.rigid[s.shape_of[env]], wp.transpose(s.rotation[env]) * (position - s.origin[env]))
+        if gap < real(0.0):
+            local = wp.transpose(other.rotation[env]) * (position - other.origin[env])
+            room = wp.min(room, gap + distance(other.rigid[other.shape_of[env]], local))
+    wp.atomic_min(room_out, env, room)

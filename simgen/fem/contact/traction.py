@@ -1,0 +1,197 @@
+"""Contact and Coulomb friction of a deformable surface with a rigid shape, by an augmented Lagrangian.
+
+Normal traction at a surface point: ``t = max(0, lambda - k g)``. Friction traction: ``tau`` = the tangential part of
+``lambda_t - k s``, returned to the cone ``|tau| <= friction t`` (Alart and Curnier, Comput. Methods Appl. Mech. Engrg
+92, 1991). ``s`` is the slip since the start of the increment, or since the point's entry into contact if that came
+later.
+
+k is a number times E over the face's edge, so that a mesh holds the indenter equally well at any size, and so do its
+fine and its coarse faces (as in Nitsche's method: Chouly and Hild, SIAM J. Numer. Anal. 51, 2013). Where the pressure
+exceeds E, k grows with it (see ``stiffen_kernel``): under fillets pressures reach 9 E, and with one k for all faces the
+surface overlaps the indenter there by half a face.
+
+Multipliers are linear on each face (one per corner) and contact is integrated over the quadratic faces at 12 points:
+with one multiplier per quadratic node they oscillate against incompressibility. An update moves each multiplier by the
+mean of t - lambda (and tau - lambda_t) around its corner, weighted by area / k, as stationarity of the Lagrangian asks;
+its fixed point is the projection of the tractions. What remains at a point between the two is carried as slip into the
+next increment (``contact.py``): if it is forgotten, a contact that sticks creeps with every step.
+
+The cone uses t itself, so that Coulomb's law holds at every point whatever the mesh; its derivative by the gap makes
+the tangent of sliding points unsymmetric. A cone from the lagged lambda is symmetric, but where a patch is as large as
+a face, lambda and t differ from point to point, and a sphere dragged across a coarse mesh lost a third of its friction.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from simgen.fem.elements.element_fields import gather
+from simgen.fem.material.neo_hookean import mat33, real, vec3
+from simgen.geometry.signed_distance import Probe, RigidShape, distance, probe
+
+wp.set_module_options({"enable_backward": False})
+
+
+NODES = 6  # of a face, at most
+# Slope of a distance: 1; of a sampled one up to 1.27 along an axis, at kinks, hence 1.62 obliquely beyond its grid.
+STEEPEST = wp.constant(wp.float64(1.65))
+face_vectors = wp.types.matrix(shape=(NODES, 3), dtype=wp.float64)  # one a node
+
+
+@wp.struct
+class Surface:
+    """The faces of one contact term and where its rigid shape stands, per environment."""
+
+    positions: wp.array(dtype=vec3)  # (node,) rest positions, mm
+    faces: wp.array2d(dtype=wp.int32)  # (face, 6)
+    slots: wp.array2d(dtype=wp.int32)  # (face, 3) multiplier of each corner
+    shapes: wp.array2d(dtype=wp.float64)  # (q, 6)
+    multiplier_shapes: wp.array2d(dtype=wp.float64)  # (q, 3)
+    areas: wp.array2d(dtype=wp.float64)  # (face, q) mm2
+    gap_offset: wp.array2d(dtype=wp.float64)  # (face, q) mm, rest overlap that counts as touching
+    rigid: wp.array(dtype=RigidShape)  # (shape,)
+    shape_of: wp.array(dtype=wp.int32)  # (env,)
+    rotation: wp.array(dtype=mat33)  # (env,) shape frame -> sensor frame
+    origin: wp.array(dtype=vec3)  # (env,) mm
+    anchor: wp.array3d(dtype=vec3)  # (face, q, env) mm, shape frame: where the point was when its slip began to count
+    normal: wp.array2d(dtype=wp.float64)  # (slot, env) lambda
+    tangential: wp.array2d(dtype=vec3)  # (slot, env) lambda_t
+    edges: wp.array(dtype=wp.float64)  # (face,) mm: an edge of a triangle of the face's area
+    candidates: wp.array2d(dtype=wp.int32)  # (k, env) faces that can touch in this increment, so many of them:
+    count: wp.array(dtype=wp.int32)  # (env,)
+    stiffening: wp.array2d(dtype=wp.float64)  # (face, env) factor on both stiffnesses in this increment
+    stiffness: wp.float64  # k times edge, of the normal traction
+    friction_stiffness: wp.float64  # k times edge, of the friction traction
+    friction: wp.float64
+
+
+@wp.struct
+class Traction:
+    position: vec3  # mm
+    gap: wp.float64  # mm
+    normal: vec3
+    pressure: wp.float64  # t
+    friction: vec3  # tau
+    multiplier: wp.float64  # lambda here
+    tangential: vec3  # lambda_t here
+    tangent: mat33  # minus the derivative of the whole traction by the position
+
+
+@wp.func
+def surface_point(
+    s: Surface,
+    x: wp.array2d(dtype=wp.float64),
+    shapes: wp.array2d(dtype=wp.float64),
+    f: wp.int32,
+    q: wp.int32,
+    env: wp.int32,
+) -> vec3:
+    position = vec3()
+    for a in range(shapes.shape[1]):
+        position += shapes[q, a] * (s.positions[s.faces[f, a]] + gather(s.faces, x, f, a, env))
+    return position
+
+
+@wp.func
+def deformed(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32) -> vec3:
+    return surface_point(s, x, s.shapes, f, q, env)
+
+
+@wp.func
+def face_positions(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, env: wp.int32) -> face_vectors:
+    """Of a face's nodes, mm: who needs many points of a face reads it once."""
+    found = face_vectors()
+    for a in range(NODES):
+        if a < s.shapes.shape[1]:
+            found[a] = s.positions[s.faces[f, a]] + gather(s.faces, x, f, a, env)
+    return found
+
+
+@wp.func
+def at_point(s: Surface, nodes: face_vectors, q: wp.int32) -> vec3:
+    position = vec3()
+    for a in range(NODES):
+        if a < s.shapes.shape[1]:
+            position += s.shapes[q, a] * nodes[a]
+    return position
+
+
+@wp.func
+def least_gap(s: Surface, nodes: face_vectors, f: wp.int32, env: wp.int32) -> real:
+    """A lower bound of the distance on a whole face from one probe: it grows no faster than the way from there.
+
+    A quadratic face lies in the convex hull of its corners and, for each edge ab with middle m, 2 m - (a + b) / 2
+    (its Bezier points).
+    """
+    middle = (nodes[0] + nodes[1] + nodes[2]) / real(3.0)
+    radius = real(0.0)
+    for a in range(3):
+        radius = wp.max(radius, wp.length(nodes[a] - middle))
+        if s.shapes.shape[1] == NODES:
+            control = real(2.0) * nodes[3 + a] - real(0.5) * (nodes[a] + nodes[(a + 1) % 3])
+            radius = wp.max(radius, wp.length(control - middle))
+    local = wp.transpose(s.rotation[env]) * (middle - s.origin[env])
+    return distance(s.rigid[s.shape_of[env]], local) - STEEPEST * radius
+
+
+@wp.func
+def gap_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> real:
+    local = wp.transpose(s.rotation[env]) * (position - s.origin[env])
+    return distance(s.rigid[s.shape_of[env]], local) + s.gap_offset[f, q]
+
+
+@wp.func
+def probe_in_sensor_frame(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> Probe:
+    R = s.rotation[env]
+    found = probe(s.rigid[s.shape_of[env]], wp.transpose(R) * (position - s.origin[env]))
+    found.distance = found.distance + s.gap_offset[f, q]
+    found.normal = R * found.normal
+    found.curvature = R * found.curvature * wp.transpose(R)
+    return found
+
+
+@wp.func
+def return_to_cone(trial: vec3, radius: real) -> vec3:
+    size = wp.length(trial)
+    if size <= radius:
+        return trial
+    return trial * (radius / size)
+
+
+@wp.func
+def return_tangent(trial: vec3, radius: real, plane: mat33) -> mat33:
+    """Derivative of :func:`return_to_cone` within the tangent plane: the plane's projector while it sticks."""
+    size = wp.length(trial)
+    if size <= radius:
+        return plane
+    direction = trial / size
+    return (radius / size) * (plane - wp.outer(direction, direction))
+
+
+@wp.func
+def traction_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> Traction:
+    out = Traction()
+    out.position = position
+    out.gap = gap_at(s, position, f, q, env)
+    for i in range(3):
+        out.multiplier += s.multiplier_shapes[q, i] * s.normal[s.slots[f, i], env]
+        out.tangential += s.multiplier_shapes[q, i] * s.tangential[s.slots[f, i], env]
+    normal_k = s.stiffening[f, env] * s.stiffness / s.edges[f]
+    out.pressure = out.multiplier - normal_k * out.gap
+    if out.pressure <= real(0.0):
+        out.pressure = real(0.0)
+        return out
+    found = probe_in_sensor_frame(s, position, f, q, env)  # most points are open: normal and curvature are for the rest
+    out.normal = found.normal
+    out.tangent = normal_k * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
+    if s.friction > real(0.0):
+        slip = out.position - (s.origin[env] + s.rotation[env] * s.anchor[f, q, env])
+        k = s.stiffening[f, env] * s.friction_stiffness / s.edges[f]
+        plane = wp.identity(n=3, dtype=wp.float64) - wp.outer(out.normal, out.normal)
+        trial = plane * (out.tangential - k * slip)
+        radius = s.friction * out.pressure
+        out.friction = return_to_cone(trial, radius)
+        out.tangent += k * return_tangent(trial, radius, plane)
+        if wp.length(trial) > radius:
+            out.tangent += s.friction * normal_k * wp.outer(wp.normalize(trial), out.normal)
+    return out

@@ -1,0 +1,92 @@
+"""Cauchy stress at nodes: the mean over the elements that share a node, weighted by their volumes."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from simgen.fem.elements.elasticity import Elasticity
+from simgen.fem.elements.element import TET_EDGES
+from simgen.fem.elements.element_fields import corner_gradients, corner_pressures, interpolate
+from simgen.fem.elements.solid import Solid
+from simgen.fem.material.neo_hookean import cauchy
+
+wp.set_module_options({"enable_backward": False})
+
+COMPONENTS = ("xx", "yy", "zz", "yz", "xz", "xy")
+
+
+@wp.kernel
+def nodal_stress_kernel(
+    s: Solid,
+    x: wp.array2d(dtype=wp.float64),
+    elements: wp.array(dtype=wp.int32),
+    slots: wp.array2d(dtype=wp.int32),
+    points: wp.array(dtype=wp.vec4d),
+    volumes: wp.array(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    first: wp.int32,
+    # outputs
+    stress_out: wp.array3d(dtype=wp.float64),
+):
+    """Sums of volume times stress (slot, component, lane) over elements; a node without a slot (-1) is left out.
+
+    Lane 0 is the environment ``active[first]``.
+    """
+    i, lane = wp.tid()
+    env = active[first + lane]
+    if env < 0:
+        return
+    e = elements[i]
+    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
+    Ra, Rb, Rc, Rd = s.rest[e, 0], s.rest[e, 1], s.rest[e, 2], s.rest[e, 3]
+    pressures = corner_pressures(s.tetrahedra, x, s.first_pressure, e, env)
+    for a in range(points.shape[0]):
+        slot = slots[i, a]
+        if slot >= 0:
+            rest = interpolate(points[a], Ra, Rb, Rc, Rd)
+            F = (rest + interpolate(points[a], ua, ub, uc, ud)) * wp.inverse(rest)
+            J = wp.determinant(F)
+            sigma = volumes[i] * cauchy(F, J, wp.dot(points[a], pressures), s.mu, s.gamma)
+            wp.atomic_add(stress_out, slot, 0, lane, sigma[0, 0])
+            wp.atomic_add(stress_out, slot, 1, lane, sigma[1, 1])
+            wp.atomic_add(stress_out, slot, 2, lane, sigma[2, 2])
+            wp.atomic_add(stress_out, slot, 3, lane, sigma[1, 2])
+            wp.atomic_add(stress_out, slot, 4, lane, sigma[0, 2])
+            wp.atomic_add(stress_out, slot, 5, lane, sigma[0, 1])
+
+
+class NodalStress:
+    """Stress of a body at some of its nodes (k,), all of them different.
+
+    volumes : (k,) mm3, of the elements around each node: sums of `add_to` over these are stresses
+    """
+
+    def __init__(self, body: Elasticity, nodes: np.ndarray):
+        self.body, device = body, body.device
+        tetrahedra = body.host_tetrahedra
+        slot_of = np.full(tetrahedra.max() + 1, -1, dtype=np.int32)
+        slot_of[nodes] = np.arange(len(nodes))
+        slots = slot_of[tetrahedra]
+        elements = np.flatnonzero((slots >= 0).any(axis=1))
+        of_elements = body.solid.volumes.numpy().sum(axis=1)[elements]
+        self.volumes = np.zeros(len(nodes))
+        here, which = np.nonzero(slots[elements] >= 0)
+        np.add.at(self.volumes, slots[elements][here, which], of_elements[here])
+        corners = np.eye(4)
+        points = np.vstack([corners, 0.5 * (corners[TET_EDGES[:, 0]] + corners[TET_EDGES[:, 1]])])
+        self._inputs = [
+            wp.array(elements, dtype=wp.int32, device=device),
+            wp.array(slots[elements], dtype=wp.int32, device=device),
+            wp.array(points[: tetrahedra.shape[1]], dtype=wp.vec4d, device=device),
+            wp.array(of_elements, dtype=wp.float64, device=device),
+        ]
+
+    def add_to(self, sums: wp.array, x, first: int = 0):
+        """Add volume times stress at state x to sums (k, component, lane), in the order of `COMPONENTS`, solver units.
+
+        Lanes are the active environments from number ``first`` on.
+        """
+        dim = (self._inputs[0].shape[0], sums.shape[2])
+        inputs = [self.body.solid, x, *self._inputs, self.body.active.numbers, first]
+        wp.launch(nodal_stress_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.body.device)

@@ -1,0 +1,92 @@
+"""Mesh and material of the elastic body, as kernels see them: double precision for forces, single for derivatives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from simgen.fem.material.neo_hookean import cofactor, mat33, mat33f, single, tangent_transposed, tangent_volumetric
+
+wp.set_module_options({"enable_backward": False})
+
+
+LEAST_DAMPED = wp.constant(wp.float32(0.02))  # det F: below, damping no longer grows with its inverse
+
+
+@wp.struct
+class Solid:
+    """Mesh and material of the body in double precision, for its forces; e elements with q quadrature points."""
+
+    tetrahedra: wp.array2d(dtype=wp.int32)  # (e, nodes)
+    rest: wp.array2d(dtype=mat33)  # (e, 4) dX/dxi at the corners, mm
+    shapes: wp.array(dtype=wp.vec4d)  # (q,) linear shape functions
+    metric: wp.array2d(dtype=mat33)  # (e, q) mu dxi/dX dxi/dX^T, see material.first_piola
+    contraction: wp.array2d(dtype=wp.float64)  # (e, q) det dxi/dX, 1/mm3
+    volumes: wp.array2d(dtype=wp.float64)  # (e, q), mm3
+    mean_metric: wp.array(dtype=mat33)  # (e,) integral of the metric over the element
+    weight: wp.array2d(dtype=wp.float32)  # (e, env) of the stabilisation, see stabilisation.py
+    first_pressure: wp.int32
+    mu: wp.float64
+    gamma: wp.float64
+    most_extra: wp.float32  # of gamma / mu that a stabilised element has more, see stabilisation.py
+    pressure_compliance: wp.float64
+
+
+@wp.struct
+class SingleSolid:
+    """The same in single precision, for its derivatives."""
+
+    tetrahedra: wp.array2d(dtype=wp.int32)
+    shapes: wp.array(dtype=wp.vec4f)
+    metric: wp.array2d(dtype=mat33f)
+    contraction: wp.array2d(dtype=wp.float32)
+    volumes: wp.array2d(dtype=wp.float32)
+    mean_metric: wp.array(dtype=mat33f)
+    weight: wp.array2d(dtype=wp.float32)
+    first_pressure: wp.int32
+    mu: wp.float32
+    gamma: wp.float32
+    most_extra: wp.float32
+    pressure_compliance: wp.float32
+    damping: wp.array(dtype=wp.float32)  # (env,) eta mu of the damped tangent, see damping.py
+    state: wp.array2d(dtype=wp.float32)  # (unknowns, env) deformed positions and pressures: where derivatives are taken
+
+
+@wp.func
+def extra_gamma(weight: single, most: single) -> single:
+    """Share of gamma / mu that a stabilised element has on top of the material's."""
+    return wp.min(weight, most)
+
+
+@wp.func
+def gradient_metric(mean_metric: Any, weight: single):
+    """Metric that a stabilised element multiplies the deviation of its corners' gradients with, see stabilisation.py.
+
+    A quarter for the mean over the corners, a sixteenth of the weight.
+    """
+    return mean_metric.dtype(weight / single(64.0)) * mean_metric
+
+
+@wp.struct
+class Modulus:
+    """The tangent at a point: cof dx/dX (dxi/dX)^T, and metric, alpha and beta of material.first_piola_increment."""
+
+    cofactor: mat33f
+    metric: mat33f
+    alpha: wp.float32
+    beta: wp.float32
+
+
+@wp.func
+def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32, env: wp.int32) -> Modulus:
+    out = Modulus()
+    J = s.contraction[e, q] * wp.determinant(F)
+    out.cofactor = s.contraction[e, q] * cofactor(F)
+    out.metric = s.metric[e, q]
+    if s.damping[env] > single(0.0):
+        out.metric += (s.damping[env] / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
+    gamma = s.gamma + s.mu * extra_gamma(s.weight[e, env], s.most_extra)
+    out.alpha = tangent_transposed(J, p, s.mu, gamma)
+    out.beta = tangent_volumetric(J, p, s.mu, gamma)
+    return out

@@ -1,0 +1,107 @@
+"""Stabilisation of single elements that are about to turn inside out.
+
+Under the rim of an edge the free surface is compressed so far that a neo-Hookean solid folds into itself, at any length
+that the mesh allows (Biot's instability; Hohlfeld and Mahadevan, Phys. Rev. Lett. 106, 2011). Quadratic elements then
+turn inside out between their integration points. A finer mesh has more of them. Two energies keep an element open. Both
+grow with the element's weight w::
+
+    w mu / 32  mean over the element of |grad u - mean of grad u|^2     (strain gradient; its length is the element's)
+    min(w mu, lam / 4) / 2  (J - 1)^2                                   (volume, pointwise)
+
+The first is quadratic in u, zero for uniform strains of any size and for rotations, and vanishes as h^2 for smooth
+fields. The second raises the bulk stiffness by a quarter at most, so that compressible solids stay so. Weights are zero
+until an element needs one, and never fall during a press. An element gets one when it is nearly flat where an increment
+starts or is expected to end. If it is inside out where the increment has converged, it gets twice as much, and the
+increment is solved again (see ``march``).
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from simgen.fem.elements.solid import Solid
+from simgen.fem.elements.validity import deformed_corners, is_inside_out, least_at_corners, least_coefficient
+from simgen.fem.material.neo_hookean import real, single
+
+wp.set_module_options({"enable_backward": False})
+
+FIRST, MOST = wp.constant(wp.float32(2.0)), wp.constant(wp.float32(1024.0))  # weights
+MOST_EXTRA_OF_LAM = 0.25
+FLAT = wp.constant(wp.float64(0.2))  # det F somewhere in an element, by its bound, below which it gets a weight
+
+
+@wp.kernel
+def expect_kernel(
+    s: Solid,
+    x: wp.array2d(dtype=wp.float64),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    weight_out: wp.array2d(dtype=wp.float32),
+):
+    """Give elements that are nearly flat at x their first weight: twice that below half of `FLAT`, four times below 0.
+
+    Those that are all but closed although they have one get twice as much.
+    """
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    A, B, C, D = deformed_corners(s, x, e, env)
+    rest = least_at_corners(s.rest[e, 0], s.rest[e, 1], s.rest[e, 2], s.rest[e, 3])
+    least = wp.min(least_at_corners(A, B, C, D), least_coefficient(A, B, C, D)) / rest
+    if least < FLAT:
+        weight = wp.where(least < real(0.25) * FLAT, single(2.0) * weight_out[e, env], weight_out[e, env])
+        first = FIRST
+        if least < real(0.5) * FLAT:
+            first *= single(2.0)
+        if least < real(0.0):
+            first *= single(2.0)
+        weight_out[e, env] = wp.min(wp.max(weight, first), MOST)
+
+
+@wp.kernel
+def raise_kernel(
+    s: Solid,
+    x: wp.array2d(dtype=wp.float64),
+    parts: wp.array(dtype=wp.mat44d),
+    levels: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    weight_out: wp.array2d(dtype=wp.float32),
+    raised_out: wp.array(dtype=wp.int32),
+):
+    """Double the weights of elements that are inside out at x; count those whose weight could be raised."""
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    A, B, C, D = deformed_corners(s, x, e, env)
+    if weight_out[e, env] < MOST and is_inside_out(A, B, C, D, parts, levels):
+        weight_out[e, env] = wp.max(single(2.0) * weight_out[e, env], FIRST)
+        wp.atomic_add(raised_out, env, 1)
+
+
+@wp.kernel
+def reinforce_kernel(
+    marked: wp.array(dtype=wp.int32),
+    # outputs
+    weight_out: wp.array2d(dtype=wp.float32),
+):
+    e, lane = wp.tid()
+    env = marked[lane]
+    if env >= 0:
+        weight_out[e, env] = wp.min(single(4.0) * weight_out[e, env], MOST)
+
+
+@wp.kernel
+def count_kernel(
+    weight: wp.array2d(dtype=wp.float32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    count_out: wp.array(dtype=wp.int32),
+):
+    """Count the elements that have a weight."""
+    e, lane = wp.tid()
+    env = active[lane]
+    if env >= 0 and weight[e, env] > single(0.0):
+        wp.atomic_add(count_out, env, 1)

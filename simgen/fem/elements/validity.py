@@ -1,0 +1,125 @@
+"""Elements that are inside out somewhere, by a bound over the whole element and not by samples.
+
+The geometry map x(xi) of a deformed quadratic tetrahedron has a derivative that is linear in the barycentric
+coordinates l: dx/dxi = l_0 A_0 + ... + l_3 A_3, with the matrices A_i at the corners (``element_fields.py``). Its
+determinant is a cubic polynomial. Its twenty Bernstein coefficients are values of the symmetric trilinear form D with
+D(A, A, A) = det A ::
+
+    6 D(A_i, A_j, A_k) = sum over the permutations (a, b, c) of (i, j, k) of det [A_a e_1, A_b e_2, A_c e_3]
+
+A polynomial lies in the convex hull of its coefficients, and those at the corners are its values there. So an element
+is valid if all are positive, and inside out if one at a corner is not. Otherwise it is divided into eight, and each
+part is looked at in the same way: the derivative at a part's corners are means of the A_i. A part that is still
+undecided after `LEVELS` divisions counts as inside out, so that an element that counts as valid is valid everywhere
+(Johnen, Remacle and Geuzaine, "Geometrical validity of curvilinear finite elements", J. Comput. Phys. 233, 2013).
+
+At rest det dX/dxi > 0 in a valid mesh; there, det F = det dx/dxi / det dX/dxi has the sign of det dx/dxi.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from simgen.fem.elements.element import TET_EDGES
+from simgen.fem.elements.element_fields import corner_gradients, interpolate
+from simgen.fem.elements.solid import Solid
+from simgen.fem.material.neo_hookean import cofactor, mat33, real
+
+wp.set_module_options({"enable_backward": False})
+
+LEVELS = 3  # divisions by eight of what is undecided: the bound is then nearer by 4^3
+
+
+def _parts() -> np.ndarray:
+    """Corners (8, 4, 4) of the eight parts of a tetrahedron, barycentric: one at each corner, four round a diagonal."""
+    corner = np.eye(4)
+    middle = {frozenset(edge): corner[edge].mean(axis=0) for edge in TET_EDGES.tolist()}
+
+    def at(*edge: int) -> np.ndarray:
+        return middle[frozenset(edge)]
+
+    at_corners = [[corner[i], *(at(i, j) for j in range(4) if j != i)] for i in range(4)]
+    ring = [at(0, 1), at(1, 2), at(2, 3), at(3, 0)]
+    inside = [[at(0, 2), at(1, 3), ring[i], ring[(i + 1) % 4]] for i in range(4)]
+    return np.array(at_corners + inside)
+
+
+PARTS = _parts()
+
+
+@wp.func
+def mixed(A: mat33, B: mat33, C: mat33):
+    """D(A, B, C), by the cofactor of a sum: D(A + B, A + B, C) = D(A, A, C) + 2 D(A, B, C) + D(B, B, C)."""
+    cofactors = cofactor(A + B) - cofactor(A) - cofactor(B)
+    return wp.ddot(cofactors, C) / real(6.0)
+
+
+@wp.func
+def least_coefficient(A: mat33, B: mat33, C: mat33, D: mat33):
+    """The least of the coefficients that are not at the corners."""
+    cofactors_a, cofactors_b, cofactors_c, cofactors_d = cofactor(A), cofactor(B), cofactor(C), cofactor(D)
+    least = wp.min(wp.ddot(cofactors_a, B), wp.min(wp.ddot(cofactors_a, C), wp.ddot(cofactors_a, D)))
+    least = wp.min(least, wp.min(wp.ddot(cofactors_b, A), wp.min(wp.ddot(cofactors_b, C), wp.ddot(cofactors_b, D))))
+    least = wp.min(least, wp.min(wp.ddot(cofactors_c, A), wp.min(wp.ddot(cofactors_c, B), wp.ddot(cofactors_c, D))))
+    least = wp.min(least, wp.min(wp.ddot(cofactors_d, A), wp.min(wp.ddot(cofactors_d, B), wp.ddot(cofactors_d, C))))
+    on_faces = wp.min(wp.min(mixed(A, B, C), mixed(A, B, D)), wp.min(mixed(A, C, D), mixed(B, C, D)))
+    return wp.min(least / real(3.0), on_faces)
+
+
+@wp.func
+def least_at_corners(A: mat33, B: mat33, C: mat33, D: mat33):
+    return wp.min(wp.min(wp.determinant(A), wp.determinant(B)), wp.min(wp.determinant(C), wp.determinant(D)))
+
+
+@wp.func
+def is_inside_out(A: mat33, B: mat33, C: mat33, D: mat33, parts: wp.array(dtype=wp.mat44d), levels: wp.int32):
+    """An element with dx/dxi = A, B, C, D at its corners; the digits of ``number``, base 8, name the part under way."""
+    level, number = wp.int32(0), wp.int32(0)
+    while level >= 0:
+        corners = wp.identity(n=4, dtype=wp.float64)
+        for i in range(level):
+            corners = parts[(number >> (3 * (level - 1 - i))) & 7] * corners
+        a, b = interpolate(corners[0], A, B, C, D), interpolate(corners[1], A, B, C, D)
+        c, d = interpolate(corners[2], A, B, C, D), interpolate(corners[3], A, B, C, D)
+        if not (least_at_corners(a, b, c, d) > real(0.0)):  # nor a number
+            return True
+        if least_coefficient(a, b, c, d) > real(0.0):
+            while level > 0 and (number & 7) == 7:  # the last of its parts: the whole of them is valid
+                number = number >> 3
+                level -= 1
+            if level == 0:
+                return False
+            number += 1
+        elif level == levels:
+            return True
+        else:
+            number = number << 3
+            level += 1
+    return False
+
+
+@wp.func
+def deformed_corners(s: Solid, x: wp.array2d(dtype=wp.float64), e: wp.int32, env: wp.int32):
+    """Derivatives dx/dxi at an element's corners in state x: four matrices 3 x 3, mm."""
+    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
+    return s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+
+
+@wp.kernel
+def inside_out_kernel(
+    s: Solid,
+    x: wp.array2d(dtype=wp.float64),
+    parts: wp.array(dtype=wp.mat44d),
+    levels: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    count_out: wp.array(dtype=wp.int32),
+):
+    e, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    A, B, C, D = deformed_corners(s, x, e, env)
+    if is_inside_out(A, B, C, D, parts, levels):
+        wp.atomic_add(count_out, env, 1)

@@ -1,0 +1,1 @@
+"""Conjugate residuals with a block preconditioner: multigrid, or a sparse factor."""

@@ -1,0 +1,112 @@
+"""The lowest level of multigrid: motions of aggregates, solved by a dense inverse that follows the state.
+
+Where an indenter has pressed the gel thin, it is many times as stiff as at rest, and held where it touches. A level
+that does not know this makes its corrections too large, and the linear solver stalls.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+import warp as wp
+
+from simgen.fem import columns
+from simgen.fem.blocks import TILE, Blocks, block
+from simgen.fem.linear_solver import dense_inverse
+from simgen.fem.linear_solver.aggregation import MOTIONS
+from simgen.fem.linear_solver.pattern import BlockPattern
+from simgen.fem.linear_solver.transfer import Transfer
+from simgen.fem.material.neo_hookean import single, vec3f
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def galerkin_kernel(
+    row_starts: wp.array(dtype=wp.int32),
+    neighbours: wp.array(dtype=wp.int32),
+    blocks: Blocks,
+    motions: wp.array2d(dtype=wp.int32),
+    basis: wp.array2d(dtype=vec3f),
+    m: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    matrices_out: dense_inverse.Matrices,
+):
+    """Add P^T A P, with the corners' motions (corner, 6), or -1, and basis vectors (corner, 6)."""
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    for k in range(row_starts[row], row_starts[row + 1]):
+        A, other = block(blocks, k, env), neighbours[k]
+        for b in range(motions.shape[1]):
+            if motions[other, b] >= 0:
+                force = A * basis[other, b]
+                for a in range(motions.shape[1]):
+                    if motions[row, a] >= 0:
+                        entry = motions[row, a] * m + motions[other, b]
+                        wp.atomic_add(matrices_out, env / TILE, entry, env % TILE, wp.dot(basis[row, a], force))
+
+
+@wp.kernel
+def clear_kernel(
+    m: wp.int32,
+    used: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    matrices_out: dense_inverse.Matrices,
+):
+    """Zero, but one on the diagonal of rows that are there to fill the last strip."""
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    for column in range(m):
+        matrices_out[env / TILE, row * m + column, env % TILE] = wp.where(
+            row == column and row >= used, single(1.0), single(0.0)
+        )
+
+
+class CoarseLevel:
+    """Solves for motions of aggregates in the ``active`` environments; ``space`` (3 n, m) is `coarse_space`'s."""
+
+    def __init__(self, pattern: BlockPattern, space: sparse.csr_array, active):
+        self.pattern, self.active, self.n_motions = pattern, active, space.shape[1]
+        self._m, n_env, device = dense_inverse.padded(self.n_motions), active.shape[0], active.device
+        self._transfer = Transfer(space, active)
+        motions, basis = per_corner(space)
+        self._motions = wp.array(motions, dtype=wp.int32, device=device)
+        self._basis = wp.array(basis, dtype=vec3f, device=device)
+        self._inverse = dense_inverse.zeros(self._m, n_env, device)
+        self._invert = dense_inverse.Inverter(self._inverse, self._m, active)
+        self._forces, self._x = (wp.zeros((self._m, n_env), dtype=wp.float32, device=device) for _ in range(2))
+
+    def update(self, blocks: Blocks):
+        """Follow the corners' blocks."""
+        m, pattern = self._m, self.pattern
+        columns.launch(clear_kernel, m, [m, self.n_motions, self.active], [self._inverse])
+        inputs = [pattern.row_starts, pattern.columns, blocks, self._motions, self._basis, m, self.active]
+        columns.launch(galerkin_kernel, pattern.n, inputs, [self._inverse])
+        self._invert()
+
+    def correct(self, residual, x):
+        """Add to x what the aggregates' motions take from the residual."""
+        columns.clear(self.active, self._forces)  # rows that fill the last strip
+        self._transfer.restrict(residual, self._forces)
+        dense_inverse.multiply(self._inverse, self._m, self._forces, self.active, self._x)
+        self._transfer.prolong(self._x, x)
+
+
+def per_corner(space: sparse.csr_array) -> tuple[np.ndarray, np.ndarray]:
+    """The columns (n, 6) of a space (3 n, m) that a corner takes part in, or -1, and its vectors (n, 6, 3) in them."""
+    n = space.shape[0] // 3
+    found = sparse.coo_array(space)
+    corners, components = np.divmod(found.row, 3)
+    pairs, slot_of = np.unique(corners.astype(np.int64) * space.shape[1] + found.col, return_inverse=True)
+    owner, column = np.divmod(pairs, space.shape[1])
+    place = np.arange(len(pairs)) - np.searchsorted(owner, owner)  # among the columns of the same corner
+    motions, basis = np.full((n, MOTIONS), -1), np.zeros((n, MOTIONS, 3))
+    motions[owner, place] = column
+    basis[corners, place[slot_of], components] = found.data
+    return motions, basis

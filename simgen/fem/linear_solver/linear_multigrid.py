@@ -1,0 +1,185 @@
+"""The middle level of multigrid: linear displacements, smoothed by Chebyshev polynomials, with aggregates below."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+import warp as wp
+
+from simgen.fem import columns
+from simgen.fem.blocks import Blocks, block, clear, invert_kernel, load, of_environment, store, zeros
+from simgen.fem.elements.elasticity import Elasticity
+from simgen.fem.linear_solver.aggregation import coarse_space, largest_eigenvalue
+from simgen.fem.linear_solver.coarse_level import CoarseLevel
+from simgen.fem.linear_solver.pattern import BlockPattern
+from simgen.fem.material.neo_hookean import single, vec3f
+
+wp.set_module_options({"enable_backward": False})
+
+CORNER_SPREAD, CORNER_STEPS = 10.0, 3  # largest over smallest eigenvalue that smoothing acts on
+AT_ONCE = wp.constant(4)  # blocks of a row that a thread reads before it waits for them
+MARGIN = 1.15  # on the largest eigenvalue at rest: contact and large strains raise it a little
+
+
+def chebyshev(largest: float, steps: int, spread: float) -> list[tuple[float, float]]:
+    """Coefficients (c_d, c_r) of steps d = c_d d + c_r D^-1 r, x += d that damp eigenvalues up to ``largest``.
+
+    Saad, *Iterative Methods for Sparse Linear Systems*, 2nd ed., algorithm 12.1.
+    """
+    high, low = MARGIN * largest, MARGIN * largest / spread
+    middle, half = 0.5 * (high + low), 0.5 * (high - low)
+    rho, coefficients = half / middle, [(0.0, 1.0 / middle)]
+    for _ in range(steps - 1):
+        following = 1.0 / (2.0 * middle / half - rho)
+        coefficients.append((following * rho, 2.0 * following / half))
+        rho = following
+    return coefficients
+
+
+@wp.func
+def row_residual(
+    row_starts: wp.array(dtype=wp.int32),
+    columns: wp.array(dtype=wp.int32),
+    blocks: Blocks,
+    x: wp.array2d(dtype=wp.float32),
+    b: wp.array2d(dtype=wp.float32),
+    row: wp.int32,
+    env: wp.int32,
+) -> vec3f:
+    r, begin, end = load(b, row, env), row_starts[row], row_starts[row + 1]
+    whole = begin + (end - begin) / AT_ONCE * AT_ONCE
+    for first in range(begin, whole, AT_ONCE):
+        for i in range(AT_ONCE):
+            r -= block(blocks, first + i, env) * load(x, columns[first + i], env)
+    for k in range(whole, end):
+        r -= block(blocks, k, env) * load(x, columns[k], env)
+    return r
+
+
+@wp.kernel
+def residual_kernel(
+    row_starts: wp.array(dtype=wp.int32),
+    columns: wp.array(dtype=wp.int32),
+    blocks: Blocks,
+    x: wp.array2d(dtype=wp.float32),
+    b: wp.array2d(dtype=wp.float32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    residual_out: wp.array2d(dtype=wp.float32),
+):
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    store(residual_out, row, env, row_residual(row_starts, columns, blocks, x, b, row, env))
+
+
+@wp.kernel
+def chebyshev_start_kernel(
+    inverse: Blocks,
+    b: wp.array2d(dtype=wp.float32),
+    step: single,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    direction_out: wp.array2d(dtype=wp.float32),
+    x_out: wp.array2d(dtype=wp.float32),
+):
+    """The first step, from x = 0."""
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    d = step * (block(inverse, row, env) * load(b, row, env))
+    store(direction_out, row, env, d)
+    store(x_out, row, env, d)
+
+
+@wp.kernel
+def chebyshev_kernel(
+    row_starts: wp.array(dtype=wp.int32),
+    columns: wp.array(dtype=wp.int32),
+    blocks: Blocks,
+    inverse: Blocks,
+    x: wp.array2d(dtype=wp.float32),
+    b: wp.array2d(dtype=wp.float32),
+    keep: single,
+    step: single,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    direction_out: wp.array2d(dtype=wp.float32),
+    x_out: wp.array2d(dtype=wp.float32),
+):
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    r = row_residual(row_starts, columns, blocks, x, b, row, env)
+    d = step * (block(inverse, row, env) * r)
+    if keep != 0.0:
+        d += keep * load(direction_out, row, env)
+    store(direction_out, row, env, d)
+    store(x_out, row, env, load(x, row, env) + d)
+
+
+class CornerCycle:
+    """Linear displacements: a V-cycle with the aggregates below, on blocks that are assembled for every state."""
+
+    def __init__(self, elasticity: Elasticity, contacts: list, held):
+        self.elasticity, self.contacts, self.active = elasticity, contacts, elasticity.active
+        n, n_env, device = elasticity.n_corners, self.active.shape[0], elasticity.device
+        faces = [contact.host_faces[:, :3] for contact in contacts]
+        self.pattern = BlockPattern(n, elasticity.host_tetrahedra[:, :4], faces, device)
+        self.held = held[: 3 * n]
+        self._n, self._blocks = n, zeros(self.pattern.n_blocks, n_env, device)
+        self._inverse = zeros(n, n_env, device)
+        self._residual, self._direction, self._x = (
+            wp.zeros((3 * n, n_env), dtype=wp.float32, device=device) for _ in range(3)
+        )
+        diagonal = np.repeat(np.arange(n), np.diff(self.pattern.host_row_starts)) == self.pattern.host_columns
+        self._diagonal = wp.array(np.flatnonzero(diagonal), dtype=wp.int32, device=device)
+        self._assemble()
+        matrix = self.pattern.matrix(of_environment(self._blocks, 0))
+        inverse = of_environment(self._inverse, 0)
+        inverse = sparse.csr_array(sparse.bsr_array((inverse, np.arange(n), np.arange(n + 1)), shape=matrix.shape))
+        largest = largest_eigenvalue(lambda v: inverse @ (matrix @ v), 3 * n)
+        self._smoothing = chebyshev(largest, CORNER_STEPS, CORNER_SPREAD)
+        space = coarse_space(self.pattern.graph(), elasticity.host_nodes[:n], self.held.numpy() == 0)
+        self.coarse = CoarseLevel(self.pattern, space, self.active)
+        self.coarse.update(self._blocks)
+
+    def update(self):
+        """Follow the last linearisation in the active environments."""
+        self._assemble()
+        self.coarse.update(self._blocks)
+
+    def _assemble(self):
+        """Assemble the blocks of the last linearisation of the active environments, and invert the diagonal ones."""
+        clear(self._blocks, self.active)
+        self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=True)
+        for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
+            contact.blocks(index, self._blocks, linear=True)
+        self._launch(invert_kernel, [self._blocks, self._diagonal, self.held, self.active], [self._inverse])
+
+    def _launch(self, kernel, inputs, outputs):
+        columns.launch(kernel, self._n, inputs, outputs)
+
+    def _rows(self):
+        return [self.pattern.row_starts, self.pattern.columns, self._blocks]
+
+    def _steps(self, coefficients, b, x, other):
+        """Chebyshev steps, from x to the other array and back; returns where they end."""
+        for keep, step in coefficients:
+            inputs = [*self._rows(), self._inverse, x, b, keep, step, self.active]
+            self._launch(chebyshev_kernel, inputs, [self._direction, other])
+            x, other = other, x
+        return x, other
+
+    def apply(self, b, x_out):
+        """x = about K^-1 b."""
+        (_, first), *others = self._smoothing
+        x, other = self._x, x_out  # after an odd number of changes between them, x_out is the last
+        self._launch(chebyshev_start_kernel, [self._inverse, b, first, self.active], [self._direction, x])
+        x, other = self._steps(others, b, x, other)
+        self._launch(residual_kernel, [*self._rows(), x, b, self.active], [self._residual])
+        self.coarse.correct(self._residual, x)
+        self._steps(self._smoothing, b, x, other)

@@ -1,0 +1,163 @@
+"""Block-triangular preconditioner of the mixed system, around an approximate inverse of the displacement block.
+
+    [ A  B^T ]          [ A  B^T ]
+    [ B  -C  ]    ~     [ 0  -S  ]      S = (1 / (mu + gamma) + 1 / (lam - gamma)) x lumped pressure mass
+
+(Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact. A multigrid
+cycle stands for its inverse; a sparse factor does for linear elements, and for a press on which the cycle has failed.
+A liquid borders A by one dense row and column g, which are eliminated: [A g; g^T 0] needs one more solve, A^-1 g, for
+each state, and one inner product for each use.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from simgen.fem import columns
+from simgen.fem.linear_solver.factor import SparseFactor
+from simgen.fem.linear_solver.krylov import Dots
+from simgen.fem.linear_solver.multigrid import Multigrid
+from simgen.fem.material.neo_hookean import single
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def pressures_kernel(
+    schur: wp.array(dtype=wp.float32),
+    r: wp.array2d(dtype=wp.float32),
+    n_displacements: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    z_out: wp.array2d(dtype=wp.float32),
+):
+    i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    row = n_displacements + i
+    z_out[row, env] = -r[row, env] / schur[i]
+
+
+@wp.kernel
+def free_part_kernel(
+    gradient: wp.array2d(dtype=wp.float64),
+    held: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    free_out: wp.array2d(dtype=wp.float32),
+):
+    i, lane = wp.tid()
+    env = active[lane]
+    if env >= 0:
+        free_out[i, env] = wp.where(held[i] == 0, single(gradient[i, env]), single(0.0))
+
+
+@wp.kernel
+def border_kernel(
+    response: wp.array2d(dtype=wp.float32),
+    stiffness: wp.array(dtype=wp.float64),
+    along: wp.array(dtype=wp.float64),
+    r: wp.array2d(dtype=wp.float32),
+    row: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    z_out: wp.array2d(dtype=wp.float32),
+):
+    i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    pressure = single(0.0)
+    if stiffness[env] != wp.float64(0.0):
+        pressure = single((along[env] - wp.float64(r[row, env])) / stiffness[env])
+    if i == row:
+        z_out[i, env] = pressure
+    else:
+        z_out[i, env] = z_out[i, env] - pressure * response[i, env]
+
+
+class BlockTriangular:
+    """Applies the preconditioner; ``follow`` and ``update`` get it ready for the last linearisation.
+
+    ``held`` (unknowns,) int32 on the device; ``add_tangent(v, out, rough)`` adds the whole system's action on v to out,
+    or roughly, and leaves zeros in held rows.
+    """
+
+    def __init__(self, elasticity, contacts: list, cavity, held, add_tangent):
+        self.elasticity, self.cavity = elasticity, cavity
+        device, n_env = elasticity.device, elasticity.active.shape[0]
+        terms = contacts if cavity is None else [*contacts, cavity]
+        self._make_factor = lambda: SparseFactor(elasticity, terms, held, add_tangent)
+        self.multigrid = self.factor = None
+        if elasticity.n_pressures:
+            self.multigrid = Multigrid(elasticity, contacts, held, add_tangent)
+            m = elasticity.material
+            schur = (1.0 / (m.mu + m.gamma) + m.pressure_compliance) * elasticity.pressure_mass
+            self._schur = wp.array(schur, dtype=wp.float32, device=device)
+        else:
+            self.factor = self._make_factor()
+        self.factored = np.full(n_env, self.multigrid is None)
+        self._displacements = self.multigrid
+        if cavity is not None:
+            shape = (len(held), n_env)
+            self._gradient, self._response = (wp.zeros(shape, dtype=wp.float32, device=device) for _ in range(2))
+            self._stiffness, self._along = (Dots(len(held), elasticity.active) for _ in range(2))
+            self._held = held
+
+    def forget(self, environments: np.ndarray):
+        """Drop what was made for the last presses of the environments (env,) bool: none depends on those before it."""
+        self.factored[environments] = self.multigrid is None
+        if self.factor is not None:
+            self.factor.forget(environments)
+
+    def fall_back(self, environments: np.ndarray) -> np.ndarray:
+        """Use factors in the environments (env,) bool until :meth:`forget`; returns where that is possible.
+
+        A batch on a GPU has no room for them.
+        """
+        possible = environments & (self.elasticity.device == "cpu" or len(environments) == 1)
+        if possible.any():
+            self.factor = self.factor or self._make_factor()
+            self.factored |= possible
+        return possible
+
+    def follow(self):
+        """Make the multigrid cycle of the active environments that of their last linearisation."""
+        self.multigrid.update()
+
+    def use(self, factored: bool):
+        """Apply factors from now on, or multigrid."""
+        self._displacements = self.factor if factored else self.multigrid
+
+    def update(self, environments: np.ndarray, iterations: np.ndarray, factored: bool) -> np.ndarray:
+        """Get ready for the given environments, with factors or not; their last solves took these iterations (env,).
+
+        Factors that have become poor are made anew. Returns the environments whose matrix is singular.
+        """
+        singular = np.zeros(0, dtype=int)
+        self.use(factored)
+        if factored:
+            singular = self.factor.update(environments, iterations)
+        if self.cavity is not None:
+            gradient = self.cavity.gradient  # no larger than the displacements: the rows below them stay zero
+            active = self.elasticity.active
+            columns.launch(free_part_kernel, len(gradient), [gradient, self._held, active], [self._gradient])
+            response = wp.zeros_like(self._response)
+            self._displacements.apply(self._gradient, response)
+            columns.copy(response, active, self._response)
+            self._stiffness(self._gradient, self._response)
+        return singular
+
+    def apply(self, r, z_out):
+        """z = M^-1 r."""
+        columns.reset(self.elasticity.active, z_out)
+        n_u, n_p = self.elasticity.n_displacements, self.elasticity.n_pressures
+        if n_p:
+            columns.launch(pressures_kernel, n_p, [self._schur, r, n_u, self.elasticity.active], [z_out])
+        self._displacements.apply(r, z_out)
+        if self.cavity is not None:
+            along = self._along(self._gradient, z_out)
+            inputs = [self._response, self._stiffness.values, along, r, self.cavity.row, self.elasticity.active]
+            columns.launch(border_kernel, len(r), inputs, [z_out])

@@ -1,0 +1,62 @@
+"""Sparse matrices between levels of multigrid, the same in all environments."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+import warp as wp
+
+from simgen.fem import columns
+from simgen.fem.material.neo_hookean import single
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def sparse_kernel(
+    row_starts: wp.array(dtype=wp.int32),
+    columns: wp.array(dtype=wp.int32),
+    values: wp.array(dtype=wp.float32),
+    x: wp.array2d(dtype=wp.float32),
+    factor: single,
+    keep: wp.bool,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    y_out: wp.array2d(dtype=wp.float32),
+):
+    """y = factor times M x, or that much more."""
+    row, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    total = single(0.0)
+    for k in range(row_starts[row], row_starts[row + 1]):
+        total += values[k] * x[columns[k], env]
+    total *= factor
+    if keep:
+        total += y_out[row, env]
+    y_out[row, env] = total
+
+
+class Transfer:
+    """A sparse matrix that is the same for all environments, and its transpose, in the ``active`` ones."""
+
+    def __init__(self, matrix: sparse.csr_array, active):
+        self.shape, self._active, device = matrix.shape, active, active.device
+        self._there, self._back = (self._on_device(m, device) for m in (matrix, sparse.csr_array(matrix.T)))
+
+    @staticmethod
+    def _on_device(matrix, device):
+        indices = [wp.array(a.astype(np.int32), dtype=wp.int32, device=device) for a in (matrix.indptr, matrix.indices)]
+        return [*indices, wp.array(matrix.data, dtype=wp.float32, device=device)]
+
+    def _launch(self, matrix, rows, x, factor, keep, out):
+        columns.launch(sparse_kernel, rows, [*matrix, x, factor, keep, self._active], [out])
+
+    def prolong(self, x, y_out):
+        """y += M x."""
+        self._launch(self._there, self.shape[0], x, 1.0, True, y_out)
+
+    def restrict(self, x, y_out, factor: float = 1.0):
+        """y = factor times M^T x."""
+        self._launch(self._back, self.shape[1], x, factor, False, y_out)

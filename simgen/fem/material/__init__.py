@@ -1,0 +1,1 @@
+"""Constitutive laws, and what keeps elements open that would turn inside out."""

@@ -1,0 +1,1 @@
+"""Newton's method, its line search and damping, and the balance of forces."""

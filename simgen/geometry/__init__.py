@@ -1,0 +1,1 @@
+"""Signed distance fields, surfaces, curved tetrahedra, mesh files and their quality."""

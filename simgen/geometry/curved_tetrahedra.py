@@ -1,0 +1,180 @@
+"""Curved quadratic tetrahedra: corner and mid-edge nodes of the boundary are moved onto the true surface.
+
+Each boundary face belongs to the smooth patch of the true surface that is nearest to its centre, and each
+boundary node to the patches of its faces. A node of two or three patches (an edge or a corner of the body) is
+projected onto them in turn until it lies on all (von Neumann's alternating projections), so that sharp edges
+stay sharp.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from simgen.geometry.interpolation import TET_EDGES, geometry_jacobian
+from simgen.geometry.surface import ClosestPoint, patches_at, smooth_patches
+from simgen.geometry.tetrahedra import TET_FACES, TRIANGLE_EDGES, boundary_triangles, signed_volumes
+
+FREE, HELD, CORE = 0, 1, 2  # regions of the true surface: touchable, held, facing the rigid core
+ROUNDS = 30  # of alternating projections
+
+
+def _determinant_points() -> np.ndarray:
+    """Barycentric points where the geometry map is checked: corners, mid-edges, face centres, 15 inside."""
+    corners = np.eye(4)
+    middles = corners[TET_EDGES].mean(axis=1)
+    centres = corners[TET_FACES].mean(axis=1)
+    inner = np.concatenate([corners, middles, centres]) * 0.75 + 0.0625
+    return np.concatenate([corners, middles, centres, inner, [[0.25] * 4]])
+
+
+DETERMINANT_POINTS = _determinant_points()
+
+
+class LabelledSurface:
+    """The true surface of a gel: a closed triangulation whose faces carry a region, FREE, HELD or CORE."""
+
+    def __init__(self, surface: trimesh.Trimesh, region: np.ndarray):
+        self.surface = surface
+        self.region = region
+        self.patch = smooth_patches(surface, region)  # those that nodes are moved onto: they end at regions, too
+        self._smooth = smooth_patches(surface)
+        self.closest = ClosestPoint(surface.vertices, surface.faces)
+        self._on_patch: dict[int, ClosestPoint] = {}
+
+    def on_patch(self, patch: int) -> ClosestPoint:
+        if patch not in self._on_patch:
+            self._on_patch[patch] = ClosestPoint(
+                self.surface.vertices, self.surface.faces[self.patch == patch]
+            )
+        return self._on_patch[patch]
+
+    def part(self, region: int) -> ClosestPoint | None:
+        """Closest points on the faces of one region; None where the surface has no such face."""
+        faces = self.surface.faces[self.region == region]
+        return ClosestPoint(self.surface.vertices, faces) if len(faces) else None
+
+    def is_held(self, points: np.ndarray) -> np.ndarray:
+        """Whether the nearest point of the surface is held, (n,) bool."""
+        return self.region[self.closest(points)[2]] == HELD
+
+    def patches_at(self, vertices: np.ndarray, faces: np.ndarray) -> list[set[int]]:
+        """Smooth patches that meet at each vertex of a boundary (f, 3) near this surface: two on a crease."""
+        nearest = self.closest(vertices[faces].mean(axis=1))[2]
+        return patches_at(len(vertices), faces, self._smooth[nearest])
+
+    def area(self, region: int) -> float:
+        return float(self.surface.area_faces[self.region == region].sum())
+
+    def project(self, points: np.ndarray, patches: list[tuple[int, ...]], limit: float) -> np.ndarray:
+        """Each point onto all of its patches; where that is further than ``limit``, onto the nearest face."""
+        on = np.array(points)
+        members = defaultdict(list)
+        for i, own in enumerate(patches):
+            for patch in own:
+                members[patch].append(i)
+        several = np.array([len(own) > 1 for own in patches])
+        for turn in range(ROUNDS):
+            for patch, rows in members.items():
+                rows = np.array(rows)
+                rows = rows if turn == 0 else rows[several[rows]]
+                if len(rows):
+                    on[rows] = self.on_patch(patch)(on[rows])[0]
+        far = np.linalg.norm(on - points, axis=1) > limit
+        if far.any():
+            on[far] = self.closest(points[far])[0]
+        return on
+
+
+@dataclass(frozen=True)
+class CurvedMesh:
+    nodes: np.ndarray  # (n, 3) m, corners first
+    n_corners: int
+    tetrahedra: np.ndarray  # (e, 10) int32
+    faces: np.ndarray  # (f, 6) int32 outward quadratic triangles of the boundary
+    region: np.ndarray  # (f,) FREE, HELD or CORE
+    straightened: int  # edges left straight because the curved element would have folded
+
+
+def determinants(nodes: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
+    """Determinant of the geometry map, by that of the straight element, at `DETERMINANT_POINTS`: (e, d)."""
+    det = np.linalg.det(geometry_jacobian(nodes[tetrahedra][:, None], DETERMINANT_POINTS[None]))
+    return det / (6.0 * signed_volumes(nodes, tetrahedra))[:, None]
+
+
+def face_regions(
+    vertices: np.ndarray, faces: np.ndarray, true: LabelledSurface
+) -> tuple[np.ndarray, np.ndarray]:
+    """Region (f,) and smooth patch (f,) of boundary triangles: the true surface's, nearest their centre."""
+    nearest = true.closest(vertices[faces].mean(axis=1))[2]
+    return true.region[nearest], true.patch[nearest]
+
+
+def make_quadratic(
+    vertices: np.ndarray, tetrahedra: np.ndarray, true: LabelledSurface, limit: float, least_det: float = 0.2
+) -> CurvedMesh:
+    """Ten-node tetrahedra with their boundary nodes on the true surface.
+
+    limit: the furthest that a node is moved along its patches, m.
+    least_det: an element keeps straight edges if its determinant falls below this part of the straight one.
+    """
+    faces, _, _ = boundary_triangles(tetrahedra)
+    region, patch = face_regions(vertices, faces, true)
+    vertices = _project_corners(vertices, tetrahedra, faces, patch, true, limit)
+
+    ends = np.sort(tetrahedra[:, TET_EDGES].reshape(-1, 2), axis=1)
+    edges, edge_of = np.unique(ends, axis=0, return_inverse=True)
+    edge_of = edge_of.reshape(-1, 6)
+    straight = vertices[edges].mean(axis=1)
+    face_edges = _edge_numbers(edges, np.sort(faces[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)).reshape(-1, 3)
+    on_edge = defaultdict(set)
+    for number, label in zip(face_edges.ravel(), np.repeat(patch, 3), strict=True):
+        on_edge[number].add(int(label))
+    outer = np.array(sorted(on_edge))
+    curved = straight.copy()
+    curved[outer] = true.project(straight[outer], [tuple(on_edge[e]) for e in outer], limit)
+
+    ten = np.concatenate([tetrahedra, len(vertices) + edge_of], axis=1).astype(np.int32)
+    is_outer = np.zeros(len(edges), dtype=bool)
+    is_outer[outer] = True
+    straightened = 0
+    while True:
+        nodes = np.concatenate([vertices, curved])
+        bad = determinants(nodes, ten).min(axis=1) < least_det
+        back = np.unique(edge_of[bad])
+        back = back[is_outer[back]]
+        if not len(back):
+            break
+        curved[back] = straight[back]
+        is_outer[back] = False
+        straightened += len(back)
+    return CurvedMesh(
+        nodes=nodes,
+        n_corners=len(vertices),
+        tetrahedra=ten,
+        faces=np.concatenate([faces, len(vertices) + face_edges], axis=1).astype(np.int32),
+        region=region,
+        straightened=straightened,
+    )
+
+
+def _edge_numbers(edges: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Row of each wanted pair in the sorted unique ``edges``."""
+    size = edges.max() + 1
+    return np.searchsorted(edges[:, 0] * size + edges[:, 1], wanted[:, 0] * size + wanted[:, 1])
+
+
+def _project_corners(vertices, tetrahedra, faces, patch, true, limit) -> np.ndarray:
+    """Boundary corners on the true surface, as far as the tetrahedra around them keep half of their volume.
+    """
+    on_corner, outer = patches_at(len(vertices), faces, patch), np.unique(faces)
+    move = np.zeros_like(vertices)
+    move[outer] = true.project(vertices[outer], [tuple(on_corner[c]) for c in outer], limit) - vertices[outer]
+    before = signed_volumes(vertices, tetrahedra)
+    for _ in range(20):
+        squashed = signed_volumes(vertices + move, tetrahedra) < 0.5 * before
+        if not squashed.any():
+            break
+        move[np.unique(tetrahedra[squashed])] *= 0.5
+    return vertices + move

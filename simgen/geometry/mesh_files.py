@@ -1,0 +1,193 @@
+"""Mesh files: those that users bring, and our own compact one. Everything is metres once it is read."""
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import uuid
+from pathlib import Path
+
+import meshio
+import numpy as np
+import platformdirs
+import trimesh
+
+from simgen.config.parsing import parsing
+from simgen.errors import InputError
+from simgen.geometry.surface import enclosed_volume
+from simgen.geometry.tetrahedra import OutputMesh, SimulationMesh, boundary_triangles, signed_volumes
+
+UNITS = {"m": 1.0, "mm": 1e-3}
+SURFACE_SUFFIXES = (".stl", ".obj", ".ply")
+MESHIO_FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".mesh": "medit"}
+TET_SUFFIXES = (*MESHIO_FORMATS, ".tet")
+SMALLEST, LARGEST = 1e-4, 0.5  # m, of a gel, a core or an indenter: across, along its longest axis
+
+
+def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
+    """A user's mesh: its closed outward surface; vertices and tetrahedra where the file has them.
+
+    .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio) tetrahedra or triangles, .tet lines ``v x y z`` and
+    ``t a b c d``. Second-order cells count by their corners, joined by straight edges.
+
+    Raises InputError where the file is missing, unknown, open or has tetrahedra of both signs.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SURFACE_SUFFIXES + TET_SUFFIXES:
+        raise InputError(
+            f"{path}: unknown kind of mesh {suffix!r}, allowed {' '.join(SURFACE_SUFFIXES + TET_SUFFIXES)}"
+        )
+    if not os.path.isfile(path):  # which is no error of a name that is too long
+        raise InputError(f"{path}: no such mesh file")
+    with parsing(path, suffix):
+        points, cells = _read_tet(path) if suffix == ".tet" else _read_any(path, suffix)
+        points = np.asarray(points, dtype=float) * UNITS[unit]
+        check_mesh(path, points, cells)
+        check_size(path, points[cells])
+        if cells.shape[1] == 3:
+            return closed_surface(points, cells, path), None, None
+        tetrahedra = _oriented(points, cells, path)
+        return closed_surface(points, boundary_triangles(tetrahedra)[0], path), points, tetrahedra
+
+
+def check_mesh(path: Path, points: np.ndarray, cells: np.ndarray) -> None:
+    """Raises InputError unless ``cells`` (c, 3 or 4), at least one, name finite ``points`` (p, 3)."""
+    if not len(cells):
+        raise InputError(f"{path}: no triangle and no tetrahedron in it")
+    if points.ndim != 2 or points.shape[1] != 3 or cells.ndim != 2 or cells.shape[1] not in (3, 4):
+        raise InputError(f"{path}: vertices {points.shape}, cells {cells.shape}; allowed: (v, 3), (c, 3) or (c, 4)")
+    if not np.isfinite(points).all():
+        raise InputError(f"{path}: coordinates that are not finite numbers")
+    if cells.min() < 0 or cells.max() >= len(points):
+        raise InputError(f"{path}: vertices {cells.min()} to {cells.max()} are named; allowed: 0 to {len(points) - 1}")
+
+
+def check_body(path: Path, surface: trimesh.Trimesh) -> None:
+    """Raises InputError unless a surface that was made of numbers is a closed body of a fingertip's size."""
+    check_mesh(path, surface.vertices, surface.faces)
+    check_size(path, surface.vertices)
+    if not surface.is_watertight or not surface.volume > 0.0:
+        raise InputError(f"{path}: its sizes make no closed body")
+
+
+def check_size(path: Path, points: np.ndarray) -> None:
+    """Raises InputError where a body of points (..., 3) in m is no fingertip's size: mm for m, most often."""
+    largest = float(np.ptp(points.reshape(-1, 3), axis=0).max())
+    if not SMALLEST < largest < LARGEST:
+        allowed = f"allowed: {SMALLEST:g}..{LARGEST:g} m; is its unit m or mm?"
+        raise InputError(f"{path}: the shape is {largest:g} m large; {allowed}")
+
+
+def _read_tet(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    rows = [line.split() for line in path.read_text().splitlines()]
+    vertices = np.array([row[1:4] for row in rows if row and row[0] == "v"], dtype=float)
+    tetrahedra = np.array([row[1:5] for row in rows if row and row[0] == "t"], dtype=np.int64)
+    return vertices, tetrahedra
+
+
+def _read_any(path: Path, suffix: str) -> tuple[np.ndarray, np.ndarray]:
+    if suffix in SURFACE_SUFFIXES:
+        mesh = trimesh.load(path, force="mesh", process=False)
+        return mesh.vertices, mesh.faces
+    mesh = meshio.read(path, file_format=MESHIO_FORMATS[suffix])
+    for kind, second_order, corners in (("tetra", "tetra10", 4), ("triangle", "triangle6", 3)):
+        if kind in mesh.cells_dict:
+            return mesh.points[:, :3], mesh.cells_dict[kind]
+        if second_order in mesh.cells_dict:
+            used, cells = np.unique(mesh.cells_dict[second_order][:, :corners], return_inverse=True)
+            return mesh.points[used, :3], cells.reshape(-1, corners)
+    raise InputError(f"{path}: neither tetrahedra nor triangles, but {', '.join(mesh.cells_dict) or 'nothing'}")
+
+
+def _oriented(points: np.ndarray, tetrahedra: np.ndarray, path: Path) -> np.ndarray:
+    """The tetrahedra with positive volume; a file that orders them all the other way round is fine."""
+    volume = signed_volumes(points, tetrahedra)
+    if (volume < 0).all():
+        return tetrahedra[:, [0, 2, 1, 3]].astype(np.int32)
+    if (volume <= 0).any():
+        raise InputError(
+            f"{path}: {(volume <= 0).sum()} of {len(volume)} tetrahedra are inverted or flat, allowed 0"
+        )
+    return tetrahedra.astype(np.int32)
+
+
+def closed_surface(points: np.ndarray, faces: np.ndarray, path: Path) -> trimesh.Trimesh:
+    """A watertight surface with its normals outwards. Raises InputError where it is open."""
+    surface = trimesh.Trimesh(points, faces, process=False)
+    surface.merge_vertices(merge_norm=True, merge_tex=True)
+    surface.remove_unreferenced_vertices()
+    if not surface.is_watertight:
+        raise InputError(
+            f"{path}: the surface is open (an edge joins other than two faces), it must be closed"
+        )
+    if not surface.is_winding_consistent or enclosed_volume(surface.vertices, surface.faces) < 0:
+        surface.fix_normals(multibody=True)
+    return surface
+
+
+def bodies(surface: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+    """The closed bodies of a surface, largest first."""
+    return sorted(surface.split(only_watertight=False), key=lambda body: -abs(body.volume))
+
+
+def array_hash(source: str, arrays: dict[str, np.ndarray]) -> str:
+    """SHA-256 of what a mesh was made from and of its arrays."""
+    digest = hashlib.sha256(source.encode())
+    for name in sorted(arrays):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
+    return digest.hexdigest()
+
+
+def save_mesh(path: Path, mesh: SimulationMesh | OutputMesh, source: str) -> None:
+    """Write a mesh as .npz, with the hash of what it was made from. An existing file is never half replaced.
+    """
+    arrays = {name: value for name, value in vars(mesh).items() if name != "hash"}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
+        np.savez_compressed(file, source=source, **arrays)
+    os.chmod(file.name, 0o644)
+    os.replace(file.name, path)
+
+
+def load_mesh(path: Path, kind: type, source: str):
+    """A mesh that `save_mesh` wrote, of class ``kind``; None where there is none. Raises InputError on a
+    stale one.
+    """
+    if not path.is_file():
+        return None
+    with parsing(path, "a mesh that simgen wrote"):
+        with np.load(path) as file:
+            stored = str(file["source"])
+            arrays = {name: file[name] for name in file.files if name != "source"}
+        if stored != source:
+            raise InputError(
+                f"{path}: made from other geometry or settings than sensor.yaml now says: run simgen mesh"
+            )
+        return with_hash(kind, source, arrays)
+
+
+def with_hash(kind: type, source: str, arrays: dict[str, np.ndarray]):
+    """A SimulationMesh or OutputMesh from its arrays."""
+    values = dict(arrays)
+    if "n_corners" in values:
+        values["n_corners"] = int(values["n_corners"])
+    return kind(**values, hash=array_hash(source, {k: np.asarray(v) for k, v in arrays.items()}))
+
+
+def cached(source: str, kind: type, make):
+    """The mesh made from ``source`` before, else ``make()``, kept in the user's cache.
+
+    Meshing differs from run to run: whoever comes first stays, so that all processes use one mesh.
+    """
+    folder = Path(os.environ.get("SIMGEN_CACHE") or platformdirs.user_cache_dir("simgen")) / "meshes"
+    path = folder / f"{source}.npz"
+    found = load_mesh(path, kind, source)
+    if found is not None:
+        return found
+    own = path.with_suffix(f".{uuid.uuid4().hex}.npz")
+    save_mesh(own, make(), source)
+    with contextlib.suppress(FileExistsError):
+        os.link(own, path)
+    own.unlink()
+    return load_mesh(path, kind, source)

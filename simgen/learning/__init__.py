@@ -1,0 +1,1 @@
+"""Networks between the two sensors: training, and translation of signals to images."""

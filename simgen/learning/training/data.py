@@ -1,0 +1,115 @@
+"""A dataset as tensors: the samples that are valid on all sensors, whole on one device.
+
+Displacements stay the int16 steps that are stored, 2 bytes a coordinate: 123,000 samples of the DIGIT's 6,198 vertices
+are 4.6 GB, so a GPU holds a whole dataset, and a batch is a row index away.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from simgen.dataset.layout import checked
+from simgen.dataset.reader import Dataset
+from simgen.dataset.splits import SPLITS
+from simgen.errors import InputError
+from simgen.fem.nonlinear.status import is_valid
+
+Track = Callable[[list, str], list]
+
+
+@dataclass(frozen=True)
+class MeshSamples:
+    """Displacements of one sensor in all samples."""
+
+    sensor: str
+    rest: Tensor  # (vertex, 3) float32, m, in the sensor's frame
+    tetrahedra: np.ndarray  # (tet, 4)
+    surface_triangles: np.ndarray  # (triangle, 3)
+    steps: Tensor  # (sample, vertex * 3) int16, or float32
+    scale: float  # m a step
+
+    def displacement(self, rows: Tensor) -> Tensor:
+        """(n, vertex, 3) float32, m, of the samples with these row numbers (n,)."""
+        return (self.steps[rows].float() * self.scale).view(len(rows), -1, 3)
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """Samples by row number: a press after the other, its depths in order."""
+
+    dataset: Dataset
+    meshes: dict[str, MeshSamples]
+    press: np.ndarray  # (sample,) of the dataset
+    step: np.ndarray  # (sample,) index of the depth
+    trajectory: np.ndarray  # (sample,)
+    indenter: np.ndarray  # (sample,) index into the dataset's indenters
+    split: np.ndarray  # (sample,) index into SPLITS, or -1
+    depth: np.ndarray  # (sample,) m
+
+    def __len__(self) -> int:
+        return len(self.press)
+
+    def rows(self, split: str) -> Tensor:
+        """Row numbers of a split, on the device of the meshes. Raises `InputError` if there are none."""
+        rows = np.flatnonzero(self.split == list(SPLITS).index(split))
+        if not len(rows):
+            counts = ", ".join(f"{name} {np.count_nonzero(self.split == code)}" for code, name in enumerate(SPLITS))
+            raise InputError(f"{self.dataset.path}: no sample of split {split}; samples: {counts}; more trajectories?")
+        device = next(iter(self.meshes.values())).steps.device
+        return torch.from_numpy(rows).to(device)
+
+
+def load_training_data(path: str | Path, sensors: tuple[str, ...], device: torch.device, track: Track) -> TrainingData:
+    """Read a dataset onto a device. Raises `InputError` for a sensor that is not there, or without a sample."""
+    dataset = checked(Dataset(path))
+    for sensor in sensors:
+        if sensor not in dataset.sensors:
+            raise InputError(f"{path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
+    valid = np.all([is_valid(dataset[f"{sensor}/status"]) for sensor in sensors], axis=0)
+    if not valid.any():
+        raise InputError(f"{path}: no sample is valid on {' and '.join(sensors)}")
+    press, step = np.nonzero(valid)
+    columns = {name: dataset[f"press/{name}"][press] for name in ("trajectory", "indenter", "split")}
+    meshes = {sensor: _load_meshes(dataset, sensor, valid, device, track) for sensor in sensors}
+    return TrainingData(dataset, meshes, press, step, depth=dataset["depth"][step], **columns)
+
+
+def _load_meshes(
+    dataset: Dataset, sensor: str, valid: np.ndarray, device: torch.device, track: Track
+) -> MeshSamples:
+    """The samples `valid` (press, depth) of a sensor, read side by side, a shard at a time."""
+    rest = dataset[f"{sensor}/rest_positions"]
+    scale = dataset.displacement_scale(sensor)
+    first = np.concatenate([[0], np.cumsum(valid.sum(axis=1))])
+    steps = np.empty((first[-1], rest.size), np.float32 if scale is None else np.int16)
+
+    def read(shard: int) -> None:
+        presses = dataset.shard_presses(shard)
+        rows = slice(presses.start, presses.stop)
+        if valid[rows].any():
+            stored = dataset.stored_displacement(sensor, rows)[valid[rows]]
+            steps[first[presses.start] : first[presses.stop]] = stored.reshape(-1, rest.size)
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        for reading in track([threads.submit(read, shard) for shard in range(dataset.shards)], sensor):
+            reading.result()
+    return MeshSamples(
+        sensor,
+        torch.from_numpy(rest).float().to(device),
+        dataset[f"{sensor}/tetrahedra"],
+        dataset[f"{sensor}/surface_triangles"],
+        torch.from_numpy(steps).to(device),
+        1.0 if scale is None else scale,
+    )
+
+
+def mesh_hash(tetrahedra: np.ndarray) -> str:
+    """sha256 of which vertices make up each tetrahedron (tet, 4). No coordinate is in it, so no rounding."""
+    return hashlib.sha256(np.ascontiguousarray(tetrahedra, "<i4").tobytes()).hexdigest()

@@ -1,0 +1,170 @@
+"""How far a network's predictions are from the truth, sample by sample."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import ClassVar, Self
+
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from simgen.dataset.contact_patch import ContactPatches
+from simgen.dataset.touch_audit import FACET_M
+from simgen.errors import InputError
+from simgen.learning.training.data import MeshSamples, TrainingData
+
+Predictor = Callable[[Tensor], Tensor]  # row numbers (n,) int64 -> (n, vertex, 3) m, or (n, channel)
+# Row numbers (n,) and displacements (n, vertex, 3) m -> (n, point) whether each point touches the indenter.
+Touching = Callable[[Tensor, Tensor], np.ndarray]
+
+REGION_M = 10e-6  # a vertex this far from rest is in the deformation region (ACROSS)
+WORST_SHARE = 0.99  # of the vertices of a sample lie within its 99th percentile
+COORDINATES_AT_ONCE = 2**23  # 64 MB in float64; torch.quantile takes 2^24 values at most
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """Of the samples in which a measure is defined; NaN if there are none. `std` is that of the samples themselves."""
+
+    mean: float
+    std: float
+    samples: int
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> Self:
+        known = values[~np.isnan(values)]
+        if not len(known):
+            return cls(np.nan, np.nan, 0)
+        with np.errstate(invalid="ignore"):  # infinite errors have no deviation
+            return cls(float(known.mean()), float(known.std()), len(known))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Measures of samples, (sample,) float64 each; NaN where one is not defined.
+
+    rows : (sample,) row numbers in the data
+    """
+
+    rows: np.ndarray
+
+    @classmethod
+    def measures(cls) -> tuple[str, ...]:
+        return tuple(each.name for each in fields(cls) if each.name != "rows")
+
+    def summary(self) -> dict[str, Statistic]:
+        """Over the samples, by measure."""
+        return {name: Statistic.of(getattr(self, name)) for name in self.measures()}
+
+    def groups(self, labels: np.ndarray) -> dict:
+        """The samples of each label, in order; `labels` (of all samples of the data,), such as its indenters."""
+        own = labels[self.rows]
+        return {label.item(): self._some(own == label) for label in np.unique(own)}
+
+    def _some(self, chosen: np.ndarray) -> Self:
+        return type(self)(**{each.name: getattr(self, each.name)[chosen] for each in fields(self)})
+
+
+@dataclass(frozen=True)
+class MeshErrors(Errors):
+    """Errors of displacement; infinite where a prediction is not finite.
+
+    The deformation region is where the truth is at least `REGION_M` from rest.
+
+    rmse_um : root of the mean over all coordinates (vertex * 3), um (ACROSS)
+    med_um : mean Euclidean distance of the vertices, um
+    region_rmse_um, region_med_um : the same in the deformation region; NaN if no vertex is in it
+    p99_um, worst_um : 99th percentile of the distances of the vertices, and the largest, um
+    overlap : intersection over union of the points at most `FACET_M` from the indenter's surface, predicted and true;
+        NaN if none is in either, or if the dataset does not say where the indenter is
+    """
+
+    rmse_um: np.ndarray
+    med_um: np.ndarray
+    region_rmse_um: np.ndarray
+    region_med_um: np.ndarray
+    p99_um: np.ndarray
+    worst_um: np.ndarray
+    overlap: np.ndarray
+    MAIN: ClassVar[str] = "rmse_um"  # what models are compared by
+
+
+@dataclass(frozen=True)
+class SignalErrors(Errors):
+    """Errors of normalised electrode signals; infinite where a prediction is not finite.
+
+    rmse : root of the mean over the channels
+    """
+
+    rmse: np.ndarray
+    MAIN: ClassVar[str] = "rmse"
+
+
+def contact_of(data: TrainingData, sensor: str) -> Touching | None:
+    """What touches on a sensor; None if the dataset does not say, or an indenter is no more what it was."""
+    device = data.meshes[sensor].steps.device
+    try:
+        patches = ContactPatches(data.dataset, sensor, str(device))
+    except InputError:
+        return None
+    points = torch.from_numpy(patches.points).to(device)
+
+    def touching(rows: Tensor, displacement: Tensor) -> np.ndarray:
+        at = rows.cpu().numpy()
+        moved = wp.from_torch(displacement[:, points].double().contiguous(), dtype=wp.vec3d)
+        gap = patches.gap(data.press[at], data.step[at], moved)
+        return np.abs(gap) <= FACET_M  # a point that is predicted deep inside the indenter does not touch its surface
+
+    return touching
+
+
+@torch.no_grad()
+def mesh_errors(
+    predict: Predictor, truth: MeshSamples, rows: Tensor, touching: Touching | None = None
+) -> MeshErrors:
+    """Errors of predicted displacements at some rows, in batches on the device of the truth."""
+    batch = max(COORDINATES_AT_ONCE // truth.rest.numel(), 1)
+    parts = [_mesh_errors(predict(some), truth.displacement(some), some, touching) for some in rows.split(batch)]
+    measures = [torch.cat(values).cpu().numpy() for values in zip(*parts, strict=True)]
+    return MeshErrors(rows.cpu().numpy(), *measures)
+
+
+def _mesh_errors(
+    predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None
+) -> tuple[Tensor, ...]:
+    """The measures of a batch, (n,) each, in the order of `MeshErrors`."""
+    squares = _infinite(((predicted.double() - true.double()) * 1e6).square().sum(dim=2))
+    distance = squares.sqrt()
+    region = true.double().square().sum(dim=2) >= REGION_M**2
+    size = region.sum(dim=1)  # 0 / 0 is NaN
+    return (
+        (squares.mean(dim=1) / 3).sqrt(),
+        distance.mean(dim=1),
+        (squares.where(region, 0.0).sum(dim=1) / (3 * size)).sqrt(),
+        distance.where(region, 0.0).sum(dim=1) / size,
+        _infinite(distance.quantile(WORST_SHARE, dim=1)),
+        distance.amax(dim=1),
+        torch.from_numpy(_overlap(predicted, true, rows, touching)),
+    )
+
+
+def _infinite(values: Tensor) -> Tensor:
+    """Infinity in place of NaN: what a network that fails predicts must not be left out of a mean."""
+    return values.nan_to_num(nan=torch.inf, posinf=torch.inf)
+
+
+def _overlap(predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None) -> np.ndarray:
+    if touching is None:
+        return np.full(len(rows), np.nan)
+    found, expected = touching(rows, predicted), touching(rows, true)
+    either = (found | expected).sum(axis=1)
+    return np.where(either > 0, (found & expected).sum(axis=1) / np.maximum(either, 1), np.nan)
+
+
+@torch.no_grad()
+def signal_errors(predict: Predictor, truth: Tensor, rows: Tensor) -> SignalErrors:
+    """Errors of predicted signals at some rows; both normalised, the truth (sample, channel)."""
+    batches = rows.split(max(COORDINATES_AT_ONCE // truth.shape[1], 1))
+    squares = [(predict(some).double() - truth[some].double()).square().mean(dim=1) for some in batches]
+    return SignalErrors(rows.cpu().numpy(), _infinite(torch.cat(squares)).sqrt().cpu().numpy())

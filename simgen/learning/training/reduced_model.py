@@ -1,0 +1,160 @@
+"""A reduced-order model of one sensor's mesh: principal components, sharpened on the mesh. Not of the paper: ours.
+
+The latents are the coefficients of the first principal components, the best that a linear map can do. What these leave
+out is fine: rims of the contact, edges of the indenter. It is not noise, though: the coarse field around a vertex tells
+much of it, in the same way all over the sensor. So a few convolutions on the mesh, whose weights all vertices share,
+take the decoded field and add what is missing, as image super-resolution does with a smooth image (residual learning:
+Kim, Lee and Lee, CVPR 2016). In reduced-order modelling that is a closure (Barnett, Farhat and Maday, Journal of
+Computational Physics 492, 2023), which there one perceptron learns for all coefficients at once; shared weights learn
+it from fewer contacts. A correction of nought is PCA, where training starts.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from simgen.learning.training.chebyshev import ChebyshevConvolution, scaled_laplacian
+from simgen.learning.training.hierarchy import edge_graph
+from simgen.learning.training.pca import PCA, Values
+from simgen.learning.training.sparse import SparseMatrix
+
+LATENT = 128
+WIDTH = 16  # features of a vertex between convolutions, as the mesh VAE has
+HIDDEN = 2  # convolutions between the first and the last
+ORDER = 4  # of the Chebyshev polynomials: four convolutions reach 12 edges far
+INPUTS = 7  # of a vertex: its displacement, its rest position, and how large the press is
+ROUNDING = 1e-7 / 12**0.5  # m, root mean square of what storing in steps of 1e-7 m takes away
+BATCH = 512  # samples at once where nothing is trained
+
+
+class ReducedModel(nn.Module):
+    """Displacements (n, vertex, 3), in m, to latents (n, latent) and back.
+
+        u = coarse + (1 - Phi^T Phi) S(coarse),   coarse = mean + Phi^T q,   q = Phi (u - mean)
+
+    with principal components Phi (latent, 3 vertices) and convolutions S. The factor before S keeps the coefficients q
+    as they are: a decoded mesh is encoded to what it was decoded from. S is fed with the field over its own root mean
+    square, and is multiplied by that: shallow presses are drawn as finely as deep ones, and to a field of nought S adds
+    nothing.
+
+    Latents are q over `unit`, one length for all of them. As components are orthonormal, an error of latents (Euclidean
+    norm) times ``unit`` is the error of all coordinates that it makes: the network that predicts latents best is
+    the one that predicts the coarse mesh best.
+
+    edges : entries of the adjacency of the mesh
+    """
+
+    kind: ClassVar[str] = "reduced_model"
+
+    def __init__(self, vertices: int, edges: int, latent: int = LATENT, width: int = WIDTH):
+        super().__init__()
+        self.laplacian = SparseMatrix(vertices, vertices, edges)
+        self.register_buffer("position", torch.zeros(vertices, 3))
+        self.register_buffer("mean", torch.zeros(3 * vertices))
+        self.register_buffer("components", torch.zeros(latent, 3 * vertices))
+        self.register_buffer("amplitude", torch.ones(()))  # m, root mean square displacement of a coordinate
+        self.register_buffer("left_out", torch.ones(()))  # m, likewise of what the components leave out
+        self.first = ChebyshevConvolution(INPUTS, width, ORDER)
+        self.hidden = nn.ModuleList(ChebyshevConvolution(width, width, ORDER) for _ in range(HIDDEN))
+        self.last = ChebyshevConvolution(width, 3, ORDER, bias=False)
+        nn.init.zeros_(self.last.weight)
+
+    @classmethod
+    @torch.no_grad()
+    def of_samples(
+        cls, displacement: Values, rows: Tensor, rest: Tensor, tetrahedra: np.ndarray, latent: int = LATENT,
+        width: int = WIDTH,
+    ) -> Self:  # fmt: skip
+        """A new network, as good as PCA and not better yet.
+
+        displacement : row numbers -> (n, vertex, 3), m
+        rows : those of training
+        rest : (vertex, 3) m, of the mesh of ``tetrahedra``
+        """
+        adjacency = edge_graph(rest.double().cpu().numpy(), tetrahedra)
+        adjacency.data[:] = 1.0
+        network = cls(len(rest), adjacency.nnz, latent, width).to(rest.device)
+        network.laplacian.fill(scaled_laplacian(adjacency))
+        network.position.copy_((rest - rest.mean(0)) / rest.std())
+        pca = PCA.fit(displacement, rows, latent)
+        network.mean.copy_(pca.mean)
+        network.components[: pca.rank].copy_(pca.components)
+        square = error = 0.0
+        for some in rows.split(BATCH):
+            u = displacement(some).flatten(1).double()
+            square = square + u.square().sum()
+            error = error + (u - pca.decode(pca.encode(u))).square().sum()
+        coordinates = len(rows) * pca.mean.numel()
+        network.amplitude.copy_((square / coordinates).sqrt().clamp_min(ROUNDING))
+        network.left_out.copy_((error / coordinates).sqrt().clamp_min(ROUNDING))
+        return network
+
+    @property
+    def vertices(self) -> int:
+        return len(self.position)
+
+    def settings(self) -> dict[str, Any]:
+        """What `empty` needs."""
+        edges, width = len(self.laplacian.values), self.last.weight.shape[2]
+        return {"vertices": self.vertices, "edges": edges, "latent": len(self.components), "width": width}
+
+    @classmethod
+    def empty(cls, settings: Mapping[str, Any]) -> Self:
+        """A network of these `settings`, whose state is to be loaded."""
+        return cls(**settings)
+
+    def count_parameters(self) -> int:
+        """Numbers that come from data: mean and components, and the convolutions' weights."""
+        return self.mean.numel() + self.components.numel() + sum(parameter.numel() for parameter in self.parameters())
+
+    @property
+    def unit(self) -> Tensor:
+        """m: what a latent of 1 is, as a length in the space of all coordinates."""
+        return self.amplitude * self.mean.numel() ** 0.5
+
+    def encode(self, displacement: Tensor) -> tuple[Tensor, Tensor]:
+        """Latents (n, latent) of displacements (n, vertex, 3), m, and their log-variance: -inf, they are exact."""
+        latent = (displacement.flatten(1) - self.mean) @ self.components.T / self.unit
+        return latent, torch.full_like(latent, -torch.inf)
+
+    def decode(self, latent: Tensor) -> Tensor:
+        """Displacements (n, vertex, 3), m, of latents (n, latent)."""
+        coarse = self.coarse(latent)
+        fine = self._fine(coarse)
+        fine = fine - fine @ self.components.T @ self.components
+        return (coarse + fine).view(len(latent), -1, 3)
+
+    def coarse(self, latent: Tensor) -> Tensor:
+        """(n, 3 vertices), m: what PCA alone decodes."""
+        return torch.addmm(self.mean, latent * self.unit, self.components)
+
+    def forward(self, displacement: Tensor) -> Tensor:
+        """Displacements (n, vertex, 3), m, there and back."""
+        return self.decode(self.encode(displacement)[0])
+
+    def terms(self, displacement: Tensor) -> dict[str, Tensor]:
+        """What is minimised, and the root mean square error, m; both are means over samples.
+
+        The loss is the paper's figure itself, the root mean square error of each sample; 1 is about that of PCA. Its
+        square would leave all but the deepest presses out.
+        """
+        square = (self(displacement) - displacement).square().mean(dim=(1, 2))
+        error = (square + ROUNDING**2).sqrt().mean()
+        return {"loss": error / self.left_out, "rmse_m": error}
+
+    def _fine(self, coarse: Tensor) -> Tensor:
+        """(n, 3 vertices), m: what the convolutions make of the coarse field."""
+        samples, vertices = len(coarse), len(self.position)
+        size = (coarse.square().mean(dim=1, keepdim=True) + ROUNDING**2).sqrt() / self.amplitude
+        field = (coarse / (size * self.amplitude)).view(samples, vertices, 3).permute(1, 2, 0)
+        position = self.position[:, :, None].expand(-1, -1, samples)
+        x = torch.cat([field, position, size.log().T.expand(vertices, 1, -1)], dim=1)
+        x = F.gelu(self.first(x, self.laplacian))
+        for convolution in self.hidden:
+            x = x + F.gelu(convolution(x, self.laplacian))
+        fine = self.last(x, self.laplacian).permute(2, 0, 1).reshape(samples, -1)
+        return fine * size * self.left_out

@@ -1,0 +1,130 @@
+"""Electrode signals for training: synthetic ones of a dataset's samples, or recordings with their own split."""
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from simgen.dataset.splits import SPLITS, split_by_trajectory
+from simgen.errors import InputError
+from simgen.learning.training.data import MeshSamples, TrainingData
+from simgen.learning.training.schema import RecordingFiles, Signals
+from simgen.sensing.electrodes.model import signals_at_rest, synthetic_signals
+from simgen.sensing.electrodes.recordings import Recordings, read_recordings
+from simgen.sensing.electrodes.signals import Scaling, in_contact, without_drift
+
+LEAST_PRESSED = 0.01  # of a recording's samples, those with the least force: they stand for rest
+BLOCKS = 100  # of a recording, one after the other: neighbours in time look alike, so a block is in one split
+
+
+@dataclass(frozen=True)
+class SignalData:
+    """Signals with the meshes of the same samples, if there are any."""
+
+    values: Tensor  # (sample, channel) float32, V or as recorded
+    split: np.ndarray  # (sample,) index into SPLITS, or -1
+    meshes: MeshSamples | None
+    rest: Tensor  # (channel,), where nothing touches the sensor
+
+    def rows(self, split: str) -> Tensor:
+        """Row numbers of a split, on the device of the values. Raises `InputError` if there are none."""
+        rows = np.flatnonzero(self.split == list(SPLITS).index(split))
+        if not len(rows):
+            raise InputError(f"signals: no sample of split {split}, {len(self.split)} in all; allowed: some of each")
+        return torch.from_numpy(rows).to(self.values.device)
+
+    def with_meshes(self) -> MeshSamples:
+        """The meshes. Raises `InputError` if there are none."""
+        if self.meshes is None:
+            raise InputError(
+                "signals.recordings: not all files hold meshes (nodal_res), which s2mpn and s2rm need; allowed: files "
+                "that do, or networks without these two"
+            )
+        return self.meshes
+
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """(channel,) least and largest value of each channel in training."""
+        scaling = Scaling.fit(self.values[self.rows("train")].double().cpu().numpy())
+        return torch.tensor(scaling.low), torch.tensor(scaling.high)
+
+
+def read_signals(data: TrainingData, sensor: str, settings: Signals, folder: Path, seed: int) -> SignalData:
+    """Of the recordings of a job, or synthetic ones. Raises `InputError`."""
+    if settings.recordings is not None:
+        return recorded(settings.recordings, folder, seed, data.meshes[sensor])
+    return synthetic(data, sensor, settings)
+
+
+def synthetic(data: TrainingData, sensor: str, settings: Signals) -> SignalData:
+    """Of every sample of a dataset, by the electrode model; its split is the dataset's."""
+    meshes = data.meshes[sensor]
+    device = meshes.steps.device
+    volts = synthetic_signals(data.dataset, sensor, data.press, data.step, settings.synthetic, str(device))
+    rest = signals_at_rest(data.dataset, sensor, settings.synthetic, str(device))
+    values, rest = (torch.from_numpy(each).float().to(device) for each in (volts, rest))
+    return SignalData(values, data.split, meshes, rest)
+
+
+def recorded(files: RecordingFiles, folder: Path, seed: int, rest: MeshSamples) -> SignalData:
+    """Of recordings, those in contact: drift taken off, split by blocks of time, with meshes if all files have them.
+
+    ``rest`` is the sensor whose deformed positions the files hold. Raises `InputError` where that is another mesh.
+    """
+    parts, splits, displacements, least_pressed = [], [], [], []
+    vertices = len(rest.rest)
+    for number, path in enumerate(recording_paths(files, folder)):
+        found = read_recordings(path)
+        signals, contact = felt(path, found, files)
+        blocks = split_by_trajectory(BLOCKS, seed + number)
+        parts.append(signals[contact])
+        force = np.linalg.norm(found.force, axis=1)
+        least_pressed.append(signals[force <= np.quantile(force, LEAST_PRESSED)])
+        splits.append(blocks[np.arange(len(found)) * BLOCKS // len(found)][contact])
+        if found.simulated_mesh is not None:
+            if found.simulated_mesh.shape[1] != vertices:
+                shape = found.simulated_mesh.shape
+                raise InputError(f"{path}: nodal_res: {shape[1]} vertices; allowed: {vertices}, as {rest.sensor} has")
+            displacements.append(found.simulated_mesh[contact] - rest.rest.double().cpu().numpy())
+    meshes = None
+    if len(displacements) == len(parts):
+        steps = torch.from_numpy(np.concatenate(displacements)).float().flatten(1)
+        meshes = replace(rest, steps=steps.to(rest.steps.device), scale=1.0)
+    values, at_rest = (torch.from_numpy(each).float().to(rest.steps.device)
+                       for each in (np.concatenate(parts), np.concatenate(least_pressed).mean(axis=0)))  # fmt: skip
+    return SignalData(values, np.concatenate(splits), meshes, at_rest)
+
+
+def felt(path: Path, found: Recordings, settings: RecordingFiles) -> tuple[np.ndarray, np.ndarray]:
+    """Signals (n, channel), of which drift is taken off if it is asked for, and which are in contact, (n,) bool.
+
+    Raises `InputError` if none is.
+    """
+    contact = in_contact(found.force, settings.least_force_n)
+    if not contact.any():
+        raise InputError(f"{path}: no sample has a force of {settings.least_force_n:g} N; allowed: some contact")
+    return _without_drift(path, found.signals, contact) if settings.remove_drift else found.signals, contact
+
+
+def recording_paths(files: RecordingFiles, folder: Path) -> list[Path]:
+    """Of the files of a job in ``folder``.
+
+    Raises `InputError` for one that is listed twice: each time it would be split otherwise, and what is tested would be
+    trained with.
+    """
+    paths = {}
+    for name in files.files:
+        path = folder / os.path.expanduser(name)
+        if os.path.realpath(path) in paths:
+            raise InputError(f"signals.recordings.files: {name} is listed twice; allowed: each file once")
+        paths[os.path.realpath(path)] = path
+    return list(paths.values())
+
+
+def _without_drift(path: Path, signals: np.ndarray, contact: np.ndarray) -> np.ndarray:
+    try:
+        return without_drift(signals, contact)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

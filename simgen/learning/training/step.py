@@ -1,0 +1,125 @@
+"""One step of the optimiser on a batch; on a GPU recorded once as a CUDA graph and replayed.
+
+The networks are small: a step is some hundreds of kernels of some microseconds each, which a CPU cannot launch as fast
+as a GPU runs them.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+
+import torch
+from torch import Tensor, nn
+
+from simgen.learning.training.schema import Fit
+
+WARM_UP = 3  # steps before a graph is recorded: libraries choose kernels and allocate in the first ones
+
+
+@contextmanager
+def coarse_products() -> Iterator[None]:
+    """Products of float32 matrices in TF32 on a GPU; elsewhere nothing changes."""
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("high")
+    try:
+        yield
+    finally:
+        torch.set_float32_matmul_precision(before)
+
+
+class TrainingStep:
+    """Adam on the mean of a batch.
+
+    terms : row numbers (batch,) -> means over these samples; the first is minimised
+    coarse : make products with TF32's ten bits of mantissa where the GPU can
+    """
+
+    def __init__(
+        self, network: nn.Module, terms: Callable[[Tensor], dict[str, Tensor]], settings: Fit, batch: int,
+        device: torch.device, coarse: bool = False,
+    ):  # fmt: skip
+        self.products = coarse_products if coarse else nullcontext
+        self.network, self.terms = network, terms
+        self.on_gpu = device.type == "cuda"
+        self.parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
+        rate = torch.tensor(settings.learning_rate, device=device) if self.on_gpu else settings.learning_rate
+        self.optimizer = torch.optim.AdamW(
+            self.parameters, rate, weight_decay=settings.weight_decay, capturable=self.on_gpu, fused=self.on_gpu or None
+        )
+        self.rows = torch.zeros(batch, dtype=torch.int64, device=device)
+        self.names: list[str] = []
+        self.sums: Tensor | None = None
+        self.graph: torch.cuda.CUDAGraph | None = None
+
+    def over(self, rows: Tensor, rate: float) -> dict[str, float]:
+        """Steps over rows (a whole number of batches) in their order; means of the terms."""
+        group = self.optimizer.param_groups[0]
+        if self.on_gpu:
+            group["lr"].fill_(rate)
+            if self.graph is None:
+                self._record(rows[: len(self.rows)])
+        else:
+            group["lr"] = rate
+        if self.sums is not None:
+            self.sums.zero_()
+        batches = rows.split(len(self.rows))
+        for batch in batches:
+            self.rows.copy_(batch)
+            if self.graph is None:
+                self._step()
+            else:
+                self.graph.replay()
+        return dict(zip(self.names, (self.sums / len(batches)).tolist(), strict=True))
+
+    def _step(self) -> None:
+        self.optimizer.zero_grad(set_to_none=True)
+        terms = self.terms(self.rows)
+        next(iter(terms.values())).backward()
+        self.optimizer.step()
+        if self.sums is None:
+            self.names = list(terms)
+            self.sums = torch.zeros(len(terms), dtype=torch.float64, device=self.rows.device)
+        self.sums += torch.stack([value.detach().double() for value in terms.values()])
+
+    def _record(self, rows: Tensor) -> None:
+        """Record a step; network, optimiser and random numbers are afterwards what they were before."""
+        weights = [parameter.detach().clone() for parameter in self.parameters]
+        buffers = [buffer.detach().clone() for buffer in self.network.buffers()]
+        moments = {name: value.clone() for name, value in self.optimizer_state().items()}
+        self.rows.copy_(rows)
+        graph = torch.cuda.CUDAGraph()
+        # Else the first epoch of a process would draw other numbers than the same epoch of a process that began before.
+        with torch.random.fork_rng([self.rows.device]), self.products():
+            stream = torch.cuda.Stream()
+            stream.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(stream):
+                for _ in range(WARM_UP):
+                    self._step()
+            torch.cuda.current_stream().wait_stream(stream)
+            self.optimizer.zero_grad(set_to_none=True)
+            with torch.cuda.graph(graph):
+                self._step()
+        with torch.no_grad():
+            for parameter, value in zip(self.parameters, weights, strict=True):
+                parameter.copy_(value)
+            for buffer, value in zip(self.network.buffers(), buffers, strict=True):
+                buffer.copy_(value)
+            for name, value in self.optimizer_state().items():
+                value.copy_(moments.get(name, torch.zeros_like(value)))
+        self.graph = graph
+
+    def optimizer_state(self) -> dict[str, Tensor]:
+        """Moments and counts of steps, ``<parameter>.<name>``; none before the first step."""
+        state = self.optimizer.state_dict()["state"]
+        return {f"{number}.{name}": value for number, own in state.items() for name, value in own.items()}
+
+    def load_optimizer_state(self, tensors: dict[str, Tensor]) -> None:
+        """What `optimizer_state` gave. Raises `LookupError` or `ValueError` if moments are missing, or do not fit."""
+        state: dict[int, dict[str, Tensor]] = {}
+        for key, value in tensors.items():
+            number, _, name = key.partition(".")
+            state.setdefault(int(number), {})[name] = value
+        for number, parameter in enumerate(self.parameters):
+            for name, shape in (("step", ()), ("exp_avg", parameter.shape), ("exp_avg_sq", parameter.shape)):
+                if (found := state[number][name].shape) != shape:
+                    raise ValueError(f"optimizer.{number}.{name}: shape {tuple(found)}; allowed: {tuple(shape)}")
+        self.optimizer.load_state_dict({"state": state, "param_groups": self.optimizer.state_dict()["param_groups"]})

@@ -1,0 +1,140 @@
+"""Electrode signals to the meshes of two sensors, by the networks of a folder that `simgen train` wrote."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+from torch import nn
+
+from simgen.config.strict_section import section_from_dict
+from simgen.dataset.provenance import file_hash
+from simgen.errors import InputError
+from simgen.learning.training.chain import ENDS
+from simgen.learning.training.checkpoint import NETWORK, load_network, read_sidecar
+from simgen.learning.training.run import RECORD, is_trained, torch_device
+from simgen.learning.training.schema import TrainingJob
+
+# Way -> the projections that it takes: signals to the source's latents, these to the target's.
+WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn")}
+MESHES_AT_ONCE = 128
+
+
+@dataclass(frozen=True)
+class Translated:
+    """Samples on their way from signals to the target's mesh.
+
+    signals : (n, channel) as they were given
+    latents : by what made them, such as s2rm -> (n, latent); the paper's svb first
+    source, target : (n, vertex, 3) float32, displacements, m
+    """
+
+    signals: np.ndarray
+    latents: dict[str, np.ndarray]
+    source: np.ndarray
+    target: np.ndarray
+
+
+class Translator:
+    """Trained networks, one after the other; called with signals (n, channel) it gives `Translated`.
+
+    networks : by name; of ``way`` the two projections, what encodes the signals, and what decodes to each mesh
+    meshes : sensor -> `mesh_hash` of what they were trained with, where that is known
+    """
+
+    def __init__(
+        self, networks: Mapping[str, nn.Module], way: str, device: torch.device | str = "cpu",
+        meshes: Mapping[str, str] | None = None,
+    ):  # fmt: skip
+        self.way, self.device, self.meshes = way, torch.device(device), meshes or {}
+        first, second = WAYS[way]
+        (encoder, source), (_, target) = ENDS[first], ENDS[second]
+        self._encoder = (encoder, networks[encoder]) if encoder else None
+        self._projections = [(name, networks[name]) for name in (first, second)]
+        self._decoders = networks[source], networks[target]
+
+    @classmethod
+    def load(cls, folder: str | Path, way: str | None = None, device: str = "cpu") -> Self:
+        """Of a folder of networks; by default our way where it is trained, else the paper's. Raises `InputError`."""
+        folder, found = Path(folder), torch_device(device)
+        way = choose_way(folder, way)
+        networks = {name: load_network(folder / name, found) for name in networks_of(way)}
+        return cls(networks, way, found, _meshes(folder / networks_of(way)[-1]))
+
+    @property
+    def vertices(self) -> tuple[int, int]:
+        """Of the source's mesh and of the target's."""
+        source, target = (decoder.vertices for decoder in self._decoders)
+        return source, target
+
+    @torch.no_grad()
+    def __call__(self, signals: np.ndarray) -> Translated:
+        parts = [self._translate(signals[i : i + MESHES_AT_ONCE]) for i in range(0, len(signals), MESHES_AT_ONCE)]
+        latents, source, target = zip(*parts, strict=True)
+        joined = {name: np.concatenate([each[name] for each in latents]) for name in latents[0]}
+        return Translated(signals, joined, np.concatenate(source), np.concatenate(target))
+
+    def _translate(self, signals: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+        values = torch.from_numpy(np.asarray(signals, np.float32)).to(self.device)
+        latents: dict[str, np.ndarray] = {}
+        if self._encoder:
+            name, network = self._encoder
+            values = network.encode(values)[0]
+            latents[name] = values.cpu().numpy()
+        meshes = []
+        for (name, projection), decoder in zip(self._projections, self._decoders, strict=True):
+            values = projection(values)
+            latents[name] = values.cpu().numpy()
+            meshes.append(decoder.decode(values).cpu().numpy())
+        return latents, *meshes
+
+
+def networks_of(way: str) -> list[str]:
+    """The networks of a way, each before those that follow it."""
+    first, second = WAYS[way]
+    return [name for name in (ENDS[first][0], first, ENDS[first][1], second, ENDS[second][1]) if name]
+
+
+def choose_way(folder: Path, way: str | None) -> str:
+    """A way of which all networks are trained. Raises `InputError` if there is none, or not the one asked for."""
+    if way is not None and way not in WAYS:
+        raise InputError(f"--way {way!r}: allowed: {', '.join(WAYS)}")
+    read_job(folder)
+    missing = {}
+    for each in WAYS if way is None else (way,):
+        missing[each] = [name for name in networks_of(each) if not is_trained(folder, name)]
+        if not missing[each]:
+            return each
+    lacks = "; ".join(f"{each} lacks {', '.join(names)}" for each, names in missing.items())
+    raise InputError(f"{folder}: not all networks of a way are trained: {lacks}; allowed: simgen train")
+
+
+def read_job(folder: Path) -> TrainingJob:
+    """The job that a folder of networks was trained by. Raises `InputError` unless `simgen train` wrote it."""
+    file = folder / RECORD
+    try:
+        job = {**json.loads(file.read_text(encoding="utf-8"))["job"], "dataset": "unknown"}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(f"{folder}: no folder of networks; allowed: one that `simgen train` wrote") from None
+    return section_from_dict(TrainingJob, job, str(file))
+
+
+def _meshes(network: Path) -> dict[str, str]:
+    """Sensor -> hash of its mesh; nothing of a network that was trained before they were written down."""
+    try:
+        return dict(read_sidecar(network / NETWORK)["dataset"]["meshes"])
+    except (LookupError, TypeError, ValueError):
+        return {}
+
+
+def hashes(folder: Path, way: str) -> dict[str, str]:
+    """Network -> sha256 of its weights."""
+    return {name: file_hash(folder / name / NETWORK) for name in networks_of(way)}
+
+
+def keep_to_one_core() -> None:
+    """Said by each process that has others beside it: torch would take all cores for each."""
+    torch.set_num_threads(1)

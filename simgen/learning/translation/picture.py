@@ -1,0 +1,145 @@
+"""The way from electrodes to image, drawn: a column for each sample, or a press in motion."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+
+from simgen.dataset.reader import Dataset
+from simgen.learning.translation.unfolded import UnfoldedSkin
+from simgen.plotting.surface_plot import COLOURS, PLAIN, camera, draw_surface, gif
+from simgen.sensing.electrodes.gaps import electrodes_of
+
+SKIN_M = 2e-3  # thickness: an electrode is drawn where the skin is that far above it
+FRAME_MS, HOLD_MS = 180, 1200  # of each depth, of the last
+# The tip above and +z to the right, as on the unfolded skin; a little from the tip, so that depth shows.
+TIP_ABOVE = camera(np.array([-0.35, -1.0, 0.0]), up=np.array([-1.0, 0.0, 0.0]))
+MARGIN_MM = 1.0  # around a gel, which bulges
+INCHES = 1.75  # width of a column
+HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3  # of its parts
+WIDTHS = 1.25, 1.25, 0.95, 0.95, 0.95  # of a frame's parts, in columns
+ON_PAPER = COLOURS.with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class ChainSample:
+    """One sample from end to end.
+
+    signals : (channel,); source, target : displacements (vertex, 3) m; image : (height, width, 3) uint8
+    truth : the image of the target's true mesh, where it is known
+    """
+
+    title: str
+    signals: np.ndarray
+    source: np.ndarray
+    target: np.ndarray
+    image: np.ndarray
+    truth: np.ndarray | None = None
+
+
+class ChainPainter:
+    """Of a dataset's two sensors.
+
+    signals_at_rest : (channel,), what the electrodes say of nothing, in ``unit``
+    """
+
+    def __init__(self, dataset: Dataset, source: str, target: str, signals_at_rest: np.ndarray, unit: str = "V"):
+        self.names, self.at_rest, self.unit = (source, target), signals_at_rest, unit
+        electrodes, normals = electrodes_of(dataset, source)
+        rest, triangles = dataset[f"{source}/rest_positions"], dataset[f"{source}/surface_triangles"]
+        self._skin = UnfoldedSkin(rest, triangles, ~dataset[f"{source}/held"])
+        self._gel = dataset[f"{target}/rest_positions"], dataset[f"{target}/surface_triangles"]
+        seen = self._gel[0] @ TIP_ABOVE[:2].T * 1e3
+        self._box = np.stack([seen.min(axis=0) - MARGIN_MM, seen.max(axis=0) + MARGIN_MM])
+        self._electrodes = self._skin.place(electrodes + SKIN_M * normals)
+
+    def figure(self, steps: Sequence[ChainSample]) -> Figure:
+        """A column for each sample: electrodes, source, target, image, and the true image where it is known."""
+        labels = self._labels(steps[0])
+        heights = HEIGHTS[: len(labels)]
+        figure = Figure(figsize=(INCHES * len(steps) + 0.9, sum(heights) + 0.3), layout="constrained")
+        grid = figure.subplots(len(labels), len(steps), squeeze=False, height_ratios=heights)
+        scales = self._draw(grid.T, steps, *self._limits(steps))
+        for line, label in zip(grid, labels, strict=True):
+            beside = {"rotation": 90, "ha": "right", "va": "center", "transform": line[0].transAxes}
+            line[0].text(-0.08, 0.5, label, fontsize=9, **beside)
+        for axes, step in zip(grid[0], steps, strict=True):
+            axes.set_title(step.title, fontsize=9)
+        self._colour_bars(figure, grid, scales, "vertical")
+        return figure
+
+    def motion(self, steps: Sequence[ChainSample]) -> bytes:
+        """A GIF: a frame for each of the samples, side by side what they pass through."""
+        labels, limits = self._labels(steps[0]), self._limits(steps)
+        widths = WIDTHS[: len(labels)]
+        figure = Figure(figsize=(INCHES * sum(widths), 3.3), dpi=100, layout="constrained")
+        canvas, frames = FigureCanvasAgg(figure), []
+        grid = figure.subplots(1, len(labels), squeeze=False, width_ratios=widths)
+        for step in steps:
+            for axes in grid[0]:
+                axes.clear()
+            scales = self._draw(grid, [step], *limits)
+            for axes, label in zip(grid[0], labels, strict=True):
+                axes.set_title(label, fontsize=9)
+            figure.suptitle(step.title.replace("\n", ", "), fontsize=10, x=0.01, ha="left")
+            if not frames:
+                self._colour_bars(figure, grid.T, scales, "horizontal")
+                canvas.draw()
+                figure.set_layout_engine("none")  # nothing moves from frame to frame
+            canvas.draw()
+            frames.append(np.array(canvas.buffer_rgba()))
+        return gif(frames, FRAME_MS, HOLD_MS)
+
+    def _labels(self, step: ChainSample) -> list[str]:
+        source, target = self.names
+        seen = f"{target} image\nfrom within: mirrored"
+        made = [f"{source}\nelectrodes", f"{source}\nskin, unfolded", f"{target}\ngel", seen]
+        return made if step.truth is None else [*made, f"{target}\ntrue image"]
+
+    def _limits(self, steps: Iterable[ChainSample]) -> tuple[float, float]:
+        """Of colours: the largest change of a signal, and displacement in mm."""
+        change = max(np.abs(step.signals - self.at_rest).max() for step in steps)
+        moved = max(np.linalg.norm(mesh, axis=1).max() for step in steps for mesh in (step.source, step.target))
+        return float(change) or 1.0, 1e3 * float(moved) or 1.0
+
+    def _draw(self, columns: np.ndarray, steps: Iterable[ChainSample], change: float, moved: float) -> list:
+        """Each sample into a column of axes; returns what has a scale of colours: electrodes and skin."""
+        for axes, step in zip(columns, steps, strict=True):
+            felt = self._draw_electrodes(axes[0], step.signals, change)
+            skin = self._draw_skin(axes[1], np.linalg.norm(step.source, axis=1) * 1e3, moved)
+            rest, triangles = self._gel
+            length = np.linalg.norm(step.target, axis=1) * 1e3
+            draw_surface(axes[2], rest + step.target, triangles, length, largest=moved, view=TIP_ABOVE)
+            axes[2].set(xlim=self._box[:, 0], ylim=self._box[:, 1])  # the same in all frames and columns
+            for own, image in zip(axes[3:], (step.image, step.truth), strict=False):
+                own.imshow(image)
+                own.set_axis_off()
+        return [felt, skin]
+
+    def _draw_skin(self, axes: Axes, values: np.ndarray, largest: float):
+        axes.set_axis_off()
+        return axes.imshow(
+            self._skin.map(values), extent=self._skin.extent, cmap=ON_PAPER, vmin=0.0, vmax=largest,
+            interpolation="nearest",
+        )  # fmt: skip
+
+    def _draw_electrodes(self, axes: Axes, signals: np.ndarray, change: float):
+        axes.set_axis_off()
+        plain = self._skin.map(np.zeros(self._skin.vertices))
+        axes.imshow(plain, extent=self._skin.extent, cmap=ListedColormap([PLAIN]), interpolation="nearest")
+        return axes.scatter(
+            *self._electrodes.T, c=signals - self.at_rest, s=42.0, cmap="coolwarm", vmin=-change, vmax=change,
+            edgecolors="#24292f", linewidths=0.6, clip_on=False,
+        )  # fmt: skip
+
+    def _colour_bars(self, figure: Figure, grid: np.ndarray, scales: list, orientation: str) -> None:
+        felt, moved = scales
+        of_rows = [(felt, grid[0], f"change of signal,\n{self.unit}"), (moved, grid[1:3].ravel(), "displacement, mm")]
+        for drawn, axes, label in of_rows:
+            bar = figure.colorbar(drawn, ax=list(axes), orientation=orientation, shrink=0.6, aspect=14)
+            bar.set_label(label, fontsize=8)
+            bar.ax.tick_params(labelsize=7)

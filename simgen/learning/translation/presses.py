@@ -1,0 +1,157 @@
+"""Presses of a dataset, translated: images as `camera.images` writes them, of meshes that networks predict.
+
+    <dataset>.translated/
+      render.json                    what decides the images: the networks' hashes, too
+      t0003_sphere_7mm/
+        02_0.3mm.png                 of what the electrodes felt at depth 2
+        contact.csv                  how far each sample is from the truth
+        steps.npz                    if asked for: signals, latents and both meshes
+      contact.json                   the same over the presses of the last command
+      chain.png                      some samples from the electrodes to the image
+"""
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgen.dataset.provenance import source_hash
+from simgen.dataset.reader import Dataset
+from simgen.errors import InputError
+from simgen.fem.nonlinear.status import is_valid
+from simgen.learning.training.data import mesh_hash
+from simgen.learning.training.translator import Translated, Translator, hashes, keep_to_one_core, read_job
+from simgen.learning.translation.contact import ContactGauge
+from simgen.sensing.camera.images import Images
+from simgen.sensing.camera.renderer import Renderer
+from simgen.sensing.electrodes.gaps import checked_gaps, gauge_of
+from simgen.sensing.electrodes.model import measured, voltage
+
+CONTACT, STEPS = "contact.csv", "steps.npz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TranslatedImages(Images):
+    """Images of a dataset's presses, felt by the networks' source and seen by their target.
+
+    networks : folder that `simgen train` wrote
+    way : one of `simgen.learning.training.translator.WAYS`
+    keep : whether what lies between signals and image is written, too
+    """
+
+    networks: Path
+    way: str
+    keep: bool = False
+
+    def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
+        record = super().record(dataset, renderer)
+        del record["code"]  # of optics alone
+        return record | {
+            "way": self.way,
+            "networks": hashes(self.networks, self.way),
+            "synthetic": read_job(self.networks).signals.synthetic.model_dump(mode="json"),
+            "steps": self.keep,
+            "code": source_hash(),
+        }
+
+    def meshes(self, dataset: Dataset) -> "TranslatedMeshes":
+        return TranslatedMeshes(dataset, self.networks, self.way, self.device, self.keep)
+
+    def keep_to_one_core(self) -> None:
+        super().keep_to_one_core()
+        keep_to_one_core()
+
+
+class TranslatedMeshes:
+    """What networks make of the synthetic signals of a dataset's presses.
+
+    Raises `InputError` where networks and dataset do not fit each other.
+    """
+
+    def __init__(self, dataset: Dataset, networks: Path, way: str, device: str = "cpu", keep: bool = False):
+        self.job, self.dataset, self.keep = read_job(networks), dataset, keep
+        if self.job.signals.recordings is not None:
+            raise InputError(f"{networks}: was trained on recordings, in their unit; allowed: --recordings FILE")
+        self.translator = Translator.load(networks, way, device)
+        check_meshes(self.translator, dataset, self.job.source, self.job.target)
+        self.contact = ContactGauge.of_dataset(dataset, self.job.target)
+        self._gauge = gauge_of(dataset, self.job.source, device)
+        # Depths with a valid sample on both sensors: what is felt on one has its truth on the other.
+        both = self.job.source, self.job.target
+        self._valid = np.all([is_valid(dataset[f"{sensor}/status"]) for sensor in both], axis=0)
+        self._depths = dataset["depth"]
+
+    @property
+    def signals_at_rest(self) -> np.ndarray:
+        """(channel,) V."""
+        return voltage(self._gauge.rest_gap, self.job.signals.synthetic)
+
+    def steps(self, press: int) -> np.ndarray:
+        """(n,) indices of depths."""
+        return np.flatnonzero(self._valid[press])
+
+    def signals(self, press: int, steps: np.ndarray) -> np.ndarray:
+        """(n, channel) V, of these depths of a press. Raises `InputError` as `gaps.gaps` does."""
+        settings, at = self.job.signals.synthetic, np.full(len(steps), press)
+        gap = self._gauge(self.dataset.displacement(self.job.source, press)[steps])
+        checked_gaps(gap, f"{self.dataset.path}/{self.job.source}", at, steps)
+        return measured(voltage(gap, settings), at, steps, self._valid.shape[1], settings)
+
+    def translated(self, press: int, steps: np.ndarray) -> Translated:
+        """The samples at these depths of a press."""
+        return self.translator(self.signals(press, steps))
+
+    def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
+        steps = self.steps(press)
+        found = self.translated(press, steps)
+        files = {CONTACT: self._contact(press, steps, found.target)}
+        return steps, found.target, files | ({STEPS: stages(found)} if self.keep else {})
+
+    def _contact(self, press: int, steps: np.ndarray, guess: np.ndarray) -> bytes:
+        """A line for each sample: how far its mesh, its contact and its depth are from the truth."""
+        truth = self.dataset.displacement(self.job.target, press)[steps]
+        columns = {
+            "depth_mm": 1e3 * self._depths[steps],
+            "rmse_um": 1e6 * np.sqrt(np.square(guess - truth).mean(axis=(1, 2))),
+            "off_mm": 1e3 * np.linalg.norm(self.contact.centroid(guess) - self.contact.centroid(truth), axis=1),
+            "deepest_mm": 1e3 * self.contact.depth(guess),
+            "true_deepest_mm": 1e3 * self.contact.depth(truth),
+        }
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([f"{value:.6g}" for value in line] for line in zip(*columns.values(), strict=True))
+        return text.getvalue().encode()
+
+
+def check_meshes(translator: Translator, dataset: Dataset, source: str, target: str) -> None:
+    """Raises `InputError` unless the dataset has the meshes that the networks know."""
+    check_sensors(dataset, source, target)
+    for sensor, vertices in zip((source, target), translator.vertices, strict=True):
+        own = len(dataset[f"{sensor}/rest_positions"])
+        if own != vertices:
+            raise InputError(f"{dataset.path}: {sensor}: {own} vertices; allowed: {vertices}, as the networks know it")
+        found = mesh_hash(dataset[f"{sensor}/tetrahedra"])
+        if translator.meshes.get(sensor, found) != found:
+            raise InputError(f"{dataset.path}: {sensor}: another mesh of {own} vertices; allowed: the one that the "
+                             "networks were trained with")  # fmt: skip
+
+
+def check_sensors(dataset: Dataset, source: str, target: str) -> None:
+    """Raises `InputError` unless the dataset has the sensors of the networks."""
+    for sensor in (source, target):
+        if sensor not in dataset.sensors:
+            raise InputError(f"{dataset.path}: no sensor {sensor}, which the networks know; "
+                             f"it has {', '.join(dataset.sensors)}")  # fmt: skip
+
+
+def stages(translated: Translated) -> bytes:
+    """What ``steps.npz`` holds: signals, latent_<network>, source_displacement and target_displacement (m)."""
+    latents = {f"latent_{name}": values for name, values in translated.latents.items()}
+    meshes = {"source_displacement": translated.source, "target_displacement": translated.target}
+    data = io.BytesIO()
+    np.savez(data, signals=translated.signals, **latents, **meshes)
+    return data.getvalue()

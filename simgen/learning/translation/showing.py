@@ -1,0 +1,66 @@
+"""Which samples a picture shows, and what is drawn of them."""
+
+from collections.abc import Iterator
+from itertools import zip_longest
+
+import numpy as np
+
+from simgen.dataset.exchange.selection import PressSelection
+from simgen.learning.training.translator import Translator
+from simgen.learning.translation.picture import ChainSample
+from simgen.learning.translation.presses import TranslatedMeshes
+from simgen.learning.translation.recordings import Recording
+from simgen.sensing.camera.renderer import Renderer
+
+COLUMNS = 6
+FRAMES = 60  # at most, of a recording's GIF
+
+
+def shown_presses(selection: PressSelection) -> list[int]:
+    """Up to `COLUMNS` presses, of indenters that are spread over all there are: of each the one that reaches furthest
+    on all sensors, then the next one; of several that do, another place for each indenter.
+    """
+    reached, queues = selection.paired.sum(axis=1), []
+    indenter = selection.dataset["press/indenter"][selection.presses]
+    there = np.unique(indenter[reached > 0])
+    for k, one in enumerate(there[spread(len(there), COLUMNS)]):
+        own = np.flatnonzero((indenter == one) & (reached > 0))
+        own = own[np.argsort(-reached[own], kind="stable")]
+        furthest = np.count_nonzero(reached[own] == reached[own[0]])
+        queues.append([*np.roll(own[:furthest], -k), *own[furthest:]])
+    rows = [row for nth in zip_longest(*queues) for row in nth if row is not None]
+    return selection.presses[rows[:COLUMNS]].tolist()
+
+
+def furthest_press(selection: PressSelection) -> int | None:
+    """The first press of those that reach furthest on all sensors; None if none has converged."""
+    reached = selection.paired.sum(axis=1)
+    return int(selection.presses[reached.argmax()]) if reached.any() else None
+
+
+def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_only: bool = False) -> list[ChainSample]:
+    """The samples of a press beside the truth; of its deepest alone if that is asked for."""
+    dataset, steps = meshes.dataset, meshes.steps(press)[-1 if last_only else 0 :]
+    found = meshes.translated(press, steps)
+    images = renderer(found.target)
+    truth = renderer(dataset.displacement(meshes.job.target, press)[steps])
+    name = dataset.indenters[dataset["press/indenter"][press]]
+    titles = [f"{name}\n{dataset.indenter_path.label(step)}" for step in steps]
+    samples = zip(titles, found.signals, found.source, found.target, images, truth, strict=True)
+    return [ChainSample(*sample) for sample in samples]
+
+
+def recording_steps(
+    recording: Recording, rows: np.ndarray, translator: Translator, renderer: Renderer
+) -> Iterator[ChainSample]:
+    """Samples of a recording, by row."""
+    found = translator(recording.signals[rows])
+    images = renderer(found.target)
+    for i, row in enumerate(rows):
+        name = f"{recording.path.stem}\n{recording.samples[row]}"
+        yield ChainSample(name, found.signals[i], found.source[i], found.target[i], images[i])
+
+
+def spread(count: int, most: int) -> np.ndarray:
+    """At most ``most`` of ``count`` rows, evenly, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))

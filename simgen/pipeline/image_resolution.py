@@ -1,0 +1,67 @@
+"""Is an output mesh fine enough for the camera behind it? Images show its triangles, which are flat.
+
+`benchmarks/output_edges.py` compares images of one press on output meshes with the image on edges of 0.3 mm: the mean
+difference in the contact, over the mean signal. Edges of 0.4 contact radii cost 2 to 7 %, of 0.5 to 0.7 contact radii 7
+to 17 %, of 0.8 contact radii 20 to 35 %, of 1.1 contact radii 33 to 61 %.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from simgen.geometry.tetrahedra import OutputMesh
+from simgen.sensors.indenter import Indenter, mesh_distance, signed_distance
+from simgen.sensors.sensor import Camera, Sensor
+
+MM = 1e3  # millimetres per metre
+LONGEST, WANTED = 0.6, 0.4  # contact radii: longer edges get a remark, which recommends edges of WANTED
+POINTS, SECTIONS = 201, 4  # of the grid on which a contact is measured: on a side, and along the depth
+
+
+def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], depth_m: float) -> list[str]:
+    """One sentence if images of sensor ``name`` hardly show the smallest contact at the deepest depth, m; else none.
+
+    A sensor without a camera has no images. Edges shorter than a pixel would show no more.
+    """
+    if sensor.camera is None:
+        return []
+    radius, smallest = min((contact_radius(indenter, depth_m), indenter.name) for indenter in indenters)
+    edge, least = touched_edge(sensor.output_mesh), pixel(sensor.camera, sensor.output_mesh)
+    if edge <= max(LONGEST * radius, least):
+        return []
+    better = MM * max(WANTED * radius, least)
+    return [
+        f"{name}: images will hardly show {smallest}: at {MM * depth_m:g} mm its contact is {2 * MM * radius:.2g} mm "
+        f"wide, and the output mesh has edges of {MM * edge:.2g} mm; better: output: {{edge_length_mm: {better:.2g}}} "
+        "among the meshes of the sensor.yaml"
+    ]
+
+
+def contact_radius(indenter: Indenter, depth_m: float) -> float:
+    """Radius, m, of the largest circle in the outline of what lies up to a depth, m, behind an indenter's tip."""
+    low, high = MM * indenter.extent
+    axes = [np.linspace(low[axis], high[axis], POINTS) for axis in (0, 2)]
+    heights = high[1] - MM * depth_m * np.arange(1, SECTIONS + 1) / SECTIONS
+    x, y, z = np.meshgrid(axes[0], heights, axes[1], indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    if indenter.source is not None:
+        distance = mesh_distance(indenter.source, points)
+    else:
+        distance = signed_distance(indenter.shape(), points)[0]
+    inside = np.pad((distance < 0.0).reshape(x.shape).any(axis=1), 1)
+    cell = [axis[1] - axis[0] for axis in axes]
+    return float(distance_transform_edt(inside, sampling=cell).max()) / MM
+
+
+def touched_edge(mesh: OutputMesh) -> float:
+    """Median length, m, of the edges of surface triangles that may be touched."""
+    triangles = mesh.surface_triangles[mesh.touchable[mesh.surface_triangles].all(axis=1)]
+    corners = mesh.vertices[triangles]
+    return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+
+
+def pixel(camera: Camera, mesh: OutputMesh) -> float:
+    """Width, m, that a pixel sees of the surface that may be touched, at its middle."""
+    away = (mesh.vertices[mesh.touchable].mean(axis=0) - camera.position) @ camera.looks_along
+    return float(2.0 * away * np.tan(np.radians(0.5 * camera.vertical_field_of_view_deg)) / camera.height_px)

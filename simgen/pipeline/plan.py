@@ -1,0 +1,191 @@
+"""From a job to all that is known before the first press: meshes, contacts, poses on every sensor, splits."""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from simgen.config.job_schema import Job
+from simgen.config.warp_device import check_device_name, start_warp
+from simgen.dataset import provenance
+from simgen.dataset.reader import path_arrays
+from simgen.dataset.splits import SPLITS, number_presses, split_presses
+from simgen.errors import InputError
+from simgen.fem.nonlinear.status import Status
+from simgen.pipeline.image_resolution import coarse_images
+from simgen.sensors import pairing
+from simgen.sensors.indenter import Indenter, chosen_indenters
+from simgen.sensors.least_thickness import LeastThickness
+from simgen.sensors.sensor import Material, Sensor, load_sensor
+from simgen.sensors.sensor_meshes import OutputMeshFile
+
+
+@dataclass(frozen=True)
+class Plan:
+    """`attributes` and `arrays` (by path, see `simgen.dataset.reader`) of the dataset that the job will fill.
+
+    `remarks` are sentences for the user: the job can be run, but may not do what was meant.
+    """
+
+    job: Job
+    device: str
+    attributes: Mapping[str, Any]
+    arrays: Mapping[str, np.ndarray]
+    remarks: Sequence[str] = ()
+
+
+def make_plan(job: Job, device: str = "cpu") -> Plan:
+    """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
+
+    Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine of a kind.
+    The device may be another machine's. Raises `InputError` if there can be no such device.
+    """
+    check_device_name(device)
+    start_warp()
+    indenters = chosen_indenters(job)  # first: it takes no time
+    sensors = {name: chosen_sensor(job, name) for name in job.sensors}
+    reference = next(iter(sensors.values()))
+    indented = gel_under_indenters(job, sensors, indenters)
+    draw = first_contacts(job, sensors, job.trajectories.count, indented)
+    contacts = draw.kept
+    trajectory, indenter = number_presses(job)
+    arrays = {
+        **path_arrays(job.indenter_path),
+        "press/trajectory": trajectory,
+        "press/indenter": indenter,
+        "press/split": split_presses(job),
+        "press/contact_pose": pairing.indenter_poses(contacts)[trajectory],
+        "press/contact_normal": contacts.normals[trajectory],
+    }
+    if len(draw.refused.points):
+        arrays |= {"refused/points": draw.refused.points, "refused/normals": draw.refused.normals}
+    for name, sensor in sensors.items():
+        mesh = sensor.output_mesh
+        arrays |= {
+            f"{name}/rest_positions": mesh.vertices,
+            f"{name}/tetrahedra": mesh.tetrahedra,
+            f"{name}/surface_triangles": mesh.surface_triangles,
+            f"{name}/held": mesh.held,
+            f"{name}/touchable": mesh.touchable,
+            f"{name}/pose": pairing.unfold(reference, sensor, contacts)[trajectory],
+        }
+        if job.surface_outputs(name):
+            arrays[f"{name}/surface_vertices"] = mesh.surface_vertices
+        if job.stops_early:
+            poses = np.linalg.inv(arrays[f"{name}/pose"]) @ arrays["press/contact_pose"]
+            steps = indented[name].steps_that_leave(poses[:: len(indenters)], job.trajectories.least_thickness_left)
+            arrays[f"{name}/pressable_steps"] = steps.ravel().astype(np.int32)
+    deepest = float(job.depths_m.max())
+    remarks = [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, deepest)]
+    return Plan(job, device, _attributes(job, device, sensors, indenters), arrays, remarks)
+
+
+def gel_under_indenters(
+    job: Job, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]
+) -> dict[str, LeastThickness]:
+    """For each sensor, the measure of the gel that the job's indenters leave; none if the job does not limit it."""
+    if not job.trajectories.least_thickness_left:
+        return {}
+    shapes = [indenter.shape() for indenter in indenters]
+    return {name: LeastThickness(sensor, shapes, job.indenter_path) for name, sensor in sensors.items()}
+
+
+def first_contacts(
+    job: Job, sensors: Mapping[str, Sensor], count: int, indented: Mapping[str, LeastThickness]
+) -> pairing.Draw:
+    """Draw the first ``count`` contacts of a job on the first of its sensors. Raises `InputError` if too few fit.
+
+    The same job with other output meshes has the same contacts: they are sampled with the sensors' own output meshes.
+    ``indented`` is what `gel_under_indenters` gives.
+    """
+    settings = contact_settings(job)
+    reference, *others = (
+        sensor if job.sensors[name].output is None else _with_own_output(job, name) for name, sensor in sensors.items()
+    )
+    path = job.indenter_path
+    deepest, reach = float(path.depths_m.max()), path.lateral_reach_m
+    measures = () if job.stops_early else tuple(indented.values())
+    return pairing.draw_contacts(reference, count, job.seed, deepest, settings, others, reach, measures)
+
+
+def contact_settings(job: Job) -> pairing.ContactSettings:
+    """The keys of ``trajectories`` that say how contacts vary and what they keep clear of."""
+    own = (field.name for field in fields(pairing.ContactSettings))
+    return pairing.ContactSettings(**{name: getattr(job.trajectories, name) for name in own})
+
+
+def chosen_sensor(job: Job, name: str) -> Sensor:
+    """The sensor that the job names, on the mesh that it names, with the output mesh that it names.
+
+    Raises `InputError` if a file that it names cannot be used.
+    """
+    choice = job.sensors[name]
+    if choice.output is None:
+        return _with_own_output(job, name)
+    file = job.folder / os.path.expanduser(choice.output.file)
+    return load_sensor(job.locate(choice.model), choice.mesh, OutputMeshFile(file, choice.output.unit))
+
+
+def _with_own_output(job: Job, name: str) -> Sensor:
+    """The sensor with its own output mesh, whatever the job says."""
+    choice = job.sensors[name]
+    return load_sensor(job.locate(choice.model), choice.mesh)
+
+
+def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
+    """The preset of the sensor with the values that the job puts in its place.
+
+    Raises `InputError` if the sensor has no such preset.
+    """
+    choice = job.sensors[name].material
+    if choice.preset not in sensor.materials:
+        allowed = ", ".join(sensor.materials)
+        raise InputError(f"sensors.{name}.material: {choice.preset!r} is not a preset; allowed: {allowed}")
+    own = choice.model_dump(exclude={"preset"}, exclude_none=True)
+    source = {"source": f"{', '.join(own)} by the job, the rest of preset {choice.preset}"} if own else {}
+    return sensor.materials[choice.preset].model_copy(update={**own, **source})
+
+
+def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:
+    """What fills the sensor's cavity: none or incompressible. Raises `InputError` if it has no cavity to fill."""
+    fluid = job.sensors[name].fluid
+    if fluid != "none" and not len(sensor.simulation_mesh.facing_core):
+        raise InputError(f"sensors.{name}.fluid: {fluid!r}: sensor {sensor.name} has no cavity; allowed: none")
+    return fluid
+
+
+def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
+    """All of a sensor that decides the physics; the meshes' hashes cover gel, held regions and core, too.
+
+    A sensor without a support has no key for it.
+    """
+    support = {"support": sensor.support.source} if sensor.support is not None else {}
+    return {
+        "simulation_mesh": sensor.simulation_mesh.hash,
+        "output_mesh": sensor.output_mesh.hash,
+        "core_friction": sensor.core_friction,
+        "material": chosen_material(job, name, sensor).model_dump(),
+        "fluid": chosen_fluid(job, name, sensor),
+        **support,
+    }
+
+
+def indenter_identities(indenters: Iterable[Indenter]) -> dict[str, Any]:
+    """Name of each indenter -> its sizes, or how its mesh is read and the sha256 of its file."""
+    return {indenter.name: indenter.identity() for indenter in indenters}
+
+
+def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]) -> dict[str, Any]:
+    return {
+        "job": job.resolved(),
+        "job_hash": job.hash,
+        "code": provenance.code_version(),
+        "packages": provenance.package_versions(),
+        "device": device,
+        "sensors": {name: sensor_identity(job, name, sensor) for name, sensor in sensors.items()},
+        "indenters": indenter_identities(indenters),
+        "splits": list(SPLITS),
+        "status": {str(int(status)): status.sentence for status in Status},
+    }

@@ -1,0 +1,134 @@
+"""What a job would do: counts, size, time, and the physical terms that each sensor's scene carries."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgen.config.job_schema import Job
+from simgen.config.warp_device import start_warp
+from simgen.dataset.reader import written_arrays
+from simgen.fem.nonlinear.newton import SolverSettings
+from simgen.pipeline.image_resolution import coarse_images
+from simgen.pipeline.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts, gel_under_indenters
+from simgen.sensors.indenter import Indenter, chosen_indenters
+from simgen.sensors.sensor import Material, Sensor
+from simgen.simulation.batch_size import at_once, bytes_per_press
+from simgen.simulation.press import Scene
+
+# Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU:
+# `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
+# dataset.presses_per_shard=1`, 48 s of presses for 80 depths of 51,400 unknowns; on a GPU:
+# the whole paired job with its audit, 309,600 depths of 51,400 unknowns, in 310 s (docs/benchmarks).
+SECONDS_PER_DEPTH = {"cpu": 0.012, "cuda": 2.0e-5}
+SECONDS_SOURCE = {
+    "cpu": "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two",
+    "cuda": "as measured on one NVIDIA H200, the whole paired job with its audit",
+}
+
+MOST_CONTACTS = 1000  # that are sampled; the rest of a sequence fits as often as its beginning
+
+# Stored bytes of the displacement over raw ones, and where that is from.
+COMPRESSION = {
+    "int16": (0.56, "compression as measured on the smoke dataset"),
+    "float32": (1.0, "uncompressed"),
+}
+
+
+@dataclass(frozen=True)
+class SensorPreview:
+    """One sensor of a job: its meshes, its material, the terms (name, carried?, why) of its scene, and remarks."""
+
+    name: str
+    model: str
+    nodes: int
+    tetrahedra: int
+    unknowns: int
+    bytes_per_press: int  # of memory, while it is under way
+    output_vertices: int
+    surface_vertices: int
+    material: Material
+    terms: list[tuple[str, bool, str]]
+    remarks: list[str]
+
+
+@dataclass(frozen=True)
+class Preview:
+    """Counts and estimates; `seconds` is of one core (or GPU)."""
+
+    trajectories: int
+    contacts: int  # that were sampled, and fit
+    refused: int  # that fit but for the gel that an indenter would leave, and were drawn again
+    indenters: int
+    samples: int
+    shards: int
+    bytes: float
+    bytes_source: str
+    seconds: float
+    seconds_source: str
+    at_once: int  # presses under way on one device
+    sensors: list[SensorPreview]
+
+
+def preview(job: Job, device: str = "cpu") -> Preview:
+    """Load every indenter and sensor, sample contacts and make the scenes, but solve nothing.
+
+    Raises `InputError` where a run would, but for contacts beyond the first `MOST_CONTACTS`.
+    """
+    start_warp()
+    indenters = chosen_indenters(job)
+    loaded = {name: chosen_sensor(job, name) for name in job.sensors}
+    contacts = min(job.trajectories.count, MOST_CONTACTS)
+    draw = first_contacts(job, loaded, contacts, gel_under_indenters(job, loaded, indenters))
+    sensors = [_preview_sensor(job, name, sensor, indenters) for name, sensor in loaded.items()]
+    kind = device.partition(":")[0]
+    unknowns = sum(sensor.unknowns for sensor in sensors)
+    return Preview(
+        trajectories=job.trajectories.count,
+        contacts=contacts,
+        refused=len(draw.refused.points),
+        indenters=len(job.indenters),
+        samples=job.samples,
+        shards=job.shards,
+        bytes=_bytes(job, sensors),
+        bytes_source=COMPRESSION[job.dataset.displacement][1],
+        seconds=SECONDS_PER_DEPTH[kind] * unknowns / 1000 * job.samples,
+        seconds_source=SECONDS_SOURCE[kind],
+        at_once=at_once(device),
+        sensors=sensors,
+    )
+
+
+def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Indenter]) -> SensorPreview:
+    material = chosen_material(job, name, sensor)
+    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
+    scene = Scene(sensor, material, job.solver.element, settings=settings, fluid=chosen_fluid(job, name, sensor))
+    mesh = sensor.simulation_mesh
+    return SensorPreview(
+        name,
+        job.sensors[name].model,
+        len(mesh.nodes),
+        len(mesh.tetrahedra),
+        scene.unknowns,
+        bytes_per_press(sensor, job.solver.element, settings),
+        len(sensor.output_mesh.vertices),
+        len(sensor.output_mesh.surface_vertices),
+        material,
+        scene.terms,
+        coarse_images(name, sensor, indenters, float(job.depths_m.max())),
+    )
+
+
+def _bytes(job: Job, sensors: list[SensorPreview]) -> float:
+    """Bytes that tasks will write; only displacements count as compressed."""
+    arrays = written_arrays(
+        job,
+        {sensor.name: sensor.output_vertices for sensor in sensors},
+        {sensor.name: sensor.surface_vertices for sensor in sensors},
+    )
+    share = COMPRESSION[job.dataset.displacement][0]
+    return job.presses * sum(
+        math.prod(array.shape) * np.dtype(array.dtype).itemsize * (share if name.endswith("/displacement") else 1.0)
+        for name, array in arrays.items()
+    )

@@ -1,0 +1,260 @@
+"""One task: press the indenters of some shards into every sensor and write the shards.
+
+A worker process makes the scene of a sensor once and keeps it between tasks. The tasks of a worker with several threads
+share it (see ``pool``). What one sensor made is written while others are solved.
+"""
+
+import json
+import math
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+import simgen
+from simgen.config.job_schema import Job
+from simgen.config.warp_device import start_warp
+from simgen.dataset.provenance import difference, package_versions, source_hash
+from simgen.dataset.reader import Dataset
+from simgen.dataset.writer import folder_aside
+from simgen.errors import InputError
+from simgen.fem.device import DEVICE, load_kernels
+from simgen.fem.nonlinear.status import Status, is_failure, is_planned_end
+from simgen.pipeline.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
+from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
+from simgen.sensors.indenter import Indenter, chosen_indenters
+from simgen.sensors.sensor import Sensor
+from simgen.simulation.batch_size import presses_at_once
+from simgen.simulation.pool import Pool
+from simgen.simulation.press import PressResult, Scene, SolverSettings
+
+
+class Presser(Protocol):
+    """Presses one sensor along the job's path.
+
+    indenters (b,): indices; poses (b, 4, 4) m, in the sensor's frame; steps (b,): how many points of the path each
+    press may reach, all by default. Returns one result each, in their order; they may be under way until it is
+    iterated.
+    """
+
+    def __call__(
+        self, indenters: Sequence[int], poses: np.ndarray, steps: np.ndarray | None = None
+    ) -> Iterable[PressResult]: ...
+
+
+# Of what this process has loaded: the files may change while a worker lives, what it runs does not.
+LOADED = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
+WRITTEN_AT_ONCE = min(16, os.cpu_count() or 1)  # shards: each takes 0.2 s of a core and 0.1 GB a sensor
+
+
+@dataclass(frozen=True)
+class ShardReport:
+    """Outcome of one shard; an `error` means that nothing was written.
+
+    Samples of all sensors are counted: those that `failed`, that were not pressed as `planned`, and that converged with
+    an element `inside_out`.
+
+    `seconds` is the shard's share in those of its task, from the first press to the last file. Tasks of a worker with
+    several threads overlap.
+    """
+
+    shard: int
+    presses: int
+    failed: int = 0
+    planned: int = 0
+    inside_out: int = 0
+    seconds: float = 0.0
+    seconds_by_sensor: dict[str, float] | None = None
+    host: str = ""
+    error: str | None = None
+    errno: int | None = None  # of the operating system, if the error has one
+
+
+@cache
+def _sensor(job: Job, name: str) -> Sensor:
+    """A sensor as it was when `_inputs` looked: to cut its regions and place its core takes a second."""
+    return chosen_sensor(job, name)
+
+
+@cache
+def _indenters(job: Job) -> list[Indenter]:
+    """The job's indenters as they were when `_inputs` looked."""
+    return chosen_indenters(job)
+
+
+def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
+    """Presses of one sensor by finite elements. Its scene is made once and serves all presses."""
+    start_warp()
+    load_kernels(device)
+    sensor = _sensor(job, sensor_name)
+    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
+    batch = presses_at_once(sensor, device, job.solver.element, settings)
+    material, fluid = chosen_material(job, sensor_name, sensor), chosen_fluid(job, sensor_name, sensor)
+    outputs = job.surface_outputs(sensor_name)
+    scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid, outputs)
+    shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
+    max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
+    pool = Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n)
+
+    def presser(
+        indenters: Sequence[int], poses: np.ndarray, steps: np.ndarray | None = None
+    ) -> Iterable[PressResult]:
+        return pool.press(indenters, poses, np.full(len(poses), len(path.offsets_m)) if steps is None else steps)
+
+    return presser
+
+
+@lru_cache(maxsize=8)
+def _presser(
+    build: Callable[[Job, str, str], Presser], job: Job, sensor: str, device: str, inputs: str
+) -> Presser:
+    """One presser per sensor, worker process and inputs, kept between tasks."""
+    return build(job, sensor, device)
+
+
+@lru_cache(maxsize=1)
+def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
+    """What `_sensor` and `_indenters` hold, and the code that will press, as JSON of the dataset's attributes."""
+    own = {
+        **LOADED,
+        "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
+        "indenters": indenter_identities(_indenters(job)),
+    }
+    return json.dumps(own, sort_keys=True)
+
+
+def recorded_inputs(attributes: Mapping[str, Any]) -> str:
+    """What `_inputs` was where the dataset was planned, from the attributes of the dataset."""
+    own = {key: attributes[key] for key in ("sensors", "indenters", "packages")}
+    code = {key: attributes["code"][key] for key in LOADED["code"]}  # a checkout and a wheel may be the same
+    return json.dumps({**own, "code": code}, sort_keys=True)
+
+
+def _check_inputs(job: Job, recorded: str) -> None:
+    """Raises `InputError` where a sensor, an indenter, a package or the code is another one here than in the dataset.
+
+    `recorded` as by `recorded_inputs`. Machines may have other files and versions, and do have other meshes if each
+    made them for itself: fTetWild does not make the same mesh twice.
+    """
+    sensors = tuple(json.loads(recorded)["sensors"])
+    if _inputs(job, sensors) != recorded:
+        for read in (_sensor, _indenters, _inputs):  # files may have changed since this process read them
+            read.cache_clear()
+    if changes := difference(json.loads(recorded), json.loads(_inputs(job, sensors))):
+        raise InputError(
+            f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all workers "
+            "the same code and files, start them again after a change, and make meshes once in a folder they share "
+            "(`simgen mesh`)"
+        )
+
+
+@dataclass(frozen=True)
+class PlannedPresses:
+    """What a dataset's plan says of all presses: arrays by press, poses (press, 4, 4) m.
+
+    sensor_pose, steps : by sensor; no steps where the job does not stop presses early
+    """
+
+    dataset: Dataset
+    indenter: np.ndarray
+    contact_pose: np.ndarray
+    sensor_pose: dict[str, np.ndarray]
+    steps: dict[str, np.ndarray]
+
+
+_READING = threading.Lock()
+
+
+def _planned(path: Path, job: Job) -> PlannedPresses:
+    """Read the plan once for all tasks of this process: hundreds of them may begin at the same time."""
+    found = os.stat(file) if (file := path / "zarr.json").is_file() else None
+    with _READING:
+        return _read_plan(path, job, found and (found.st_ino, found.st_mtime_ns))
+
+
+@lru_cache(maxsize=1)
+def _read_plan(path: Path, job: Job, version: tuple[int, int] | None) -> PlannedPresses:
+    """The plan of a job's dataset whose description has this inode and time of change."""
+    dataset = Dataset(path)
+    poses = {sensor: dataset.root[f"{sensor}/pose"][:] for sensor in dataset.sensors}
+    steps = {sensor: dataset[f"{sensor}/pressable_steps"] for sensor in dataset.sensors if dataset.job.stops_early}
+    return PlannedPresses(
+        dataset, dataset.root["press/indenter"][:], dataset.root["press/contact_pose"][:], poses, steps
+    )
+
+
+def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
+    """Make all pressers of a job, which its tasks then find: their sensors and scenes, and most kernels.
+
+    A GPU's kernels are compiled while sensors are loaded.
+    """
+    start_warp()
+    with DEVICE, ThreadPoolExecutor(1) as beside:
+        loading = beside.submit(load_kernels, device)
+        inputs = _inputs(job, tuple(sorted(job.sensors)))
+        loading.result()
+        for sensor in job.sensors:
+            _presser(build, job, sensor, device, inputs)
+
+
+def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=fem_presser) -> list[ShardReport]:
+    """Solve all presses of some shards on every sensor and write them.
+
+    Raises `InputError` where this process sees other sensors or indenters than those of the dataset. What cannot be
+    written of one shard alone stands in its report.
+    """
+    plan = _planned(path, job)
+    dataset = plan.dataset
+    with folder_aside(dataset) as folder, ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
+        writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
+        try:
+            begin = time.perf_counter()
+            _solve(plan, writers, job, device, build)
+            put_shards_in_place(dataset, writers)
+        except BaseException:
+            threads.shutdown(cancel_futures=True)  # nobody will use what waits to be written
+            raise
+    share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
+    return [_report(writer, share) for writer in writers]
+
+
+def _solve(plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, device: str, build) -> None:
+    """Press all shards' indenters into every sensor, and give each shard's writer what came of it."""
+    dataset, rows = plan.dataset, np.concatenate([writer.presses for writer in writers])
+    ends = np.cumsum([len(writer.presses) for writer in writers])
+    contact_pose, indenters = plan.contact_pose[rows], plan.indenter[rows].tolist()
+    inputs = recorded_inputs(dataset.attributes)
+    with DEVICE:
+        _check_inputs(job, inputs)
+        pressers = {sensor: _presser(build, job, sensor, device, inputs) for sensor in dataset.sensors}
+    under_way = {}
+    for sensor, presser in pressers.items():
+        poses = np.linalg.inv(plan.sensor_pose[sensor][rows]) @ contact_pose
+        limits = [plan.steps[sensor][rows]] if plan.steps else []
+        under_way[sensor] = presser(indenters, poses, *limits)
+    for sensor in dataset.sensors:
+        results = list(under_way.pop(sensor))
+        for writer, end in zip(writers, ends, strict=True):
+            own = slice(end - len(writer.presses), end)
+            writer.take(sensor, results[own], contact_pose[own])
+        del results  # gigabytes, of which each shard lets go when it has written them
+
+
+def _report(writer: ShardWriter, seconds_per_press: float) -> ShardReport:
+    count = len(writer.presses)
+    if failure := writer.failure:
+        return ShardReport(writer.shard, count, error=failure.sentence, errno=failure.errno)
+    seconds = round(seconds_per_press * count, 3)
+    samples = writer.outcomes
+    failed = sum(number for code, number in samples.items() if is_failure(code))
+    planned = sum(number for code, number in samples.items() if is_planned_end(code))
+    counts = (failed, planned, samples[Status.INSIDE_OUT])
+    return ShardReport(writer.shard, count, *counts, seconds, writer.seconds, socket.gethostname())

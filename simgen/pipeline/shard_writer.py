@@ -1,0 +1,112 @@
+"""Writing what came of a shard's presses, a sensor at a time, while the next sensor is solved."""
+
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simgen.dataset.atomic_files import Aside, put_in_place
+from simgen.dataset.reader import Dataset
+from simgen.dataset.writer import forget, manifest_aside, write_aside
+from simgen.errors import NOT_WRITABLE, InputError
+from simgen.fem.nonlinear.status import is_valid
+from simgen.sensors.polar_bodies import advanced
+from simgen.simulation.press import PressResult
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What an exception says, without the values that it would hold, and the operating system's number, if any.
+
+    final : nothing would be better another time: inputs stay what they are, a disk stays full
+    """
+
+    sentence: str
+    errno: int | None
+    final: bool = False
+
+    @classmethod
+    def of(cls, error: Exception) -> "Failure":
+        number = getattr(error, "errno", None)
+        return cls(f"{type(error).__name__}: {error}", number, isinstance(error, InputError) or number in NOT_WRITABLE)
+
+
+class ShardWriter:
+    """Writes one shard's files into a folder aside.
+
+    presses : (n,) numbers of the shard's presses
+    outcomes : status -> number of samples, of all sensors, valid ones left out
+    seconds : sensor -> seconds of solving
+    failure : why it could not be written, of the first sensor, or None; known when ``files`` has been asked for
+    """
+
+    def __init__(self, dataset: Dataset, shard: int, folder: Path, threads: ThreadPoolExecutor):
+        self.dataset, self.shard, self.presses = dataset, shard, np.array(dataset.shard_presses(shard))
+        self.outcomes, self.seconds, self.failure = Counter(), {}, None
+        self._folder, self._threads, self._writing = folder, threads, []
+        self._first_touch = np.zeros(len(self.presses))
+
+    def take(self, sensor: str, results: Sequence[PressResult], contact_pose: np.ndarray) -> None:
+        """Begin to write the results (n,) of a sensor; those of the reference sensor come first.
+
+        contact_pose (n, 4, 4): indenter frame -> shared frame, m.
+        """
+        dataset, touch = self.dataset, np.array([result.touch for result in results])
+        values = _columns(dataset, sensor, results)
+        if sensor == dataset.sensors[0]:
+            # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
+            self._first_touch = np.nan_to_num(touch)
+            values["press/pose"] = advanced(contact_pose, self._first_touch)
+        values[f"{sensor}/touch"] = touch - self._first_touch
+        self.outcomes.update(int(code) for result in results for code in result.status[~is_valid(result.status)])
+        self.seconds[sensor] = round(sum(result.seconds for result in results), 3)
+        self._writing.append(self._threads.submit(self._write, values))
+
+    def _write(self, values: dict[str, Sequence]) -> "dict[str, Aside] | Failure":
+        """Files by path, or what went wrong."""
+        try:
+            return write_aside(self.dataset, self.shard, values, self._folder)
+        except Exception as error:
+            return Failure.of(error)
+
+    def files(self) -> tuple[dict[str, Aside], dict[str, Aside]]:
+        """The shard's files and its manifest, by path, when all are written; none if something went wrong."""
+        files: dict[str, Aside] = {}
+        for writing in self._writing:
+            written = writing.result()
+            if isinstance(written, Failure):
+                self.failure = self.failure or written
+            else:
+                files |= written
+        if self.failure is None:
+            try:
+                return files, manifest_aside(self.shard, files, self._folder)
+            except OSError as error:
+                self.failure = Failure.of(error)
+        return {}, {}
+
+
+def put_shards_in_place(dataset: Dataset, writers: Sequence[ShardWriter]) -> None:
+    """Put all shards that could be written in their places, their manifests last."""
+    files, manifests = {}, {}
+    for writer in writers:
+        of_shard, manifest = writer.files()
+        files |= of_shard
+        manifests |= manifest
+    # One that is solved again has a manifest, which does not fit while its files are exchanged.
+    forget(dataset, [writer.shard for writer in writers if writer.failure is None])
+    put_in_place(dataset.path, files)
+    put_in_place(dataset.path, manifests)
+
+
+def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, Sequence]:
+    """Results of a shard as those arrays that the dataset has for the sensor, a press at a time."""
+    columns = {}
+    for name in dataset.arrays:
+        owner, *group, key = name.split("/")
+        if owner == sensor:
+            columns[name] = [result.certificate[key] if group else getattr(result, key) for result in results]
+    return columns

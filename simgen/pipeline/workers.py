@@ -1,0 +1,250 @@
+"""The processes that solve: a local cluster, a dask scheduler's workers, or this very process.
+
+Only this file imports dask.
+"""
+
+import json
+import logging
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cached_property
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from simgen.config.job_schema import Job
+from simgen.config.warp_device import check_device
+from simgen.errors import InputError
+from simgen.pipeline.shard import Presser, fem_presser, prepare
+
+# Threads of a GPU's process. Each solves a task; the presses of all tasks share the device (see ``pool``). One shard is
+# a task where shards have their default size, so what has ended is written early. With 128, 74 s of the paired job's
+# 377 s went into its last presses (2b75018, one H200): hard presses of the last shards began late.
+TASKS_PER_GPU_PROCESS = 256
+TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
+LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
+ANSWER_S = 10.0  # within which a scheduler must answer
+LONGEST_WAIT_S = 300.0  # for as many workers as are asked for
+STARTS = 3  # of a process that is killed as it starts
+
+# A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
+IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+# Threads that write shards must not keep those that feed a GPU from Python for Python's usual 5 ms.
+SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
+# dask would look at the stacks of all threads every 10 ms, for its dashboard.
+NO_PROFILE = {"distributed.worker.profile.enabled": False}
+
+
+class Workers:
+    """``count`` processes, and the ``device`` as they see it: one with a GPU of its own sees no other.
+
+    Each process solves ``tasks_at_once`` tasks at a time.
+    """
+
+    def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, list]] | None = None,
+                 close: Callable[[], None] = lambda: None, tasks_at_once: int = 1):  # fmt: skip
+        self.device, self.count, self.tasks_at_once = device, count, tasks_at_once
+        self.close, self._start = close, start
+
+    @cached_property
+    def started(self) -> tuple[Any, list]:
+        """dask's client of the processes, which start when it is first asked for, and what prepares them."""
+        return self._start()
+
+    @property
+    def about(self) -> str:
+        """Where the workers are, how many they are now, and where dask shows what they do (pages that need bokeh)."""
+        if self._start is None:
+            return "this process alone"
+        client = self.started[0]
+        count, threads = len(client.nthreads()), sum(client.nthreads().values())
+        dashboard = ""
+        if find_spec("bokeh") is not None:
+            with suppress(KeyError):  # a scheduler without one
+                dashboard = f", dashboard {client.dashboard_link}"
+        workers = f"{count} worker{'s' if count != 1 else ''} with {threads} threads" if count else "no worker yet"
+        return f"{workers} at {client.scheduler.address}{dashboard}"
+
+    def map(self, function: Callable, arguments: list) -> Iterator[tuple[Any, Any]]:
+        """Arguments with their results, as they come; in place of a result, the error that kept it from coming.
+
+        Workers may join and leave meanwhile. Raises `InputError` if their scheduler is lost.
+        """
+        if not arguments or self._start is None:
+            yield from ((argument, function(argument)) for argument in arguments)
+            return
+        from dask.distributed import CancelledError, KilledWorker, as_completed, wait
+        from distributed.comm import CommClosedError
+
+        client, preparing = self.started
+        # Before, dask would give a worker that is ready, and has a second thread, the task of one that is not.
+        wait(preparing)
+        preparing.clear()  # or what a worker that dies had prepared would be waited for again
+        waiting, submitted, futures = iter(arguments), {}, as_completed()
+
+        def submit() -> None:
+            """No more than workers will soon take, so that a long job stays light on the scheduler."""
+            bound = TASKS_PER_THREAD * max(1, sum(client.nthreads().values()))
+            for argument in islice(waiting, max(0, bound - len(submitted))):
+                future = client.submit(function, argument, pure=False)
+                submitted[future] = argument
+                futures.add(future)
+
+        try:
+            submit()
+            for future in futures:
+                try:
+                    result = future.result()
+                except (CancelledError, CommClosedError):
+                    raise
+                except KilledWorker as error:
+                    died = error.allowed_failures + 1
+                    result = RuntimeError(f"{died} processes that were at it died, killed or out of memory")
+                except Exception as error:  # as where simgen is not installed
+                    result = error
+                yield submitted.pop(future), result
+                submit()
+        except (CancelledError, CommClosedError, OSError) as error:
+            raise InputError(f"the scheduler of the workers is lost ({error})") from None
+
+
+@contextmanager
+def start_workers(
+    job: Job,
+    device: str = "cpu",
+    count: int | None = None,
+    scheduler: str | None = None,
+    build: Callable[[Job, str, str], Presser] = fem_presser,
+) -> Iterator[Workers]:
+    """Workers for a job.
+
+    `count` processes of a local cluster (default: one per core or GPU; no more than shards), all those of a
+    `scheduler`, which see the same file system, once there are `count` or after `LONGEST_WAIT_S`, or this process if
+    that is "sync". Those of a local cluster load their sensors, scenes and kernels as soon as they start; with GPUs
+    that is at once, as cores are free while the caller plans. Raises `InputError` for a device that this machine has
+    not, unless the workers are elsewhere, and for a process that does not start, when the workers are first asked for.
+    """
+    if scheduler is None or scheduler == "sync":
+        check_device(device)
+    if scheduler == "sync":
+        yield Workers(device)
+        return
+    from dask.distributed import Client
+    from distributed.comm.addressing import parse_address
+    from distributed.comm.registry import get_backend
+    from distributed.utils import silence_logging_cmgr
+
+    if scheduler is not None:
+        try:
+            get_backend(parse_address(scheduler)[0])  # raises for an unknown kind of address, which a client would try
+            client = Client(scheduler, timeout=ANSWER_S)
+        except Exception as error:  # dask's, of many kinds, for addresses that are none
+            allowed = "allowed: the address of one that answers, as tcp://host:8786, or sync"
+            raise InputError(f"scheduler {scheduler!r}: {str(error) or type(error).__name__}; {allowed}") from None
+        with silence_logging_cmgr("CRITICAL"), client:  # a lost scheduler would be pages of tracebacks
+
+            def joined() -> tuple[Client, list]:
+                if count:
+                    with suppress(TimeoutError):  # fewer will do
+                        client.wait_for_workers(count, timeout=LONGEST_WAIT_S)
+                return client, []
+
+            threads = client.nthreads().values()
+            yield Workers(device, count or max(1, len(threads)), joined, tasks_at_once=min(threads, default=1))
+        return
+    gpus = visible_gpus(device) if device != "cpu" else []
+    there = "cuda" if gpus else device
+    environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (count or cores())
+    environments = environments[: min(count or job.shards, job.shards)]
+    with ExitStack() as stack:
+
+        def start() -> tuple[Client, list]:
+            try:
+                cluster = stack.enter_context(local_cluster(environments))
+            except RuntimeError as error:
+                raise InputError(f"a worker of {len(environments)} did not start: {error.__cause__ or error}") from None
+            client = stack.enter_context(Client(cluster))
+            own = {"allow_other_workers": True, "pure": False}  # others, if it is lost
+            addresses = client.nthreads()
+            return client, [client.submit(prepare, job, there, build, workers=[each], **own) for each in addresses]
+
+        workers = Workers(there, len(environments), start, stack.close, TASKS_PER_GPU_PROCESS if gpus else 1)
+        if gpus:
+            _ = workers.started
+        yield workers
+
+
+def visible_gpus(device: str) -> list[str]:
+    """What CUDA_VISIBLE_DEVICES calls the GPUs of ``cuda`` (all that are visible here) or ``cuda:N``."""
+    import warp as wp
+
+    names = os.environ.get("CUDA_VISIBLE_DEVICES")
+    names = names.split(",") if names else [str(i) for i in range(wp.get_cuda_device_count())]
+    number = device.partition(":")[2]
+    return [names[int(number)]] if number else names
+
+
+def local_cluster(environments: list[dict[str, str]]):
+    """A dask cluster on this machine: a process for each environment, which it keeps when it is started again.
+
+    A process with a GPU of its own has several threads: the presses of their tasks are solved together (see ``pool``),
+    and what one task writes does not hold up the others.
+    """
+    from dask.distributed import Nanny, Scheduler, SpecCluster, Status
+    from distributed.system import MEMORY_LIMIT
+
+    class QuickNanny(Nanny):
+        """Ends its worker after half a second, not five: whatever it is still doing is no use to anybody.
+
+        One that is killed as it first starts is started again, as dask does later; it would give up all of them.
+        """
+
+        async def instantiate(self) -> Status:
+            if self.status != Status.init:
+                return await super().instantiate()
+            for _ in range(STARTS):
+                if (status := await super().instantiate()) == Status.running:
+                    return status
+            raise RuntimeError(f"killed or out of memory {STARTS} times as it started")
+
+        async def close(self, timeout: float = 0.5, reason: str = "nanny-close"):
+            with suppress(TimeoutError):  # it has been killed, and takes its time
+                return await super().close(timeout, reason)
+
+    logging.getLogger("distributed.process").setLevel(logging.WARNING)  # a worker that frees a GPU outlives the cluster
+    shared = {"silence_logs": "CRITICAL", "dashboard": False, "config": NO_PROFILE}
+    shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's own would be a share by cores
+    threads = [TASKS_PER_GPU_PROCESS if environment else 1 for environment in environments]
+    preload = [[IGNORE_INTERRUPTS, *([SHORT_TURNS] if environment else [])] for environment in environments]
+    workers = {
+        i: {"cls": QuickNanny, "options": {**shared, "nthreads": count, "env": environment, "preload": before}}
+        for i, (count, environment, before) in enumerate(zip(threads, environments, preload, strict=True))
+    }
+    options = {"host": "127.0.0.1", "port": 0, "dashboard_address": "127.0.0.1:0", "dashboard": None}
+    # Two other processes take what was at work in one that died, then `simgen.pipeline.run` decides.
+    options |= {"allowed_failures": 2, "worker_ttl": LONGEST_SILENCE}
+    here = {"cls": Scheduler, "options": options}
+    return SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL")
+
+
+def scheduler_address(file: Path) -> str:
+    """The address in a file that `dask scheduler --scheduler-file` wrote. Raises `InputError` if it holds none."""
+    try:
+        address = json.loads(file.read_text(encoding="utf-8"))["address"]
+    except OSError as error:
+        raise InputError(f"scheduler file {file}: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError):
+        address = None
+    if not isinstance(address, str):
+        allowed = "allowed: what `dask scheduler --scheduler-file` wrote"
+        raise InputError(f"scheduler file {file}: no address in it; {allowed}")
+    return address
+
+
+def cores() -> int:
+    """Those that this process may use."""
+    from dask.system import CPU_COUNT  # respects cgroup limits and affinity
+
+    return CPU_COUNT

@@ -1,0 +1,1 @@
+"""Drawings of surfaces, and the parts of HTML pages, that reports and translations share."""

@@ -1,0 +1,1 @@
+"""What a sensor would output: electrode signals and camera images."""

@@ -1,0 +1,58 @@
+"""The gel that nothing touches as its camera sees it: of the true surface, without the facets of its triangles."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from simgen.errors import InputError
+from simgen.sensing.camera.height_map import HeightMaps
+from simgen.sensing.camera.pinhole import Pinhole, placed_camera
+from simgen.sensing.camera.renderer import coat
+from simgen.sensing.camera.response import PUBLISHED_SIZE
+from simgen.sensors.sensor import Camera
+from simgen.sensors.sensor_geometry import SensorGeometry
+
+SMOOTH = 0.0125  # of the image's shorter side: 6 of 480 pixels, 0.2 mm of a DIGIT whose triangles are of 0.5 mm
+BEYOND = 4.0  # standard deviations of the smoothing that are looked at around the image
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """depth : (height, width) m, along the camera's optical axis; infinite beside the gel"""
+
+    camera: Camera
+    pinhole: Pinhole
+    depth: np.ndarray
+
+
+def at_rest(geometry: SensorGeometry, height: int, width: int) -> AtRest:
+    """Of a sensor, for images of this size. Raises `InputError` if its camera has another aspect, or none is there."""
+    camera = placed_camera(geometry.description, geometry.folder)
+    if abs(height * camera.width_px / (width * camera.height_px) - 1.0) > 0.01:
+        own = f"{camera.width_px} x {camera.height_px}"
+        raise InputError(f"picture of {width} x {height} pixels: allowed: sides in the ratio of the camera's {own}")
+    pinhole = Pinhole.of(camera, height, width)
+    sigma = SMOOTH * min(height, width)
+    margin = int(np.ceil(BEYOND * sigma))
+    around = replace(pinhole, height=height + 2 * margin, width=width + 2 * margin)
+    vertices, triangles = (np.asarray(each) for each in (geometry.true.surface.vertices, geometry.true.surface.faces))
+    maps = HeightMaps(vertices, coat(vertices, triangles, pinhole), around)
+    inside = slice(margin, -margin), slice(margin, -margin)
+    if not maps.seen[inside].any():
+        raise InputError(f"{geometry.folder / 'sensor.yaml'}: camera: the gel is out of its sight")
+    return AtRest(camera, pinhole, smooth(maps.rest_depth, sigma)[inside])
+
+
+def table_size(camera: Camera) -> tuple[int, int]:
+    """Height and width, px, of the camera's image if its longer side has the pixels of published tables."""
+    scale = PUBLISHED_SIZE[0] / max(camera.height_px, camera.width_px)
+    return round(scale * camera.height_px), round(scale * camera.width_px)
+
+
+def smooth(depth: np.ndarray, sigma: float) -> np.ndarray:
+    """A map (height, width) by a Gaussian kernel, of ``sigma`` pixels, over its finite places alone."""
+    seen = np.isfinite(depth)
+    total = gaussian_filter(np.where(seen, depth, 0.0), sigma, truncate=BEYOND)
+    weight = gaussian_filter(seen.astype(float), sigma, truncate=BEYOND)
+    return np.where(seen, total / np.where(seen, weight, 1.0), np.inf)

@@ -1,0 +1,171 @@
+"""`simgen calibrate-optics`: a table fitted to pictures of a sphere, or to the photometric model.
+
+Both ways write whole files, and yield lines that say what was done.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from simgen.dataset.atomic_files import put_in_place, write_aside
+from simgen.errors import InputError, check_output_file, writing
+from simgen.sensing.camera.at_rest import AtRest, at_rest, table_size
+from simgen.sensing.camera.calibration import Observations, explained, fit_response, observe
+from simgen.sensing.camera.contacts import find_circle, read_circles
+from simgen.sensing.camera.image_files import png, read_image
+from simgen.sensing.camera.pinhole import placed_camera
+from simgen.sensing.camera.rendered import RADIUS_M, SPHERES, Rendered, photometry_of
+from simgen.sensing.camera.renderer import BACKGROUND, TABLE
+from simgen.sensing.camera.response import Response
+from simgen.sensing.camera.spheres import Circle, sphere_in
+from simgen.sensors.sensor_geometry import load_geometry, sensor_folder
+
+PICTURES, MODEL = "pictures of a sphere", "photometric model"  # what a table says it was fitted to
+LARGEST_MM = 1e3  # radius of a sphere
+MOST_LEFT_OUT = 0.5  # of the pictures: with more of them something else is wrong, such as the radius
+OTHERS = 2**6  # spheres that a table was not fitted to
+
+
+def calibrate(
+    pictures: Sequence[Path],
+    background: Path | None,
+    radius_mm: float | None,
+    model: str,
+    circles: Path | None,
+    output: Path | None,
+) -> Iterator[str]:
+    """What the command does: pictures want all options, but ``circles``; the model none. Raises `InputError`."""
+    given = {"--background": background, "--radius-mm": radius_mm, "--output": output, "--circles": circles}
+    if not pictures:
+        for option in ("--background", "--radius-mm", "--circles"):
+            if given[option] is not None:
+                raise InputError(f"{option} {given[option]}: no PICTURE; allowed: with pictures")
+        return fit_to_model(model, output)
+    for option in ("--background", "--radius-mm", "--output"):
+        if given[option] is None:
+            raise InputError(
+                f"{option} is missing; allowed with pictures: --background FILE --radius-mm R --output FILE"
+            )
+    if not 0.0 < radius_mm <= LARGEST_MM:
+        raise InputError(f"--radius-mm {radius_mm:g}: allowed: more than 0, at most {LARGEST_MM:g}")
+    return fit_to_pictures(pictures, background, 1e-3 * radius_mm, model, circles, output)
+
+
+def fit_to_pictures(
+    pictures: Sequence[Path], background: Path, radius_m: float, model: str, circles: Path | None, output: Path
+) -> Iterator[str]:
+    """Fit a table to pictures in which a sphere touches a sensor.
+
+    A picture that cannot be used is left out, with a line that says why. Raises `InputError` if these are more than
+    half of them.
+
+    background : the picture of nothing, of the same size
+    circles : where the sphere touches, see `read_circles`; pictures that are not in it are searched
+    """
+    check_output_file(output)
+    check_replaceable(output, PICTURES)
+    known = read_circles(circles) if circles else {}
+    if strangers := known.keys() - {picture.resolve() for picture in pictures}:
+        raise InputError(f"{circles}: {min(strangers)} is none of the pictures; allowed: their names, from its folder")
+    nothing = read_image(background)
+    gel = at_rest(load_geometry(model), *nothing.shape[:2])
+    observed: list[Observations] = []
+    left_out: list[InputError] = []
+    for picture in pictures:
+        try:
+            circle, seen = _contact(picture, nothing, known.get(picture.resolve()), radius_m, gel)
+        except InputError as error:
+            left_out.append(error)
+            yield f"left out: {error}"
+            continue
+        observed.append(seen)
+        yield (
+            f"{picture}: circle of {circle.radius:.1f} pixels at column {circle.column:.1f}, row {circle.row:.1f}; "
+            f"{len(seen.x)} pixels with a known tilt"
+        )
+    if len(left_out) > MOST_LEFT_OUT * len(pictures):
+        raise InputError(
+            f"{len(left_out)} of {len(pictures)} pictures left out; allowed: at most half; the first: {left_out[0]}"
+        )
+    response = fit_response(observed, source=PICTURES)
+    _write(output.parent, {output.name: response.data()})
+    yield f"{output}: of {_counted(len(observed), len(pictures))}; {_sentence(response, observed)}"
+
+
+def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
+    """A table of spheres under the photometric model, and the background that goes with it. Raises `InputError`."""
+    folder = output or sensor_folder(model)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; allowed: the folder of {TABLE} and {BACKGROUND}")
+    check_output_file(folder / TABLE)
+    check_replaceable(folder / TABLE, MODEL)
+    if not (folder / TABLE).exists() and (folder / BACKGROUND).exists():
+        raise InputError(
+            f"{folder / BACKGROUND}: exists already, without a table of ours; remove it or choose another --output"
+        )
+    geometry = load_geometry(model)
+    gel = at_rest(geometry, *table_size(placed_camera(geometry.description, geometry.folder)))
+    try:
+        rendered = Rendered(gel.depth, gel.pinhole, photometry_of(gel.camera))
+    except InputError as error:
+        raise InputError(f"{geometry.folder / 'sensor.yaml'}: {error}") from None
+    response = fit_response((rendered.of_patch(patch) for patch in rendered.spheres()), source=MODEL)
+    others = [rendered.of_patch(patch) for patch in rendered.spheres(OTHERS, seed=1)]
+    background = np.rint(rendered.background).astype(np.uint8)
+    _write(folder, {BACKGROUND: png(background), TABLE: response.data()})
+    yield (
+        f"{folder / TABLE}: of {SPHERES} spheres of {1e3 * RADIUS_M:g} mm under the photometric model; "
+        f"of {len(others)} others {_sentence(response, others)}"
+    )
+    yield f"{folder / BACKGROUND}: {background.shape[1]} x {background.shape[0]} pixels"
+
+
+def _contact(
+    picture: Path, nothing: np.ndarray, circle: Circle | None, radius_m: float, gel: AtRest
+) -> tuple[Circle, Observations]:
+    """Find where the sphere touches, unless a circle says so, and what colours the picture has there.
+
+    Raises `InputError` with the picture's name if it shows no contact that can be used.
+    """
+    image = read_image(picture)
+    if image.shape != nothing.shape:
+        size, own = ("{1} x {0}".format(*each.shape) for each in (image, nothing))
+        raise InputError(f"{picture}: {size} pixels: allowed: those of the background, {own}")
+    try:
+        circle = circle or find_circle(image, nothing)
+        patch = sphere_in(circle, radius_m, gel.depth, gel.pinhole)
+    except InputError as error:
+        raise InputError(f"{picture}: {error}") from None
+    seen = observe(patch, gel.depth, gel.pinhole.focal, image - nothing.astype(float))
+    if not len(seen.x):
+        raise InputError(f"{picture}: circle of {circle.radius:.4g} pixels: allowed: two pixels and more, on the gel")
+    return circle, seen
+
+
+def check_replaceable(file: Path, source: str) -> None:
+    """Raises `InputError` if something is there that was not fitted to ``source``."""
+    if not file.exists():
+        return
+    try:
+        found = Response.load(file).source
+    except InputError:
+        found = ""
+    if found != source:
+        raise InputError(
+            f"{file}: exists already, and was not fitted to {source}; remove it or choose another --output"
+        )
+
+
+def _write(folder: Path, files: dict[str, bytes]) -> None:
+    with writing(folder / next(iter(files))):
+        put_in_place(folder, {name: write_aside(folder, data) for name, data in files.items()})
+
+
+def _counted(used: int, given: int) -> str:
+    return f"{used} pictures" if used == given else f"{used} of {given} pictures"
+
+
+def _sentence(response: Response, observed: Sequence[Observations]) -> str:
+    found = explained(response, observed)
+    return f"colours change by {found.change:.2f} grey levels on average, and the table is {found.left:.2f} off"

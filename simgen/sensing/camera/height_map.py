@@ -1,0 +1,159 @@
+"""How far a gel's surface has come towards the camera, at every pixel.
+
+Every pixel sends one ray, and keeps the nearest triangle that it meets. Rays are not traced through a tree: a triangle
+knows which pixels can see it, so each triangle is met with their rays alone. That is the same intersection, and on one
+core 20 times as fast.
+"""
+
+import numpy as np
+import warp as wp
+from scipy.ndimage import distance_transform_edt
+
+from simgen.config.warp_device import start_warp
+from simgen.sensing.camera.pinhole import Pinhole
+
+wp.set_module_options({"enable_backward": False})
+
+NOTHING = wp.constant(wp.float32(1.0e6))  # m: the depth of a pixel that meets no triangle
+# Pixels by which a triangle is widened: a ray through an edge or a corner meets one of the triangles that share it,
+# in spite of rounding.
+AT_EDGE = wp.constant(wp.float32(1.0e-4))
+
+
+@wp.kernel
+def _project_kernel(
+    rest: wp.array(dtype=wp.vec3f),
+    displacement: wp.array2d(dtype=wp.vec3f),
+    axes: wp.mat33f,
+    focal: wp.float32,
+    half_width: wp.float32,
+    half_height: wp.float32,
+    # outputs
+    seen_out: wp.array2d(dtype=wp.vec3f),
+):
+    """Where each vertex is in the image: column, row, in pixels from the first one's middle, and depth, m."""
+    sample, vertex = wp.tid()
+    view = rest[vertex] + axes * displacement[sample, vertex]  # rest is in view already
+    scale = focal / view[2]
+    half = wp.float32(0.5)
+    seen_out[sample, vertex] = wp.vec3f(
+        half_width + view[0] * scale - half, half_height - view[1] * scale - half, view[2]
+    )
+
+
+@wp.kernel
+def _depth_kernel(
+    seen: wp.array2d(dtype=wp.vec3f),
+    triangles: wp.array(dtype=wp.vec3i),
+    # outputs
+    depth_out: wp.array3d(dtype=wp.float32),
+):
+    """The least depth of the triangles that each pixel's ray meets: 1 / depth is linear in the image."""
+    sample, triangle = wp.tid()
+    corner = triangles[triangle]
+    a, b, c = seen[sample, corner[0]], seen[sample, corner[1]], seen[sample, corner[2]]
+    if wp.min(a[2], wp.min(b[2], c[2])) <= wp.float32(0.0):
+        return  # behind the camera
+    abx, aby, acx, acy = b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]
+    area = abx * acy - aby * acx
+    if area == wp.float32(0.0):
+        return  # seen from its side
+    height, width = depth_out.shape[1], depth_out.shape[2]
+    first_row = wp.max(wp.int32(wp.ceil(wp.min(a[1], wp.min(b[1], c[1])) - AT_EDGE)), 0)
+    last_row = wp.min(wp.int32(wp.floor(wp.max(a[1], wp.max(b[1], c[1])) + AT_EDGE)), height - 1)
+    left = wp.max(wp.int32(wp.ceil(wp.min(a[0], wp.min(b[0], c[0])) - AT_EDGE)), 0)
+    right = wp.min(wp.int32(wp.floor(wp.max(a[0], wp.max(b[0], c[0])) + AT_EDGE)), width - 1)
+    one = wp.float32(1.0)
+    # Barycentric weights of b and c, and 1 / depth, change by these from pixel to pixel.
+    bx, by, cx, cy = acy / area, -acx / area, -aby / area, abx / area
+    ia = one / a[2]
+    ib, ic = one / b[2] - ia, one / c[2] - ia
+    edge = AT_EDGE * (wp.abs(bx) + wp.abs(by) + wp.abs(cx) + wp.abs(cy))
+    for row in range(first_row, last_row + 1):
+        dy = wp.float32(row) - a[1]
+        for column in range(left, right + 1):
+            dx = wp.float32(column) - a[0]
+            wb = bx * dx + by * dy
+            wc = cx * dx + cy * dy
+            if wb >= -edge and wc >= -edge and wb + wc <= one + edge:
+                wp.atomic_min(depth_out, sample, row, column, one / (ia + wb * ib + wc * ic))
+
+
+@wp.kernel
+def _height_kernel(
+    rest_depth: wp.array2d(dtype=wp.float32),
+    source: wp.array2d(dtype=wp.vec2i),
+    depth: wp.array3d(dtype=wp.float32),
+    # outputs
+    height_out: wp.array3d(dtype=wp.float32),
+    holes_out: wp.array(dtype=wp.int32),
+):
+    """What the surface has come nearer since rest, m; beside the surface, that of the nearest pixel on it."""
+    sample, row, column = wp.tid()
+    at = source[row, column]
+    found = depth[sample, at[0], at[1]]
+    if found < NOTHING:
+        height_out[sample, row, column] = rest_depth[at[0], at[1]] - found
+    else:
+        height_out[sample, row, column] = wp.nan
+        wp.atomic_add(holes_out, sample, 1)
+
+
+class HeightMaps:
+    """Of one surface seen by one camera.
+
+    rest : (vertex, 3) m, in the sensor's frame
+    triangles : (triangle, 3) vertices of what the camera can see, in any order
+    seen : (height, width) bool, whether a pixel sees the surface at rest
+    rest_depth : (height, width) m, along the optical axis; infinite where it does not
+    """
+
+    def __init__(self, rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole, device: str = "cpu"):
+        start_warp()
+        self.pinhole, self.device = pinhole, device
+        self._rest = wp.array(pinhole.in_view(rest), dtype=wp.vec3f, device=device)
+        self._triangles = wp.array(triangles, dtype=wp.vec3i, device=device)
+        depth = self._depth(wp.zeros((1, len(rest)), dtype=wp.vec3f, device=device)).numpy()[0]
+        self.seen = depth < NOTHING
+        self.rest_depth = np.where(self.seen, depth, np.inf)
+        # Beside the surface heights go on as at its rim: a step there would be a slope that nobody has made.
+        near = distance_transform_edt(~self.seen, return_distances=False, return_indices=True)
+        self._source = wp.array(np.stack(near, axis=-1), dtype=wp.vec2i, device=device)
+        self._rest_depth = wp.array(depth, dtype=wp.float32, device=device)
+
+    def __call__(self, displacement: np.ndarray | wp.array) -> wp.array:
+        """(sample, height, width) float32, m, positive towards the camera, of displacements (sample, vertex, 3) m.
+
+        Holes, which surfaces at rest do not have there, take the height of the nearest pixel.
+        """
+        if not isinstance(displacement, wp.array):
+            displacement = wp.array(np.asarray(displacement, np.float32), dtype=wp.vec3f, device=self.device)
+        depth = self._depth(displacement)
+        height = wp.empty(depth.shape, dtype=wp.float32, device=self.device)
+        holes = wp.zeros(len(depth), dtype=wp.int32, device=self.device)
+        inputs, outputs = [self._rest_depth, self._source, depth], [height, holes]
+        wp.launch(_height_kernel, dim=depth.shape, inputs=inputs, outputs=outputs, device=self.device)
+        for sample in np.flatnonzero(holes.numpy()).tolist():
+            height[sample].assign(_filled(height[sample].numpy()))
+        return height
+
+    def _depth(self, displacement: wp.array) -> wp.array:
+        """(sample, height, width) m."""
+        pinhole, (samples, vertices) = self.pinhole, displacement.shape
+        seen = wp.empty((samples, vertices), dtype=wp.vec3f, device=self.device)
+        axes = wp.mat33f(*pinhole.axes.ravel().tolist())
+        inputs = [self._rest, displacement, axes, pinhole.focal, 0.5 * pinhole.width, 0.5 * pinhole.height]
+        wp.launch(_project_kernel, dim=seen.shape, inputs=inputs, outputs=[seen], device=self.device)
+        shape = (samples, pinhole.height, pinhole.width)
+        depth = wp.full(shape, NOTHING, dtype=wp.float32, device=self.device)
+        dim, inputs = (samples, len(self._triangles)), [seen, self._triangles]
+        wp.launch(_depth_kernel, dim=dim, inputs=inputs, outputs=[depth], device=self.device)
+        return depth
+
+
+def _filled(height: np.ndarray) -> np.ndarray:
+    """The map (height, width) without NaN: 0 if there is nothing else."""
+    missing = np.isnan(height)
+    if missing.all():
+        return np.zeros_like(height)
+    return height[tuple(distance_transform_edt(missing, return_distances=False, return_indices=True))]

@@ -1,0 +1,195 @@
+"""Images of a dataset's samples on disk: a folder for each press, which is whole or not there.
+
+    <dataset>.images/
+      render.json                    what decides the images
+      t0003_sphere_7mm/              of trajectory 3
+        02_0.3mm.png                 of depth 2, 0.3 mm; those that did not converge are missing
+        press.gif                    the press in motion, if it was asked for
+      montage_sphere_7mm.png         some trajectories and depths of an indenter
+      stages.png                     one sample from height map to image, smoothed and not
+"""
+
+import hashlib
+import json
+import os
+import signal
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from simgen.dataset.atomic_files import whole_folder
+from simgen.dataset.exchange.selection import PressSelection
+from simgen.dataset.folder_lock import LOCK, HeldError, held
+from simgen.dataset.provenance import difference, source_hash
+from simgen.dataset.reader import Dataset
+from simgen.errors import InputError, writing
+from simgen.fem.nonlinear.status import is_valid
+from simgen.sensing.camera.image_files import write_image
+from simgen.sensing.camera.renderer import Look, Renderer
+
+RECORD = "render.json"
+
+
+@dataclass(frozen=True)
+class Images:
+    """Where images of some presses of one sensor go, and how they are made."""
+
+    dataset: Path
+    sensor: str
+    folder: Path
+    look: Look
+    device: str = "cpu"
+
+    def of_press(self, dataset: Dataset, press: int) -> Path:
+        return self.folder / _press_names(dataset)[press]
+
+    def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
+        """What decides the images, for JSON."""
+        return {
+            "dataset": dataset.attributes["job_hash"],
+            "sensor": self.sensor,
+            "size": [renderer.pinhole.width, renderer.pinhole.height],
+            "background": hashlib.sha256(renderer.background.tobytes()).hexdigest(),
+            "response": renderer.shading.response.hash,
+            "kernels": list(renderer.blur.sizes),
+            "kernels_around_contact": list(renderer.blur.around),
+            "shadows": renderer.shadows is not None,
+            "code": source_hash(Path(__file__).parent),
+        }
+
+    def meshes(self, dataset: Dataset) -> "MeshSource":
+        """What the images show; asked once by each process."""
+        return StoredMeshes(dataset, self.sensor)
+
+    def keep_to_one_core(self) -> None:
+        """Said by each process that has others beside it."""
+        cv2.setNumThreads(1)
+
+
+@lru_cache(maxsize=2)
+def _press_names(dataset: Dataset) -> list[str]:
+    """Of all presses; an array is read from a file for each shard, so once and not for each press."""
+    trajectories, indenters = dataset["press/trajectory"], dataset["press/indenter"]
+    return [f"t{t:04d}_{dataset.indenters[i]}" for t, i in zip(trajectories, indenters, strict=True)]
+
+
+class MeshSource(Protocol):
+    """Displacements of the sensor, press by press."""
+
+    def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
+        """Indices (n,) of the depths that get an image, their displacements (n, vertex, 3), m, and by name what else
+        belongs into the folder of the press.
+        """
+
+
+class StoredMeshes:
+    """Those of the dataset itself."""
+
+    def __init__(self, dataset: Dataset, sensor: str):
+        self.dataset, self.sensor, self._valid = dataset, sensor, is_valid(dataset[f"{sensor}/status"])
+
+    def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
+        steps = np.flatnonzero(self._valid[press])
+        return steps, self.dataset.displacement(self.sensor, press)[steps], {}
+
+
+def claim(folder: Path, record: Mapping[str, Any]) -> None:
+    """Make the folder of images, or check that it holds some of the same kind. Raises `InputError`."""
+    file = folder / RECORD
+    if not folder.exists():
+        with writing(folder), whole_folder(folder) as aside:
+            (aside / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
+        return
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+        changes = difference(found, record)
+    except (OSError, ValueError, TypeError, AttributeError):
+        sentence = "exists already and holds no images of simgen; choose another --output"
+        raise InputError(f"{folder}: {sentence}") from None
+    if changes:
+        raise InputError(f"{folder}: holds other images: {changes[0]}; choose another --output")
+
+
+@contextmanager
+def written_by_one(folder: Path) -> Iterator[None]:
+    """Hold a folder of images. Raises `InputError` if another process does."""
+    try:
+        with held(folder):
+            yield
+    except HeldError as error:
+        raise InputError(f"{folder}: is being written by {error}") from None
+
+
+def unmade(images: Images, selection: PressSelection) -> list[int]:
+    """Presses that have samples and no images yet."""
+    has_samples = selection.presses[selection.paired.any(axis=1)].tolist()
+    return [press for press in has_samples if not images.of_press(selection.dataset, press).exists()]
+
+
+def render(
+    images: Images, selection: PressSelection, renderer: Renderer, workers: int, meshes: MeshSource | None = None
+) -> Iterator[int]:
+    """Make what is missing, and say press by press how many images it has got. Raises `InputError`.
+
+    ``meshes`` are those of ``images``, if this process has them already.
+    """
+    dataset = selection.dataset
+    claim(images.folder, images.record(dataset, renderer))
+    missing = unmade(images, selection)
+    with written_by_one(images.folder):
+        if workers == 1 or len(missing) <= 1:
+            yield from map(_Worker(images, dataset, renderer, meshes).render, missing)
+        else:
+            yield from _side_by_side(images, missing, workers)
+
+
+def _side_by_side(images: Images, presses: list[int], workers: int) -> Iterator[int]:
+    with ProcessPoolExecutor(workers, get_context("spawn"), _start, (images,)) as processes:
+        try:
+            yield from processes.map(_render, presses)
+        except BaseException:
+            processes.shutdown(cancel_futures=True)
+            raise
+
+
+class _Worker:
+    """One process that renders presses."""
+
+    def __init__(self, images: Images, dataset: Dataset, renderer: Renderer, meshes: MeshSource | None = None):
+        self.images, self.dataset, self.renderer = images, dataset, renderer
+        self.meshes = meshes or images.meshes(dataset)
+        self.depths_mm = 1e3 * dataset["depth"]
+        self.threads = os.cpu_count() if images.device != "cpu" else 1
+
+    def render(self, press: int) -> int:
+        steps, displacement, more = self.meshes.of_press(press)
+        pictures = self.renderer(displacement)
+        folder = self.images.of_press(self.dataset, press)
+        files = [f"{step:02d}_{self.depths_mm[step]:.4g}mm.png" for step in steps]
+        with writing(folder), whole_folder(folder) as aside, ThreadPoolExecutor(self.threads) as threads:
+            for _ in threads.map(write_image, [aside / file for file in files], pictures):
+                pass
+            for name, data in more.items():
+                (aside / name).write_bytes(data)
+        (folder / LOCK).unlink(missing_ok=True)
+        return len(steps)
+
+
+def _start(images: Images) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts all; the parent answers
+    images.keep_to_one_core()
+    dataset = Dataset(images.dataset)
+    global _WORKER
+    _WORKER = _Worker(images, dataset, Renderer.of_dataset(dataset, images.sensor, images.look, images.device))
+
+
+def _render(press: int) -> int:
+    return _WORKER.render(press)

@@ -1,0 +1,59 @@
+"""A sensor's camera at some image size: which ray each pixel looks along."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from simgen.errors import InputError
+from simgen.sensors.sensor import Camera, place_camera
+from simgen.sensors.sensor_schema import SensorDescription
+
+MOST_PIXELS = 8192  # across an image
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """Rays through the middles of pixels: position + depth * (forward + x right + y up).
+
+    Depth counts along the optical axis, m. Pixel (row, column) has its middle at
+    x = (column + 1/2 - width / 2) / focal and y = (height / 2 - row - 1/2) / focal: rows go down, columns right.
+
+    axes : (3, 3), rows right, up, forward, in the sensor's frame
+    focal : pixels
+    """
+
+    position: np.ndarray
+    axes: np.ndarray
+    focal: float
+    height: int
+    width: int
+
+    @classmethod
+    def of(cls, camera: Camera, height: int | None = None, width: int | None = None) -> Self:
+        """At the camera's own size or another one, with its vertical field of view. Raises `InputError`."""
+        height = camera.height_px if height is None else height
+        width = camera.width_px if width is None else width
+        if not (0 < height <= MOST_PIXELS and 0 < width <= MOST_PIXELS):
+            raise InputError(f"image of {width} x {height} pixels: allowed: 1 to {MOST_PIXELS} each way")
+        right = np.cross(camera.looks_along, camera.up)
+        right /= np.linalg.norm(right)
+        axes = np.array([right, np.cross(right, camera.looks_along), camera.looks_along])
+        focal = 0.5 * height / np.tan(0.5 * np.radians(camera.vertical_field_of_view_deg))
+        return cls(camera.position, axes, focal, height, width)
+
+    def in_view(self, points: np.ndarray) -> np.ndarray:
+        """(..., 3) right, up and depth, m, of points (..., 3) m in the sensor's frame."""
+        return (points - self.position) @ self.axes.T
+
+    def across(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far right and up the middles of pixels are at a depth of 1."""
+        return (columns + 0.5 - 0.5 * self.width) / self.focal, (0.5 * self.height - rows - 0.5) / self.focal
+
+
+def placed_camera(description: SensorDescription, folder: Path) -> Camera:
+    """Of a sensor whose model lies in ``folder``. Raises `InputError` if it has none."""
+    if description.camera is None:
+        raise InputError(f"{folder / 'sensor.yaml'}: no camera; allowed: a sensor with one, as digit")
+    return place_camera(description.camera)

@@ -1,0 +1,118 @@
+"""Images of deformed gels: surface, camera, table and background together."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import cv2
+import numpy as np
+import warp as wp
+
+from simgen.config.warp_device import check_device
+from simgen.dataset.reader import Dataset
+from simgen.errors import InputError, shown
+from simgen.sensing.camera.blur import KERNELS, PYRAMIDS, Blur, pyramid
+from simgen.sensing.camera.height_map import HeightMaps
+from simgen.sensing.camera.image_files import read_image
+from simgen.sensing.camera.pinhole import Pinhole, placed_camera
+from simgen.sensing.camera.rendered import photometry_of
+from simgen.sensing.camera.response import Response
+from simgen.sensing.camera.shading import Shading
+from simgen.sensing.camera.shadows import Shadows
+from simgen.sensors.sensor import Camera
+from simgen.sensors.sensor_geometry import sensor_folder
+from simgen.sensors.sensor_schema import read_description
+
+TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.yaml
+
+
+@dataclass(frozen=True)
+class Look:
+    """The way that images are made of a sensor's meshes. Raises `InputError` for a ``blur`` that is not known.
+
+    table, background : files of Taxim's layout, and an image of nothing; by default the sensor's own
+    height, width : px; by default the camera's own
+    blur : a name of `simgen.sensing.camera.blur.PYRAMIDS`, by which height maps are smoothed; None leaves them sharp
+    shadows : whether lights that something stands before are dimmed
+    """
+
+    table: Path | None = None
+    background: Path | None = None
+    height: int | None = None
+    width: int | None = None
+    blur: str | None = "whole"
+    shadows: bool = False
+
+    def __post_init__(self):
+        if self.blur and self.blur not in PYRAMIDS:
+            raise InputError(f"--blur {shown(str(self.blur))!r}: allowed: {', '.join(PYRAMIDS)}")
+
+
+class Renderer:
+    """Images (sample, height, width, 3) uint8, red first, of displacements (sample, vertex, 3), m.
+
+    rest, triangles : (vertex, 3) m and (triangle, 3) outwards, of the gel's whole surface
+    background : (height, width, 3) uint8, of any size
+    kernels, around : px, of the whole map and around the contact, see `camera.blur`; none for no smoothing
+    lights : (3, 3) m, positions of the red, green and blue one, for shadows; none without
+    """
+
+    def __init__(
+        self, rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole, response: Response, background: np.ndarray,
+        kernels: tuple[int, ...] = KERNELS, lights: np.ndarray | None = None, device: str = "cpu",
+        around: tuple[int, ...] = (),
+    ):  # fmt: skip
+        check_device(device)
+        self.pinhole, self.device = pinhole, device
+        self.heights = HeightMaps(rest, coat(rest, triangles, pinhole), pinhole, device)
+        if not self.heights.seen.any():
+            raise InputError("camera: the gel is out of its sight; allowed: a camera that looks at it")
+        size = (pinhole.width, pinhole.height)
+        self.background = background
+        if background.shape[:2] != size[::-1]:
+            self.background = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
+        depth = self.heights.rest_depth
+        depth = np.where(self.heights.seen, depth, depth[self.heights.seen].max())
+        self.blur = Blur(pinhole.height, pinhole.width, kernels, device, around)
+        self.shading = Shading(response, depth / pinhole.focal, self.background, device)
+        self.shadows = None if lights is None else Shadows(depth, pinhole, lights, device)
+
+    @classmethod
+    def of_dataset(cls, dataset: Dataset, sensor: str, look: Look = Look(), device: str = "cpu") -> Self:
+        """Of a sensor of a dataset. Raises `InputError` if it has no camera, or if a file is not what it should be."""
+        camera, folder = camera_of(dataset, sensor)
+        own = {"--calibration": (look.table, TABLE), "--background": (look.background, BACKGROUND)}
+        files = {option: given or folder / name for option, (given, name) in own.items()}
+        for option, file in files.items():
+            if own[option][0] is None and not file.exists():
+                raise InputError(f"{sensor}: no {file.name} in {folder}; allowed: {option} FILE")
+        pinhole = Pinhole.of(camera, look.height, look.width)
+        kernels, around = pyramid(look.blur, min(pinhole.width, pinhole.height))
+        return cls(
+            dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"], pinhole,
+            Response.load(files["--calibration"]), read_image(files["--background"]), kernels,
+            photometry_of(camera).lights if look.shadows else None, device, around,
+        )  # fmt: skip
+
+    def __call__(self, displacement: np.ndarray) -> np.ndarray:
+        return self.image(self.blur(self.heights(displacement))).numpy()
+
+    def image(self, height: wp.array) -> wp.array:
+        """(sample, height, width, 3) uint8 of height maps (sample, height, width) m."""
+        image = self.shading(height)
+        return image if self.shadows is None else self.shadows(image, height)
+
+
+def coat(rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole) -> np.ndarray:
+    """The triangles (n, 3) that a camera sees from within: those that look away from it. The gel itself is clear."""
+    corners = rest[triangles] - pinhole.position
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return triangles[np.einsum("ti,ti->t", normal, corners[:, 0]) > 0.0]
+
+
+def camera_of(dataset: Dataset, sensor: str) -> tuple[Camera, Path]:
+    """The camera of a dataset's sensor and the folder of its model. Raises `InputError` if there is none."""
+    if sensor not in dataset.sensors:
+        raise InputError(f"{dataset.path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
+    folder = sensor_folder(dataset.job.locate(dataset.job.sensors[sensor].model))
+    return placed_camera(read_description(folder / "sensor.yaml"), folder), folder

@@ -1,0 +1,1 @@
+"""Signals of the BioTac's electrodes, and recordings of a real sensor."""

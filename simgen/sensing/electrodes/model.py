@@ -1,0 +1,124 @@
+"""A synthetic electrode model: from the gap between skin and core to the voltages of a BioTac's electrodes.
+
+**Film.** The liquid between core and skin is a film of thickness h between two insulators. A current I that enters it
+at an electrode of radius a and leaves at a radius b flows outwards through cylinders of area 2 pi r h. With the
+resistivity rho the field is E(r) = rho I / (2 pi r h), so that the voltage and the resistance are
+
+    V = integral from a to b of E dr = rho I ln(b / a) / (2 pi h),      R_film = rho ln(b / a) / (2 pi h)
+
+This is exact for radial flow in a film of even thickness; current also flows along h where h is not small against a.
+
+**Divider.** R_film lies in series with a fixed R_series, all that does not change with the gap above the electrode. The
+reading is taken at a reference resistor, so that it falls when the gap closes:
+
+    V = V_supply R_reference / (R_reference + R_series + R_film)
+
+**Instrument.** Gaussian noise, a straight drift of each electrode, the range of the supply, and steps of 2^-bits of it.
+
+What the numbers come from, and what the model leaves out: docs/electrodes.md.
+"""
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from simgen.config.strict_section import StrictSection
+from simgen.dataset.reader import Dataset
+from simgen.sensing.electrodes.gaps import gaps, gauge_of
+
+OF_DRIFT = 1  # keys of random numbers beside the seed: the slopes of the electrodes,
+OF_NOISE = 2  # and the noise of a press
+
+
+class ElectrodeSettings(StrictSection):
+    """The liquid, the electrodes and the circuit; the defaults are a BioTac by order of magnitude, noise-free."""
+
+    resistivity_ohm_m: float = Field(10.0, ge=1e-2, le=1e4, description="of the liquid, 0.01 to 10000 ohm m")
+    electrode_radius_mm: float = Field(0.5, ge=0.05, le=5.0, description="0.05 to 5 mm")
+    outer_radius_mm: float = Field(5.0, ge=0.1, le=50.0, description="where the current leaves the film, 0.1 to 50 mm")
+    least_film_um: float = Field(5.0, ge=0.1, le=1000.0, description="of a closed gap, 0.1 to 1000 um")
+    series_ohm: float = Field(1e3, ge=0.0, le=1e7, description="beside the film's, 0 to 1e7 ohm")
+    reference_ohm: float = Field(10e3, ge=1.0, le=1e7, description="of the divider, 1 to 1e7 ohm")
+    supply_v: float = Field(3.3, ge=0.1, le=100.0, description="of the divider, 0.1 to 100 V")
+    noise_v: float = Field(0.0, ge=0.0, le=1.0, description="standard deviation of a reading, 0 to 1 V")
+    drift_v_per_sample: float = Field(
+        0.0, ge=0.0, le=1e-2, description="standard deviation of the electrodes' slopes, 0 to 0.01 V per sample"
+    )
+    bits: int | None = Field(12, ge=2, le=24, description="of the reading, 2 to 24, or null for no steps")
+    seed: int = Field(0, ge=0, lt=2**32, description="of noise and drift, a whole number, 0 to 4294967295")
+
+    @model_validator(mode="after")
+    def _outside_the_electrode(self):
+        if self.outer_radius_mm <= self.electrode_radius_mm:
+            raise ValueError(
+                f"outer_radius_mm {self.outer_radius_mm:g}; allowed: more than electrode_radius_mm, "
+                f"{self.electrode_radius_mm:g}"
+            )
+        return self
+
+
+def film_resistance(gap: np.ndarray, settings: ElectrodeSettings) -> np.ndarray:
+    """Ohm, of the shape of the gaps, m; a gap below ``least_film_um``, or closed, is a film of that thickness."""
+    film = np.maximum(gap, settings.least_film_um * 1e-6)
+    spread = np.log(settings.outer_radius_mm / settings.electrode_radius_mm)
+    return settings.resistivity_ohm_m * spread / (2.0 * np.pi * film)
+
+
+def voltage(gap: np.ndarray, settings: ElectrodeSettings) -> np.ndarray:
+    """V at the reference resistor, of the shape of the gaps, m: without noise, drift and steps."""
+    others = settings.series_ohm + film_resistance(gap, settings)
+    return settings.supply_v * settings.reference_ohm / (settings.reference_ohm + others)
+
+
+def measured(
+    volts: np.ndarray, press: np.ndarray, step: np.ndarray, depths: int, settings: ElectrodeSettings
+) -> np.ndarray:
+    """Readings (sample, electrode), V, of voltages (sample, electrode) of samples given by press and step (sample,).
+
+    Samples count as recorded press after press, each of ``depths`` depths: drift is a slope times that number, the
+    slopes normally distributed over the electrodes. Noise depends on seed, press, step and electrode alone, so that a
+    sample reads the same among whatever others.
+    """
+    electrodes = volts.shape[1]
+    slope = np.random.default_rng([settings.seed, OF_DRIFT]).standard_normal(electrodes)
+    read = volts + settings.drift_v_per_sample * np.outer(press * depths + step, slope)
+    if settings.noise_v:
+        for each in np.unique(press):
+            noise = np.random.default_rng([settings.seed, OF_NOISE, each]).standard_normal((depths, electrodes))
+            rows = press == each
+            read[rows] += settings.noise_v * noise[step[rows]]
+    read = np.clip(read, 0.0, settings.supply_v)
+    if settings.bits is not None:
+        unit = settings.supply_v / (2**settings.bits - 1)
+        read = unit * np.rint(read / unit)
+    return read
+
+
+def signals_at_rest(
+    dataset: Dataset, sensor: str, settings: ElectrodeSettings | None = None, device: str = "cpu"
+) -> np.ndarray:
+    """(electrode,) V where nothing touches the sensor, without noise, drift and steps. Raises `InputError` as
+    `simgen.sensing.electrodes.gaps.gauge_of` does.
+    """
+    return voltage(gauge_of(dataset, sensor, device).rest_gap, settings or ElectrodeSettings())
+
+
+def synthetic_signals(
+    dataset: Dataset,
+    sensor: str,
+    press: np.ndarray,
+    step: np.ndarray,
+    settings: ElectrodeSettings | None = None,
+    device: str = "cpu",
+) -> np.ndarray:
+    """Readings (sample, electrode), V, of converged samples of a dataset, by the model of this page.
+
+    press, step : (sample,) integers, the press and the index of its depth; in any order, also twice
+    device : cpu, cuda or cuda:N, where rays are cast
+
+    The same dataset, samples and settings give the same readings. Raises `InputError` for a sensor without electrodes,
+    samples that are not there or did not converge, and a device that this machine lacks.
+    """
+    settings = settings or ElectrodeSettings()
+    press, step = np.asarray(press), np.asarray(step)
+    found = gaps(dataset, sensor, press, step, device)
+    return measured(voltage(found, settings), press, step, len(dataset["depth"]), settings)

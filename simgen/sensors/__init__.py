@@ -1,0 +1,1 @@
+"""Sensors and indenters, their meshes, and contacts that exist on all sensors of a job."""

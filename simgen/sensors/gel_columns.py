@@ -1,0 +1,156 @@
+"""The gel of a sensor in columns along a press axis: its surface, its thickness, and what is rigid behind it.
+
+A column is a line parallel to the press axis, on a square lattice around that axis. Along it, from the indenter into
+the sensor, lie the touchable surface, the gel, and then a held back, or a gap and a rigid core. Columns that leave the
+gel where nothing is rigid behind it have no thickness. Lengths in mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD
+from simgen.sensors.sensor import Sensor
+
+wp.set_module_options({"enable_backward": False})
+real, vec3, mat33 = wp.float64, wp.vec3d, wp.mat33d
+
+MM = 1e3  # millimetres per metre
+BODY = 3  # kind of the core's own faces; those of the gel are FREE, HELD and CORE
+LAYERS = ENTRY, FREE_EXIT, HELD_EXIT, INNER_EXIT, BODY_ENTRY = range(5)  # where a column first meets some faces
+# Kind of a face -> its layer where the column enters the body there, and where the column leaves the body.
+LAYER_OF = {FREE: (ENTRY, FREE_EXIT), HELD: (-1, HELD_EXIT), CORE: (-1, INNER_EXIT), BODY: (BODY_ENTRY, -1)}
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Columns at (i, k) spacing, |i| <= half_x and |k| <= half_z, in the x-z plane of the indenter's frame, mm."""
+
+    spacing: float
+    half_x: int
+    half_z: int
+
+    @property
+    def points(self) -> np.ndarray:
+        """(columns, 2) mm, x and z; z runs fastest."""
+        x = self.spacing * np.arange(-self.half_x, self.half_x + 1)
+        z = self.spacing * np.arange(-self.half_z, self.half_z + 1)
+        return np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns under n poses, each (n, columns) mm. Heights are along +y of the indenter's frame.
+
+    surface : height at which the column meets the touchable surface; inf where it meets none
+    rigid : height of the held back or of the core behind it; inf where there is none
+    thickness : of the gel between surface and back, or of the skin before the gap to the core; 1 where there is none
+    """
+
+    surface: np.ndarray
+    rigid: np.ndarray
+    thickness: np.ndarray
+
+
+@wp.kernel
+def vertices_kernel(
+    vertices: wp.array(dtype=vec3),
+    rotation: wp.array(dtype=mat33),
+    origin: wp.array(dtype=vec3),
+    spacing: wp.float64,
+    # outputs
+    seen: wp.array2d(dtype=vec3),
+):
+    """Vertices (pose, vertex) in each indenter's frame: x and z in units of the spacing, y in mm."""
+    n, v = wp.tid()
+    own = wp.transpose(rotation[n]) * (vertices[v] - origin[n])
+    seen[n, v] = vec3(own[0] / spacing, own[1], own[2] / spacing)
+
+
+@wp.kernel
+def columns_kernel(
+    vertices: wp.array2d(dtype=vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    kinds: wp.array(dtype=wp.int32),
+    layer_of: wp.array2d(dtype=wp.int32),
+    half_x: wp.int32,
+    half_z: wp.int32,
+    # outputs
+    layers: wp.array3d(dtype=wp.float64),
+):
+    """Least height (pose, layer, column) at which each column meets the faces of each layer."""
+    n, f = wp.tid()
+    face = faces[f]
+    a, b, c = vertices[n, face[0]], vertices[n, face[1]], vertices[n, face[2]]
+    first_i = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[0], b[0]), c[0]))), -half_x)
+    last_i = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[0], b[0]), c[0]))), half_x)
+    first_k = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[2], b[2]), c[2]))), -half_z)
+    last_k = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[2], b[2]), c[2]))), half_z)
+    if first_i > last_i or first_k > last_k:
+        return
+    # Twice the signed area of the face seen along the axis: the y component of its normal.
+    area = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
+    layer = layer_of[kinds[f], wp.where(area > real(0.0), 1, 0)]
+    if area == real(0.0) or layer < 0:
+        return
+    edge = real(-1.0e-9)  # columns on an edge belong to both faces, so that none falls between them
+    for i in range(first_i, last_i + 1):
+        x = real(i)
+        for k in range(first_k, last_k + 1):
+            z = real(k)
+            u = ((c[2] - b[2]) * (x - b[0]) - (c[0] - b[0]) * (z - b[2])) / area
+            v = ((a[2] - c[2]) * (x - c[0]) - (a[0] - c[0]) * (z - c[2])) / area
+            w = real(1.0) - u - v
+            if u >= edge and v >= edge and w >= edge:
+                column = (i + half_x) * (2 * half_z + 1) + k + half_z
+                wp.atomic_min(layers, n, layer, column, u * a[1] + v * b[1] + w * c[1])
+
+
+class GelColumns:
+    """The surfaces of one sensor, from which `Columns` are cut for poses of an indenter."""
+
+    def __init__(self, sensor: Sensor):
+        wp.load_module(__name__, device="cpu")  # before threads launch its kernels: each would compile it
+        vertices, faces = sensor.surface.vertices, sensor.surface.faces
+        kinds = np.asarray(sensor.surface_region, dtype=np.int32)
+        if sensor.core is not None:
+            faces = np.concatenate([faces, sensor.core.faces + len(vertices)])
+            vertices = np.concatenate([vertices, sensor.core.vertices])
+            kinds = np.concatenate([kinds, np.full(len(sensor.core.faces), BODY, np.int32)])
+        self._vertices = wp.array(vertices * MM, dtype=vec3, device="cpu")
+        self._surfaces = [
+            wp.array(np.ascontiguousarray(faces, dtype=np.int32), dtype=wp.vec3i, device="cpu"),
+            wp.array(kinds, dtype=wp.int32, device="cpu"),
+            wp.array([LAYER_OF[kind] for kind in range(len(LAYER_OF))], dtype=wp.int32, device="cpu"),
+        ]
+
+    def __call__(self, poses: np.ndarray, lattice: Lattice) -> Columns:
+        """The columns under poses (n, 4, 4) m, indenter frame -> sensor frame."""
+        seen = wp.empty((len(poses), len(self._vertices)), dtype=vec3, device="cpu")
+        rotation = wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device="cpu")
+        origin = wp.array(poses[:, :3, 3] * MM, dtype=vec3, device="cpu")
+        inputs = [self._vertices, rotation, origin, lattice.spacing]
+        wp.launch(vertices_kernel, seen.shape, inputs=inputs, outputs=[seen], device="cpu")
+        count = (2 * lattice.half_x + 1) * (2 * lattice.half_z + 1)
+        layers = wp.full((len(poses), len(LAYERS), count), np.inf, dtype=wp.float64, device="cpu")
+        inputs = [seen, *self._surfaces, lattice.half_x, lattice.half_z]
+        dim = (len(poses), len(self._surfaces[0]))
+        wp.launch(columns_kernel, dim, inputs=inputs, outputs=[layers], device="cpu")
+        return _columns(*np.moveaxis(layers.numpy(), 1, 0))
+
+
+def _columns(
+    entry: np.ndarray, free: np.ndarray, held: np.ndarray, inner: np.ndarray, body: np.ndarray
+) -> Columns:
+    """Columns from the least heights (n, columns) at which they meet the faces of each layer."""
+    on_back = (held < free) & (held < inner)
+    on_core = (inner < free) & (inner < held) & (body < np.inf)
+    with np.errstate(invalid="ignore"):
+        thickness = np.where(on_back, held, inner) - entry
+        counts = (on_back | on_core) & (thickness > 0.0)
+    return Columns(
+        entry, np.where(counts, np.where(on_back, held, body), np.inf), np.where(counts, thickness, 1.0)
+    )

@@ -1,0 +1,306 @@
+"""Indenters: the strict table of analytic shapes, a user's own closed mesh, and their signed distance.
+
+A `RigidShape` is in mm and in the indenter frame (tip plane y = 0, press direction +y, body towards -y);
+meshes are in m.
+"""
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import trimesh
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from simgen.config.job_schema import MESH_SPACING_MM, Job
+from simgen.config.parsing import parsing
+from simgen.config.resources import resource
+from simgen.config.yaml_files import read_yaml
+from simgen.errors import InputError, shown
+from simgen.geometry.mesh_files import LARGEST, SMALLEST, UNITS, check_mesh
+from simgen.geometry.rigid_shape import (
+    MOST_GRID_POINTS,
+    grid_counts,
+    mesh_distance,
+    rigid_shape,
+    sampled_shape,
+    shape_array,
+    signed_distance,
+)
+from simgen.geometry.signed_distance import Kind, Probe, RigidShape, probe
+
+__all__ = [
+    "Indenter", "Kind", "Probe", "RigidShape", "indenter_names", "load_indenter", "mesh_distance", "probe",
+    "rigid_shape", "sampled_shape", "shape_array", "signed_distance",
+]  # fmt: skip
+
+MESH_SUFFIXES = (".stl", ".obj", ".ply")
+MARGIN_MM = 3.0  # that a mesh's grid reaches beyond it
+DRAWN_LENGTH = 0.010  # m: how much of an endless shaft a drawing shows
+
+Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class _Spec(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SphereSpec(_Spec):
+    kind: Literal["sphere"]
+    radius_mm: Length
+
+
+class CylinderSpec(_Spec):
+    kind: Literal["cylinder"]
+    radius_mm: Length
+    half_length_mm: Length
+    fillet_mm: Length
+
+
+class CubeSpec(_Spec):
+    kind: Literal["cube"]
+    half_width_mm: Length
+    fillet_mm: Length
+
+
+class RingSpec(_Spec):
+    kind: Literal["ring"]
+    outer_radius_mm: Length
+    hole_radius_mm: Length
+    fillet_mm: Length
+
+
+class TextureSpec(_Spec):
+    kind: Literal["texture"]
+    half_width_mm: Length
+    fillet_mm: Length
+    bump_radius_mm: Length
+    bump_offset_mm: Length
+
+
+class MeshSpec(_Spec):
+    kind: Literal["mesh"]
+    file: str
+    unit: Literal["m", "mm"] = "m"
+    spacing_mm: Length = MESH_SPACING_MM
+
+
+Spec = Annotated[
+    SphereSpec | CylinderSpec | CubeSpec | RingSpec | TextureSpec | MeshSpec, Field(discriminator="kind")
+]
+_TABLE = TypeAdapter(dict[str, Spec])
+
+
+@dataclass(frozen=True)
+class Indenter:
+    """A named indenter; an analytic one has neither ``source`` nor ``sha256``."""
+
+    name: str
+    spec: Spec
+    source: trimesh.Trimesh | None = None  # a user's own mesh, m
+    sha256: str | None = None  # of its file
+
+    def shape(self) -> RigidShape:
+        """The shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
+        if isinstance(self.spec, MeshSpec):
+            return sampled_shape(self.source, self.spec.spacing_mm, MARGIN_MM)
+        return rigid_shape(Kind[self.spec.kind.upper()], *(v for k, v in self.spec if k != "kind"))
+
+    def identity(self) -> dict[str, str | float]:
+        """All that decides the shape: the sizes of its kind, or how a mesh is read and the sha256 of its file."""
+        own = {} if self.sha256 is None else {"sha256": self.sha256}
+        return self.spec.model_dump(exclude={"file"}) | own
+
+    def mesh(self) -> trimesh.Trimesh:
+        """A closed surface for drawing (m); an analytic shape is cut 10 mm or more below its tip."""
+        return self.source if self.source is not None else _draw(self)
+
+    @property
+    def extent(self) -> np.ndarray:
+        """(2, 3) m: the bounding box of `mesh`."""
+        return np.array(self.mesh().bounds)
+
+
+def indenter_names(file: str | Path | None = None) -> list[str]:
+    """The names in an indenter table (default: the nine of the package), in its order."""
+    return list(_read_table(_table_path(file)))
+
+
+def chosen_indenters(job: Job) -> list[Indenter]:
+    """The indenters of a job, in its order. Raises InputError as `load_indenter`."""
+    return [chosen_indenter(job, index) for index in range(len(job.indenters))]
+
+
+def chosen_indenter(job: Job, index: int) -> Indenter:
+    """One of them."""
+    choice = job.indenters[index]
+    return load_indenter(job.locate(choice.file), unit=choice.unit, spacing_mm=choice.spacing_mm)
+
+
+def load_indenter(
+    name_or_path: str | Path,
+    file: str | Path | None = None,
+    unit: Literal["m", "mm"] = "m",
+    spacing_mm: float = MESH_SPACING_MM,
+) -> Indenter:
+    """An indenter by its name in a table, or a closed mesh (.stl .obj .ply) by its path.
+
+    ``file`` is the table (default: the package's ``indenters.yaml``); ``unit`` and ``spacing_mm`` are those of a mesh.
+    Raises InputError for an unknown name, a bad table, and a mesh that is not closed or cannot be sampled.
+    """
+    name = str(name_or_path)
+    if Path(name).suffix.lower() in MESH_SUFFIXES:
+        spec = MeshSpec(kind="mesh", file=name, unit=unit, spacing_mm=spacing_mm)
+        return _mesh_indenter(Path(name).stem, spec, Path(name))
+    path = _table_path(file)
+    table = _read_table(path)
+    if name not in table:
+        raise InputError(
+            f"{path}: no indenter '{name}'; allowed: {', '.join(table)}, or a mesh (.stl .obj .ply)"
+        )
+    spec = table[name]
+    if isinstance(spec, MeshSpec):
+        return _mesh_indenter(name, spec, path.parent / spec.file)
+    return Indenter(name, spec)
+
+
+def _mesh_indenter(name: str, spec: MeshSpec, file: Path) -> Indenter:
+    mesh = _read_mesh(file)
+    _check_reading(file, np.asarray(mesh.extents), spec)
+    mesh.apply_scale(UNITS[spec.unit])
+    return Indenter(name, spec, mesh, hashlib.sha256(file.read_bytes()).hexdigest())
+
+
+def _table_path(file: str | Path | None) -> Path:
+    return resource("indenters") / "indenters.yaml" if file is None else Path(file)
+
+
+def _read_table(path: Path) -> dict[str, Spec]:
+    try:
+        table = _TABLE.validate_python(read_yaml(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{path}: {key}: {first['msg']}, got {shown(repr(first['input']))}") from None
+    for name, spec in table.items():
+        _check_sizes(path, name, spec)
+    return table
+
+
+def _check_sizes(path: Path, name: str, spec: Spec) -> None:
+    """A fillet fits into the shape that carries it; a ring has a wall."""
+    if isinstance(spec, RingSpec):
+        if spec.hole_radius_mm >= spec.outer_radius_mm:
+            raise InputError(
+                f"{path}: {name}.hole_radius_mm: {spec.hole_radius_mm:g}; allowed: less than outer_radius_mm "
+                f"({spec.outer_radius_mm:g})"
+            )
+        room = 0.5 * (spec.outer_radius_mm - spec.hole_radius_mm)
+    elif isinstance(spec, CylinderSpec):
+        room = min(spec.radius_mm, spec.half_length_mm)
+    elif isinstance(spec, CubeSpec | TextureSpec):
+        room = spec.half_width_mm
+    else:
+        return
+    if spec.fillet_mm > room:
+        raise InputError(f"{path}: {name}.fillet_mm: {spec.fillet_mm:g}; allowed: 0 < fillet_mm <= {room:g}")
+
+
+def _check_reading(path: Path, extents: np.ndarray, spec: MeshSpec) -> None:
+    """Raises InputError where extents (3,), the numbers of the file, make no indenter in its unit on its grid.
+
+    The unit is never guessed: the line names the other one if the mesh would do in that.
+    """
+    complaint = _misfit(UNITS[spec.unit] * extents, spec.spacing_mm)
+    if complaint is None:
+        return
+    (other,) = UNITS.keys() - {spec.unit}
+    if _misfit(UNITS[other] * extents, spec.spacing_mm) is None:
+        complaint += f"; its unit is probably {other}: {{file: {path.name}, unit: {other}}}"
+    raise InputError(f"{path}: {complaint}")
+
+
+def _misfit(extents_m: np.ndarray, spacing_mm: float) -> str | None:
+    """The reason why a mesh is too small, or too large for its grid; None if it is neither."""
+    size = f"the shape is {extents_m.max():g} m large"
+    if not SMALLEST < extents_m.max() < LARGEST:
+        return f"{size}; allowed: {SMALLEST:g}..{LARGEST:g} m"
+    points = grid_counts(extents_m, spacing_mm, MARGIN_MM).prod()
+    if points > MOST_GRID_POINTS:
+        return f"{size}, spacing_mm: {spacing_mm:g} makes {points:.2g} grid points; allowed: {MOST_GRID_POINTS:.2g}"
+    return None
+
+
+def _read_mesh(path: Path) -> trimesh.Trimesh:
+    """A closed outward surface in the numbers of its file."""
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise InputError(f"{path}: not a mesh format for an indenter; allowed: {' '.join(MESH_SUFFIXES)}")
+    if not os.path.isfile(path):  # which is no error of a name that is too long
+        raise InputError(f"{path}: no such file; an indenter's mesh is a closed surface (.stl .obj .ply)")
+    with parsing(path, "a surface mesh"):
+        mesh = trimesh.load(path, force="mesh")
+        check_mesh(path, mesh.vertices, mesh.faces)
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        if len(mesh.faces) == 0 or not mesh.is_watertight:
+            raise InputError(f"{path}: the surface is not watertight; an indenter needs a closed surface")
+        if not mesh.is_winding_consistent:
+            mesh.fix_normals(multibody=True)
+        if mesh.volume < 0.0:
+            mesh.invert()
+        if not mesh.volume > 0.0:
+            raise InputError(f"{path}: the surface encloses no volume; an indenter needs a body")
+    return mesh
+
+
+def _draw(indenter: Indenter) -> trimesh.Trimesh:
+    spec = indenter.spec
+    if isinstance(spec, TextureSpec):
+        base = CubeSpec(kind="cube", half_width_mm=spec.half_width_mm, fillet_mm=spec.fillet_mm)
+        cube = Indenter("", base).mesh()
+        cube.apply_translation([0.0, -1e-3 * spec.bump_radius_mm, 0.0])
+        bump = trimesh.creation.icosphere(subdivisions=3, radius=1e-3 * spec.bump_radius_mm)
+        o = spec.bump_offset_mm
+        centres = np.array([(0, 0), (o, o), (o, -o), (-o, o), (-o, -o)]) * 1e-3
+        bumps = [bump.copy().apply_translation([x, -1e-3 * spec.bump_radius_mm, z]) for x, z in centres]
+        return trimesh.util.concatenate([cube, *bumps])
+    if isinstance(spec, RingSpec):
+        return _revolve(indenter.shape(), spec.hole_radius_mm, spec.outer_radius_mm)
+    if isinstance(spec, SphereSpec):
+        return _revolve(indenter.shape(), 0.0, spec.radius_mm)
+    if isinstance(spec, CubeSpec):
+        half_x = half_z = spec.half_width_mm
+    else:
+        half_x, half_z = spec.half_length_mm, spec.radius_mm
+    # The closest-point map of an enclosing box covers a convex shape.
+    box = trimesh.creation.box(extents=[2.0 * half_x, 1e3 * DRAWN_LENGTH, 2.0 * half_z])
+    box = box.subdivide_to_size(0.35)
+    box.apply_translation([0.0, -0.5e3 * DRAWN_LENGTH, 0.0])
+    vertices = _onto(indenter.shape(), np.asarray(box.vertices))
+    return trimesh.Trimesh(vertices * 1e-3, box.faces, process=False)
+
+
+def _onto(shape: RigidShape, points_mm: np.ndarray) -> np.ndarray:
+    """Points outside the shape moved to their closest points on it."""
+    distance, normal, _ = signed_distance(shape, points_mm)
+    return points_mm - np.maximum(distance, 0.0)[:, None] * normal
+
+
+def _revolve(shape: RigidShape, inner: float, outer: float) -> trimesh.Trimesh:
+    """The shape of revolution about y between two radii (mm): a solid or a tube, cut at the drawn length."""
+    length = 1e3 * DRAWN_LENGTH
+    heights = -np.linspace(0.0, length, 101)[1:]
+    zero = np.zeros(100)
+    wall = np.column_stack([np.full(100, outer), heights, zero])[::-1]
+    rim = np.column_stack([np.linspace(outer, inner, 41), np.zeros((41, 2))])
+    bore = np.column_stack([np.full(100, inner), heights, zero])
+    if inner > 0.0:
+        profile = _onto(shape, np.vstack([wall, rim, bore, wall[:1]]))
+    else:
+        profile = np.vstack([[[0.0, -length, 0.0]], _onto(shape, np.vstack([wall, rim]))])
+    mesh = trimesh.creation.revolve(profile[:, :2], sections=96).apply_scale(1e-3)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1.0, 0.0, 0.0]))
+    if mesh.volume < 0.0:
+        mesh.invert()
+    return mesh

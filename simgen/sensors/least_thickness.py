@@ -1,0 +1,241 @@
+"""The share of the gel's thickness that an indenter leaves where it leaves least.
+
+In each column along the press axis (see `gel_columns`) lies gel of thickness t between the touchable surface
+and what is rigid behind it. The indenter, moved from its first touch along its path, ends a distance l before the
+rigid body, measured in the same column. It leaves the share l / t. A skin over a core has the gap in front of the core
+as well: l counts the gap, t is the skin's thickness alone, as in `pairing.Room`. So the share is above 1 until
+the gap is used up. It is negative where the indenter ends in the rigid body. Columns without gel, and columns that
+leave the gel at a free surface, do not count.
+
+Where indenters first touch and where they leave least are found on the lattice, so both miss the true place by half a
+column at most: with a fillet of 1 mm and columns of 0.25 mm by less than 0.02 mm of height.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import warp as wp
+
+from simgen.config.indenter_path import IndenterPath
+from simgen.geometry.rigid_shape import highest, lateral_reach, shape_array
+from simgen.geometry.signed_distance import RigidShape, distance
+from simgen.sensors.gel_columns import MM, GelColumns, Lattice
+from simgen.sensors.sensor import Sensor
+from simgen.sensors.support import MARGIN_MM
+
+wp.set_module_options({"enable_backward": False})
+
+SPACING_MM = 0.25  # of the columns
+LEAST_ACROSS = 20  # columns between the axis and the rim of the widest indenter: small ones have finer columns
+STARTS_MM = 1.0  # above the highest indenter, where the search for an indenter's face begins
+ENDS_MM = 10.0  # below the tip plane and the widest indenter's reach, where it ends
+STEPS, CLOSE_MM = 200, 1e-6  # of the search
+MOST_VALUES = 4_000_000  # of columns that are held at a time
+
+
+@wp.kernel
+def face_kernel(
+    shapes: wp.array(dtype=RigidShape),
+    columns: wp.array2d(dtype=wp.vec2d),
+    starts: wp.float64,
+    ends: wp.float64,
+    # outputs
+    height: wp.array3d(dtype=wp.float64),
+):
+    """Height (position, shape, column) mm of each shape's face; -inf in columns that pass it by. Sphere tracing."""
+    p, s, m = wp.tid()
+    x = wp.vec3d(columns[p, m][0], starts, columns[p, m][1])
+    height[p, s, m] = -wp.float64(wp.inf)
+    for _ in range(STEPS):
+        gap = distance(shapes[s], x)
+        x[1] -= gap
+        if gap < wp.float64(CLOSE_MM):
+            height[p, s, m] = x[1]
+            return
+        if x[1] < ends:
+            return
+
+
+@wp.kernel
+def touch_kernel(
+    surface: wp.array2d(dtype=wp.float64),
+    height: wp.array3d(dtype=wp.float64),
+    # outputs
+    touch: wp.array2d(dtype=wp.float64),
+):
+    """Travel (pose, shape) mm to first touch; the shapes' faces are those of position 0."""
+    n, s = wp.tid()
+    least = wp.float64(wp.inf)
+    for m in range(surface.shape[1]):
+        if height[0, s, m] > -wp.float64(wp.inf):
+            least = wp.min(least, surface[n, m] - height[0, s, m])
+    touch[n, s] = least
+
+
+@wp.kernel
+def left_kernel(
+    rigid: wp.array2d(dtype=wp.float64),
+    thickness: wp.array2d(dtype=wp.float64),
+    height: wp.array3d(dtype=wp.float64),
+    touch: wp.array2d(dtype=wp.float64),
+    depth: wp.array(dtype=wp.float64),
+    share: wp.float64,
+    # outputs
+    least_share: wp.array3d(dtype=wp.float64),
+    least_room: wp.array3d(dtype=wp.float64),
+):
+    """Least share (pose, shape, position) that is left at a depth, and the depth mm at which ``share`` is left."""
+    n, s, p = wp.tid()
+    least, room = wp.float64(wp.inf), wp.float64(wp.inf)
+    for m in range(rigid.shape[1]):
+        if height[p, s, m] > -wp.float64(wp.inf) and rigid[n, m] < wp.float64(wp.inf):
+            left = rigid[n, m] - height[p, s, m] - touch[n, s]
+            least = wp.min(least, (left - depth[p]) / thickness[n, m])
+            room = wp.min(room, left - share * thickness[n, m])
+    least_share[n, s, p] = least
+    least_room[n, s, p] = room
+
+
+@wp.kernel
+def support_kernel(
+    support: wp.array(dtype=RigidShape),
+    rotation: wp.array(dtype=wp.mat33d),
+    origin: wp.array(dtype=wp.vec3d),
+    columns: wp.array(dtype=wp.vec2d),
+    rigid: wp.array2d(dtype=wp.float64),
+    height: wp.array3d(dtype=wp.float64),
+    touch: wp.array2d(dtype=wp.float64),
+    depth: wp.array(dtype=wp.float64),
+    # outputs
+    least_share: wp.array3d(dtype=wp.float64),
+    least_room: wp.array3d(dtype=wp.float64),
+):
+    """Lower both where a shape meets the support in a column without gel on a back. Sphere tracing from first touch."""
+    n, s, p = wp.tid()
+    room = least_room[n, s, p]
+    ahead = rotation[n] * wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))
+    for m in range(rigid.shape[1]):
+        if height[p, s, m] > -wp.float64(wp.inf) and rigid[n, m] == wp.float64(wp.inf):
+            start = wp.vec3d(columns[m][0], height[p, s, m] + touch[n, s], columns[m][1])
+            x = origin[n] + rotation[n] * start
+            gone = wp.float64(0.0)
+            for _ in range(STEPS):
+                gap = distance(support[0], x + gone * ahead)
+                if gap < wp.float64(CLOSE_MM):
+                    room = wp.min(room, gone)
+                    break
+                # Outside the grid of a sampled distance the gap may be too large; its margin is wider than this step.
+                gone += wp.min(gap, wp.float64(MARGIN_MM))
+                if gone > room:
+                    break
+    if room < least_room[n, s, p] and room < depth[p]:
+        least_share[n, s, p] = -wp.float64(wp.inf)
+    least_room[n, s, p] = room
+
+
+class LeastThickness:
+    """The share that indenters leave of one sensor's gel.
+
+    shapes : the indenters, in the order of the results
+    path : from first touch. Its points count, the ways between them do not
+    """
+
+    def __init__(self, sensor: Sensor, shapes: Sequence[RigidShape], path: IndenterPath):
+        self._gel, self._path = GelColumns(sensor), path
+        self._support = None if sensor.support is None else shape_array([sensor.support.shape("cpu")])
+        reach = max(map(lateral_reach, shapes))
+        spacing = min(SPACING_MM, reach / LEAST_ACROSS)
+        # Moves are rounded to whole columns, and turns to as much half way to the rim, so that fine steps share places.
+        unit = np.array([spacing, spacing, 2.0 * spacing / reach])
+        places = np.column_stack([path.offsets_m[:, [0, 2]] * MM, path.turns_rad])
+        places = unit * np.round(places / unit)
+        # Position 0 is that of the first touch; a press stays there.
+        places, self._position = np.unique(np.vstack([np.zeros(3), places]), axis=0, return_inverse=True)
+        order = np.argsort(np.arange(len(places)) != self._position[0], kind="stable")
+        places, self._position = places[order], np.argsort(order)[self._position[1:]]
+        depths = np.full(len(places), -np.inf)
+        np.maximum.at(depths, self._position, path.depths_m * MM)
+        self._depths = wp.array(depths, dtype=wp.float64, device="cpu")
+        furthest = min(reach + MM * path.lateral_reach_m, MM * float(np.linalg.norm(sensor.surface.extents)))
+        half = int(np.ceil(furthest / spacing))
+        square = Lattice(spacing, half, half)
+        height = self._faces(shapes, places, square.points, -ENDS_MM - reach)
+        self._lattice, self._height = _cropped(square, height)
+        self._columns = wp.array(self._lattice.points, dtype=wp.vec2d, device="cpu")
+
+    def _faces(self, shapes: Sequence[RigidShape], places: np.ndarray, points: np.ndarray, ends: float) -> np.ndarray:
+        """Heights (position, shape, column) mm of the indenters' faces at points (column, 2) mm, tips at height 0."""
+        from_tip = points[None] - places[:, None, :2]
+        cos, sin = np.cos(places[:, 2:]), np.sin(places[:, 2:])
+        x, z = from_tip[..., 0], from_tip[..., 1]
+        own = np.stack([cos * x - sin * z, sin * x + cos * z], axis=-1)
+        height = wp.empty((len(places), len(shapes), len(points)), dtype=wp.float64, device="cpu")
+        starts = STARTS_MM + max(map(highest, shapes))
+        inputs = [shape_array(shapes), wp.array(own, dtype=wp.vec2d, device="cpu"), starts, ends]
+        wp.launch(face_kernel, dim=height.shape, inputs=inputs, outputs=[height], device="cpu")
+        return height.numpy()
+
+    def shares(self, poses: np.ndarray) -> np.ndarray:
+        """Least share (n, shapes) that is left over the whole path; inf where an indenter reaches over no gel.
+
+        poses : (n, 4, 4) m, indenter frame -> sensor frame, near the surface
+        """
+        return self._least(poses, 0.0)[0].min(axis=2)
+
+    def depths_that_leave(self, poses: np.ndarray, share: float) -> np.ndarray:
+        """Largest depth (n, shapes, point of the path) m that leaves a share, with the indenter at that point's offset
+        and turn; inf where it reaches over no gel.
+        """
+        return self._least(poses, share)[1][:, :, self._position] / MM
+
+    def steps_that_leave(self, poses: np.ndarray, share: float) -> np.ndarray:
+        """Number (n, shapes) of points at the beginning of the path that all leave a share."""
+        too_deep = self._path.depths_m > self.depths_that_leave(poses, share)
+        return np.where(too_deep.any(axis=2), too_deep.argmax(axis=2), len(self._path))
+
+    def _least(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+        """Least share left and largest depth mm, (n, shapes, position) each."""
+        threads = os.cpu_count() or 1  # Python lets go of its lock while a kernel runs
+        at_once = MOST_VALUES // (8 * self._height.shape[2])
+        size = max(1, -(-min(at_once, len(poses)) // threads))
+        with ThreadPoolExecutor(threads) as pool:
+            parts = list(pool.map(lambda i: self._some(poses[i : i + size], share), range(0, len(poses), size)))
+        empty = np.empty((0, *self._height.shape[1::-1]))
+        return tuple(np.concatenate([empty, *each]) for each in zip(*parts, strict=True)) if parts else (empty, empty)
+
+    def _some(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+        columns = self._gel(poses, self._lattice)
+        surface, rigid, thickness = (
+            wp.array(np.ascontiguousarray(each), dtype=wp.float64, device="cpu")
+            for each in (columns.surface, columns.rigid, columns.thickness)
+        )
+        positions, shapes, _ = self._height.shape
+        touch = wp.empty((len(poses), shapes), dtype=wp.float64, device="cpu")
+        wp.launch(touch_kernel, touch.shape, inputs=[surface, self._height], outputs=[touch], device="cpu")
+        least, room = (wp.empty((len(poses), shapes, positions), dtype=wp.float64, device="cpu") for _ in range(2))
+        inputs = [rigid, thickness, self._height, touch, self._depths, share]
+        wp.launch(left_kernel, least.shape, inputs=inputs, outputs=[least, room], device="cpu")
+        if self._support is not None:
+            frames = [wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=wp.mat33d, device="cpu"),
+                      wp.array(poses[:, :3, 3] * MM, dtype=wp.vec3d, device="cpu")]  # fmt: skip
+            inputs = [self._support, *frames, self._columns, rigid, self._height, touch, self._depths]
+            wp.launch(support_kernel, least.shape, inputs=inputs, outputs=[least, room], device="cpu")
+        return least.numpy(), room.numpy()
+
+
+def _cropped(square: Lattice, height: np.ndarray) -> tuple[Lattice, wp.array]:
+    """The smallest lattice that holds all columns of an indenter, and the heights there."""
+    side = 2 * square.half_x + 1
+    covered = np.isfinite(height).any(axis=(0, 1)).reshape(side, side)
+    half_x, half_z = (
+        int(np.abs(np.flatnonzero(covered.any(axis=axis)) - square.half_x).max(initial=0)) for axis in (1, 0)
+    )
+    middle = square.half_x
+    kept = height.reshape(*height.shape[:2], side, side)
+    kept = kept[:, :, middle - half_x : middle + half_x + 1, middle - half_z : middle + half_z + 1]
+    heights = np.ascontiguousarray(kept).reshape(*height.shape[:2], -1)
+    return Lattice(square.spacing, half_x, half_z), wp.array(heights, dtype=wp.float64, device="cpu")

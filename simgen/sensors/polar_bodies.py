@@ -1,0 +1,192 @@
+"""Parametric surfaces of the bundled sensors, from tables of measured dimensions. mm in the tables, metres
+out.
+
+`PolarBody` is a body around a line along x, given by its radius over (x, angle): the BioTac's skin and core.
+`Dome` is a height field over a D-shaped outline with an upright wall and a rounded rim: the DIGIT's gel.
+"""
+
+import numpy as np
+import trimesh
+from scipy.interpolate import PchipInterpolator, RectBivariateSpline
+from scipy.spatial import cKDTree
+
+from simgen.geometry.surface import ClosestPoint
+from simgen.sensors.sensor_schema import Dome, PolarShell, PolarTable
+
+MM = 1e-3
+
+
+class PolarBody:
+    """Radius about the line y = axis_y, z = 0 over x and the angle from -y; even in the angle.
+
+    r^2 is interpolated along x: near a round tip it is linear in x, so the cap comes out round.
+    """
+
+    def __init__(self, table: PolarTable, axis_y: float):
+        rows = np.array(table.rows_mm)
+        self.axis_y = axis_y
+        self.x = np.concatenate([[table.tip_mm], rows[:, 0]])
+        angles = np.radians(table.angles_deg)
+        # Mirrored at both ends: the radius is even about the pad (0) and about the nail (pi).
+        mirrored = np.concatenate([-angles[:0:-1], angles, 2.0 * np.pi - angles[-2::-1]])
+        radius = np.concatenate([rows[:, :0:-1][:, :-1], rows[:, 1:], rows[:, -2:0:-1]], axis=1)
+        self.over_angle = PchipInterpolator(mirrored, radius, axis=1)
+
+    def squared(self, angles: np.ndarray) -> PchipInterpolator:
+        """r^2 in mm2 as a function of x, for each of the angles (a,) in 0..pi."""
+        radius = self.over_angle(angles)
+        return PchipInterpolator(self.x, np.concatenate([np.zeros((1, len(angles))), radius**2]), axis=0)
+
+    def stations(self, spacing: float) -> np.ndarray:
+        """x of the rings, mm, evenly spaced along the profile: without the tip, with the rear's edge."""
+        s = np.linspace(0.0, 1.0, 4001)
+        x = self.x[0] + (self.x[-1] - self.x[0]) * s**2
+        r = np.sqrt(self.squared(np.array([np.pi / 2]))(x)[:, 0])
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(r)))])
+        count = int(np.ceil(arc[-1] / spacing))
+        return np.interp(np.linspace(0.0, arc[-1], count + 1)[1:], arc, x)
+
+    def surface(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+        """Closed outward triangulation with edges of about ``spacing`` mm: vertices (v, 3) in mm, faces (f,
+        3).
+        """
+        stations = self.stations(spacing)
+        around = 2 * int(
+            np.ceil(np.pi * np.sqrt(self.squared(np.linspace(0, np.pi, 19))(self.x).max()) / spacing)
+        )
+        angle = 2.0 * np.pi * np.arange(around) / around
+        radius = np.sqrt(self.squared(np.minimum(angle, 2.0 * np.pi - angle))(stations))
+        # The flat rear end: its edge is drawn in towards the middle.
+        rear_rings = int(np.ceil(radius[-1].min() / spacing))
+        shrink = 1.0 - np.arange(1, rear_rings) / rear_rings
+        x = np.concatenate([stations, np.full(len(shrink), stations[-1])])
+        radius = np.concatenate([radius, shrink[:, None] * radius[-1]])
+        ring = np.stack([
+            np.broadcast_to(x[:, None], radius.shape),
+            self.axis_y - radius * np.cos(angle),
+            radius * np.sin(angle),
+        ], axis=-1)  # fmt: skip
+        vertices = np.concatenate(
+            [[[self.x[0], self.axis_y, 0.0]], ring.reshape(-1, 3), [[x[-1], self.axis_y, 0.0]]]
+        )
+        faces = closed_rings(len(x), around)
+        return vertices, faces
+
+
+def closed_rings(rings: int, around: int) -> np.ndarray:
+    """Faces of a stack of rings between two poles: vertex 0, then ring by ring, then the last vertex."""
+    i = np.arange(around)
+    j = (i + 1) % around
+    first = np.column_stack([np.zeros(around, int), 1 + i, 1 + j])
+    last_ring = 1 + (rings - 1) * around
+    last = np.column_stack([np.full(around, last_ring + around), last_ring + j, last_ring + i])
+    between = []
+    for ring in range(rings - 1):
+        a, b = 1 + ring * around, 1 + (ring + 1) * around
+        between += [np.column_stack([a + i, b + i, b + j]), np.column_stack([a + i, b + j, a + j])]
+    return np.concatenate([first, *between, last])
+
+
+def outward(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
+    """A surface in metres, turned so that it encloses a positive volume."""
+    surface = trimesh.Trimesh(vertices * MM, faces, process=False)
+    if surface.volume < 0:
+        surface.invert()
+    return surface
+
+
+def shell_surface(shell: PolarShell) -> trimesh.Trimesh:
+    """Outer and inner surface of a skin, the inner one facing into the cavity; m."""
+    outer = outward(*PolarBody(shell.outer, shell.axis_y_mm).surface(shell.spacing_mm))
+    inner = outward(*PolarBody(shell.inner, shell.axis_y_mm).surface(shell.spacing_mm))
+    inner.invert()
+    return trimesh.util.concatenate([outer, inner])
+
+
+def core_body(
+    table: PolarTable, axis_y: float, spacing: float, shell: PolarShell, clearance: float
+) -> trimesh.Trimesh:
+    """The rigid core, kept at least ``clearance`` (mm) inside the skin's inner surface; m."""
+    core = outward(*PolarBody(table, axis_y).surface(spacing))
+    skin = outward(*PolarBody(shell.inner, shell.axis_y_mm).surface(shell.spacing_mm))
+    wall = ClosestPoint(skin.vertices, skin.faces)
+    vertices = np.array(core.vertices)
+    near = np.flatnonzero(cKDTree(skin.vertices).query(vertices)[0] < 2.0 * shell.spacing_mm * MM)
+    for _ in range(3):  # moving off one wall can bring a vertex near another
+        on, _, face = wall(vertices[near])
+        inwards = -skin.face_normals[face]
+        missing = clearance * MM - np.einsum("ij,ij->i", vertices[near] - on, inwards)
+        vertices[near] += np.maximum(missing, 0.0)[:, None] * inwards
+        near = near[missing > 0.0]
+    return trimesh.Trimesh(vertices, core.faces, process=False)
+
+
+def outline(dome: Dome, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Closed D-shaped outline: points (n, 2) as (x, z) in mm and their inward unit normals (n, 2).
+
+    Straight sides of half width w join a half circle of radius w at the tip and two rounded corners at the
+    rear end.
+    """
+    w, c, e, r = dome.half_width_mm, dome.arch_center_x_mm, dome.end_x_mm, dome.corner_radius_mm
+
+    def arc(x, z, radius, start, stop):
+        n = max(int(np.ceil(radius * abs(stop - start) / spacing)), 6)
+        a = np.linspace(start, stop, n + 1)
+        normal = -np.column_stack([np.cos(a), np.sin(a)])
+        return np.array([x, z]) - radius * normal, normal
+
+    def line(start, stop, normal):
+        n = int(np.ceil(np.hypot(stop[0] - start[0], stop[1] - start[1]) / spacing))
+        s = np.linspace(0.0, 1.0, n + 1)[1:-1, None]
+        return start + s * (np.array(stop) - start), np.broadcast_to(normal, (n - 1, 2))
+
+    parts = [
+        arc(c, 0.0, w, np.pi / 2, 3 * np.pi / 2),
+        line(np.array([c, -w]), (e - r, -w), (0.0, 1.0)),
+        arc(e - r, -w + r, r, -np.pi / 2, 0.0),
+        line(np.array([e, -w + r]), (e, w - r), (-1.0, 0.0)),
+        arc(e - r, w - r, r, 0.0, np.pi / 2),
+        line(np.array([e - r, w]), (c, w), (0.0, -1.0)),
+    ]
+    return np.concatenate([p for p, _ in parts]), np.concatenate([n for _, n in parts])
+
+
+def dome_surface(dome: Dome) -> trimesh.Trimesh:
+    """Closed surface of the gel: flat back, upright wall, rounded rim, dome; m."""
+    crown = RectBivariateSpline(dome.x_mm, dome.z_mm, np.array(dome.thickness_mm), kx=3, ky=3)
+    spacing, fillet = dome.spacing_mm, dome.rim_radius_mm
+    rim, normal = outline(dome, spacing)
+
+    def thickness(points: np.ndarray) -> np.ndarray:
+        return crown(points[:, 0], np.abs(points[:, 1]), grid=False)
+
+    # Inwards from the wall's top edge: a quarter circle in distance and height, then rings that shrink to the
+    # middle.
+    top = thickness(rim) - fillet
+    rings = [(rim, np.zeros(len(rim)))]
+    wall_rings = int(np.ceil(top.max() / spacing))
+    rings += [(rim, top * k / wall_rings) for k in range(1, wall_rings + 1)]
+    turns = int(np.ceil(fillet * np.pi / 2 / spacing)) + 4
+    for turn in np.linspace(0.0, np.pi / 2, turns + 1)[1:]:
+        points = rim + normal * fillet * (1.0 - np.cos(turn))
+        rings.append((points, thickness(points) - fillet * (1.0 - np.sin(turn))))
+    middle = np.array([0.5 * (rim[:, 0].min() + rim[:, 0].max()), 0.0])
+    inner = rim + normal * fillet
+    count = int(np.ceil(np.linalg.norm(inner - middle, axis=1).max() / spacing))
+    for k in range(1, count):
+        points = middle + (inner - middle) * (1.0 - k / count)
+        rings.append((points, thickness(points)))
+    back = [(middle + (rim - middle) * k / count, np.zeros(len(rim))) for k in range(1, count)]
+    rings = back + rings
+    poles = [(middle[None], np.zeros(1)), *rings, (middle[None], thickness(middle[None]))]
+    vertices = np.concatenate([
+        np.column_stack([p[:, 0], dome.back_y_mm - height, p[:, 1]]) for p, height in poles
+    ])  # fmt: skip
+    return outward(vertices, closed_rings(len(rings), len(rim)))
+
+
+def advanced(pose: np.ndarray, travel: np.ndarray | float) -> np.ndarray:
+    """Poses (..., 4, 4) of an indenter, moved by travel (...), m, along its own +y: where it presses."""
+    moved = pose.copy()
+    moved[..., :3, 3] += np.asarray(travel)[..., None] * pose[..., :3, 1]
+    return moved

@@ -1,0 +1,264 @@
+"""From a sensor's true surface to its gated simulation and output meshes: made, found again, or made anew."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from simgen.config.parsing import parsing
+from simgen.errors import InputError
+from simgen.geometry import mesh_files
+from simgen.geometry.curved_tetrahedra import (
+    CORE,
+    FREE,
+    HELD,
+    CurvedMesh,
+    LabelledSurface,
+    face_regions,
+    make_quadratic,
+)
+from simgen.geometry.interpolation import locate
+from simgen.geometry.mesh_quality import MeshQuality, check, measure
+from simgen.geometry.region_edges import align
+from simgen.geometry.surface import shells
+from simgen.geometry.tetrahedra import (
+    OutputMesh,
+    SimulationMesh,
+    boundary_edges,
+    boundary_triangles,
+    signed_volumes,
+    tetrahedralize,
+)
+from simgen.sensors.sensor_geometry import SensorGeometry
+from simgen.sensors.sensor_schema import MeshSize
+
+MM = 1e-3
+NAMES = ("default", "coarse", "fine")  # of simulation meshes
+EXACT = 1e-9  # m: a user's own vertices are on the surface already
+ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
+MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 35,000
+LEAST_ENVELOPE = 1e-3  # of an edge's length
+FARTHEST = 0.02  # of the gel's longest side: how far off the gel a vertex of a job's own output mesh may lie
+LIMIT = 5.0  # envelopes that a node may move onto its patches; a mid-edge node also bridges the bulge
+
+
+def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:
+    """The committed, cached or newly made simulation mesh of that name."""
+    settings = getattr(geometry.description.meshes, name)
+    if settings is None:
+        raise InputError(
+            f"{geometry.folder / 'sensor.yaml'}: meshes.{name}: not there, needed for mesh = {name!r}"
+        )
+    source = geometry.mesh_source(settings)
+    committed = mesh_files.load_mesh(geometry.folder / f"{name}.npz", SimulationMesh, source)
+    return committed or mesh_files.cached(
+        source, SimulationMesh, lambda: make_simulation_mesh(geometry, settings)[0]
+    )
+
+
+class OutputMeshFile(NamedTuple):
+    """A file of tetrahedra whose vertices are stored, and the unit of its coordinates, m or mm."""
+
+    path: Path
+    unit: str
+
+
+def output_mesh(geometry: SensorGeometry) -> OutputMesh:
+    """The output mesh: the user's own tetrahedra, or the committed, cached or newly made one."""
+    settings = output_settings(geometry)
+    source = geometry.mesh_source(settings) + "-output"
+    if settings == "as_given":
+        return output_of(geometry, geometry.own_vertices, geometry.own_tetrahedra, source, geometry.selected)
+    committed = mesh_files.load_mesh(geometry.folder / "output.npz", OutputMesh, source)
+    return committed or mesh_files.cached(
+        source, OutputMesh, lambda: make_output_mesh(geometry, settings, source)[0]
+    )
+
+
+def output_from_file(
+    geometry: SensorGeometry, file: OutputMeshFile, solved: SimulationMesh
+) -> tuple[OutputMesh, np.ndarray]:
+    """The output mesh in a file of tetrahedra, and the points (v, 3) m of the gel with which its vertices move.
+
+    Vertices and tetrahedra keep the order of the file. A vertex off the gel moves with the nearest point of the gel's
+    surface. A vertex is held if it lies in a held region, or if that point does. Raises InputError for a file that
+    `mesh_files.read_mesh` refuses, for one without tetrahedra, and for a vertex further off the gel than `FARTHEST`.
+    """
+    path = file.path
+    _, vertices, tetrahedra = mesh_files.read_mesh(path, file.unit)
+    if vertices is None:
+        allowed = " ".join(mesh_files.TET_SUFFIXES)
+        raise InputError(f"{path}: a surface; allowed: a file of tetrahedra ({allowed})")
+    outside = locate(solved.nodes, solved.tetrahedra, vertices)[2] > EXACT
+    moves_with = vertices.copy()
+    moves_with[outside] = geometry.true.closest(vertices[outside])[0]
+    away = np.linalg.norm(moves_with - vertices, axis=1)
+    allowed = FARTHEST * np.ptp(geometry.plain.vertices, axis=0).max()
+    if away.max() > allowed:
+        raise InputError(
+            f"{path}: unit {file.unit}: vertex {away.argmax()} lies {away.max() / MM:.3g} mm off the gel of sensor "
+            f"{geometry.description.name}; allowed: {allowed / MM:.2g} mm, in the frame of the sensor"
+        )
+    source = geometry.mesh_source(f"{file.unit} {hashlib.sha256(path.read_bytes()).hexdigest()}") + "-output"
+
+    def held_at(points: np.ndarray) -> np.ndarray:
+        return geometry.selected(points) | geometry.true.is_held(points)
+
+    return output_of(geometry, vertices, tetrahedra, source, held_at), moves_with
+
+
+def output_settings(geometry: SensorGeometry) -> MeshSize | str:
+    meshes = geometry.description.meshes
+    return meshes.output or ("as_given" if geometry.own_tetrahedra is not None else meshes.default)
+
+
+def remake(geometry: SensorGeometry) -> list[str]:
+    """Make and gate every mesh of the sensor, then write them into its folder; a line of text about each."""
+    made = []
+    for name in NAMES:
+        settings = getattr(geometry.description.meshes, name)
+        if settings is not None:
+            made.append((name, geometry.mesh_source(settings), *make_simulation_mesh(geometry, settings)))
+    settings = output_settings(geometry)
+    if settings != "as_given":
+        source = geometry.mesh_source(settings) + "-output"
+        made.append(("output", source, *make_output_mesh(geometry, settings, source)))
+    return [
+        _replace(geometry.folder / f"{name}.npz", mesh, source, quality)
+        for name, source, mesh, quality in made
+    ]
+
+
+def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality: MeshQuality) -> str:
+    """Write a mesh over the one before; a line that says what it is and what has changed."""
+    points = "vertices" if isinstance(mesh, OutputMesh) else "nodes"
+    before = "new"
+    if path.is_file():
+        with suppress(InputError), parsing(path, "a mesh that simgen wrote"), np.load(path) as old:
+            inputs = "same" if str(old["source"]) == source else "other"
+            before = f"was {len(old[points])} {points} from {inputs} geometry and settings"
+    mesh_files.save_mesh(path, mesh, source)
+    return f"{path.name}: {len(getattr(mesh, points))} {points}, {quality}; {before}; hash {mesh.hash[:12]}"
+
+
+def edge_lengths(geometry: SensorGeometry, size: MeshSize):
+    """Wanted edge length, m: a number, or a function of points that grows towards the held regions."""
+    fine = size.edge_length_mm * MM
+    if size.held_edge_length_mm is None:
+        return fine
+    coarse, grading = size.held_edge_length_mm * MM, size.grading_mm * MM
+    held = geometry.true.part(HELD)
+
+    def wanted(points: np.ndarray) -> np.ndarray:
+        return coarse + (fine - coarse) * np.clip(held(points)[1] / grading, 0.0, 1.0)
+
+    return wanted
+
+
+def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedMesh, MeshQuality]:
+    """A gated mesh of curved tetrahedra. Raises InputError with numbers where no attempt passes the gates."""
+    as_given = size == "as_given"
+    if as_given and geometry.own_tetrahedra is None:
+        raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes: as_given needs a file of tetrahedra")
+    attempts = 1 if as_given else ATTEMPTS
+    for attempt in range(1, attempts + 1):
+        if as_given:
+            vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, EXACT
+        else:
+            check_count(geometry, size)
+            envelope, cell = size.envelope * MM, size.edge_length_mm * MM
+            wanted = edge_lengths(geometry, size)
+            vertices, tetrahedra = tetrahedralize(geometry.plain, wanted, envelope, cell)
+            vertices, tetrahedra = end_at_regions(vertices, tetrahedra, geometry.true)
+            limit = LIMIT * envelope
+        mesh = make_quadratic(vertices, tetrahedra, geometry.true, limit)
+        quality = measure(mesh, geometry.true)
+        try:
+            check(quality, len(shells(geometry.true.surface)), f"sensor {geometry.description.name}")
+        except InputError:
+            if attempt == attempts:
+                raise
+        else:
+            break
+    return mesh, quality
+
+
+def check_count(geometry: SensorGeometry, size: MeshSize) -> None:
+    """Raises InputError for edges so short that meshing would take days, and all memory."""
+    extents = np.ptp(geometry.plain.vertices, axis=0) / MM
+    least = float((extents.prod() / MOST_CELLS) ** (1 / 3))
+    path = geometry.folder / "sensor.yaml"
+    if size.edge_length_mm < least:
+        raise InputError(f"{path}: meshes: edge_length_mm = {size.edge_length_mm:g}: allowed: {least:.2g} mm or more")
+    if size.envelope < (thinnest := LEAST_ENVELOPE * size.edge_length_mm):
+        raise InputError(f"{path}: meshes: envelope_mm = {size.envelope:g}: allowed: {thinnest:.2g} mm or more")
+
+
+def end_at_regions(
+    vertices: np.ndarray, tetrahedra: np.ndarray, true: LabelledSurface
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tetrahedra whose boundary triangles are held or not as a whole, where elements stay well shaped."""
+    meeting = true.patches_at(vertices, boundary_triangles(tetrahedra)[0])
+    return align(vertices, tetrahedra, boundary_edges(tetrahedra), true.is_held, meeting)
+
+
+def make_simulation_mesh(
+    geometry: SensorGeometry, size: MeshSize | str
+) -> tuple[SimulationMesh, MeshQuality]:
+    """A gated simulation mesh and its numbers."""
+    curved, quality = make_curved(geometry, size)
+    held = np.zeros(len(curved.nodes), dtype=bool)
+    held[curved.faces[curved.region == HELD]] = True
+    arrays = {
+        "nodes": curved.nodes,
+        "n_corners": curved.n_corners,
+        "tetrahedra": curved.tetrahedra,
+        "held": held,
+        "touchable": curved.faces[curved.region == FREE],
+        "facing_core": curved.faces[curved.region == CORE],
+    }
+    return mesh_files.with_hash(SimulationMesh, geometry.mesh_source(size), arrays), quality
+
+
+def make_output_mesh(geometry: SensorGeometry, size: MeshSize, source: str) -> tuple[OutputMesh, MeshQuality]:
+    """A gated output mesh and its numbers: the straight tetrahedra below a curved mesh."""
+    curved, quality = make_curved(geometry, size)
+    return output_of(geometry, curved.nodes[: curved.n_corners], curved.tetrahedra[:, :4], source), quality
+
+
+def output_of(
+    geometry: SensorGeometry,
+    vertices: np.ndarray,
+    tetrahedra: np.ndarray,
+    source: str,
+    held_at: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> OutputMesh:
+    """The output mesh on given tetrahedra, with its regions.
+
+    ``held_at`` says which points (n, 3) of the boundary are held, (n,) bool; without it, all corners of held triangles.
+    """
+    if (signed_volumes(vertices, tetrahedra) <= 0).any():
+        raise InputError(f"sensor {geometry.description.name}: inverted tetrahedra in the output mesh")
+    faces, _, _ = boundary_triangles(tetrahedra)
+    region, _ = face_regions(vertices, faces, geometry.true)
+    held = np.zeros(len(vertices), dtype=bool)
+    if held_at is not None:
+        on_surface = np.unique(faces)
+        held[on_surface] = held_at(vertices[on_surface])
+    else:
+        held[faces[region == HELD]] = True
+    touchable = np.zeros(len(vertices), dtype=bool)
+    touchable[faces[region == FREE]] = True
+    arrays = {
+        "vertices": vertices,
+        "tetrahedra": tetrahedra.astype(np.int32),
+        "surface_triangles": faces.astype(np.int32),
+        "held": held,
+        "touchable": touchable & ~held,
+    }
+    return mesh_files.with_hash(OutputMesh, source, arrays)

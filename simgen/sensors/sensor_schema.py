@@ -1,0 +1,352 @@
+"""The contents of a ``sensor.yaml``, strictly checked. Every key carries its unit."""
+
+import itertools
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from simgen.config.yaml_files import read_yaml
+from simgen.errors import InputError, shown
+
+Unit = Literal["m", "mm"]
+LARGEST = 1e4  # of any number of mm or degrees: ten metres
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False)]
+Vector = tuple[Number, Number, Number]
+Direction = Annotated[Vector, AfterValidator(lambda vector: _direction(vector))]
+Interval = tuple[Number, Number]
+
+
+class SensorSection(BaseModel):
+    """A group of keys that accepts no others."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class OneOf(SensorSection):
+    """A group with exactly one of its optional sections."""
+
+    @model_validator(mode="after")
+    def _exactly_one(self):
+        fields = type(self).model_fields.items()
+        choices = [name for name, field in fields if not field.is_required() and _sections(field.annotation)]
+        given = [name for name in choices if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"exactly one of {', '.join(choices)} is needed, found {', '.join(given) or 'none'}"
+            )
+        return self
+
+
+class Material(SensorSection):
+    """A near-incompressible neo-Hookean solid with Coulomb friction on its surface."""
+
+    youngs_modulus_pa: Annotated[float, Field(ge=1e3, le=1e9)]
+    poisson_ratio: Annotated[float, Field(ge=0.01, le=0.49999)]
+    friction: Annotated[float, Field(ge=0.0, le=2.0)]
+    source: str = ""  # where the values come from
+
+
+class Plane(SensorSection):
+    """Points within ``within_mm`` of a plane perpendicular to an axis."""
+
+    axis: Literal["x", "y", "z"]
+    at_mm: Number
+    within_mm: Positive = 0.01
+
+
+class Box(SensorSection):
+    """Points inside a box; an axis that is left out is not bounded, but one is."""
+
+    x_mm: Interval | None = None
+    y_mm: Interval | None = None
+    z_mm: Interval | None = None
+
+    @model_validator(mode="after")
+    def _bounded(self):
+        if self.x_mm is self.y_mm is self.z_mm is None:
+            raise ValueError("at least one of x_mm, y_mm, z_mm is needed, found none")
+        return self
+
+
+class Cylinder(SensorSection):
+    """Points inside a cylinder along an axis; the centre's two coordinates are the other two axes in order.
+    """
+
+    axis: Literal["x", "y", "z"]
+    center_mm: Interval
+    radius_mm: Positive
+    along_mm: Interval
+
+
+class MeshFile(SensorSection):
+    """A mesh file in the folder of the sensor.yaml, or below it."""
+
+    file: Annotated[str, AfterValidator(lambda file: _inside(file))]
+    unit: Unit
+
+
+class Touching(MeshFile):
+    """Points within a distance of the bodies in a mesh file."""
+
+    within_mm: Positive = 0.05
+
+
+class Selection(OneOf):
+    """A region of the gel's surface, whose triangles are split where it ends."""
+
+    plane: Plane | None = None
+    box: Box | None = None
+    cylinder: Cylinder | None = None
+    touching: Touching | None = None
+
+
+class PolarTable(SensorSection):
+    """Radius of a body about a line along x; it ends in a tip and, at its last row, in a flat face."""
+
+    tip_mm: Number  # x of the tip, where the radius is 0
+    angles_deg: Annotated[list[Number], Field(min_length=3)]  # 0 (towards -y) to 180 (towards +y)
+    rows_mm: Annotated[list[list[Number]], Field(min_length=3)]  # x, then the radius at each angle
+
+    @model_validator(mode="after")
+    def _rectangular_and_rising(self):
+        if self.angles_deg[0] != 0 or self.angles_deg[-1] != 180 or not _rising(self.angles_deg):
+            raise ValueError("angles_deg must rise from 0 to 180")
+        if any(len(row) != 1 + len(self.angles_deg) for row in self.rows_mm):
+            raise ValueError(f"each row of rows_mm must have x and {len(self.angles_deg)} radii")
+        if not _rising([self.tip_mm, *(row[0] for row in self.rows_mm)]):
+            raise ValueError("x must rise from tip_mm through the rows of rows_mm")
+        if min(min(row[1:]) for row in self.rows_mm) <= 0:
+            raise ValueError("radii must be greater than 0")
+        return self
+
+
+class PolarShell(SensorSection):
+    """A closed skin between an outer and an inner surface about one line along x at y = ``axis_y_mm``, z = 0.
+    """
+
+    axis_y_mm: Number
+    spacing_mm: Positive  # edge length of the triangulation
+    outer: PolarTable
+    inner: PolarTable
+
+
+class PolarCore(SensorSection):
+    """A rigid body inside a `PolarShell`, at least ``clearance_mm`` away from its inner surface."""
+
+    axis_y_mm: Number
+    spacing_mm: Positive
+    clearance_mm: Positive
+    table: PolarTable
+
+
+class Dome(SensorSection):
+    """A height field over a D-shaped outline: half circle at the tip, straight sides, rounded corners at the
+    rear end.
+    """
+
+    back_y_mm: Number  # the flat back; the dome rises towards -y
+    half_width_mm: Positive
+    arch_center_x_mm: Number
+    end_x_mm: Number
+    corner_radius_mm: Positive
+    rim_radius_mm: Positive  # fillet between wall and dome
+    spacing_mm: Positive  # edge length of the triangulation
+    x_mm: Annotated[list[Number], Field(min_length=4)]  # of the rows of thickness_mm
+    z_mm: Annotated[list[Number], Field(min_length=4)]  # of its columns; even in z
+    thickness_mm: list[
+        list[Positive]
+    ]  # of the dome above the back, carried on smoothly to the rim, without its fillet
+
+    @model_validator(mode="after")
+    def _rectangular_and_rising(self):
+        if not (_rising(self.x_mm) and _rising(self.z_mm)):
+            raise ValueError("x_mm and z_mm must rise")
+        if len(self.thickness_mm) != len(self.x_mm) or {len(row) for row in self.thickness_mm} != {
+            len(self.z_mm)
+        }:
+            raise ValueError(f"thickness_mm must have {len(self.x_mm)} rows of {len(self.z_mm)} values")
+        return self
+
+
+def _direction(vector: Vector) -> Vector:
+    if not 1e-3 <= np.linalg.norm(vector) <= 1e3:
+        raise ValueError("a direction must have a length of 1e-3 to 1e3")
+    return vector
+
+
+def _inside(file: str) -> str:
+    if os.path.isabs(file) or Path(os.path.normpath(file)).parts[:1] == ("..",):
+        raise ValueError("leads out of the sensor's folder; allowed: a file in the folder or below it")
+    return file
+
+
+def _rising(values: list[float]) -> bool:
+    return all(a < b for a, b in itertools.pairwise(values))
+
+
+class Gel(OneOf):
+    """The deformable body: a mesh file, or one of the parametric shapes of `simgen.sensors.polar_bodies`."""
+
+    mesh: MeshFile | None = None
+    polar_shell: PolarShell | None = None
+    dome: Dome | None = None
+
+
+class Core(OneOf):
+    """The rigid body inside the gel: the largest closed body of a file, or one inside a polar shell."""
+
+    friction: Annotated[float, Field(ge=0.0, le=2.0)]
+    mesh: MeshFile | None = None
+    polar_core: PolarCore | None = None
+
+
+class SupportPlane(Plane):
+    """A flat plate: its face lies in the plane and ends ``beyond_outline_mm`` beyond the gel's outline there."""
+
+    # Wide enough for a gel of a fingertip's size: on its plate the DIGIT's bulges up to 2.2 mm (docs/physics.md).
+    beyond_outline_mm: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = 3.0
+
+
+class SupportSettings(OneOf):
+    """The rigid body that the gel rests on: a plate, or the largest closed body of a file."""
+
+    friction: Annotated[float, Field(ge=0.0, le=2.0)] | None = None  # None: the material's
+    plane: SupportPlane | None = None
+    mesh: MeshFile | None = None
+
+
+class MeshSize(SensorSection):
+    """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards the
+    held regions.
+    """
+
+    edge_length_mm: Positive
+    held_edge_length_mm: Positive | None = None
+    grading_mm: Positive = 4.0
+    envelope_mm: Positive | None = (
+        None  # how far fTetWild may stray from the surface, onto which nodes are then projected
+    )
+
+    @property
+    def envelope(self) -> float:
+        """In mm; by default a tenth of the edge length."""
+        return self.envelope_mm or 0.1 * self.edge_length_mm
+
+
+class MeshSizes(SensorSection):
+    """``default``, ``coarse`` and ``fine`` are solved on; ``output`` holds the stored vertices.
+
+    ``as_given`` takes the user's own tetrahedra. Without ``output``, a tetrahedral file is its own output
+    mesh, and a surface gets one of the default mesh's edge lengths.
+    """
+
+    default: MeshSize | Literal["as_given"]
+    coarse: MeshSize | Literal["as_given"] | None = None
+    fine: MeshSize | Literal["as_given"] | None = None
+    output: MeshSize | Literal["as_given"] | None = None
+
+
+class CameraSettings(SensorSection):
+    """A pinhole camera behind the gel, with lights on a circle around its axis."""
+
+    position_mm: Vector
+    looks_along: Direction
+    up: Direction
+    vertical_field_of_view_deg: Annotated[float, Field(gt=0.0, lt=180.0)]
+    width_px: Annotated[int, Field(gt=0)]
+    height_px: Annotated[int, Field(gt=0)]
+    light_circle_radius_mm: Positive
+    light_angles_deg: dict[Literal["red", "green", "blue"], Number]
+
+    @model_validator(mode="after")
+    def _up_is_across(self):
+        if not np.cross(self.looks_along, self.up).any():
+            raise ValueError("up must not be parallel to looks_along")
+        return self
+
+
+class Electrodes(SensorSection):
+    """Electrode positions in a frame of their own; they are snapped to the core's surface."""
+
+    origin_mm: Vector  # of their frame, in the sensor's frame
+    x_axis: Direction  # of their frame, in the sensor's frame
+    z_axis: Direction
+    x_mm: list[Number]
+    y_mm: list[Number]
+    z_mm: list[Number]
+
+    @model_validator(mode="after")
+    def _same_length(self):
+        if not len(self.x_mm) == len(self.y_mm) == len(self.z_mm):
+            raise ValueError(
+                f"x_mm, y_mm, z_mm have {len(self.x_mm)}, {len(self.y_mm)}, {len(self.z_mm)} entries"
+            )
+        return self
+
+
+class SensorDescription(SensorSection):
+    """A whole ``sensor.yaml``."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$")]
+    gel: Gel
+    held: Annotated[dict[str, Selection], Field(min_length=1)]
+    core: Core | None = None
+    support: SupportSettings | None = None
+    meshes: MeshSizes
+    materials: Annotated[dict[str, Material], Field(min_length=1)]
+    camera: CameraSettings | None = None
+    electrodes: Electrodes | None = None
+
+    @model_validator(mode="after")
+    def _electrodes_need_a_core(self):
+        if self.electrodes is not None and self.core is None:
+            raise ValueError("electrodes sit on the core: a core is needed")
+        if self.core is not None and self.core.polar_core is not None and self.gel.polar_shell is None:
+            raise ValueError("core.polar_core needs gel.polar_shell")
+        return self
+
+
+def read_description(path: Path) -> SensorDescription:
+    """Parse a sensor.yaml. Raises InputError of one line: file, key path, value, what is allowed."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; a sensor is a folder with a sensor.yaml")
+    content = read_yaml(path)
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: found {type(content).__name__}, allowed: keys and values")
+    try:
+        return SensorDescription.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_one_line(error)}") from error
+
+
+def _one_line(error: ValidationError) -> str:
+    """The first complaint. An unknown key comes first: a missing one may be misspelt."""
+    first = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+    key = shown(".".join(str(part) for part in first["loc"])) or "sensor.yaml"
+    if first["type"] == "extra_forbidden":
+        return f"{key}: unknown key, allowed: {', '.join(_allowed(first['loc'][:-1]))}"
+    value = "" if isinstance(first["input"], dict) else f" = {first['input']!r:.60}"
+    return f"{key}{value}: {first['msg'].removeprefix('Value error, ')}"
+
+
+def _allowed(loc: tuple) -> list[str]:
+    """The keys that stand at a place of the description."""
+    model: Any = SensorDescription
+    for part in loc:
+        found = (
+            _sections(model.model_fields[part].annotation)
+            if part in getattr(model, "model_fields", {})
+            else []
+        )
+        model = found[0] if found else model
+    return list(model.model_fields)
+
+
+def _sections(annotation: Any) -> list[type[SensorSection]]:
+    if isinstance(annotation, type):
+        return [annotation] if issubclass(annotation, SensorSection) else []
+    return [section for inner in getattr(annotation, "__args__", ()) for section in _sections(inner)]

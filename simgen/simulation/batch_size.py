@@ -1,0 +1,68 @@
+"""How many presses are under way at once on a device, and the memory that they take."""
+
+import warp as wp
+
+from simgen.errors import InputError
+from simgen.fem.elements.element import ELEMENTS
+from simgen.fem.linear_solver.aggregation import SMALL
+from simgen.fem.linear_solver.dense_inverse import SIDE, WIDE
+from simgen.fem.linear_solver.krylov_kernels import WINDOW
+from simgen.fem.nonlinear.newton import SolverSettings
+from simgen.sensors.sensor import Sensor
+from simgen.sensors.support import faces_in_reach
+
+AT_ONCE = {"cpu": 1, "cuda": 512}  # a core does one after the other
+USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
+
+
+def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSettings | None = None) -> int:
+    """Memory of one press that is under way: states, Krylov vectors, blocks, contact points.
+
+    Without a liquid, which adds some percent, tiles of blocks that are not full (see ``fem.blocks``), and the sparse
+    factors of linear tetrahedra, which the host keeps.
+    """
+    mesh, kind, settings = sensor.simulation_mesh, ELEMENTS[element], settings or SolverSettings()
+    corners = mesh.n_corners
+    nodes = len(mesh.nodes) if kind.nodes == 10 else corners
+    unknowns = 3 * nodes + (corners if kind.pressures else 0)
+    edges = len(mesh.nodes) - corners
+    faces = [mesh.touchable] + ([mesh.facing_core] if sensor.core is not None else [])
+    faces += [faces_in_reach(sensor.support, mesh)] if sensor.support is not None else []
+    points = kind.face_points * sum(map(len, faces))
+    double = 8 * unknowns  # x, trial, step, two parts of the forces and their sum, two earlier states
+    vectors = settings.krylov_size + WINDOW + 5  # directions, images; the solver's four; where derivatives are taken
+    blocks = edges * 2 + corners
+    coarse = 0
+    if kind.pressures:
+        vectors += 3
+        blocks = 2 * nodes + blocks + corners
+        coarse = 4 * SMALL * (SMALL + 2 * SIDE * WIDE)  # a dense inverse
+    single = vectors * unknowns + 12 * corners
+    in_contact = points * (3 * 24 + 36) + sum(44 * len(f) + 132 * len(set(f[:, :3].ravel())) for f in faces)
+    output = 24 * len(sensor.output_mesh.vertices)
+    products = 8 * settings.krylov_size * (settings.krylov_size + 2)
+    weights = 4 * len(mesh.tetrahedra)
+    return 8 * double + 4 * single + 36 * blocks + coarse + weights + products + in_contact + output
+
+
+def at_once(device: str) -> int:
+    """Presses that are under way on a device where its memory allows them."""
+    return AT_ONCE[device.partition(":")[0]]
+
+
+def presses_at_once(sensor: Sensor, device: str, element: str, settings: SolverSettings) -> int:
+    """Presses under way on a device: `AT_ONCE`, or what fits into the free memory.
+
+    Raises InputError where that is none.
+    """
+    most = at_once(device)
+    if most == 1:
+        return 1
+    each, free = bytes_per_press(sensor, element, settings), wp.get_device(device).free_memory
+    fit = int(USABLE * free / each)
+    if fit < 1:
+        raise InputError(
+            f"{device}: {free / 1e9:.2g} GB of memory are free, one press on sensor {sensor.name} takes "
+            f"{each / 1e9:.2g} GB; allowed: a coarser mesh or a smaller krylov_size"
+        )
+    return min(most, fit)

@@ -1,0 +1,210 @@
+"""Move indenters in a sensor: from first touch to depths or along a path, to samples with their certificate."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgen.config.indenter_path import DOWN
+from simgen.errors import InputError, shown
+from simgen.fem.nonlinear.newton import SolverSettings
+from simgen.fem.nonlinear.status import Status
+from simgen.geometry.rigid_shape import lateral_reach
+from simgen.geometry.signed_distance import RigidShape
+from simgen.simulation.first_touch import first_touch
+from simgen.simulation.load_stepping import March
+from simgen.simulation.scene import MM, Scene
+from simgen.simulation.tries import Press
+
+__all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
+
+CERTIFICATE = (
+    "residual",
+    "contact_error",
+    "force_balance",
+    "min_det_F",
+    "inverted_elements",
+    "stabilised_elements",
+    "rms_penetration_m",
+    "max_penetration_m",
+    "newton_iterations",
+    "krylov_iterations",
+    "substeps",
+    "damping",
+)
+
+
+@dataclass(frozen=True)
+class PressResult:
+    """One press on one sensor; d depths or points of a path, v vertices of the output mesh.
+
+    displacement : (d, v, 3) m, NaN where the press did not get that far
+    force : (d, 3) N on the sensor, normal and friction together, in the sensor's frame
+    moment : (d, 3) N m about the origin of the sensor's frame
+    status : (d,) int8, codes of `simgen.fem.nonlinear.status.Status`. A press that has a sample inside out goes on
+    certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core,
+        support and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, number of
+        elements that are inside out somewhere (see ``fem/elements/validity.py``) and that are stabilised (see
+        ``fem/elements/stabilisation.py``), penetration in m, iterations, sub-steps, largest damping (see
+        ``fem/nonlinear/damping.py``); with a liquid also liquid_volume_error, over the volume of the cavity
+    touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
+    seconds : share of this press in the wall time of those that were solved together
+    cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none
+    shear_force : (d, 2) N on the sensor along the contact frame's x and z, which are those of the indenter at first
+        touch; ``force`` along the press axis is the rest of it
+    stress, traction : (d, s, 6) and (d, s, 3) float32, Pa, at the s surface vertices of the output mesh, where the
+        scene has these outputs; see `simgen.simulation.surface_outputs`
+    slip_share : (d,) share of the contact area where friction has reached its limit, so that the surface slides; the
+        rest sticks. 0 without contact
+    """
+
+    displacement: np.ndarray
+    force: np.ndarray
+    moment: np.ndarray
+    status: np.ndarray
+    certificate: dict[str, np.ndarray]
+    touch: float
+    seconds: float
+    shear_force: np.ndarray
+    slip_share: np.ndarray
+    cavity_pressure: np.ndarray | None = None
+    stress: np.ndarray | None = None
+    traction: np.ndarray | None = None
+
+
+def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
+    """Press any number of indenters, each along its +y axis to all depths, counted from its first touch.
+
+    poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; depths_m (d,) increasing. ``scene.batch`` of
+    them are under way at a time; one that ends makes room for the next.
+    """
+    return follow(scene, shapes, poses, np.asarray(depths_m, dtype=float)[:, None] * DOWN)
+
+
+def follow(
+    scene: Scene,
+    shapes: list[RigidShape],
+    poses: np.ndarray,
+    path_m: np.ndarray,
+    turns_rad: np.ndarray | None = None,
+    steps: np.ndarray | None = None,
+    max_force_n: float = math.inf,
+) -> list[PressResult]:
+    """Move indenters along one path from first touch, and keep a sample at every point of it.
+
+    Points are visited in order along straight lines, so shear, twist, slide and release are paths.
+
+    poses : (b, 4, 4) m, indenter frame -> sensor frame, near the surface
+    path_m : (d, 3) m, offsets of the tip from first touch in the contact frame, which is the indenter's frame at first
+        touch: +y presses, x and z shear
+    turns_rad : (d,) rad, right-handed turns of the indenter about its +y; none by default
+    steps : (b,) number of points, 0 to d, after which each press ends with `Status.NO_ROOM`; all by default
+    max_force_n : N, along the press axis. A press ends with `Status.FORCE_LIMIT` at the first point where its force
+        exceeds this; the sample there is not kept. Forces between the points are not looked at
+
+    Raises `InputError` for a path without points, or with numbers that are not finite, and for steps or a force out of
+    range.
+
+    This presses a sphere 0.4 mm deep into the DIGIT, shears it by 0.2 mm, turns it by 10 degrees and lets go:
+
+    >>> import numpy as np
+    >>> from simgen.sensors.indenter import load_indenter
+    >>> from simgen.simulation.press import Scene, follow
+    >>> from simgen.sensors.sensor import load_sensor
+    >>> digit = load_sensor("digit", mesh="coarse")
+    >>> scene = Scene(digit, digit.materials["solid"])
+    >>> pose = np.eye(4)
+    >>> pose[:3, 3] = [-0.006, -0.0083, 0.0]  # m; the tip is at the top of the gel, and +y goes into it
+    >>> path_mm = [[0.0, 0.2, 0.0], [0.0, 0.4, 0.0], [0.2, 0.4, 0.0], [0.2, 0.4, 0.0], [0.2, -0.1, 0.0]]
+    >>> turns = np.radians([0.0, 0.0, 0.0, 10.0, 10.0])
+    >>> result = follow(scene, [load_indenter("sphere_7mm").shape()], pose[None], 1e-3 * np.array(path_mm), turns)[0]
+    >>> result.status.tolist()
+    [0, 0, 0, 0, 0]
+    >>> np.round(result.force[:, 1], 2).tolist()  # N along the press axis; at the last point the tip is above the gel
+    [0.2, 0.63, 0.63, 0.63, 0.0]
+    >>> np.round(result.shear_force[2:, 0], 2).tolist()  # N along x: friction drags the gel along
+    [0.26, 0.21, 0.0]
+    >>> (result.slip_share[2] < 0.5 < result.slip_share[3]).tolist()  # the turn makes most of the contact slide
+    True
+    """
+    path_m = np.asarray(path_m, dtype=float)
+    if path_m.ndim != 2 or path_m.shape[1] != 3 or not len(path_m) or not np.isfinite(path_m).all():
+        raise InputError(f"path of shape {path_m.shape}: allowed: one or more points of three finite coordinates, m")
+    turns_rad = np.zeros(len(path_m)) if turns_rad is None else np.asarray(turns_rad, dtype=float)
+    if turns_rad.shape != path_m.shape[:1] or not np.isfinite(turns_rad).all():
+        raise InputError(f"turns of shape {turns_rad.shape}: allowed: a finite angle, rad, for each point of the path")
+    steps = np.full(len(shapes), len(path_m)) if steps is None else np.asarray(steps)
+    if steps.shape != (len(shapes),) or ((steps < 0) | (steps > len(path_m))).any():
+        raise InputError(f"steps {shown(str(steps.tolist()))}: allowed: 0 to {len(path_m)} for each of {len(shapes)} "
+                         "presses")  # fmt: skip
+    if not max_force_n > 0.0:
+        raise InputError(f"max_force_n {max_force_n}: allowed: above 0 N")
+    if not np.isfinite(poses).all():
+        raise InputError("poses: not finite; allowed: rigid transforms, m")
+    if not len(shapes):
+        return []
+    distinct = list({id(shape): shape for shape in shapes}.values())
+    number = {id(shape): i for i, shape in enumerate(distinct)}
+    scene.reset(distinct)
+    march = March(scene, np.column_stack([path_m * MM, turns_rad]), max_force_n)
+    presses = begin_presses(march, distinct, [number[id(shape)] for shape in shapes], poses, steps)
+    while march.left:
+        march.go_on()
+    return [result_of(march, press) for press in presses]
+
+
+def begin_presses(
+    march: March, shapes: Sequence[RigidShape], shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray
+) -> list[Press]:
+    """Add presses to a march whose scene has these shapes: each with its shape's number, pose (4, 4) m and steps."""
+    begin, scene = time.perf_counter(), march.scene
+    poses = np.array(poses, dtype=float)
+    poses[:, :3, 3] *= MM
+    own = [shapes[i] for i in shape_of]
+    reach = float(np.linalg.norm(march.path[:, :3], axis=1).max())
+    faces = scene.indenter_contact.host_faces
+    travel, status, near = first_touch(scene.nodes, faces, own, poses, scene.device, scene.batch, reach)
+    poses[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
+    touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)
+    lateral = [lateral_reach(shape) for shape in shapes]
+    presses = [Press(i, *each, lateral[i]) for i, *each in zip(shape_of, poses, touch, steps, strict=True)]
+    for press, code in zip(presses, status, strict=True):
+        press.status = None if code == Status.CONVERGED else int(code)
+        press.seconds = (time.perf_counter() - begin) / len(presses)
+    # Those that touch the most take the longest: they go first, as the end of a batch waits for its slowest presses.
+    march.add(presses[i] for i in np.argsort(-near, kind="stable"))
+    return presses
+
+
+def result_of(march: March, press: Press) -> PressResult:
+    """The samples of a press that has ended, as arrays over the depths of its march."""
+    scene, displacement = march.scene, press.displacement
+    if displacement is None:
+        displacement = np.empty((len(march.path), scene.n_vertices, 3))
+    displacement[len(press.rows) :] = np.nan
+    d, rows, in_surface = len(displacement), press.rows, press.pose[:3, [0, 2]]
+
+    def column(key, *inner, dtype=np.float64):
+        out = np.full((d, *inner), np.nan, dtype)
+        for i, row in enumerate(rows):
+            out[i] = row[key]
+        return out
+
+    status = np.full(d, press.status, dtype=np.int8)
+    status[: len(rows)] = [row["status"] for row in rows]
+    certificate = {key: column(key) for key in CERTIFICATE}
+    liquid = scene.cavity is not None
+    if liquid:
+        certificate["liquid_volume_error"] = column("liquid_volume_error")
+    pressure = column("cavity_pressure") if liquid else None
+    force, moment = column("force", 3), column("moment", 3)
+    shear, slip = force @ in_surface, column("slip_share")
+    shapes = march.sampler.surface_outputs.shapes
+    surface = {name: column(name, *shape, dtype=np.float32) for name, shape in shapes.items()}
+    return PressResult(
+        displacement, force, moment, status, certificate, press.touch, press.seconds, shear, slip, pressure, **surface
+    )

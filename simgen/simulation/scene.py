@@ -1,0 +1,140 @@
+"""A sensor ready to be pressed: its meshes, material, contacts and liquid as terms of a solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+
+from simgen.errors import InputError
+from simgen.fem import columns
+from simgen.fem.contact.contact import Contact
+from simgen.fem.elements.cavity import Cavity
+from simgen.fem.elements.elasticity import Elasticity
+from simgen.fem.elements.element import ELEMENTS
+from simgen.fem.linear_solver.pattern import corners_to_nodes
+from simgen.fem.material.neo_hookean import NeoHookean
+from simgen.fem.nonlinear.newton import NewtonSolver, SolverSettings, per_component
+from simgen.geometry.node_ordering import in_sweep_order
+from simgen.geometry.rigid_shape import sampled_shape
+from simgen.geometry.signed_distance import RigidShape
+from simgen.geometry.tetrahedra import interpolation_matrix
+from simgen.sensors.sensor import Material, Sensor
+from simgen.sensors.support import faces_in_reach
+
+MM = 1e3  # millimetres per metre
+CORE_SPACING_MM = 0.25  # grid of the core's signed distance
+
+
+class Scene:
+    """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs.
+
+    ``fluid``, none or incompressible, fills the gel's cavity. Raises InputError where there is no cavity for it.
+    ``outputs``, stress and traction, are measured at the output mesh's surface, too.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        material: Material,
+        element: str = "P2-P1",
+        device: str = "cpu",
+        batch: int = 1,
+        settings: SolverSettings | None = None,
+        fluid: str = "none",
+        outputs: tuple[str, ...] = (),
+    ):
+        self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
+        self.outputs = outputs
+        self.settings = settings or SolverSettings()
+        kind = ELEMENTS[element]
+        mesh = self.mesh = in_sweep_order(sensor.simulation_mesh)
+        n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
+        self.nodes = mesh.nodes[:n] * MM
+        held = per_component(mesh.held[:n])
+        split = self.settings.volumetric_split if kind.pressures else None
+        solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)
+        active = columns.Active(batch, device)
+        body = Elasticity(kind, self.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
+        k = (self.settings.contact_stiffness, self.settings.friction_stiffness)
+        self.indenter_contact = Contact(kind, self.nodes, mesh.touchable, k, material.friction, device, active)
+        self.core_contact = None
+        if sensor.core is not None and len(mesh.facing_core):
+            self.core_contact = Contact(kind, self.nodes, mesh.facing_core, k, sensor.core_friction, device, active)
+        self.support_contact = None
+        supported = faces_in_reach(sensor.support, mesh) if sensor.support is not None else ()
+        if len(supported):
+            friction = material.friction if sensor.support.friction is None else sensor.support.friction
+            self.support_contact = Contact(kind, self.nodes, supported, k, friction, device, active)
+        self.fixed_contacts = [c for c in (self.core_contact, self.support_contact) if c is not None]
+        contacts = [self.indenter_contact, *self.fixed_contacts]
+        self.cavity = None
+        if fluid != "none":
+            if not len(mesh.facing_core):
+                raise InputError(f"sensor {sensor.name}: fluid = {fluid!r}: it has no cavity; allowed: none")
+            row = body.n_displacements + body.n_pressures
+            self.cavity = Cavity(kind, self.nodes, mesh.facing_core, held, row, device, active)
+        self.solver = NewtonSolver(body, contacts, held, batch, self.settings, self.cavity)
+        self.unknowns = self.solver.n_unknowns
+        if self.core_contact is not None:
+            core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0, device=device)
+            self.core_contact.set_shapes([core], count_overlap_as_touching=self.solver.x)
+        if self.support_contact is not None:
+            support = sensor.support.shape(device)
+            self.support_contact.set_shapes([support], count_overlap_as_touching=self.solver.x)
+        # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
+        free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
+        self.to_output = free @ interpolation_matrix(mesh, sensor.output_points)
+        if kind.nodes == 4:
+            self.to_output = self.to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
+        self.n_vertices = len(sensor.output_mesh.vertices)
+
+    @property
+    def terms(self) -> list[tuple[str, bool, str]]:
+        """Physical terms: name, whether this scene carries it, and why."""
+        material = self.material
+        pressure = self.solver.elasticity.n_pressures
+        core, supported = self.core_contact is not None, self.support_contact is not None
+        return [
+            ("elasticity", True, f"E = {material.youngs_modulus_pa:g} Pa, nu = {material.poisson_ratio:g}"),
+            ("volume constraint", pressure > 0, f"{pressure} pressures" if pressure else "the element has no pressure"),
+            ("indenter contact", True, f"{len(self.indenter_contact.host_faces)} touchable faces"),
+            ("indenter friction", material.friction > 0, f"Coulomb coefficient {material.friction:g}"),
+            ("core contact", core, "the inner skin faces a rigid core" if core else "the sensor has no core"),
+            ("core friction", core and self.sensor.core_friction > 0,
+             f"Coulomb coefficient {self.sensor.core_friction:g}" if core else "the sensor has no core"),
+            ("support contact", supported, self._about_support),
+            ("support friction", supported and self.support_contact.friction > 0,
+             f"Coulomb coefficient {self.support_contact.friction:g}" if supported else self._about_support),
+            ("cavity pressure", self.cavity is not None, self._about_cavity),
+        ]  # fmt: skip
+
+    @property
+    def _about_support(self) -> str:
+        if self.support_contact is not None:
+            return f"{len(self.support_contact.host_faces)} free faces can come to lie on it"
+        return "no free face can reach it" if self.sensor.support is not None else "the sensor has no support"
+
+    @property
+    def _about_cavity(self) -> str:
+        if self.cavity is not None:
+            return "an incompressible liquid keeps its volume: one pressure"
+        if len(self.sensor.simulation_mesh.facing_core):
+            return "fluid: none; the skin is pressed without its liquid"
+        return "the sensor has no cavity"
+
+    def reset(self, shapes: list[RigidShape]):
+        """Forget all presses; those to come have these shapes, of which :meth:`load` chooses."""
+        self.solver.abandon(np.ones(self.batch, dtype=bool))
+        self.indenter_contact.set_shapes(shapes)
+        self.load(np.ones(self.batch, dtype=bool), np.zeros(self.batch))
+
+    def load(self, environments: np.ndarray, shape_of: np.ndarray):
+        """Return environments (env,) bool to rest, each with its indenter (env,), and forget what was there before."""
+        solver = self.solver
+        self.indenter_contact.choose(shape_of)
+        marked = solver.mark(environments)
+        columns.clear(marked, solver.x)
+        for contact in solver.contacts:
+            contact.forget(marked)
+        solver.elasticity.forget(marked)
+        solver.preconditioner.forget(environments)

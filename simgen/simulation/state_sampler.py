@@ -1,0 +1,185 @@
+"""What is kept of a press at a point of its path: forces, displacements of the output mesh, and what certifies them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from simgen.fem import columns
+from simgen.fem.device import read
+from simgen.fem.material.neo_hookean import real
+from simgen.fem.nonlinear.newton import SMALLEST_FORCE
+from simgen.fem.sections import CHUNK, chunks
+from simgen.simulation.first_touch import dense_shapes
+from simgen.simulation.scene import Scene
+from simgen.simulation.surface_outputs import SurfaceOutputs
+
+wp.set_module_options({"enable_backward": False})
+
+MM = 1e3  # millimetres per metre
+SUBDIVISIONS = 6  # of faces, where overlap is looked for
+
+
+@wp.kernel
+def reaction_kernel(
+    internal: wp.array2d(dtype=wp.float64),
+    surface: wp.array2d(dtype=wp.float64),
+    held: wp.array(dtype=wp.int32),
+    nodes: wp.int32,
+    active: wp.array(dtype=wp.int32),
+    # outputs
+    reactions_out: wp.array2d(dtype=wp.float64),
+):
+    """Components of the forces on what is held."""
+    c, i, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    total = real(0.0)
+    for node in range(c * CHUNK, wp.min((c + 1) * CHUNK, nodes)):
+        row = 3 * node + i
+        if held[row] == 1:
+            total += internal[row, env] + surface[row, env]
+    wp.atomic_add(reactions_out, i, env, total)
+
+
+@wp.kernel
+def output_kernel(
+    row_starts: wp.array(dtype=wp.int32),
+    columns: wp.array(dtype=wp.int32),
+    values: wp.array(dtype=wp.float64),
+    x: wp.array2d(dtype=wp.float64),
+    environments: wp.array(dtype=wp.int32),
+    # outputs
+    displacement_out: wp.array3d(dtype=Any),
+):
+    """Displacements (environment in the list, vertex, component) by weights of the simulation mesh's nodes, m."""
+    vertex, i, k = wp.tid()
+    env = environments[k]
+    total = real(0.0)
+    for j in range(row_starts[vertex], row_starts[vertex + 1]):
+        total += values[j] * x[3 * columns[j] + i, env]
+    displacement_out[k, vertex, i] = displacement_out.dtype(total / real(MM))
+
+
+for _kind in (wp.float64, wp.float32):
+    wp.overload(output_kernel, {"displacement_out": wp.array3d(dtype=_kind)})
+
+
+class StateSampler:
+    """Measures the states of a scene's solver in the environments that have reached a point.
+
+    It is made while the scene is at rest, as :meth:`Scene.reset` leaves it.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene, device, batch = scene, scene.device, scene.batch
+        to_output = scene.to_output.tocsr()
+        self._weights = [wp.array(a.astype(np.int32), dtype=wp.int32, device=device)
+                         for a in (to_output.indptr, to_output.indices)]  # fmt: skip
+        self._weights.append(wp.array(to_output.data, dtype=wp.float64, device=device))
+        # Thousands of presses of a GPU lie in the host's memory before they are written: in single precision, 0.1 nm.
+        kind = wp.float64 if wp.get_device(device).is_cpu else wp.float32
+        self._displacement = wp.zeros((batch, to_output.shape[0], 3), dtype=kind, device=device)
+        self._nodes = len(scene.nodes)
+        self._sums = wp.zeros((3, batch), dtype=wp.float64, device=device)
+        corners = scene.indenter_contact.host_faces.shape[1] == 3
+        self._dense = wp.array(dense_shapes(SUBDIVISIONS, linear=corners), dtype=wp.float64, device=device)
+        for contact in scene.fixed_contacts:
+            contact.set_pose(np.tile(np.eye(4), (batch, 1, 1)))
+        self.surface_outputs = SurfaceOutputs(scene)
+        self._rest_overlaps = [max(-self._nearest(contact)[0][0], 0.0) for contact in scene.fixed_contacts]
+
+    def _nearest(self, contact, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        return contact.nearest(self.scene.solver.x, self._dense, at_rest)
+
+    def _reactions(self) -> np.ndarray:
+        """Forces (3, env) of the held nodes on the body, at the last measured state."""
+        balance, solver = self.scene.solver.balance, self.scene.solver
+        self._sums.zero_()
+        inputs = [balance.internal, balance.surface, solver.held, self._nodes, solver.active]
+        columns.launch(reaction_kernel, (chunks(self._nodes), 3), inputs, [self._sums])
+        [sums] = read(self._sums)
+        return sums
+
+    def _displacements(self, count: int) -> np.ndarray:
+        """Those of the output mesh (count, v, 3), m, in the first active environments.
+
+        On a CPU they are valid until the next call.
+        """
+        solver, dim = self.scene.solver, (self._displacement.shape[1], 3, count)
+        inputs, outputs = [*self._weights, solver.x, solver.active.numbers], [self._displacement]
+        wp.launch(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
+        [displacements] = read(self._displacement[:count])
+        return displacements
+
+    def overlap(self) -> tuple[np.ndarray, np.ndarray]:
+        """Deepest overlap with indenter, core and support, mm, on points denser than the integration's; and over the
+        edge of its own face.
+
+        Each (env,). The overlap of core and support with the surface at rest does not count.
+        """
+        distance, of_edge = self._nearest(self.scene.indenter_contact)
+        deepest = -distance
+        for contact, at_rest in zip(self.scene.fixed_contacts, self._rest_overlaps, strict=True):
+            distance, into = self._nearest(contact, at_rest)
+            deepest, of_edge = np.maximum(deepest, -distance - at_rest), np.maximum(of_edge, into)
+        return deepest, of_edge
+
+    def room(self) -> np.ndarray:
+        """Least distance (env,) mm between the indenter and the core, where the indenter overlaps the skin.
+
+        Negative where they meet, with no skin left between; inf without overlap or core.
+        """
+        scene = self.scene
+        if scene.core_contact is None:
+            return np.full(scene.batch, np.inf)
+        return scene.indenter_contact.room(scene.solver.x, self._dense, scene.core_contact)
+
+    def inverted_elements(self) -> np.ndarray:
+        """Number of elements (env,) that are inside out somewhere; the solver sees its integration points alone."""
+        return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x)
+
+    def take(self, reached: np.ndarray) -> Iterator[tuple[int, dict]]:
+        """Samples of the environments (env,) bool that have just converged: their forces have been measured.
+
+        Forces in N, lengths in m unless the key says mm.
+        """
+        scene, solver = self.scene, self.scene.solver
+        solver.mark(reached)
+        unit = scene.material.youngs_modulus_pa / MM**2  # N per unit of solver force
+        contact = scene.indenter_contact.resultants(solver.x)
+        force = contact.force
+        total = force + self._reactions().T
+        for fixed in scene.fixed_contacts:
+            total += fixed.resultants(solver.x).force
+        if scene.cavity is not None:
+            total += scene.cavity.resultant(solver.x)
+            row = scene.cavity.row
+            lacking, pressure = read(solver.balance.surface[row], solver.x[row])
+        overlap, _ = self.overlap()
+        inverted = self.inverted_elements()
+        size = np.maximum(np.linalg.norm(force, axis=1), SMALLEST_FORCE)
+        balance = np.linalg.norm(total, axis=1) / size
+        found = {
+            "force": force * unit,
+            "moment": contact.moment * unit / MM,
+            "force_balance": np.where(force.any(axis=1), balance, 0.0),  # without contact there is nothing to balance
+            "inverted_elements": inverted,
+            "stabilised_elements": solver.elasticity.stabilised_elements(),
+            "slip_share": contact.slip_share,
+            "rms_penetration_m": contact.rms_penetration / MM,
+            "max_penetration_m": np.maximum(overlap, 0.0) / MM,
+            "overlap_mm": overlap,
+        }
+        if scene.cavity is not None:
+            found["liquid_volume_error"] = np.abs(lacking) / scene.cavity.volume
+            found["cavity_pressure"] = pressure * scene.material.youngs_modulus_pa
+        environments = np.flatnonzero(reached)
+        surface, displacements = self.surface_outputs.take(len(environments)), self._displacements(len(environments))
+        for k, (env, displacement) in enumerate(zip(environments, displacements, strict=True)):
+            of_surface = {name: values[k] for name, values in surface.items()}
+            yield env, {"displacement": displacement, **of_surface} | {name: each[env] for name, each in found.items()}

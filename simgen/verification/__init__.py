@@ -1,0 +1,1 @@
+"""Comparison with closed forms, independent codes, published and measured data; benchmarks on this machine."""

@@ -1,0 +1,38 @@
+"""Speed against error: the same presses with every choice that a user has, in one run on one machine.
+
+``settings`` says what is run, ``measure`` times it and measures its error against the finest mesh of the same run,
+``advice`` reads off which setting to take, ``picture`` draws it. `run` does all of that (``simgen bench``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from simgen.config.warp_device import check_device
+from simgen.errors import InputError
+
+__all__ = ["run"]
+
+
+def run(quick: bool, device: str, output: Path, say: Callable[[str], None]) -> None:
+    """Measure, and write speed.csv, speed.png and advice.txt into the folder; ``say`` gets a line on each setting.
+
+    Raises InputError for a device or a folder that cannot be had.
+    """
+    from simgen.verification.bench.advice import advice
+    from simgen.verification.bench.measure import measure_all, write_csv
+    from simgen.verification.bench.picture import draw
+
+    check_device(device)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--output {output}: no folder can be made there ({error.strerror})") from None
+    rows = measure_all(quick, device, say)
+    write_csv(rows, output / "speed.csv")
+    draw(rows, output / "speed.png")
+    sentence = advice(rows)
+    (output / "advice.txt").write_text(sentence + "\n", encoding="utf-8")
+    say(sentence)
+    say(f"wrote {output / 'speed.csv'}, {output / 'speed.png'} and {output / 'advice.txt'}")

@@ -1,0 +1,146 @@
+"""What came of hard presses: rows that hold for each of them whatever the scene, and one table of evidence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgen.fem.nonlinear.status import has_values
+from simgen.geometry.signed_distance import RigidShape
+from simgen.simulation.press import PressResult, Scene, SolverSettings, Status, follow
+from simgen.verification.validate.case import Row, Table
+
+UM, MM = 1e6, 1e3
+GIVEN_UP = (Status.NEWTON_STALLED, Status.INVERTED, Status.LINEAR_SOLVER_STALLED)
+ANY_REFUSAL = tuple(status for status in Status if status.is_failure)
+FORCE_BALANCE = 1e-3  # the issue's 0.1 %
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A hard press, what was declared to come of it, and what came.
+
+    path_m : (d, 3) m from first touch, in the indenter's frame
+    refusals : the outcomes that are right where it has to be refused; empty: it has to converge
+    core : share of the indenter's force that the core carries, and the deepest point in the core, um; NaN without one
+    """
+
+    name: str
+    result: PressResult
+    settings: SolverSettings
+    path_m: np.ndarray
+    refusals: tuple[Status, ...]
+    core: tuple[float, float]
+
+    @property
+    def converged(self) -> int:
+        return int(has_values(self.result.status).sum())
+
+    @property
+    def reached(self) -> float:
+        """Depth of the last converged sample, mm."""
+        return float(MM * self.path_m[self.converged - 1, 1]) if self.converged else 0.0
+
+    @property
+    def as_declared(self) -> bool:
+        last = Status(self.result.status[-1])
+        if self.refusals:
+            return last in self.refusals
+        return last.has_values
+
+    @property
+    def outcome(self) -> str:
+        last = Status(self.result.status[-1])
+        words = "converges" if last.has_values and not self.refusals else f"refused: {last.sentence}"
+        return words if self.as_declared else f"NOT AS DECLARED; {words}"
+
+    @property
+    def force(self) -> np.ndarray:
+        """(d,) N, length of the force."""
+        return np.linalg.norm(self.result.force, axis=1)
+
+    def certified(self, key: str) -> np.ndarray:
+        return self.result.certificate[key][: self.converged]
+
+    @property
+    def least_det_F(self) -> float:
+        """Least at an integration point of the samples that are not marked as inside out."""
+        valid = self.result.status == Status.CONVERGED
+        return float(np.min(self.result.certificate["min_det_F"], initial=math.inf, where=valid))
+
+
+def attempt(
+    name: str,
+    scene: Scene,
+    shape: RigidShape,
+    pose: np.ndarray,
+    path_m: np.ndarray,
+    refusals: tuple[Status, ...] = (),
+) -> Attempt:
+    """Follow a path (d, 3) m from a pose (4, 4), and look at what the certificate does not tell."""
+    result = follow(scene, [shape], pose[None], path_m)[0]
+    return Attempt(name, result, scene.settings, path_m, refusals, core_contact(scene))
+
+
+def core_contact(scene: Scene) -> tuple[float, float]:
+    """Share of the indenter's force that the core carries, and the deepest point in the core, um."""
+    if scene.core_contact is None:
+        return math.nan, math.nan
+    scene.solver.mark(np.ones(scene.batch, dtype=bool))
+    core = scene.core_contact.resultants(scene.solver.x)
+    pressed = scene.indenter_contact.resultants(scene.solver.x).force[0]
+    size = pressed @ pressed
+    return float(-core.force[0] @ pressed / size) if size else 0.0, float(core.max_penetration[0] * UM / MM)
+
+
+def verdicts(attempts: list[Attempt]) -> list[Row]:
+    """What holds for every hard press, all of the same settings: it ends as declared, what converged is certified."""
+    settings = attempts[0].settings
+
+    def worst(key: str, pick) -> float:
+        return float(pick([pick(a.certified(key)) for a in attempts if a.converged]))
+
+    nan = sum(int(np.isnan(a.result.displacement[: a.converged]).sum()) for a in attempts)
+    rows = [Row("presses that end as declared", "", sum(a.as_declared for a in attempts), len(attempts), 0.0,
+                "absolute", "the issue: converges, or is refused with a sentence"),
+            Row("NaN in converged samples", "", nan, math.nan, 0.0, "at most", "the issue: none")]  # fmt: skip
+    if not any(a.converged for a in attempts):
+        return rows
+    return [
+        *rows,
+        Row("least det F at an integration point", "", min(a.least_det_F for a in attempts), math.nan, 0.0, "at least",
+            "an element inverts at zero; samples marked as inside out are left out"),
+        Row("residual, worst", "", worst("residual", max), math.nan, settings.residual_tolerance, "at most",
+            "the solver's tolerance"),
+        Row("contact error, worst", "", worst("contact_error", max), math.nan, settings.contact_tolerance, "at most",
+            "the solver's tolerance"),
+        Row("force balance, worst", "", worst("force_balance", max), math.nan, FORCE_BALANCE, "at most",
+            "the issue's 0.1 %"),
+    ]  # fmt: skip
+
+
+COLUMNS = [
+    "press", "outcome", "reached, mm", "force, N", "residual", "contact error", "force balance", "least det F",
+    "elements inside out", "deepest overlap, um", "Newton", "Krylov", "samples", "sub-steps",
+    "seconds",
+]  # fmt: skip
+
+
+def evidence(title: str, attempts: list[Attempt]) -> Table:
+    """Outcome, worst certificate and cost of each press; forces and overlap at the last converged sample."""
+    return Table(title, COLUMNS, [_line(a) for a in attempts])
+
+
+def _line(a: Attempt) -> list:
+    line = [a.name, a.outcome]
+    if not a.converged:
+        return [*line, *[""] * (len(COLUMNS) - len(line) - 1), round(a.result.seconds, 2)]
+    worst = [float(a.certified(key).max()) for key in ("residual", "contact_error", "force_balance")]
+    overlap = np.nanmax([UM * a.certified("max_penetration_m")[-1], a.core[1]])
+    cost = [int(a.certified(key).sum()) for key in ("newton_iterations", "krylov_iterations")]
+    substeps = int(a.certified("substeps").sum())
+    return [*line, round(a.reached, 3), float(a.force[a.converged - 1]), *worst, float(a.certified("min_det_F").min()),
+            int(a.certified("inverted_elements").max()), float(overlap), *cost, a.converged, substeps,
+            round(a.result.seconds, 2)]  # fmt: skip

@@ -1,0 +1,56 @@
+"""What the hard cases press: a small bonded block, good or bad in its mesh, and places on the bundled sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simgen.sensors.sensor import Material, Sensor, load_sensor
+from simgen.simulation.press import Scene, SolverSettings
+from simgen.verification.validate.layer_meshes import make_sensor
+from simgen.verification.validate.meshes import Mesh, box, on_plane
+
+GEL = Material(youngs_modulus_pa=539e3, poisson_ratio=0.499, friction=0.78, source="the DIGIT's gel")
+COUNTS, SIZE_MM = (4, 2, 4), (10.0, 4.0, 10.0)  # of the block
+MM = 1e-3
+
+# x along the finger and arc across it, mm
+DIGIT_MM = {"centre": (-7.5, 0.0), "rim": (-7.5, 8.75), "arch": (-18.5, 0.0), "corner": (3.0, 7.7)}
+BIOTAC_MM = {"pad": (-7.5, 0.0), "tip": (-19.0, 0.0), "side": (-7.5, 9.5)}
+
+
+def block(mesh: Mesh | None = None) -> Sensor:
+    """A block whose bottom is bonded and whose other faces may be touched; its corner nodes are its output."""
+    mesh = mesh or box(COUNTS, SIZE_MM)
+    held = on_plane(mesh.nodes, 1, mesh.nodes[:, 1].max())
+    free = mesh.faces[~held[mesh.faces].all(axis=1)]
+    return make_sensor(mesh, held, free, mesh.nodes[: mesh.n_corners])
+
+
+def scene_of(sensor: Sensor, device: str, settings: SolverSettings | None = None, **changes) -> Scene:
+    """The sensor of the DIGIT's gel; ``changes`` replace single values of the material."""
+    return Scene(sensor, Material(**{**GEL.model_dump(), **changes}), device=device, settings=settings)
+
+
+def above_block(x_mm: float = 0.0, y_mm: float = -0.5) -> np.ndarray:
+    """Pose (4, 4) of an indenter over the block's middle, or beside it."""
+    pose = np.eye(4)
+    pose[:2, 3] = x_mm * MM, y_mm * MM
+    return pose
+
+
+def bundled(name: str, device: str, **changes) -> Scene:
+    """A bundled sensor on its coarse mesh."""
+    return scene_of(load_sensor(name, "coarse"), device, **changes)
+
+
+def down(depth_mm: float, steps: int) -> np.ndarray:
+    """Path (steps, 3) m in equal steps along the indenter's axis."""
+    return np.linspace(depth_mm / steps, depth_mm, steps)[:, None] * [0.0, MM, 0.0]
+
+
+def sideways(depth_mm: float, way_mm: float, steps: int) -> np.ndarray:
+    """Path (steps, 3) m along the indenter's x in equal steps, at one depth."""
+    path = np.zeros((steps, 3))
+    path[:, 0] = np.linspace(way_mm / steps, way_mm, steps) * MM
+    path[:, 1] = depth_mm * MM
+    return path

@@ -1,0 +1,176 @@
+"""Run cases in processes of their own: whatever goes wrong in one is its result, never the end of the others."""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+import signal
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+from simgen.config.warp_device import check_device, start_warp
+from simgen.errors import InputError
+from simgen.verification.validate import all_cases
+from simgen.verification.validate.case import Case, Context, Outcome
+
+DIED = "the process that ran it died: killed from outside, out of memory, or a crash in native code"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of one case; ``error`` is the exception that ended it, or empty."""
+
+    case: str
+    title: str
+    level: str
+    outcome: Outcome
+    seconds: float
+    error: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """One of "error", "skipped", "FAIL" and "ok"; a case that compares nothing fails."""
+        if self.error:
+            return "error"
+        if self.outcome.skipped:
+            return "skipped"
+        return "ok" if self.outcome.rows and all(row.passed for row in self.outcome.rows) else "FAIL"
+
+    @property
+    def failed(self) -> bool:
+        return self.verdict in ("error", "FAIL")
+
+
+def choose(names: list[str], quick: bool) -> list[Case]:
+    """The cases called for by name or pattern (``sensors-*``), or the quick ones, or all but the long ones.
+
+    Raises `InputError` for a name that is no case.
+    """
+    cases = all_cases()
+    chosen: dict[str, Case] = {}
+    for name in names:
+        found = fnmatch.filter(cases, name)
+        if not found:
+            raise InputError(f"case {name!r} is not known; allowed: {', '.join(cases)}")
+        chosen |= {each: cases[each] for each in found}
+    if names:
+        return list(chosen.values())
+    levels = ("quick",) if quick else ("quick", "standard")
+    return [case for case in cases.values() if case.level in levels]
+
+
+def make_context(device: str, published: Path | None) -> Context:
+    """The user's choices, and reference data from ``$SIMGEN_REFERENCE``.
+
+    Raises `InputError` for a device that this machine has not, and for folders that are none.
+    """
+    check_device(device)
+    reference = Path(os.environ["SIMGEN_REFERENCE"]) if os.environ.get("SIMGEN_REFERENCE") else None
+    for name, folder in (("$SIMGEN_REFERENCE", reference), ("--published", published)):
+        if folder is not None and not folder.is_dir():
+            raise InputError(f"{name} = {folder}: no such folder")
+    return Context(device, reference, published, Path(tempfile.gettempdir()))
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_cases(
+    cases: list[Case],
+    context: Context,
+    workers: int | None = None,
+    on_result: Callable[[Result], None] = lambda result: None,
+) -> list[Result]:
+    """Run cases in ``workers`` processes (default: one per core, or one for a GPU).
+
+    Every case gets a folder of its own in ``context.scratch``. Returns the results in the order of the cases and tells
+    ``on_result`` of each as it ends.
+    """
+    workers = workers or (cores() if context.device == "cpu" else 1)
+    results = {}
+    with tempfile.TemporaryDirectory(prefix="simgen-validate-", dir=context.scratch) as scratch:
+        for result in _finished(cases, replace(context, scratch=Path(scratch)), min(workers, len(cases))):
+            results[result.case] = result
+            on_result(result)
+    return [results[case.name] for case in cases]
+
+
+def _finished(cases: list[Case], context: Context, workers: int) -> Iterator[Result]:
+    """Results as they come. One process that dies takes the whole pool along: the rest then runs one by one."""
+    again = []
+    with _pool(workers, context.device) as pool:
+        running = {pool.submit(run_case, case, context): case for case in cases}
+        for future in as_completed(running):
+            try:
+                yield future.result()
+            except BrokenProcessPool:
+                again.append(running[future])
+    for case in again:
+        begin = time.perf_counter()
+        with _pool(1, context.device) as pool:
+            try:
+                yield pool.submit(run_case, case, context).result()
+            except BrokenProcessPool:
+                yield _result(case, Outcome([]), begin, DIED)
+
+
+@contextmanager
+def _pool(workers: int, device: str) -> Iterator[ProcessPoolExecutor]:
+    """Worker processes. Each keeps its libraries to one core, unless the environment says how many they may use."""
+    unset = {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"} - os.environ.keys()
+    os.environ.update(dict.fromkeys(unset, "1"))  # which the workers inherit
+    try:
+        with ProcessPoolExecutor(workers, get_context("spawn"), initializer=_prepare, initargs=(device,)) as pool:
+            yield pool
+    finally:
+        for name in unset:
+            del os.environ[name]
+
+
+def _prepare(device: str) -> None:
+    """Load the kernels, so that no case's time holds their compilation; an interrupt ends the process silently."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    start_warp()
+    import warp as wp
+
+    import simgen.simulation.press  # noqa: F401 (all kernels of the solver)
+
+    wp.force_load(device)
+
+
+def run_case(case: Case, context: Context) -> Result:
+    """Run one case in this very process; an exception becomes the result's ``error``."""
+    begin = time.perf_counter()
+    own = replace(context, scratch=Path(tempfile.mkdtemp(prefix=case.name, dir=context.scratch)))
+    try:
+        return _result(case, case.solve(own), begin)
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        message = f"{type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
+        return _result(case, Outcome([]), begin, message)
+
+
+def _result(case: Case, outcome: Outcome, begin: float, error: str = "") -> Result:
+    return Result(case.name, case.title, case.level, outcome, time.perf_counter() - begin, error)
+
+
+def summary(results: list[Result]) -> str:
+    """One sentence: how many rows and cases, and what did not pass."""
+    rows = [row for result in results for row in result.outcome.rows]
+    failed = sum(not row.passed for row in rows)
+    words = [f"{len(rows)} rows of {len(results)} cases: {failed or 'no'} rows fail"]
+    for verdict, what in (("error", "ended by an error"), ("skipped", "skipped")):
+        named = [result.case for result in results if result.verdict == verdict]
+        if named:
+            words.append(f"{what}: {', '.join(named)}")
+    return "; ".join(words)

@@ -1,0 +1,170 @@
+"""The command line: help, exit codes, one line for bad input. The commands run as a user runs them."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import fake
+import numpy as np
+import pytest
+
+from simgen import __version__
+from simgen.cli.console import _Watch
+from simgen.config.resources import resource
+from simgen.dataset.loading import load_dataset
+from simgen.dataset.reader import Dataset
+from simgen.fem.nonlinear.status import Status
+from simgen.pipeline.run import run
+from simgen.pipeline.shard import ShardReport
+
+
+def simgen(*arguments, cwd, timeout_s=120) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "simgen.cli", *map(str, arguments)]
+    environment = {**os.environ, "COLUMNS": "100"}
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=timeout_s)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cli") / "d.zarr"
+    run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser)
+    return path
+
+
+@pytest.mark.parametrize(
+    "command, words",
+    [
+        ([], ["run", "mesh", "check", "report", "jobs/smoke.yaml"]),
+        (["run"], ["JOB", "--output", "--workers", "--scheduler", "--device", "--dry-run"]),
+        (["mesh"], ["SENSOR", "quality gates"]),
+        (["check"], ["DATASET", "Exit code 1"]),
+        (["report"], ["DATASET", "--output", "HTML"]),
+        (["export"], ["DATASET", "--format", "across, biotac_sim, npy or vtk", "--trajectories", "--split"]),
+        (["import"], ["FILE...", "--mesh", "SENSOR=FILE", "--depths-mm"]),
+    ],
+)
+def test_help_says_what_there_is(tmp_path, command, words):
+    done = simgen(*command, "--help", cwd=tmp_path)
+    assert done.returncode == 0
+    for word in words:
+        assert word in done.stdout
+
+
+def test_help_lists_every_bundled_job(tmp_path):
+    bundled = {file.stem for file in resource("jobs").glob("*.yaml")}
+    named = {command: simgen(command, "--help", cwd=tmp_path).stdout for command in ("run", "train")}
+    listed = {command: set(re.findall(r"\w+", re.search(r"a bundled (?:job|one): ([^.]+)", text)[1]))
+              for command, text in named.items()}  # fmt: skip
+    assert listed["run"] | listed["train"] == bundled and not listed["run"] & listed["train"]
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["run", "nothing.yaml"], "nothing.yaml: no such job file; bundled jobs:"),
+        (["run", "smoke", "seed=-1"], "override seed=-1: seed: -1 is not allowed; allowed: a whole number"),
+        (["run", "smoke", "sensors.digit.model=finger", "--dry-run"], "finger"),
+        (["run", "smoke", "depths_mm.last=3.2", "--dry-run"], "digit: 0 of 2 contacts fit after 4096 proposals"),
+        (["run", "smoke", "--scheduler", "nowhere"], "scheduler 'nowhere': missing port number"),
+        (["run", "smoke", "--device", "gpu"], "device 'gpu' is not allowed; allowed: cpu, cuda, cuda:N"),
+        (["run", "smoke", "--device", "gpu", "--dry-run"], "device 'gpu' is not allowed; allowed: cpu,"),
+        (["run", "smoke", "--device", "cuda:99"], "device 'cuda:99': this machine has"),
+        (["check", "."], ".: not a dataset"),
+        (["report", "."], ".: not a dataset"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, words):
+    done = simgen(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("simgen: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert words in done.stderr
+
+
+def test_a_dry_run_says_how_many_contacts_leave_too_little_gel(tmp_path):
+    command = ["run", "smoke", "trajectories.count=20", "depths_mm.last=2", "--dry-run"]
+    done = simgen(*command, cwd=tmp_path)
+    refused = re.search(r"all 20 fit; (\d+\.\d)% of the proposals would leave less than 0.15 of the gel", done.stdout)
+    assert 5.0 < float(refused[1]) < 50.0, done.stdout
+    for change in ("least_thickness_left=0", "too_thin=stop"):
+        done = simgen(*command, f"trajectories.{change}", cwd=tmp_path)
+        assert "all 20 fit" in done.stdout and "proposals" not in done.stdout
+
+
+def test_presses_that_would_leave_too_little_gel_end_as_planned(tmp_path):
+    """Geometry alone says after which step. Here some presses end before the first step, others never."""
+    thin = ["trajectories.too_thin=stop", "trajectories.least_thickness_left=0.925"]
+    depths = "depths_mm={first: 0.2, last: 0.8, count: 4}"
+    done = simgen("run", "smoke", *thin, depths, "indenters=[sphere_7mm, ring_7mm]", cwd=tmp_path, timeout_s=600)
+    assert done.returncode == 0, done.stderr
+    dataset = Dataset(tmp_path / "smoke.zarr")
+    steps, status = (np.stack([dataset[f"{sensor}/{name}"] for sensor in ("digit", "biotac")])
+                     for name in ("pressable_steps", "status"))  # fmt: skip
+    assert steps.min() == 0 and steps.max() == 4
+    ends = np.arange(4) >= steps[:, :, None]
+    np.testing.assert_array_equal(status, np.where(ends, Status.NO_ROOM, Status.CONVERGED))
+    assert len(load_dataset(dataset.path)) == steps.min(axis=0).sum()
+
+    planned, sentence = np.count_nonzero(ends), Status.NO_ROOM.sentence
+    words = f"smoke.zarr: 4 of 4 presses; no samples failed, {planned} not pressed, as planned"
+    assert words in done.stdout.splitlines()
+    done = simgen("status", "smoke.zarr", cwd=tmp_path)
+    assert done.returncode == 0 and done.stdout.splitlines()[-1] == f"{planned} samples not pressed: {sentence}"
+    done = simgen("check", "smoke.zarr", "--json", "found.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+    found = json.loads((tmp_path / "found.json").read_text())
+    for sensor, own in zip(("digit", "biotac"), ends, strict=True):
+        rows = {each["what"]: each for each in found if each["subject"] == sensor}
+        left = own.size - own.sum()
+        assert rows["samples converged"]["found"] == f"{left} of {left}"
+        assert rows["not pressed, as planned"]["found"] == f"{own.sum()} of {own.size}"
+    done = simgen("report", "smoke.zarr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    spheres, rings = ends[0, :, -1].reshape(2, 2).sum(axis=0)
+    row = f"<td>digit</td><td>not pressed</td><td>{sentence}</td><td>{spheres}</td><td>{rings}</td>"
+    assert row in (tmp_path / "smoke.html").read_text()
+
+
+def test_check_passes_a_sound_dataset_and_fails_a_broken_one(dataset, tmp_path):
+    done = simgen("check", dataset, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert "passes" in done.stdout
+    (dataset / "manifest" / "000000.json").rename(tmp_path / "000000.json")
+    done = simgen("check", dataset, cwd=tmp_path)
+    (tmp_path / "000000.json").rename(dataset / "manifest" / "000000.json")
+    assert done.returncode == 1
+    assert "FAIL" in done.stdout
+    assert "10 of 12" in done.stdout
+
+
+def test_check_writes_its_findings(dataset, tmp_path):
+    done = simgen("check", dataset, "--json", "found.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert all(each["passed"] in (True, None) for each in found)
+    assert {"subject": "dataset", "what": "presses", "found": "12 of 12", "allowed": "all"}.items() <= found[0].items()
+    done = simgen("check", dataset, "--json", "nowhere/found.json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "simgen: nowhere/found.json: cannot be written: No such file or directory\n"
+
+
+def test_report_writes_one_page_named_after_the_dataset(dataset, tmp_path):
+    done = simgen("report", dataset, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "d.html").is_file()
+
+
+def test_a_run_counts_planned_ends_and_samples_inside_out_apart_from_failures():
+    watch = _Watch(fake.make_job())
+    watch.on_report(ShardReport(0, 2))
+    assert watch.failures() == "no samples failed"
+    watch.on_report(ShardReport(1, 2, planned=5, inside_out=1))
+    watch.on_report(ShardReport(2, 2, failed=3, planned=2))
+    assert watch.failures() == "3 samples failed, 1 inside out, 7 not pressed, as planned"
+
+
+def test_the_version_is_that_of_the_package(tmp_path):
+    done = simgen("--version", cwd=tmp_path)
+    assert done.returncode == 0 and done.stdout == f"simgen {__version__}\n"

@@ -1,0 +1,272 @@
+"""The dataset: round trip, fill values, overflow, provenance, and shards that nobody shares."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import fake
+import numpy as np
+import pytest
+import zarr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simgen.config.job_schema import FINEST_STEP_M
+from simgen.dataset.atomic_files import put_in_place
+from simgen.dataset.chunk_files import chunk_path
+from simgen.dataset.provenance import difference
+from simgen.dataset.reader import Dataset
+from simgen.dataset.writer import create, folder_aside, manifest_aside, open_or_create, write_aside
+from simgen.errors import InputError
+from simgen.pipeline.run import run
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    return make(tmp_path / "d.zarr", fake.make_job())
+
+
+def make(path, job):
+    plan = fake.make_plan(job)
+    create(path, plan.attributes, plan.arrays, job)
+    return Dataset(path)
+
+
+def shard_values(dataset, shard, seed=0):
+    """Random values of the right shapes for one shard, displacements up to 2 mm."""
+    rng = np.random.default_rng([seed, shard])
+    count = len(dataset.shard_presses(shard))
+    values = {}
+    for name, array in dataset.arrays.items():
+        scale = 2e-3 if name.endswith("displacement") else 100.0
+        values[name] = rng.uniform(-1, 1, (count, *array.shape)) * scale
+        if array.dtype in ("int8", "int32"):
+            values[name] = np.abs(np.rint(values[name]))
+    return values
+
+
+def write_shard(dataset, shard, values):
+    with folder_aside(dataset) as folder:
+        files = write_aside(dataset, shard, values, folder)
+        put_in_place(dataset.path, files)
+        put_in_place(dataset.path, manifest_aside(shard, files, folder))
+
+
+def test_what_is_written_is_read_back(dataset):
+    written = {shard: shard_values(dataset, shard) for shard in range(dataset.shards)}
+    for shard, values in written.items():
+        write_shard(dataset, shard, values)
+    for name, array in dataset.arrays.items():
+        expected = np.concatenate([values[name] for values in written.values()])
+        stored = dataset[name]
+        assert stored.shape == (dataset.presses, *array.shape)
+        assert stored.dtype == array.dtype
+        if name.endswith("displacement"):
+            decoded = dataset.displacement(name.split("/")[0], slice(None))
+            # Rounding to the nearest step is off by half a step, plus the last bits of the product.
+            assert np.abs(decoded - expected).max() <= 0.5 * FINEST_STEP_M * (1 + 1e-9)
+        else:
+            np.testing.assert_array_equal(stored, expected)
+
+
+def test_float32_displacement_is_a_choice_of_the_job(tmp_path):
+    job = fake.make_job(dataset={"displacement": "float32", "presses_per_shard": 5})
+    dataset = make(tmp_path / "d.zarr", job)
+    values = shard_values(dataset, 0)
+    write_shard(dataset, 0, values)
+    expected = values["biotac/displacement"].astype(np.float32)
+    np.testing.assert_array_equal(dataset.displacement("biotac", slice(0, 5)), expected)
+
+
+def test_samples_that_were_not_reached_hold_the_fill_value(dataset):
+    values = shard_values(dataset, 0)
+    values["digit/displacement"][1, 2:] = np.nan
+    values["digit/certificate/newton_iterations"][1, 2:] = np.nan
+    values["digit/force"][1, 2:] = np.nan
+    values["digit/status"][1, 2:] = 1
+    write_shard(dataset, 0, values)
+    reached = np.isfinite(dataset.displacement("digit", 1)).all(axis=(-1, -2))
+    np.testing.assert_array_equal(reached, [True, True, False, False])
+    np.testing.assert_array_equal(dataset["digit/status"][1, 2:], [1, 1])
+    np.testing.assert_array_equal(dataset["digit/certificate/newton_iterations"][1, 2:], [-1, -1])
+    assert np.isnan(dataset["digit/force"][1, 2:]).all()
+    assert np.isnan(dataset.displacement("digit", 5)).all(), "a shard that nobody wrote reads as not reached"
+    assert (dataset["digit/status"][2:] == -1).all()
+
+
+@pytest.mark.parametrize("steps, fits", [(32767.4, True), (-32767.4, True), (32767.6, False), (65536.0, False)])
+def test_int16_rounds_or_refuses_but_never_wraps(dataset, steps, fits):
+    values = shard_values(dataset, 0)
+    values["digit/displacement"][0, 0, 0, 0] = steps * FINEST_STEP_M
+    if fits:
+        write_shard(dataset, 0, values)
+        assert np.rint(dataset.displacement("digit", 0, 0)[0, 0] / FINEST_STEP_M) == np.rint(steps)
+    else:
+        with pytest.raises(OverflowError, match=r"digit/displacement: .* dataset.displacement: float32"):
+            write_shard(dataset, 0, values)
+        assert dataset.finished() == []
+
+
+def test_a_shard_is_one_file_per_array_and_no_file_is_shared(dataset):
+    empty = set(fake.contents(dataset.path))
+    write_shard(dataset, 0, shard_values(dataset, 0))
+    first = set(fake.contents(dataset.path)) - empty
+    write_shard(dataset, 1, shard_values(dataset, 1))
+    second = set(fake.contents(dataset.path)) - empty - first
+    assert len(first) == len(second) == len(dataset.arrays) + 1  # and its manifest
+    assert dataset.finished() == [0, 1]
+    assert dataset.unfinished() == [2, 3, 4, 5]
+
+
+def test_files_are_those_that_zarr_itself_makes(tmp_path):
+    """All but the displacements, whose chunks zarrs puts into one file in another order; the last shard is short."""
+    dataset = make(tmp_path / "d.zarr", fake.make_job(dataset={"presses_per_shard": 5}))
+    theirs = tmp_path / "theirs.zarr"
+    shutil.copytree(dataset.path, theirs)
+    for shard in range(dataset.shards):
+        values = shard_values(dataset, shard)
+        values["biotac/force"][0] = np.nan
+        write_shard(dataset, shard, values)
+        presses = dataset.shard_presses(shard)
+        for name in dataset.arrays:
+            stored = dataset.root[name][presses.start : presses.stop]
+            zarr.open_group(theirs, mode="r+")[name][presses.start : presses.stop] = stored
+    plain = [name for name, array in dataset.arrays.items() if array.chunk is None]
+    files = {name: sorted(p for p in (dataset.path / name).rglob("*") if p.is_file()) for name in plain}
+    assert len(presses) == 2
+    for name, ours in files.items():
+        assert len(ours) == dataset.shards + 1, name  # and its zarr.json
+        for file in ours:
+            assert file.read_bytes() == (theirs / file.relative_to(dataset.path)).read_bytes(), file
+
+
+def test_displacement_of_one_sample_is_one_chunk_and_scaled_by_its_attribute(dataset):
+    array = zarr.open_group(dataset.path, mode="r")["biotac/displacement"]
+    assert array.chunks == (1, 1, len(fake.VERTICES), 3)
+    assert array.shards == (2, 4, len(fake.VERTICES), 3)
+    assert array.attrs["scale_factor"] == FINEST_STEP_M
+
+
+def test_every_file_but_manifests_has_a_checksum(dataset):
+    write_shard(dataset, 3, shard_values(dataset, 3))
+    files = {name for name in fake.contents(dataset.path) if not name.startswith("manifest/")}
+    assert files == {file for manifest in dataset.manifests() for file in dataset.sums_of(manifest)}
+
+
+def test_walking_a_dataset_with_zarr_warns_of_nothing(dataset, recwarn):
+    write_shard(dataset, 0, shard_values(dataset, 0))
+    members = dict(zarr.open_group(dataset.path, mode="r").members(max_depth=None))
+    assert set(dataset.arrays) <= set(members)
+    assert not recwarn.list
+
+
+def test_a_liquid_has_its_pressure_and_its_certificate_and_costs_the_others_nothing(tmp_path):
+    plain, filled = (set(make(tmp_path / f"{n}.zarr", job).arrays) for n, job in enumerate(
+        [fake.make_job(), fake.make_job(sensors=fake.FILLED)]))  # fmt: skip
+    assert filled - plain == {"biotac/cavity_pressure", "biotac/certificate/liquid_volume_error"}
+    assert plain < filled
+
+
+@pytest.mark.parametrize("name", ["press/split", "depth", "digit/rest_positions", "digit/displacement", "biotac/force",
+                                  "digit/touch"])  # fmt: skip
+def test_a_file_that_is_gone_is_not_read_as_fill_values(tmp_path, name):
+    """As after a copy that was interrupted: zarr alone would give zeros, or NaN that looks like a press that failed."""
+    copy = tmp_path / "copy.zarr"
+    presses = run(fake.make_plan(fake.make_job()), copy, build=fake.fake_presser).presses
+    gone = next(file for file in sorted((copy / name / "c").rglob("*")) if file.is_file())
+    gone.unlink()
+    with pytest.raises(InputError, match=f"{gone.relative_to(copy)}: is gone, and its manifest says that it was"):
+        Dataset(copy)[name]
+    if name.endswith("displacement"):
+        with pytest.raises(InputError, match="is gone"):
+            Dataset(copy).displacement("digit", 0, 0)
+        assert Dataset(copy).displacement("digit", presses - 1, 0).shape == (len(fake.VERTICES), 3)
+
+
+def test_another_job_into_an_existing_dataset_is_refused_with_the_difference(dataset):
+    plan = fake.make_plan(fake.make_job(trajectories={"count": 5}))
+    with pytest.raises(InputError, match=r"holds another dataset \(job.trajectories.count: 4 -> 5\)"):
+        open_or_create(dataset.path, plan.attributes, plan.arrays, plan.job)
+
+
+def test_the_same_sensors_in_another_order_are_another_dataset(dataset):
+    plan = fake.make_plan(fake.make_job(sensors={"biotac": {"model": "biotac"}, "digit": {"model": "digit"}}))
+    with pytest.raises(InputError, match=r"holds another dataset \(order of sensors\)"):
+        open_or_create(dataset.path, plan.attributes, plan.arrays, plan.job)
+
+
+def test_the_same_job_opens_what_is_there(dataset):
+    write_shard(dataset, 2, shard_values(dataset, 2))
+    plan = fake.make_plan(fake.make_job())
+    assert open_or_create(dataset.path, plan.attributes, plan.arrays, plan.job).finished() == [2]
+
+
+def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
+    with pytest.raises(InputError, match="not a dataset"):
+        Dataset(tmp_path)
+
+
+ROTTEN = {
+    "empty": lambda data: b"",
+    "a part": lambda data: data[:15],
+    "cut": lambda data: data[:-1],
+    "lengths": lambda data: data[:4] + 8 * b"\xff" + data[12:],
+    "all": lambda data: 64 * b"\xff",
+}
+
+
+@pytest.mark.parametrize("name", ["digit/status", "digit/displacement", "press/pose"])
+@pytest.mark.parametrize("spoil", ROTTEN.values(), ids=ROTTEN)
+def test_a_rotten_chunk_is_an_error_not_the_end_of_the_process(dataset, name, spoil):
+    """c-blosc believes what a chunk says of its own length."""
+    for shard in range(dataset.shards):
+        write_shard(dataset, shard, shard_values(dataset, shard))
+    file = dataset.path / chunk_path(name, 1, dataset.array(name).ndim)
+    file.write_bytes(spoil(file.read_bytes()))
+    with pytest.raises(InputError, match=f"{name}: cannot be read"):
+        Dataset(dataset.path)[name]
+
+
+def test_the_job_in_a_dataset_is_the_job(dataset):
+    assert dataset.job.hash == fake.make_job().hash == dataset.attributes["job_hash"]
+    assert json.loads((dataset.path / "zarr.json").read_text())["attributes"]["job"]["name"] == "fake"
+
+
+LEAF = st.integers() | st.dictionaries(st.sampled_from("xy"), st.integers())
+
+
+@given(st.dictionaries(st.sampled_from("abc"), LEAF))
+def test_difference_is_empty_between_equals_and_names_what_is_new(data):
+    assert difference(data, data) == []
+    assert difference(data, {**data, "new": 1}) == ["new: (absent) -> 1"]
+
+
+def test_shards_do_not_wait_for_each_others_threads():
+    """zarr calls zarrs in the threads of its loop: in a new process there are several, not the pipeline's one.
+
+    Two calls that wait for each other end only if both are under way.
+    """
+    code = """
+import asyncio, tempfile, threading
+from pathlib import Path
+import zarr
+from simgen.dataset.chunk_files import open_sharded
+with tempfile.TemporaryDirectory() as folder:
+    zarr.create_array(Path(folder) / "a", shape=(4, 4), chunks=(1, 4), shards=(4, 4), dtype="int16")
+    array = open_sharded(Path(folder), "a", mode="r+")
+    array[:] = 1
+    both = threading.Barrier(2)
+    async def meet():
+        await asyncio.gather(*(asyncio.to_thread(both.wait, 20.0) for _ in range(2)))
+    asyncio.run_coroutine_threadsafe(meet(), zarr.core.sync.loop[0]).result(30.0)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_a_dataset_from_before_the_rule_of_thin_gel_has_its_job_and_hash(tmp_path):
+    """Its job lacks the key, as that of a job which switches the rule off."""
+    job = fake.make_job(trajectories={"count": 4, "least_thickness_left": 0.0})
+    old = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
+    assert "least_thickness_left" not in old.attributes["job"]["trajectories"]
+    assert Dataset(old.path).job.hash == old.attributes["job_hash"] == job.hash

@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+import warp as wp
+
+from simgen.fem import blocks, columns
+from simgen.fem.elements.elasticity import Elasticity
+from simgen.fem.elements.element import P1, P2P1
+from simgen.fem.material.neo_hookean import NeoHookean
+from simgen.geometry.interpolation import shape_functions
+from tests.fem.box import box, lattice
+
+SINGLE = 2e-6  # relative: the tangent's rounding, 6e-8 for each of some hundred operations
+
+
+def body(element, n_env=1):
+    nodes, tets, n_corners, _ = box()
+    if element is P1:
+        nodes = nodes[:n_corners]
+    solid = NeoHookean.from_engineering(1.0, 0.499, 2.0 if element.pressures else None)
+    active = columns.Active(n_env, "cpu")
+    return nodes, Elasticity(element, nodes, tets, n_corners, solid, "cpu", active)
+
+
+def residual(term, x):
+    x = np.ascontiguousarray(x.reshape(len(x), -1))
+    r = wp.zeros(x.shape, dtype=wp.float64, device="cpu")
+    least = wp.full(x.shape[1], np.inf, dtype=wp.float64, device="cpu")
+    term.residual(wp.array(x, dtype=wp.float64, device="cpu"), r, least)
+    return r.numpy(), least.numpy()
+
+
+def action(term, x, v, rough=False):
+    out = wp.zeros((len(x), 1), dtype=wp.float32, device="cpu")
+    term.linearize(wp.array(x.reshape(-1, 1), dtype=wp.float64, device="cpu"))
+    term.tangent(wp.array(v.reshape(-1, 1), dtype=wp.float32, device="cpu"), out, rough)
+    return out.numpy()[:, 0]
+
+
+@pytest.mark.parametrize("element", [P1, P2P1])
+def test_tangent_against_finite_differences(element):
+    _, term = body(element)
+    n = term.n_displacements + term.n_pressures
+    rng = np.random.default_rng(0)
+    x, v = 0.03 * rng.normal(size=n), rng.normal(size=n)
+    exact = action(term, x, v)
+    error = {}
+    for h in (1e-2, 1e-3, 1e-5, 1e-13):
+        difference = (residual(term, x + h * v)[0] - residual(term, x - h * v)[0])[:, 0] / (2 * h)
+        error[h] = np.linalg.norm(difference - exact) / np.linalg.norm(exact)
+    assert error[1e-2] / error[1e-3] == pytest.approx(100.0, rel=0.3)
+    assert error[1e-5] < SINGLE < error[1e-13]
+
+
+def test_damping_adds_the_stress_of_a_viscous_increment_to_the_tangent_alone():
+    """At rest cof F is the unit matrix: the damped part is eta mu times the Laplacian, whose energy a shear states."""
+    nodes, term = body(P2P1)
+    rest = np.zeros(term.n_displacements + term.n_pressures)
+    shear = np.zeros_like(rest)
+    shear[: term.n_displacements : 3] = nodes[:, 1]  # dF = e_x e_y^T
+    plain, forces = action(term, rest, shear), residual(term, 0.1 * shear)[0]
+    term.damp(np.array([0.5]))
+    damped = action(term, rest, shear)
+    volume = np.prod(nodes.max(axis=0) - nodes.min(axis=0))
+    assert shear @ (damped - plain) == pytest.approx(0.5 * term.material.mu * volume, rel=1e-4)
+    np.testing.assert_array_equal(residual(term, 0.1 * shear)[0], forces)
+
+
+def test_tangent_is_symmetric():
+    _, term = body(P2P1)
+    n = term.n_displacements + term.n_pressures
+    x, v, w = np.random.default_rng(1).normal(size=(3, n)) * np.array([[0.03], [1.0], [1.0]])
+    assert w @ action(term, x, v) == pytest.approx(v @ action(term, x, w), rel=SINGLE)
+
+
+@pytest.mark.parametrize("element", [P1, P2P1])
+def test_affine_deformation_is_in_equilibrium(element):
+    """The Dirichlet patch test: a homogeneous state leaves no force on interior nodes."""
+    nodes, term = body(element)
+    F = np.eye(3) + np.array([[0.2, 0.1, 0.0], [0.0, -0.1, 0.2], [0.1, 0.0, 0.15]])
+    pressure = (term.material.lam - term.material.gamma) * (np.linalg.det(F) - 1.0)
+    x = np.concatenate([(nodes @ (F - np.eye(3)).T).ravel(), np.full(term.n_pressures, pressure)])
+    r, least = residual(term, x)
+    half = np.array([3.0, 2.0, 3.0])
+    interior = (np.abs(nodes - [0.0, 2.0, 0.0]) < half - 1e-9).all(axis=1)
+    forces = r[: term.n_displacements, 0].reshape(-1, 3)
+    assert interior.sum() > 3
+    assert np.abs(forces[interior]).max() < 1e-12 * np.abs(forces).max()
+    assert np.abs(r[term.n_displacements :]).max(initial=0.0) < 1e-12
+    assert least[0] == pytest.approx(np.linalg.det(F), rel=1e-12)
+
+
+def test_the_diagonal_is_that_of_the_tangent():
+    nodes, term = body(P2P1)
+    n = term.n_displacements + term.n_pressures
+    x = 0.03 * np.random.default_rng(2).normal(size=n)
+    made = blocks.zeros(len(nodes), 1, "cpu")
+    term.linearize(wp.array(x.reshape(-1, 1), dtype=wp.float64, device="cpu"))
+    term.diagonal(made)
+    diagonal = blocks.of_environment(made, 0)
+    for node in (0, len(nodes) // 2, len(nodes) - 1):  # a corner, and middles of edges
+        for i in range(3):
+            column = action(term, x, np.eye(n)[3 * node + i], rough=True)[3 * node : 3 * node + 3]
+            allowed = SINGLE * np.abs(column).max()
+            np.testing.assert_allclose(diagonal[node, :, i], column, rtol=0, atol=allowed)
+
+
+def test_environments_are_independent():
+    _, term = body(P2P1, n_env=3)
+    n = term.n_displacements + term.n_pressures
+    x = 0.03 * np.random.default_rng(3).normal(size=(n, 3))
+    together = residual(term, x)[0]
+    _, single = body(P2P1)
+    for env in range(3):
+        np.testing.assert_array_equal(together[:, env], residual(single, x[:, env])[0][:, 0])
+    term.active.choose(np.array([1, 0, 1]) == 1)
+    assert np.abs(residual(term, x)[0][:, 1]).max() == 0.0
+
+
+def test_elements_that_are_inside_out_in_part_are_counted():
+    """u = -x^2 / 2.2 along x: det F = 1 - x / 1.1, which a quadratic element has exactly."""
+    nodes, term = body(P2P1, n_env=2)
+    bent = np.zeros((term.n_displacements + term.n_pressures, 2))
+    bent[: term.n_displacements : 3, 1] = -(nodes[:, 0] ** 2) / 2.2
+    count = term.inverted_elements(wp.array(bent, dtype=wp.float64, device="cpu"))
+    x = np.einsum("qn,en->eq", shape_functions(lattice(3)), nodes[term.host_tetrahedra][:, :, 0])
+    assert count[0] == 0
+    assert 0 < count[1] == (x > 1.1).any(axis=1).sum() < len(x)

@@ -1,0 +1,17 @@
+"""Newton's method from starts that are not a press."""
+
+import numpy as np
+
+from simgen.verification.validate.equilibrium import make_body, solve
+from simgen.verification.validate.exact import block, homogeneous, multiplier, stretch_and_shear
+from simgen.verification.validate.law import Law
+
+
+def test_wrong_pressures_alone_are_corrected():
+    """Displacements are right, so a step's virtual work is rounding noise: the line search must not act on it."""
+    mesh, nu, J = block(inside_only=False), 0.3, 1.3
+    body, F = make_body(mesh, nu, "cpu"), stretch_and_shear(J)
+    held = np.zeros(mesh.nodes.shape, dtype=bool)
+    held[mesh.faces.ravel()] = True
+    found = solve(body, held, homogeneous(F, mesh))
+    np.testing.assert_allclose(found.pressure, multiplier(body, Law(nu), J), rtol=1e-9)

@@ -1,0 +1,40 @@
+"""Chains of trained networks, against the same composed by hand."""
+
+import pytest
+import torch
+
+from simgen.learning.training.chain import ENDS, make_chain
+from simgen.learning.training.checkpoint import count_parameters
+from simgen.learning.training.schema import NETWORKS
+
+WAYS = [  # projections, what encodes before them, what decodes behind
+    (("s2mpn",), "svb", "mvb"), (("m2mpn",), "mvb", "mvd"), (("s2mpn", "m2mpn"), "svb", "mvd"),
+    (("s2rm",), None, "rmb"), (("rm2rm",), "rmb", "rmd"), (("s2rm", "rm2rm"), None, "rmd"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("names", "encoder", "decoder"), WAYS)
+@torch.no_grad()
+def test_a_chain_is_its_networks_one_after_the_other(trained, names, encoder, decoder):
+    rows = trained.inputs.data.rows("test")
+    values = trained.inputs.source.displacement(rows)
+    if names[0].startswith("s"):
+        values = trained.inputs.signals.values[rows]
+    latent = values if encoder is None else trained.trained(encoder).encode(values)[0]
+    for name in names:
+        latent = trained.trained(name)(latent)
+    found = make_chain(names, trained.inputs.trained)(values)
+    assert torch.equal(found, trained.trained(decoder).decode(latent))
+    meshes = trained.inputs.source if decoder.endswith("b") else trained.inputs.target
+    assert found.shape == (len(rows), *meshes.rest.shape)
+
+
+@pytest.mark.parametrize(("names", "encoder", "decoder"), WAYS)
+def test_every_network_counts_once(trained, names, encoder, decoder):
+    own = [count_parameters(trained.trained(name)) for name in {*names, encoder, decoder} - {None}]
+    assert make_chain(names, trained.inputs.trained).parameters == sum(own)
+
+
+def test_a_projection_comes_after_its_ends():
+    for name, ends in ENDS.items():
+        assert all(NETWORKS.index(end) < NETWORKS.index(name) for end in ends if end is not None)

@@ -1,0 +1,142 @@
+"""What the tables say, against the same figures by numpy from the dataset and the networks on disk."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+import simgen
+from simgen.cli.train import train_with_progress
+from simgen.learning.training.evaluation import FIGURE, evaluate
+from simgen.learning.training.run import TrainingRun
+from tests.learning.training import touched
+
+TASKS = ["electrode signals", "biotac mesh", "digit mesh", "electrode signals -> biotac mesh",
+         "biotac mesh -> digit mesh", "electrode signals -> digit mesh"]  # fmt: skip
+
+
+def plain(items, about):
+    return items
+
+
+@pytest.fixture(scope="module")
+def entries(trained):
+    return evaluate(trained, plain)
+
+
+def entry(entries, task: str, model: str):
+    (found,) = [each for each in entries if (each.task, each.model) == (task, model)]
+    return found
+
+
+def truth(dataset, sensor: str) -> np.ndarray:
+    """(sample, vertex, 3) m, of the test's samples that converged on both: press after press, depth after depth."""
+    converged = (dataset["digit/status"] == 0) & (dataset["biotac/status"] == 0)
+    converged &= (dataset["press/split"] == 2)[:, None]
+    return np.array([dataset.displacement(sensor, int(press), int(step)) for press, step in np.argwhere(converged)])
+
+
+def by_numpy(predicted: np.ndarray, true: np.ndarray) -> dict[str, np.ndarray]:
+    """Of each sample, um."""
+    distance = 1e6 * np.linalg.norm(predicted.astype(float) - true, axis=2)
+    region = np.linalg.norm(true, axis=2) >= 10e-6
+    return {
+        "rmse_um": np.sqrt((distance**2).mean(axis=1) / 3),
+        "med_um": distance.mean(axis=1),
+        "region_rmse_um": np.array([np.sqrt((d[r] ** 2).mean() / 3) for d, r in zip(distance, region, strict=True)]),
+        "region_med_um": np.array([d[r].mean() for d, r in zip(distance, region, strict=True)]),
+        "p99_um": np.percentile(distance, 99, axis=1),
+        "worst_um": distance.max(axis=1),
+    }
+
+
+def check_figures(found, predicted: torch.Tensor, true: np.ndarray) -> None:
+    for measure, values in by_numpy(predicted.numpy(), true).items():
+        # float32: displacements of 0.4 mm to 3e-5 um, and networks whose batches differ
+        np.testing.assert_allclose(getattr(found.errors, measure), values, rtol=1e-4, atol=1e-3)
+    assert len(found.errors.rows) == len(true)
+
+
+@pytest.mark.parametrize(
+    ("folder", "task", "model"),
+    [("mvd", "digit mesh", "MVD"), ("rmd", "digit mesh", "RMD (ours)"), ("mvb", "biotac mesh", "MVB")],
+)
+@torch.no_grad()
+def test_figures_of_a_mesh_network_are_those_by_numpy(trained, entries, with_electrodes, folder, task, model):
+    true = truth(with_electrodes, task.split()[0])
+    network = simgen.load_network(trained.output / folder)
+    check_figures(entry(entries, task, model), network(torch.from_numpy(true).float()), true)
+
+
+@torch.no_grad()
+def test_figures_of_the_whole_way_are_those_by_numpy(trained, entries, with_electrodes):
+    """From electrode signals to the mesh of the other sensor, by the networks on disk."""
+    networks = {name: simgen.load_network(trained.output / name) for name in ("s2rm", "rm2rm", "rmd")}
+    signals = trained.inputs.signals
+    values = signals.values[signals.rows("test")]
+    predicted = networks["rmd"].decode(networks["rm2rm"](networks["s2rm"](values)))
+    found = entry(entries, "electrode signals -> digit mesh", "S2RM, RM2RM (ours)")
+    check_figures(found, predicted, truth(with_electrodes, "digit"))
+
+
+@torch.no_grad()
+def test_figures_of_signals_are_those_by_numpy(trained, entries):
+    svb, signals = simgen.load_network(trained.output / "svb"), trained.inputs.signals
+    values, train = signals.values[signals.rows("test")], signals.values[signals.rows("train")].numpy()
+    error = (svb.decode(svb.encode(values)[0]) - values).numpy()
+    span = np.ptp(train, axis=0)
+    normalised = np.divide(2.0 * error, span, where=span > 0.0, out=np.zeros_like(error))
+    found = entry(entries, "electrode signals", "SVB").errors.rmse
+    np.testing.assert_allclose(found, np.sqrt((normalised**2).mean(axis=1)), rtol=1e-4)  # float32
+
+
+def test_the_truth_itself_is_measured_at_the_test_s_rows_alone(trained, entries):
+    test = trained.inputs.data.rows("test").numpy()
+    assert all(np.array_equal(each.errors.rows, test) for each in entries)
+    assert {trained.inputs.data.trajectory[row] for row in test} == {
+        *np.unique(trained.inputs.data.dataset["press/trajectory"][trained.inputs.data.dataset["press/split"] == 2])
+    }
+
+
+def test_every_task_has_its_bar_and_its_networks(entries):
+    assert list(dict.fromkeys(each.task for each in entries)) == TASKS
+    for task in TASKS[1:]:
+        own = [each for each in entries if each.task == task]
+        assert sum(each.baseline for each in own) == 3 and own[0].model == "rest"
+        assert own[-1].model.endswith("(ours)")
+    published = {each.model: each.published for each in entries if each.published}
+    assert published == {name: name for name in ("SVB", "MVB", "MVD", "S2MPN", "M2MPN")}
+
+
+def test_groups_are_indenters_and_depths(entries, with_electrodes):
+    found = entry(entries, "digit mesh", "MVD")
+    assert set(found.errors.groups(found.labels["indenter"])) == set(with_electrodes.indenters)
+    assert list(found.errors.groups(found.labels["depth_mm"])) == [0.1, 0.2, 0.3, 0.4]
+
+
+def test_the_files_say_what_is_returned(trained, entries):
+    found = json.loads((trained.output / "metrics.json").read_text())["tasks"]
+    assert list(found) == TASKS
+    stated = {(task, each["model"]): each["parameters"] for task, own in found.items() for each in own}
+    assert stated == {(each.task, each.model): each.parameters for each in entries}
+
+
+def test_what_is_not_trained_is_left_out(with_electrodes, tmp_path):
+    job = touched.job(with_electrodes.path, networks=["mvd", "mvb", "rmd"])
+    run = touched.train(job, tmp_path / "networks")
+    found = [(each.task, each.model) for each in evaluate(run, plain) if not each.model[0].islower()]
+    assert [each for each in found if "PCA" not in each[1]] == [
+        ("biotac mesh", "MVB"), ("digit mesh", "MVD"), ("digit mesh", "RMD (ours)")
+    ]  # fmt: skip
+
+
+def test_a_picture_is_named_where_there_is_one(with_electrodes, tmp_path, capsys):
+    for names, there in ((["svb"], False), (["rmd"], True)):
+        train_with_progress(touched.job(with_electrodes.path, networks=names), tmp_path / names[0], "cpu", False)
+        assert (tmp_path / names[0] / FIGURE).exists() == (FIGURE in capsys.readouterr().out) == there
+
+
+def test_nothing_trained_is_an_empty_table(with_electrodes, tmp_path):
+    run = TrainingRun(touched.job(with_electrodes.path, networks=["mvd"]), tmp_path / "networks", "cpu")
+    assert evaluate(run, plain) == []

@@ -1,0 +1,116 @@
+"""The translation: what it minimises, that it learns, and that a file holds all of it."""
+
+import safetensors.torch
+import torch
+
+from simgen.learning.training.translation import LEAST, LEAST_SIZE, Translation
+
+
+def curve(count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Inputs (count, 6) on a surface with two parameters, and outputs (count, 4) that bend with these."""
+    a, b = torch.rand(2, count) * 2.0
+    source = torch.stack([a.sin(), a.cos(), b.sin(), b.cos(), a * b, a - b], dim=1)
+    return 3.0 + 0.01 * source, torch.stack([(2 * a).sin(), (a + b).cos(), a * b, b**2], dim=1)
+
+
+def new(source: torch.Tensor, target: torch.Tensor, noise: float = 0.0, power: float = 0.5) -> Translation:
+    at_rest = source.mean(dim=0), target.mean(dim=0)
+    return Translation.of_samples(source, target, *at_rest, width=64, blocks=2, noise=noise, power=power)
+
+
+def test_the_loss_is_the_norm_of_the_error():
+    torch.manual_seed(0)
+    source, target = curve(20)
+    network = new(source, target, noise=0.1, power=0.0).eval()
+    expected = (network(source) - target).norm(dim=1).mean()
+    for term in network.terms(source, target).values():
+        torch.testing.assert_close(term, expected, rtol=1e-5, atol=LEAST)
+
+
+def test_errors_count_in_proportion_to_the_press():
+    """The power of 1: a relative error is the same however far from rest. Below a hundredth of all it is not."""
+    torch.manual_seed(0)
+    source, target = curve(20)
+    network = new(source, target, power=1.0).eval()
+    size = (target - target.mean(dim=0)).norm(dim=1)
+    relative = (network(source) - target).norm(dim=1) / size * size.square().mean().sqrt()
+    found = network.terms(source, target)
+    torch.testing.assert_close(found["loss"], relative.mean(), rtol=1e-4, atol=0.0)
+    assert found["error"] != found["loss"]
+    at_rest = network.terms(source[:1], network.target_rest[None])
+    torch.testing.assert_close(at_rest["loss"], at_rest["error"] / LEAST_SIZE)
+
+
+def test_it_bends_where_a_linear_map_cannot():
+    torch.manual_seed(0)
+    source, target = curve(400)
+    unseen, wanted = curve(100)
+    with_one = torch.cat([source, torch.ones(len(source), 1)], dim=1).double()
+    linear = torch.linalg.lstsq(with_one, target.double()).solution
+    of_linear = (torch.cat([unseen, torch.ones(len(unseen), 1)], dim=1).double() @ linear - wanted).norm(dim=1).mean()
+    network = new(source, target, noise=0.0)
+    optimizer = torch.optim.Adam(network.parameters(), 3e-3)
+    rates = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, 300)  # or the last step decides, and that is chance
+    for _ in range(300):
+        optimizer.zero_grad()
+        network.terms(source, target)["loss"].backward()
+        optimizer.step()
+        rates.step()
+    assert network.eval().terms(unseen, wanted)["loss"] < 0.5 * of_linear
+
+
+def test_noise_is_of_training_alone():
+    source, target = curve(5)
+    network = new(source, target, noise=0.5)
+    assert not torch.equal(network(source), network(source))
+    assert torch.equal(network.eval()(source), network(source))
+
+
+def test_noise_is_in_proportion_to_the_press():
+    torch.manual_seed(0)
+    source, target = curve(200)
+    network = new(source, target, noise=0.1)
+    network.first.weight.data[:, -1] = 0.0  # which knows the size
+    spread, away = [], source - network.source_rest
+    farthest = away[away.norm(dim=1).argmax()]  # far beyond LEAST_SIZE
+    for share in (0.1, 1.0):
+        near = network.source_rest + share * farthest
+        spread.append(network(near.expand(2000, -1)).std(dim=0).norm())
+    torch.testing.assert_close(spread[0] / spread[1], torch.tensor(0.1), rtol=0.05, atol=0.0)  # of 2000 samples
+
+
+def test_what_is_linear_is_so_by_construction():
+    """Without the size as an input, a press half as deep is half the field."""
+    torch.manual_seed(0)
+    source, target = curve(50)
+    network = new(source, target).eval()
+    network.first.weight.data[:, -1] = 0.0
+    far = (source - network.source_rest).square().mean(dim=1).sqrt() / network.source_size > 0.5
+    half = network(network.source_rest + 0.5 * (source[far] - network.source_rest)) - network.target_rest
+    whole = network(source[far]) - network.target_rest
+    torch.testing.assert_close(half, 0.5 * whole, rtol=2e-3, atol=1e-4)  # LEAST_SIZE**2 / 0.25**2: 0.2 %
+
+
+def test_inputs_keep_their_proportions():
+    """One size for all: a small input stays small."""
+    torch.manual_seed(0)
+    source = torch.randn(1000, 2) * torch.tensor([1.0, 0.01])
+    network = new(source, source)
+    scaled = (source - network.source_rest) / network.source_size
+    torch.testing.assert_close(scaled.square().mean(), torch.tensor(1.0))
+    torch.testing.assert_close(scaled.std(dim=0)[1] / scaled.std(dim=0)[0], source[:, 1].std() / source[:, 0].std())
+
+
+def test_inputs_that_never_change():
+    source = torch.full((4, 3), 0.5)
+    assert torch.isfinite(new(source, source)(source)).all()
+
+
+def test_a_file_holds_all_of_it(tmp_path):
+    source, target = curve(5)
+    network = new(source, target, noise=0.2).eval()
+    safetensors.torch.save_file(network.state_dict(), tmp_path / "network.safetensors")
+    loaded = Translation.empty(network.settings()).eval()
+    loaded.load_state_dict(safetensors.torch.load_file(tmp_path / "network.safetensors"))
+    assert loaded.settings() == network.settings()
+    assert torch.equal(loaded(source), network(source))

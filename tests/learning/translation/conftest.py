@@ -1,0 +1,41 @@
+"""Networks and the dataset that they were trained on, as the tests of training make them, and what is drawn of both."""
+
+from functools import cache
+
+import pytest
+
+from simgen.learning.translation.picture import ChainPainter
+from simgen.learning.translation.presses import TranslatedMeshes
+from simgen.sensing.camera.renderer import Look, Renderer
+from simgen.sensing.electrodes import gaps as electrode_gaps
+
+SMALL = Look(height=64, width=48)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_model():
+    """The BioTac's model is read once: 2 s each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(electrode_gaps, "load_geometry", cache(electrode_gaps.load_geometry))
+        yield
+
+
+@pytest.fixture(scope="session")
+def networks(trained):
+    """The folder of all networks."""
+    return trained.output
+
+
+@pytest.fixture(scope="session")
+def meshes(with_electrodes, networks):
+    return TranslatedMeshes(with_electrodes, networks, "ours")
+
+
+@pytest.fixture(scope="session")
+def renderer(with_electrodes):
+    return Renderer.of_dataset(with_electrodes, "digit", SMALL)
+
+
+@pytest.fixture(scope="session")
+def painter(with_electrodes, meshes):
+    return ChainPainter(with_electrodes, "biotac", "digit", meshes.signals_at_rest)

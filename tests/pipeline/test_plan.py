@@ -1,0 +1,251 @@
+"""The plan: the job's settings are those of the modules that use them; bundled sensors make a sound plan."""
+
+from dataclasses import asdict
+from types import SimpleNamespace
+
+import meshio
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from simgen.config.job import load_job
+from simgen.config.job_schema import Solver, Trajectories
+from simgen.config.resources import resource
+from simgen.config.warp_device import check_device
+from simgen.dataset.provenance import difference
+from simgen.errors import InputError
+from simgen.fem.nonlinear.newton import SolverSettings
+from simgen.geometry.rigid_shape import mesh_distance
+from simgen.pipeline.plan import (
+    chosen_fluid,
+    chosen_material,
+    chosen_sensor,
+    contact_settings,
+    gel_under_indenters,
+    indenter_identities,
+    make_plan,
+    sensor_identity,
+)
+from simgen.sensors.indenter import chosen_indenters
+from simgen.sensors.pairing import ContactSettings
+from simgen.sensors.sensor import load_sensor
+from simgen.sensors.sensor_meshes import output_settings
+
+
+def test_the_job_and_the_solver_agree_on_names_and_defaults():
+    assert Solver().model_dump(exclude={"element"}) == asdict(SolverSettings())
+
+
+def test_the_job_and_the_pairing_agree_on_names_and_defaults():
+    assert Trajectories(count=1).model_dump(exclude={"count"}) == asdict(ContactSettings())
+
+
+def test_contacts_are_drawn_by_the_job_s_own_values():
+    """Keys that a job leaves out of its hash, because they switch a rule off, count as well."""
+    values = {"max_tilt_deg": 1.0, "roll_range_deg": (-3.0, 4.0), "max_indentation_ratio": 0.2, "min_edge_ratio": 0.5,
+              "least_thickness_left": 0.0}  # fmt: skip
+    job = load_job("smoke", [f"trajectories.{key}={list(value) if isinstance(value, tuple) else value}"
+                             for key, value in values.items()])  # fmt: skip
+    assert asdict(contact_settings(job)) == values
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return make_plan(load_job("smoke.yaml"))
+
+
+def test_a_plan_records_its_sensors_and_indenters(plan):
+    assert plan.attributes["indenters"] == indenter_identities(chosen_indenters(plan.job))
+    for name in plan.job.sensors:
+        expected = sensor_identity(plan.job, name, chosen_sensor(plan.job, name))
+        assert plan.attributes["sensors"][name] == expected
+
+
+def test_presses_run_through_the_indenters_of_each_trajectory(plan):
+    np.testing.assert_array_equal(plan.arrays["press/trajectory"], [0, 0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(plan.arrays["press/indenter"], [0, 1, 2, 0, 1, 2])
+
+
+def test_the_reference_sensor_stays_where_it_is(plan):
+    np.testing.assert_array_equal(plan.arrays["digit/pose"], np.tile(np.eye(4), (6, 1, 1)))
+    assert not np.allclose(plan.arrays["biotac/pose"], np.eye(4))
+
+
+def test_the_same_job_makes_the_same_plan(plan):
+    again = make_plan(load_job("smoke.yaml"))
+    assert again.attributes == plan.attributes
+    for name, values in plan.arrays.items():
+        np.testing.assert_array_equal(again.arrays[name], values, err_msg=name)
+
+
+def test_more_trajectories_leave_the_first_ones_alone(plan):
+    more = make_plan(load_job("smoke.yaml", ["trajectories.count=5"]))
+    np.testing.assert_array_equal(more.arrays["press/contact_pose"][:6], plan.arrays["press/contact_pose"])
+
+
+def test_refused_contacts_are_part_of_the_plan():
+    """They lie on the gel of the reference sensor. Those of fewer trajectories are the first of more."""
+    few, more = (make_plan(load_job("paired", [f"trajectories.count={count}"])) for count in (6, 9))
+    points, normals = more.arrays["refused/points"], more.arrays["refused/normals"]
+    assert points.shape == normals.shape and len(points) >= 2
+    assert np.abs(mesh_distance(load_sensor("digit").surface, 1e3 * points)).max() < 1e-4  # mm
+    np.testing.assert_array_equal(few.arrays["refused/points"], points[: len(few.arrays["refused/points"])])
+    off = make_plan(load_job("paired", ["trajectories.count=9", "trajectories.least_thickness_left=0"]))
+    assert not [name for name in off.arrays if name.startswith("refused/") or name.endswith("/pressable_steps")]
+
+
+def test_presses_that_stop_early_keep_their_contacts_and_say_after_which_step():
+    changes = ["trajectories.count=6", "indenters=[sphere_7mm, ring_7mm]"]
+    job = load_job("paired", [*changes, "trajectories.too_thin=stop", "trajectories.least_thickness_left=0.4"])
+    plan, off = make_plan(job), make_plan(load_job("paired", [*changes, "trajectories.least_thickness_left=0"]))
+    np.testing.assert_array_equal(plan.arrays["press/contact_pose"], off.arrays["press/contact_pose"])
+    assert "refused/points" not in plan.arrays
+    for name in job.sensors:
+        steps = plan.arrays[f"{name}/pressable_steps"].reshape(6, 2)
+        assert steps.min() < steps.max() == 20
+        measure = gel_under_indenters(job, {name: chosen_sensor(job, name)}, chosen_indenters(job))[name]
+        poses = np.linalg.inv(plan.arrays[f"{name}/pose"][::2]) @ plan.arrays["press/contact_pose"][::2]
+        deepest = measure.depths_that_leave(poses, job.trajectories.least_thickness_left)[:, :, 0]
+        np.testing.assert_array_equal(steps, (job.depths_m <= deepest[:, :, None]).sum(axis=2))
+
+
+def test_a_material_is_a_preset_with_the_values_of_the_job_in_its_place():
+    job = load_job("smoke.yaml", ["sensors.digit.material.friction=0.3"])
+    material = chosen_material(job, "digit", chosen_sensor(job, "digit"))
+    assert (material.youngs_modulus_pa, material.poisson_ratio, material.friction) == (539e3, 0.499, 0.3)
+
+
+def test_an_unknown_preset_names_those_that_there_are():
+    job = load_job("smoke.yaml", ["sensors.biotac.material=liquid"])
+    with pytest.raises(InputError, match=r"sensors\.biotac\.material: 'liquid' .*allowed: .*effective"):
+        chosen_material(job, "biotac", chosen_sensor(job, "biotac"))
+
+
+def test_a_fluid_needs_a_cavity_and_is_recorded():
+    job = load_job("smoke.yaml", ["sensors.biotac.fluid=incompressible"])
+    assert sensor_identity(job, "biotac", chosen_sensor(job, "biotac"))["fluid"] == "incompressible"
+    job = load_job("smoke.yaml", ["sensors.digit.fluid=incompressible"])
+    with pytest.raises(InputError, match=r"sensors\.digit\.fluid: 'incompressible': .*no cavity; allowed: none"):
+        chosen_fluid(job, "digit", chosen_sensor(job, "digit"))
+
+
+@pytest.mark.parametrize(("gpus", "device", "says"), [
+    (0, "cuda", "'cuda': this machine has no CUDA GPU; allowed here: cpu$"),
+    (2, "cuda:2", "'cuda:2': this machine has cuda:0, cuda:1; allowed here: cpu, cuda$"),
+    (2, "cuda:", "'cuda:' is not allowed; allowed: cpu, cuda, cuda:N"),
+])  # fmt: skip
+def test_a_device_that_is_not_there_is_refused(monkeypatch, gpus, device, says):
+    monkeypatch.setattr("warp.get_cuda_device_count", lambda: gpus)
+    with pytest.raises(InputError, match=says):
+        check_device(device)
+
+
+def test_devices_that_are_there_are_accepted(monkeypatch):
+    monkeypatch.setattr("warp.get_cuda_device_count", lambda: 2)
+    for device in ("cpu", "cuda", "cuda:0", "cuda:1"):
+        check_device(device)
+
+
+@pytest.fixture
+def fewer_vertices(tmp_path):
+    """A job on the DIGIT and the BioTac whose output is the tetrahedra of the DIGIT's tip, in mm; returns its file."""
+    mesh = load_sensor("digit", "coarse").output_mesh
+    tip = mesh.tetrahedra[(mesh.vertices[mesh.tetrahedra, 0] < -8e-3).all(axis=1)]
+    used, tetrahedra = np.unique(tip, return_inverse=True)
+    points, cells = mesh.vertices[used] * 1e3, tetrahedra.reshape(-1, 4)
+    meshio.write(tmp_path / "tip.vtu", meshio.Mesh(points, {"tetra": cells}))
+    job = yaml.safe_load((resource("jobs") / "smoke.yaml").read_text())
+    job["sensors"]["digit"]["output"] = {"file": "tip.vtu", "unit": "mm"}
+    (tmp_path / "job.yaml").write_text(yaml.safe_dump(job, sort_keys=False))
+    return tmp_path / "job.yaml"
+
+
+def test_a_jobs_own_output_mesh_changes_the_vertices_and_not_the_contacts(plan, fewer_vertices):
+    own = make_plan(load_job(fewer_vertices))
+    file = meshio.read(fewer_vertices.parent / "tip.vtu")
+    np.testing.assert_array_equal(own.arrays["digit/rest_positions"], file.points * 1e-3)
+    np.testing.assert_array_equal(own.arrays["digit/tetrahedra"], file.cells_dict["tetra"])
+    for name in ("press/contact_pose", "biotac/pose", "biotac/rest_positions"):
+        np.testing.assert_array_equal(own.arrays[name], plan.arrays[name], err_msg=name)
+    changes = difference(plan.attributes["sensors"], own.attributes["sensors"])
+    assert [change.split(":")[0] for change in changes] == ["digit.output_mesh"]
+
+
+SLAB = {
+    "name": "slab",
+    "gel": {"mesh": {"file": "slab.stl", "unit": "mm"}},
+    "core": {"mesh": {"file": "core.stl", "unit": "mm"}, "friction": 0.0},
+    "held": {"back": {"plane": {"axis": "y", "at_mm": 4.0}}},
+    "meshes": {"default": {"edge_length_mm": 4.0}},
+    "materials": {"solid": {"youngs_modulus_pa": 539e3, "poisson_ratio": 0.499, "friction": 0.78}},
+}
+
+
+@pytest.fixture
+def own_inputs(tmp_path, monkeypatch):
+    """A job on a hollow slab with a core and an indenter, all from files; returns its folder.
+
+    No mesh is made: the hash of what it would be made from, which is part of its own, stands for it.
+    """
+    monkeypatch.setattr(
+        "simgen.sensors.sensor_meshes.simulation_mesh",
+        lambda shape, mesh: SimpleNamespace(hash=shape.mesh_source(getattr(shape.description.meshes, mesh))),
+    )
+    monkeypatch.setattr(
+        "simgen.sensors.sensor_meshes.output_mesh",
+        lambda shape: SimpleNamespace(hash=shape.mesh_source(output_settings(shape))),
+    )
+    cavity = trimesh.creation.box([8.0, 3.0, 8.0])
+    cavity.invert()
+    gel = trimesh.util.concatenate([trimesh.creation.box([20.0, 8.0, 20.0]), cavity])
+    gel.export(tmp_path / "slab.stl")
+    trimesh.creation.box([7.0, 2.0, 7.0]).export(tmp_path / "core.stl")
+    trimesh.creation.box([8e-3, 4e-3, 6e-3]).export(tmp_path / "block.stl")
+    (tmp_path / "sensor.yaml").write_text(yaml.safe_dump(SLAB))
+    job = {
+        "name": "own",
+        "sensors": {"slab": {"model": "./"}},
+        "indenters": ["block.stl"],
+        "trajectories": {"count": 1},
+        "depths_mm": {"first": 0.1, "last": 0.2, "count": 2},
+    }
+    (tmp_path / "job.yaml").write_text(yaml.safe_dump(job))
+    return tmp_path
+
+
+def inputs(folder):
+    """What a plan of the folder's job records of its sensor and its indenter."""
+    job = load_job(folder / "job.yaml")
+    sensor = sensor_identity(job, "slab", chosen_sensor(job, "slab"))
+    return {"sensors": {"slab": sensor}, "indenters": indenter_identities(chosen_indenters(job))}
+
+
+def test_an_edit_of_what_a_user_brings_makes_another_dataset(own_inputs):
+    """Indenter file, core friction, core file, held region and material, one after the other."""
+    before = inputs(own_inputs)
+    assert difference(before, inputs(own_inputs)) == []
+    assert str(own_inputs) not in str(before), "a dataset does not tell where its inputs lay"
+
+    def edit_sensor(**changes):
+        (own_inputs / "sensor.yaml").write_text(yaml.safe_dump({**SLAB, **changes}))
+
+    def edit_mesh(name, size):
+        trimesh.creation.box(size).export(own_inputs / name)
+
+    slippery, sticky = SLAB["core"], {**SLAB["core"], "friction": 0.5}
+    moved = {"back": {"box": {"y_mm": [3.9, 4.1]}}}
+    softer = {"solid": {**SLAB["materials"]["solid"], "youngs_modulus_pa": 400e3}}
+    mesh = ["sensors.slab.simulation_mesh", "sensors.slab.output_mesh"]
+    for edit, expected in (
+        (lambda: edit_mesh("block.stl", [8e-3, 4e-3, 7e-3]), ["indenters.block.sha256"]),
+        (lambda: edit_sensor(core=sticky), ["sensors.slab.core_friction"]),
+        (lambda: edit_mesh("core.stl", [6.0, 2.0, 7.0]), mesh),
+        (lambda: edit_sensor(core=sticky, held=moved), mesh),
+        (lambda: edit_sensor(core=slippery, held=moved, materials=softer),
+         ["sensors.slab.core_friction", "sensors.slab.material.youngs_modulus_pa"]),
+    ):  # fmt: skip
+        edit()
+        after = inputs(own_inputs)
+        assert [change.split(":")[0] for change in difference(before, after)] == expected
+        before = after

@@ -1,0 +1,108 @@
+"""Workers: a scheduler's address, what they say of themselves, and errors that come back as data."""
+
+import json
+
+import fake
+import psutil
+import pytest
+from dask.distributed import Client
+
+from simgen.errors import InputError
+from simgen.pipeline import workers
+from simgen.pipeline.workers import Workers, local_cluster, scheduler_address, start_workers
+
+DIES = """
+import os, pathlib, signal
+for lot in pathlib.Path({folder!r}).iterdir():
+    try:
+        lot.unlink()
+    except FileNotFoundError:  # another was faster
+        continue
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def reciprocal(number: int) -> float:
+    return 1.0 / number
+
+
+@pytest.fixture(scope="module")
+def client():
+    with local_cluster([{}, {}]) as cluster, Client(cluster) as client:
+        client.wait_for_workers(2)
+        yield client
+
+
+def test_an_error_comes_back_in_place_of_a_result(client):
+    found = dict(Workers("cpu", 2, lambda: (client, [])).map(reciprocal, [2, 0, 4]))
+    assert isinstance(found.pop(0), ZeroDivisionError)
+    assert found == {2: 0.5, 4: 0.25}
+
+
+def test_all_arguments_have_their_results_however_many_there_are(client):
+    numbers = list(range(1, 40))
+    found = dict(Workers("cpu", 2, lambda: (client, [])).map(reciprocal, numbers))
+    assert found == {number: 1.0 / number for number in numbers}
+
+
+def test_no_more_is_submitted_than_workers_will_soon_take(client, monkeypatch):
+    submitted, most = [], []
+    submit = client.submit
+    monkeypatch.setattr(client, "submit", lambda *a, **k: submitted.append(1) or submit(*a, **k))
+    for finished, _ in enumerate(Workers("cpu", 2, lambda: (client, [])).map(reciprocal, list(range(1, 20)))):
+        most.append(len(submitted) - finished)
+    assert len(submitted) == 19 and max(most) == 4  # two threads, two tasks each
+
+
+def test_they_say_where_they_are_and_how_many(client):
+    about = Workers("cpu", 2, lambda: (client, [])).about
+    assert about.startswith(f"2 workers with 2 threads at {client.scheduler.address}")
+    assert Workers("cpu").about == "this process alone"
+
+
+def test_a_local_cluster_is_patient_with_long_calls(client):
+    """A mesh may take minutes in one call that lets no heartbeat through; dask's own limit is five."""
+    silence, failures = client.run_on_scheduler(lambda dask_scheduler: (
+        dask_scheduler.worker_ttl, dask_scheduler.allowed_failures))  # fmt: skip
+    assert (silence, failures) == (3600.0, 2)
+
+
+@pytest.fixture
+def dying(tmp_path, monkeypatch):
+    """Of processes that start from now on, so many are killed before they are workers."""
+    monkeypatch.setattr(workers, "IGNORE_INTERRUPTS", DIES.format(folder=str(tmp_path)))
+    return lambda times: [(tmp_path / str(number)).touch() for number in range(times)]
+
+
+def test_a_process_that_is_killed_as_it_starts_is_started_again(dying):
+    dying(2)
+    with start_workers(fake.make_job(), count=2, build=fake.fake_presser) as started:
+        assert dict(started.map(reciprocal, [2, 4])) == {2: 0.5, 4: 0.25}
+        assert len(started.started[0].nthreads()) == 2
+
+
+def test_processes_that_never_start_are_one_line(dying):
+    dying(6)
+    before = set(psutil.Process().children(recursive=True))
+    once = pytest.raises(InputError, match="a worker of 1 did not start: killed or out of memory 3 times")
+    with start_workers(fake.make_job(), count=1, build=fake.fake_presser) as started, once:
+        _ = started.started
+    assert set(psutil.Process().children(recursive=True)) <= before
+
+
+def test_the_address_of_a_scheduler_file(tmp_path):
+    file = tmp_path / "scheduler.json"
+    file.write_text(json.dumps({"type": "Scheduler", "address": "tcp://127.0.0.1:4711", "workers": {}}))
+    assert scheduler_address(file) == "tcp://127.0.0.1:4711"
+
+
+@pytest.mark.parametrize("text, words", [
+    (None, "No such file"), ("", "no address in it"), ("[1]", "no address in it"), ("{}", "no address in it"),
+    ('{"address": 5}', "no address in it"), ("\xff", "no address in it"),
+])  # fmt: skip
+def test_a_file_without_an_address_is_refused(tmp_path, text, words):
+    file = tmp_path / "scheduler.json"
+    if text is not None:
+        file.write_bytes(text.encode("latin1"))
+    with pytest.raises(InputError, match=f"scheduler file .*scheduler.json: {words}"):
+        scheduler_address(file)

@@ -1,0 +1,206 @@
+"""The report: self-contained, whole, and honest about failures and about what is not there."""
+
+import re
+
+import fake
+import numpy as np
+import pytest
+import trimesh
+from matplotlib.figure import Figure
+from plotly.offline import get_plotlyjs
+
+from simgen.dataset.reader import Dataset
+from simgen.dataset.touchable import touchable_surface
+from simgen.pipeline.run import run
+from simgen.plotting.surface_plot import camera, draw_points, draw_surface
+from simgen.report import SECTIONS, write_report
+from simgen.report.choice import furthest_press
+from simgen.report.meshes import draw_press
+from simgen.report.refused import Draws, areas
+
+ALWAYS = [title for title in SECTIONS if title not in ("Cavity pressure against depth", "Forces along the path")]
+
+
+def never_touching_presser(job, sensor, device):
+    """Nothing touches anything."""
+
+    def presser(indenters, poses):
+        results = fake.fake_presser(job, sensor, device)(indenters, poses)
+        for result in results:
+            result.touch = np.nan
+            result.status[:] = 2
+            for values in (result.displacement, result.force, result.moment, *result.certificate.values()):
+                values[:] = np.nan
+        return results
+
+    return presser
+
+
+def page_of(path, build, missing=(), **changes) -> str:
+    """The page of a dataset, less plotly.js; shards of which the manifests are ``missing`` are not there."""
+    dataset = run(fake.make_plan(fake.make_job(**changes)), path / "d.zarr", build=build)
+    for shard in missing:
+        (path / "d.zarr" / "manifest" / f"{shard:06}.json").unlink()
+    write_report(Dataset(dataset.path), path / "d.html")
+    page = (path / "d.html").read_text()
+    assert page.count(get_plotlyjs()) <= 1
+    assert [file.name for file in path.glob("d.html*")] == ["d.html"]
+    return page.replace(get_plotlyjs(), "")
+
+
+def sections(page: str) -> list[str]:
+    return re.findall(r"<h2 id='[^']+'>([^<]+)</h2>", page)
+
+
+def pictures(page: str, about: str) -> int:
+    return len(re.findall(rf"<img alt='{about}[^']*' src='data:image/", page))
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    return page_of(tmp_path_factory.mktemp("report"), fake.fake_presser)
+
+
+def test_a_page_needs_nothing_from_outside(page):
+    assert re.findall(r"(?:src|href)=[\"'](?!data:|#)", page) == []
+    assert "@import" not in page and "url(" not in page
+
+
+def test_the_contents_lead_to_every_section(page):
+    assert sections(page) == ALWAYS
+    links = re.findall(r"<a href='#([^']+)'>([^<]+)</a>", page)
+    assert [title for _, title in links] == ALWAYS
+    assert [anchor for anchor, _ in links] == re.findall(r"<h2 id='([^']+)'", page)
+
+
+def test_every_indenter_and_sensor_is_shown(page):
+    for name in fake.make_job().indenter_names:
+        for about in ("contact patch of", "deformed by", "force, N against depth,"):
+            assert pictures(page, f"{about} {name}") == 1
+    for sensor in fake.make_job().sensors:
+        for about in ("contacts on", "coverage of", "share of samples in contact on"):
+            assert pictures(page, f"{about} {sensor}") == 1
+        assert page.count(f'id="solid-view-{sensor}"') == 1
+    assert page.count("data:image/gif") == 1
+    assert "<span class='ok'>passes</span>" in page
+
+
+def test_tables_scroll_by_themselves_and_a_phone_is_told_its_width(page):
+    assert page.count("<table>") == page.count("<div class='scroll'><table>") > 3
+    assert "<meta name='viewport' content='width=device-width" in page
+
+
+def test_the_pressure_of_a_liquid_is_drawn_where_there_is_one(tmp_path):
+    page = page_of(tmp_path, fake.fake_presser, sensors=fake.FILLED)
+    assert sections(page) == [title for title in SECTIONS if title != "Forces along the path"]
+    assert pictures(page, "pressure, kPa against depth") == 3
+
+
+def test_failures_are_shown(tmp_path):
+    page = page_of(tmp_path, fake.failing_presser)
+    assert "<span class='fail'>fails</span>" in page
+    assert "8 samples, the first at press 1, depth 2: Stalled." in page
+    assert "<td>digit</td><td>failed</td><td>Stalled.</td><td></td><td>4</td><td></td>" in page
+    assert "<td>ring_7mm</td><td>8 of 16</td>" in page
+    assert pictures(page, "share of presses that reach each depth on") == 2
+
+
+def test_contacts_that_were_drawn_again_are_counted_and_shown(tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    normals = np.array([[0.0, -1.0, 0.0], [np.sqrt(0.75), -0.5, 0.0]])
+    plan.arrays |= {"refused/points": fake.RADIUS_M * normals, "refused/normals": normals}
+    run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
+    write_report(Dataset(tmp_path / "d.zarr"), tmp_path / "d.html")
+    page = (tmp_path / "d.html").read_text()
+    assert "At 2 of 6 places that fit otherwise (33.3%) an indenter would leave less than 0.15" in page
+    assert pictures(page, "contacts drawn again on digit") == 1
+
+
+def test_the_area_without_contacts_is_that_around_the_refused_ones():
+    """On a ball, 2 pi r h of a cap whose points are that far, as chords, from a lone contact at its middle."""
+    plan = fake.make_plan(fake.make_job())
+    surface = touchable_surface(plan.arrays, "digit")
+    side = np.array([[0.0, -0.6, 0.8], [0.0, -0.6, -0.8]])
+    near = 3e-3
+    found = areas(surface, Draws((7e-3 * side[:1], side[:1]), (7e-3 * side, side)), near)
+    cap = np.pi * near**2
+    np.testing.assert_allclose(found, [2.0 * cap, cap], rtol=0.1)  # vertices are 1 mm apart
+
+
+def test_without_any_shard_there_is_a_page_too(tmp_path):
+    page = page_of(tmp_path, fake.overflowing_presser)
+    assert sections(page) == ALWAYS
+    assert "0 of 12" in page and "<td>Not there yet.</td><td>4</td><td>4</td><td>4</td>" in page
+    assert "No press has converged yet." in page and "<img" not in page
+
+
+def test_without_some_shards_there_is_a_page_too(tmp_path):
+    """The first shard holds a sphere's press and a ring's."""
+    page = page_of(tmp_path, fake.fake_presser, missing=[0])
+    assert "<td>digit</td><td>not there yet</td><td>Not there yet.</td><td>1</td><td>1</td><td></td>" in page
+    assert pictures(page, "deformed by") == 3
+
+
+def test_where_nothing_touches_there_is_a_page_too(tmp_path):
+    page = page_of(tmp_path, never_touching_presser)
+    assert sections(page) == ALWAYS
+    assert "<td>digit</td><td>failed</td><td>Never touched.</td><td>4</td><td>4</td><td>4</td>" in page
+
+
+def test_one_sensor_one_press_and_one_depth_are_enough(tmp_path):
+    page = page_of(
+        tmp_path, fake.fake_presser, sensors={"digit": {"model": "digit"}}, indenters=["cube_14mm"],
+        trajectories={"count": 1}, depths_mm={"first": 0.1, "last": 0.1, "count": 1},
+    )  # fmt: skip
+    assert sections(page) == ALWAYS
+    assert page.count('id="solid-view-') == 1
+
+
+def test_an_indenter_that_is_gone_costs_only_what_needs_it(tmp_path):
+    """The pin's file is removed after the run."""
+    pin = trimesh.creation.icosphere(subdivisions=2, radius=2e-3).apply_translation([0.0, -2e-3, 0.0])
+    pin.export(tmp_path / "pin.stl")
+    job = fake.make_job(indenters=[str(tmp_path / "pin.stl")])
+    dataset = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
+    (tmp_path / "pin.stl").unlink()
+    write_report(dataset, tmp_path / "d.html")
+    page = (tmp_path / "d.html").read_text()
+    assert "<p>Not looked at: " in page and "pin.stl: no such file" in page
+    assert page.count("data:image/gif") == 1 and pictures(page, "deformed by pin") == 1
+
+
+def test_a_press_is_drawn_to_the_depth_that_it_reached(tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    dataset = run(plan, tmp_path / "d.zarr", build=fake.failing_presser)
+    press, reached = furthest_press(dataset, indenter=1)
+    assert (press, reached) == (1, 2)
+    titles = [axes.get_title() for axes in draw_press(dataset, press, reached).axes]
+    assert titles[:4] == ["digit, 0.1 mm", "digit, 0.2 mm", "biotac, 0.1 mm", "biotac, 0.2 mm"]
+
+
+def test_the_camera_is_a_rotation_that_looks_where_it_is_told():
+    out = np.array([-1.0, -2.0, 3.0])
+    free, upright = camera(out), camera(out, up=np.array([0.0, -1.0, 0.0]))
+    for view in (free, upright):
+        np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-15)
+        assert np.linalg.det(view) == pytest.approx(1.0)
+        np.testing.assert_allclose(view[2], out / np.linalg.norm(out), atol=1e-15)
+    assert free[0, 0] > 0
+    assert upright[0, 1] == pytest.approx(0.0, abs=1e-15) and upright[1, 1] < 0
+
+
+def test_a_ball_shows_its_near_half_and_its_colours():
+    """Half of the faces of a ball look at the viewer; each takes the colour of its own vertices."""
+    values = (fake.VERTICES[:, 1] < 0).astype(float)
+    axes = Figure().subplots()
+    faces = draw_surface(axes, fake.VERTICES, fake.BALL.faces, values, largest=1.0)
+    drawn = len(faces.get_paths())
+    assert abs(drawn / len(fake.BALL.faces) - 0.5) < 0.02
+    assert len(np.unique(faces.get_facecolor().round(2), axis=0)) > 2
+
+
+def test_points_behind_the_surface_are_not_drawn():
+    axes = Figure().subplots()
+    ends = np.array([[0.0, 0.0, 7e-3], [0.0, 0.0, -7e-3]])
+    draw_points(axes, ends, ends, np.zeros((2, 3)), view=camera(np.array([0.3, 0.0, 1.0])))
+    assert len(axes.collections[0].get_offsets()) == 1

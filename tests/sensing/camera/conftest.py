@@ -1,0 +1,22 @@
+"""A dataset that a DIGIT's camera can look at, made in a second."""
+
+import fake
+import pytest
+
+from simgen.pipeline.run import run
+from simgen.sensing.camera.at_rest import at_rest
+from simgen.sensing.camera.rendered import Rendered, photometry_of
+from simgen.sensors.sensor_geometry import load_geometry
+
+
+@pytest.fixture(scope="session")
+def seen(tmp_path_factory):
+    """Four contacts on a ball of 7 mm, three indenters, four depths."""
+    return run(fake.make_plan(fake.make_job()), tmp_path_factory.mktemp("seen") / "seen.zarr", build=fake.fake_presser)
+
+
+@pytest.fixture(scope="session")
+def digit() -> Rendered:
+    """The DIGIT's gel under the photometric model, in images of the camera's own size."""
+    gel = at_rest(load_geometry("digit"), 320, 240)
+    return Rendered(gel.depth, gel.pinhole, photometry_of(gel.camera))

@@ -1,0 +1,59 @@
+"""The memory of a press, as it is announced, against that of all arrays."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from simgen.errors import InputError
+from simgen.fem.nonlinear.newton import SolverSettings
+from simgen.sensors.indenter import load_indenter
+from simgen.sensors.sensor import load_sensor
+from simgen.simulation.batch_size import bytes_per_press, presses_at_once
+from simgen.simulation.load_stepping import March
+from simgen.simulation.press import Scene
+
+
+def arrays(thing, found: dict[int, int], seen: set[int]):
+    """Bytes of all Warp arrays that an object of ours holds, by address."""
+    if id(thing) in seen:
+        return
+    seen.add(id(thing))
+    if isinstance(thing, wp.array):
+        found[thing.ptr] = max(found.get(thing.ptr, 0), thing.capacity)
+    elif isinstance(thing, list | tuple):
+        for each in thing:
+            arrays(each, found, seen)
+    elif hasattr(thing, "_cls") or (hasattr(thing, "__dict__") and type(thing).__module__.startswith("simgen")):
+        for each in vars(thing).values():
+            arrays(each, found, seen)
+
+
+@pytest.mark.parametrize(("model", "element"), [("digit", "P2-P1"), ("biotac", "P2-P1"), ("biotac", "P1")])
+def test_what_a_press_takes_is_known_before(model, element):
+    sensor, total = load_sensor(model, "coarse"), []
+    for batch in (2, 3):
+        scene = Scene(sensor, sensor.materials["solid"], element, batch=batch)
+        scene.reset([load_indenter("sphere_7mm").shape()])
+        march = March(scene, np.ones((1, 4)), max_force_n=1.0)
+        found = {}
+        for thing in (scene, march):
+            arrays(thing, found, set())
+        total.append(sum(found.values()))
+    assert bytes_per_press(sensor, element) == pytest.approx(total[1] - total[0], rel=0.02)
+
+
+class Gpu:
+    def __init__(self, free):
+        self.free_memory = free
+
+
+def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
+    sensor, settings = load_sensor("digit", "coarse"), SolverSettings()
+    each = bytes_per_press(sensor)
+    for free, expected in ((1e12, 512), (100.0 * each, 80), (1.3 * each, 1)):
+        monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name, free=free: Gpu(free))
+        assert presses_at_once(sensor, "cuda:0", "P2-P1", settings) == expected
+    monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name: Gpu(1.2 * each))
+    with pytest.raises(InputError, match="coarser mesh"):
+        presses_at_once(sensor, "cuda", "P2-P1", settings)
+    assert presses_at_once(sensor, "cpu", "P2-P1", settings) == 1

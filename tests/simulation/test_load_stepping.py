@@ -1,0 +1,277 @@
+"""Who goes first, and where an increment starts."""
+
+import numpy as np
+import pytest
+
+from simgen.fem.contact.contact import Contact
+from simgen.fem.linear_solver.preconditioner import BlockTriangular
+from simgen.fem.nonlinear.force_balance import Balance
+from simgen.fem.nonlinear.newton import EARLY, NEAR_BALANCE, SolverSettings
+from simgen.fem.nonlinear.status import Status
+from simgen.geometry.rigid_shape import rigid_shape
+from simgen.geometry.signed_distance import Kind
+from simgen.simulation.load_stepping import MOST_OVERLAP, March
+from simgen.simulation.press import Scene, begin_presses, follow, press
+from simgen.simulation.state_sampler import StateSampler
+from simgen.simulation.tries import Press
+from simulation.test_press import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
+
+
+@pytest.fixture(scope="module")
+def block():
+    return make_block((4, 2, 4))
+
+
+def test_presses_that_touch_the_most_go_first(monkeypatch):
+    loaded = []
+    load = Scene.load
+
+    def watch(scene, environments, shape_of):
+        loaded.append(int(shape_of[0]))
+        load(scene, environments, shape_of)
+
+    monkeypatch.setattr(Scene, "load", watch)
+    small = rigid_shape(Kind.SPHERE, 0.8)
+    results = press(Scene(make_block((8, 2, 8)), GEL), [small, CUBE, SPHERE], np.tile(pose(), (3, 1, 1)), DEPTHS)
+    assert loaded[1:] == [1, 2, 0]  # the first call is the scene's own, back to rest
+    forces = [np.linalg.norm(result.force[-1]) for result in results]
+    assert forces[1] > forces[2] > forces[0]  # and the results come in the order of the presses
+
+
+def test_multipliers_rest_far_from_balance(block, monkeypatch):
+    """A tilted cube's first contact overshoots; a multiplier that followed would carry that on."""
+    out_of_balance, followed = [], []
+    measure, update = Balance.measure, Contact.update_multipliers
+
+    def watch(balance, x):
+        measured = measure(balance, x)
+        out_of_balance.append(float(measured.size[0] / measured.load[0]) if measured.load[0] else np.inf)
+        return measured
+
+    def watch_update(contact):
+        followed.append(out_of_balance[-1])
+        update(contact)
+
+    monkeypatch.setattr(Balance, "measure", watch)
+    monkeypatch.setattr(Contact, "update_multipliers", watch_update)
+    result = press(Scene(block, GEL), [CUBE], pose(tilt_deg=10.0), np.array([0.1e-3, 0.2e-3]))[0]
+    assert (result.status == 0).all()
+    assert max(out_of_balance) > 1.0 and 0.0 < max(followed) <= NEAR_BALANCE
+
+
+def test_friction_begins_anew_after_the_indenter_has_left():
+    """Sheared, lifted off, and pressed again in one step 2.5 times as long as the last: as a first press, no more.
+
+    The next step lies back along the line of the last one; states beyond that would say that points enter elsewhere.
+    """
+    wide = make_block((12, 2, 12))
+    path = [[0.0, 0.4, 0.0], [0.3, 0.4, 0.0], [0.6, 0.4, 0.0], [0.9, 0.4, 0.0], [0.6, 0.4, 0.0], [0.0, 0.4, 0.0],
+            [0.0, 0.1, 0.0], [0.0, -0.1, 0.0], [0.0, 0.4, 0.0]]  # fmt: skip
+    again, fresh = (follow(Scene(wide, GEL), [SPHERE], pose(), np.array(part) * 1e-3)[0] for part in (path, path[:1]))
+    assert (again.status == 0).all() and not again.force[-2].any()
+    np.testing.assert_allclose(again.force[-1], fresh.force[-1], atol=1e-3 * fresh.force[-1, 1])
+
+
+def test_a_cycle_is_kept_while_it_serves_a_batch(monkeypatch):
+    """As a GPU solves: all linear systems take as many iterations, and few Newton iterations make the cycle anew."""
+    made = []
+    follow_state = BlockTriangular.follow
+
+    def watch(preconditioner):
+        made.append(int((preconditioner.elasticity.active.numpy() >= 0).sum()))
+        follow_state(preconditioner)
+
+    monkeypatch.setattr(BlockTriangular, "follow", watch)
+    scene = Scene(make_block((8, 2, 8)), GEL, batch=2)
+    scene.solver._together = True
+    results = press(scene, [SPHERE, CUBE], np.tile(pose(), (2, 1, 1)), np.array([0.2e-3, 0.4e-3, 0.6e-3, 0.8e-3]))
+    newton = sum(result.certificate["newton_iterations"].sum() for result in results)
+    assert all((result.status == 0).all() for result in results)
+    assert 8 <= sum(made) < 0.5 * newton
+
+
+def fail_beyond(monkeypatch, furthest_mm):
+    """Load steps fail that end beyond so many millimetres, (in the first try, in the second)."""
+    settle = March._settle
+
+    def fail(march, ended):
+        tries = np.array([int(press is not None and each is not press.tries[0])
+                          for press, each in zip(march.press, march.tries, strict=True)])
+        march.solver.increment.status[ended & (march.target > np.array(furthest_mm)[tries])] = Status.NEWTON_STALLED
+        settle(march, ended)
+
+    monkeypatch.setattr(March, "_settle", fail)
+
+
+def test_a_press_that_fails_is_tried_once_more_from_rest_in_half_steps(block, monkeypatch):
+    scene = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.5))
+    depths = np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3])
+    in_half_steps = press(scene, [SPHERE], pose(), np.linspace(0.05e-3, 0.4e-3, 8))[0]
+    fail_beyond(monkeypatch, (0.25, np.inf))
+    tried_twice = press(scene, [SPHERE], pose(), depths)[0]
+    assert (tried_twice.status == 0).all() and (tried_twice.certificate["substeps"] == 2).all()
+    np.testing.assert_allclose(tried_twice.displacement, in_half_steps.displacement[1::2], atol=1e-12)
+
+
+@pytest.mark.parametrize("most, increments", [(1000, (0.1, 0.2, 0.3, 0.25)), (2, (0.1, 0.2, 0.3))])
+def test_a_try_that_has_taken_too_many_iterations_ends_where_an_increment_fails(block, monkeypatch, most, increments):
+    """Without the bound the step would be halved first."""
+    scene, targets = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.25)), []
+    monkeypatch.setattr("simgen.simulation.load_stepping.MOST_ITERATIONS", most)
+    fail_beyond(monkeypatch, (0.22, 0.22))
+    settle = March._settle
+
+    def watch(march, ended):
+        if ended.any() and len(march.press[0].tries) == 1:
+            targets.append(round(float(march.target[0]), 6))
+        settle(march, ended)
+
+    monkeypatch.setattr(March, "_settle", watch)
+    result = press(scene, [SPHERE], pose(), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3]))[0]
+    assert result.status.tolist() == [0, 0, Status.NEWTON_STALLED, Status.NEWTON_STALLED]
+    assert tuple(targets[: len(increments)]) == increments
+    assert len(targets) == len(increments) or most == 1000
+
+
+@pytest.mark.parametrize("second", [0.05, 0.12, 0.32])
+def test_the_try_that_got_further_is_kept(block, monkeypatch, second):
+    """The other press of the batch has ended by then: its environment is free, too."""
+    scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=0.5))
+    depths, poses = np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3]), np.tile(pose(), (2, 1, 1))
+    fail_beyond(monkeypatch, (0.25, second))
+    plain, both = press(scene, [SPHERE], pose(), depths)[0], press(scene, [SPHERE, SPHERE], poses, depths)
+    reached = max(2, int(second / 0.1))
+    assert plain.status.tolist() == [0] * reached + [Status.NEWTON_STALLED] * (4 - reached)
+    assert np.isfinite(plain.displacement[:reached]).all() and np.isnan(plain.displacement[reached:]).all()
+    for result in both:
+        np.testing.assert_array_equal(result.displacement, plain.displacement)
+
+
+@pytest.mark.parametrize("furthest", [(0.25, np.inf), (0.25, 0.12), (np.inf, np.inf), (np.inf, 0.12)])
+def test_a_second_try_beside_the_first_changes_no_result_and_saves_time(block, monkeypatch, furthest):
+    """It begins as soon as the first has begun. The first counts wherever it gets to its end."""
+    settings, depths = SolverSettings(smallest_substep=0.5), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3])
+    fail_beyond(monkeypatch, furthest)
+    iterations, tries, go_on = [0, 0], [0, 0], March.go_on
+
+    def watch(march):
+        go_on(march)
+        iterations[march.scene.batch - 1] += 1
+        tries[march.scene.batch - 1] = max(tries[march.scene.batch - 1], march.left)
+
+    monkeypatch.setattr(March, "go_on", watch)
+    plain = press(Scene(block, GEL, settings=settings), [SPHERE], pose(), depths)[0]
+    monkeypatch.setattr("simgen.simulation.load_stepping.DOUBT", -1)
+    scene = Scene(block, GEL, batch=2, settings=settings)
+    beside = press(scene, [SPHERE], pose(), depths)[0]
+    assert tries == [1, 2] and not scene.solver.working.any()
+    np.testing.assert_array_equal(beside.status, plain.status)
+    np.testing.assert_array_equal(beside.displacement, plain.displacement)
+    np.testing.assert_array_equal(beside.certificate["newton_iterations"], plain.certificate["newton_iterations"])
+    assert iterations[1] < iterations[0] if furthest[0] < 1.0 else iterations[1] == iterations[0]
+
+
+def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
+    monkeypatch.setattr("simgen.simulation.load_stepping.DOUBT", -1)
+    depths = np.array([0.1e-3, 0.2e-3])
+    plain = press(Scene(block, GEL), [SPHERE], pose(), depths)[0]
+    monkeypatch.setattr("simgen.simulation.tries.SECOND_TRY", 1.0)
+    both = press(Scene(block, GEL, batch=2), [SPHERE], pose(), depths)[0]
+    np.testing.assert_array_equal(both.displacement, plain.displacement)
+
+
+def two_tries(block, monkeypatch, doubt: int) -> tuple[March, Press]:
+    """A press of which the step to its second depth fails, and room for a second try after ``doubt`` iterations."""
+    monkeypatch.setattr("simgen.simulation.load_stepping.DOUBT", doubt)
+    fail_beyond(monkeypatch, (0.25, 0.25))
+    scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=1e-3))
+    scene.reset([SPHERE])
+    march = March(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
+    [one] = begin_presses(march, [SPHERE], [0], pose(), np.array([2]))
+    return march, one
+
+
+@pytest.mark.parametrize("doubt", [5, 15])
+def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_for_a_depth(block, monkeypatch, doubt):
+    march, one = two_tries(block, monkeypatch, doubt)
+    while len(one.tries) < 2:
+        spent = march.cost[0, 0]
+        march.go_on()
+    assert spent > doubt and len(one.tries[0].rows) == 1
+
+
+def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
+    march, one = two_tries(block, monkeypatch, -1)
+    for _ in range(3):
+        march.go_on()
+    assert march.at_work.all() and march.press == [one, one]
+    march.drop([one])
+    assert march.left == 0 and march.press == march.tries == [None, None] and not march.solver.working.any()
+
+
+def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):
+    """One stored depth has the state that the same way in three has."""
+    settings = SolverSettings(residual_tolerance=1e-6, contact_tolerance=1e-4)
+    depths = np.array([0.25e-3, 0.5e-3, 0.75e-3])
+    at_once, stepwise = (press(Scene(block, GEL, settings=settings), [SPHERE], pose(), part)[0]
+                         for part in (depths[-1:], depths))  # fmt: skip
+    assert at_once.certificate["substeps"].tolist() == [3] and stepwise.certificate["substeps"].tolist() == [1, 1, 1]
+    np.testing.assert_allclose(at_once.displacement[-1], stepwise.displacement[-1], atol=1e-12)
+
+
+@pytest.mark.parametrize(("longest", "reached"), [(0.06, 3), (0.0, 2)])
+def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch, longest, reached):
+    """Steps longer than so many millimetres do, beyond the second depth."""
+    scene, depths = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.4)), np.array([0.1e-3, 0.2e-3, 0.3e-3])
+    measured, settle = StateSampler.overlap, March._solve_again
+    too_far = []
+
+    def watch(march, ended):
+        too_far[:] = (march.target - march.way > longest) & (march.target > 0.25)
+        return settle(march, ended)
+
+    def overlap(samples):
+        deepest, of_edge = measured(samples)
+        return deepest, np.where(too_far, 2.0 * MOST_OVERLAP, of_edge)
+
+    monkeypatch.setattr(March, "_solve_again", watch)
+    monkeypatch.setattr(StateSampler, "overlap", overlap)
+    result = press(scene, [SPHERE], pose(), depths)[0]
+    assert result.status.tolist() == [0] * reached + [Status.NOT_RESOLVED] * (3 - reached)
+    if reached == 3:
+        assert result.certificate["substeps"][2] > result.certificate["substeps"][1]
+
+
+@pytest.mark.parametrize(("easy", "statuses"), [(25, [0, 0, 0, 0]), (0, [0, 0, 9, 9])])
+def test_only_easy_steps_are_solved_again_for_elements_that_are_inside_out(block, monkeypatch, easy, statuses):
+    scene = Scene(block, GEL)
+    monkeypatch.setattr(scene.solver.elasticity, "expect", lambda x: None)  # nothing is stabilised before
+    monkeypatch.setattr("simgen.simulation.load_stepping.EASY", easy)
+    result = press(scene, [RIGID_EDGE], pose(), np.array([1.2e-3, 1.6e-3, 1.8e-3, 2.0e-3]))[0]
+    assert result.status.tolist() == statuses
+    stabilised = result.certificate["stabilised_elements"]
+    assert (stabilised[-1] > 0) == (easy > 0)
+    assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
+
+
+@pytest.mark.parametrize(("iteration", "damped"), [(EARLY, False), (EARLY + 1, True)])
+def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, iteration, damped):
+    """The work of one step is said to be negative; the first steps may go uphill. The state is the same."""
+    path, spheres = np.array([[0.0, 0.4e-3, 0.0], [0.3e-3, 0.4e-3, 0.0]]), [SPHERE]
+    plain = follow(Scene(block, GEL), spheres, pose(), path)[0]
+    assert not plain.certificate["damping"].any() and (plain.certificate["newton_iterations"] > EARLY).all()
+    scene, work = Scene(block, GEL), Balance.work
+    told = []
+
+    def uphill(balance):
+        found = work(balance)
+        if not told and scene.solver.increment.newton_iterations[0] == iteration:
+            told.append(found[0])
+            return found * [[-1.0], [1.0]]
+        return found
+
+    monkeypatch.setattr(Balance, "work", uphill)
+    result = follow(scene, spheres, pose(), path)[0]
+    assert told[0] > 0.0 and (result.status == 0).all()
+    assert (result.certificate["damping"] > 0.0).any() == damped
+    np.testing.assert_allclose(result.force, plain.force, rtol=5e-3, atol=1e-3)

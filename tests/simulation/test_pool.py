@@ -1,0 +1,185 @@
+"""Tasks that share a march: the same bytes as alone, no press waits for another task's, and what an error ends."""
+
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import simgen.simulation.pool
+from simgen.fem.device import DEVICE
+from simgen.simulation.pool import CREW, POOLS, Pool, _choose
+from simgen.simulation.press import Scene, follow
+from simulation.test_press import CUBE, GEL, SPHERE, make_block, pose
+
+PATH = np.array([[0.0, 0.2e-3, 0.0], [0.0, 0.4e-3, 0.0]])
+POSES = np.concatenate([pose(), pose(x=1.0), pose(tilt_deg=5.0), pose(x=-1.0)])
+
+
+@pytest.fixture(scope="module")
+def block():
+    return make_block((4, 2, 4))
+
+
+def make_pool(block, batch):
+    return Pool(Scene(block, GEL, batch=batch), [SPHERE, CUBE], PATH, np.zeros(2), np.inf)
+
+
+def press(pool, first, last):
+    """Those of `POSES`, with the two shapes in turns."""
+    return pool.press([i % 2 for i in range(first, last)], POSES[first:last], np.full(last - first, 2))
+
+
+@pytest.mark.parametrize("batch", [1, 3])
+def test_tasks_side_by_side_give_the_bytes_of_each_alone(block, batch):
+    alone = follow(Scene(block, GEL), [SPHERE, CUBE, SPHERE, CUBE], POSES, PATH)
+    pool = make_pool(block, batch)
+    with ThreadPoolExecutor(2) as threads:
+        tasks = list(threads.map(lambda task: list(press(pool, *task)), [(0, 2), (2, 4)]))
+    for one, other in zip(alone, [*tasks[0], *tasks[1]], strict=True):
+        np.testing.assert_array_equal(one.displacement, other.displacement)
+        np.testing.assert_array_equal(one.force, other.force)
+        assert one.touch == other.touch and other.seconds > 0.0
+
+
+def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):
+    """One of two environments is left for three presses."""
+    pool = make_pool(block, 2)
+    settle = pool._march._settle
+    hard = press(pool, 0, 1)
+
+    def never_ends(finished):
+        settle(finished & np.array([each is not hard._presses[0] for each in pool._march.press]))
+
+    pool._march._settle = never_ends
+    ended = list(press(pool, 1, 4))
+    assert [result.status[-1] for result in ended] == [0, 0, 0]
+    assert hard._presses[0].status is None and pool.urgency == (1, 1)
+    pool.drop()  # or the tasks of other tests would carry it on
+
+
+def test_the_march_that_keeps_most_environments_at_work_goes_first(block):
+    small, large = make_pool(block, 1), make_pool(block, 2)
+    waiting, first = press(small, 0, 3), press(large, 0, 2)
+    assert max(small, large, key=lambda pool: pool.urgency) is large
+    assert len(list(first)) == 2
+    assert small._march.left == 3 or large._march.left == 0  # nothing of the other was solved before
+    assert len(list(waiting)) == 3
+
+
+def test_an_error_ends_all_tasks_and_the_next_one_is_sound(block, monkeypatch):
+    pool, other = make_pool(block, 2), make_pool(block, 1)
+    first, second, third = press(pool, 0, 2), press(pool, 2, 4), press(other, 0, 1)
+    with monkeypatch.context() as patch:
+
+        def break_down(ended):
+            raise MemoryError("no more")
+
+        patch.setattr(pool._march, "_settle", break_down)
+        with pytest.raises(MemoryError):
+            list(first)
+    for task in (second, third):
+        with pytest.raises(RuntimeError, match="another task of this process has failed"):
+            list(task)
+    assert all(each.urgency == (0, 0) for each in (pool, other))
+    [again] = press(pool, 0, 1)
+    [alone] = follow(Scene(block, GEL), [SPHERE], POSES[:1], PATH)
+    np.testing.assert_array_equal(again.displacement, alone.displacement)
+
+
+def test_a_pool_that_nobody_has_is_no_pool_any_more(block):
+    pool = make_pool(block, 1)
+    assert pool in POOLS
+    count = len(POOLS)
+    del pool
+    assert len(POOLS) == count - 1
+
+
+def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
+    """Ten tasks; none is lost when the thread that solved its presses goes home."""
+    pool, carrying, most, asleep = make_pool(block, 2), set(), [], []
+    go_on = simgen.simulation.pool._go_on
+
+    def watch():
+        carrying.add(threading.get_ident())
+        most.append(len(carrying))
+        asleep.append(len(CREW._asleep))
+        go_on()
+        carrying.remove(threading.get_ident())
+
+    monkeypatch.setattr(simgen.simulation.pool, "_go_on", watch)
+    with ThreadPoolExecutor(10) as threads:
+        tasks = list(threads.map(lambda i: list(press(pool, i % 4, i % 4 + 1)), range(10)))
+    assert all((result.status == 0).all() for task in tasks for result in task)
+    assert max(asleep) >= 4 and max(most) == 2
+    assert not CREW._asleep and CREW._free == 2
+
+
+def let_others_in(device):
+    """Do what a thread does on a GPU whenever it reads from it."""
+    with DEVICE.left():
+        time.sleep(1e-4)
+
+
+def test_two_pools_that_take_turns_in_the_middle_of_an_iteration_give_the_bytes_of_each_alone(block, monkeypatch):
+    alone = follow(Scene(block, GEL), [SPHERE, CUBE, SPHERE, CUBE], POSES, PATH)
+    inside, overlaps = set(), []
+    go_on = Pool.go_on
+
+    def watch(pool):
+        inside.add(pool)
+        overlaps.append(len(inside))
+        go_on(pool)
+        inside.remove(pool)
+
+    monkeypatch.setattr("simgen.fem.device._wait_for", let_others_in)
+    monkeypatch.setattr(Pool, "go_on", watch)
+    pools = make_pool(block, 2), make_pool(block, 2)
+    with ThreadPoolExecutor(4) as threads:
+        tasks = [threads.submit(lambda pool, i: list(press(pool, i, i + 2)), pool, i) for pool in pools for i in (0, 2)]
+        first, second, third, fourth = (task.result() for task in tasks)
+    assert max(overlaps) == 2
+    for found in ([*first, *second], [*third, *fourth]):
+        for one, other in zip(alone, found, strict=True):
+            np.testing.assert_array_equal(one.displacement, other.displacement)
+
+
+def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_both(block, monkeypatch):
+    monkeypatch.setattr("simgen.fem.device._wait_for", let_others_in)
+    pools, begun, raised, seen = (make_pool(block, 2), make_pool(block, 2)), threading.Event(), [], []
+
+    def break_down():
+        while not begun.is_set():
+            let_others_in("cpu")
+        raised.append(True)
+        raise MemoryError("no more")
+
+    def never_ends():
+        begun.set()
+        while not raised:
+            let_others_in("cpu")
+        for _ in range(10):
+            let_others_in("cpu")
+        seen.append([press.dropped for press in pools[1]._march.unfinished])
+
+    monkeypatch.setattr(pools[0]._march, "go_on", break_down)
+    monkeypatch.setattr(pools[1]._march, "go_on", never_ends)
+    with ThreadPoolExecutor(2) as threads:
+        tasks = [threads.submit(lambda pool: list(press(pool, 0, 2)), pool) for pool in pools]
+        errors = [type(task.exception(timeout=20.0)) for task in tasks]
+    assert set(errors) == {MemoryError, RuntimeError}  # either thread may carry the first pool on
+    assert seen[0] == [False, False]  # nothing was taken from it while it was at work
+    assert all(pool.urgency == (0, 0) for pool in pools) and CREW._free == 2
+
+
+@pytest.mark.parametrize("busy, chosen", [((4, 3), 1), ((4, 1), 0), ((1, 4), 0)])
+def test_a_pool_goes_on_beside_the_busiest_one_where_it_is_about_as_busy(block, monkeypatch, busy, chosen):
+    pools = [make_pool(block, 4), make_pool(block, 4)]
+    waiting = [press(pool, 0, 1) for pool, count in zip(pools, busy, strict=True) for _ in range(count)]
+    monkeypatch.setattr("simgen.simulation.pool.POOLS", pools)
+    with max(pools, key=lambda pool: pool.urgency).turn:
+        assert _choose() is pools[chosen if busy[0] > busy[1] else 1]
+    for pool in pools:
+        pool.drop()
+    assert len(waiting) == sum(busy)

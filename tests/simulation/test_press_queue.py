@@ -1,0 +1,74 @@
+"""The order in which presses begin."""
+
+import numpy as np
+import pytest
+
+from simgen.simulation.press_queue import PressQueue
+from simgen.simulation.tries import Press
+
+
+def a_press(shape, again=False):
+    press = Press(shape, np.eye(4), 0.0, 1, 0.0)
+    if again:
+        press.next_try()
+    return press
+
+
+def filled(*shapes):
+    queue, presses = PressQueue(), [a_press(shape) for shape in shapes]
+    for press in presses:
+        queue.add(press)
+    return queue, presses
+
+
+def order(queue, presses):
+    return [presses.index(queue.pop()) for _ in range(len(queue))]
+
+
+def test_presses_of_which_nothing_is_known_begin_as_they_came():
+    assert order(*filled(2, 0, 1, 0)) == [0, 1, 2, 3]
+
+
+def test_hard_indenters_begin_first_and_an_unknown_one_before_them():
+    queue, presses = filled(0, 1, 2, 3, 0, 1, 2, 3)
+    for shape, iterations in ((0, 80), (1, 300), (3, 500), (0, 90), (0, 100), (3, 100)):
+        queue.learn(shape, iterations)
+    assert order(queue, presses) == [2, 6, 3, 7, 0, 1, 4, 5]  # 300 is less than twice the mean of 195
+
+
+def test_the_longest_try_makes_an_indenter_hard():
+    """Ten presses of the second are as long as those of the first, one is not."""
+    queue, presses = filled(0, 1, 0, 1)
+    for _ in range(10):
+        queue.learn(0, 100)
+        queue.learn(1, 100)
+    assert order(*filled(0, 1, 0, 1)) == [0, 1, 2, 3]
+    queue.learn(1, 500)
+    assert order(queue, presses) == [1, 3, 0, 2]
+
+
+def test_presses_of_other_indenters_keep_their_order():
+    queue, presses = filled(0, 1, 1, 0, 2)
+    for shape, iterations in ((0, 80), (1, 100), (2, 120)):
+        queue.learn(shape, iterations)
+    assert order(queue, presses) == [0, 1, 2, 3, 4]
+
+
+def test_a_press_that_is_tried_again_goes_before_all():
+    queue, presses = filled(0, 1)
+    presses.append(a_press(0, again=True))
+    queue.add(presses[-1])
+    assert order(queue, presses) == [2, 0, 1]
+
+
+def test_dropped_presses_do_not_wait():
+    queue, presses = filled(0, 1, 1)
+    presses.append(a_press(0, again=True))
+    queue.add(presses[-1])
+    for i in (1, 3):
+        presses[i].dropped = True
+    queue.remove_dropped()
+    assert len(queue) == 2 and {id(press) for press in queue} == {id(presses[0]), id(presses[2])}
+    assert order(queue, presses) == [0, 2]
+    with pytest.raises(IndexError, match="no press waits"):
+        queue.pop()
