@@ -13,10 +13,10 @@ import simgen
 PACKAGE = Path(simgen.__file__).parent
 TESTS = Path(__file__).parent
 
-# In the order in which data walk. A folder imports from those before it, and everything may import `errors`.
+# In the order in which data walk. A folder imports from those before it. Everything may import `errors` and `units`.
 FOLDERS = ["config", "geometry", "sensors", "fem", "simulation", "dataset", "pipeline", "sensing", "plotting",
            "learning", "report", "verification", "cli"]  # fmt: skip
-FLOOR = {folder: number for number, folder in enumerate(["errors", *FOLDERS])}
+FLOOR = {folder: number for number, folder in enumerate(["errors", "units", *FOLDERS])}
 FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
          for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem != "__init__"}  # fmt: skip
 
@@ -48,7 +48,7 @@ def modules_with(*packages: str) -> set[str]:
 
 def test_the_root_holds_the_folders_alone():
     entries = {path.name for path in PACKAGE.iterdir() if path.name != "__pycache__"}
-    assert entries == {*FOLDERS, "__init__.py", "errors.py"}
+    assert entries == {*FOLDERS, "__init__.py", "errors.py", "units.py"}
     assert {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()} == set(FOLDERS)
 
 

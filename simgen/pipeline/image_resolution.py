@@ -13,8 +13,8 @@ from scipy.ndimage import distance_transform_edt
 from simgen.geometry.tetrahedra import OutputMesh
 from simgen.sensors.indenter import Indenter, mesh_distance, signed_distance
 from simgen.sensors.sensor import Camera, Sensor
+from simgen.units import MM_PER_M
 
-MM = 1e3  # millimetres per metre
 LONGEST, WANTED = 0.6, 0.4  # contact radii: longer edges get a remark, which recommends edges of WANTED
 POINTS, SECTIONS = 201, 4  # of the grid on which a contact is measured: on a side, and along the depth
 
@@ -30,19 +30,19 @@ def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], dept
     edge, least = touched_edge(sensor.output_mesh), pixel(sensor.camera, sensor.output_mesh)
     if edge <= max(LONGEST * radius, least):
         return []
-    better = MM * max(WANTED * radius, least)
+    better = MM_PER_M * max(WANTED * radius, least)
     return [
-        f"{name}: images will hardly show {smallest}: at {MM * depth_m:g} mm its contact is {2 * MM * radius:.2g} mm "
-        f"wide, and the output mesh has edges of {MM * edge:.2g} mm; better: output: {{edge_length_mm: {better:.2g}}} "
-        "among the meshes of the sensor.yaml"
+        f"{name}: images will hardly show {smallest}: at {MM_PER_M * depth_m:g} mm its contact is "
+        f"{2 * MM_PER_M * radius:.2g} mm wide, and the output mesh has edges of {MM_PER_M * edge:.2g} mm; "
+        f"better: output: {{edge_length_mm: {better:.2g}}} among the meshes of the sensor.yaml"
     ]
 
 
 def contact_radius(indenter: Indenter, depth_m: float) -> float:
     """Radius, m, of the largest circle in the outline of what lies up to a depth, m, behind an indenter's tip."""
-    low, high = MM * indenter.extent
+    low, high = MM_PER_M * indenter.extent
     axes = [np.linspace(low[axis], high[axis], POINTS) for axis in (0, 2)]
-    heights = high[1] - MM * depth_m * np.arange(1, SECTIONS + 1) / SECTIONS
+    heights = high[1] - MM_PER_M * depth_m * np.arange(1, SECTIONS + 1) / SECTIONS
     x, y, z = np.meshgrid(axes[0], heights, axes[1], indexing="ij")
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     if indenter.source is not None:
@@ -51,7 +51,7 @@ def contact_radius(indenter: Indenter, depth_m: float) -> float:
         distance = signed_distance(indenter.shape(), points)[0]
     inside = np.pad((distance < 0.0).reshape(x.shape).any(axis=1), 1)
     cell = [axis[1] - axis[0] for axis in axes]
-    return float(distance_transform_edt(inside, sampling=cell).max()) / MM
+    return float(distance_transform_edt(inside, sampling=cell).max()) / MM_PER_M
 
 
 def touched_edge(mesh: OutputMesh) -> float:

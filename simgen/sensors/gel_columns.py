@@ -14,11 +14,11 @@ import warp as wp
 
 from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD
 from simgen.sensors.sensor import Sensor
+from simgen.units import MM_PER_M
 
 wp.set_module_options({"enable_backward": False})
 real, vec3, mat33 = wp.float64, wp.vec3d, wp.mat33d
 
-MM = 1e3  # millimetres per metre
 BODY = 3  # kind of the core's own faces; those of the gel are FREE, HELD and CORE
 LAYERS = ENTRY, FREE_EXIT, HELD_EXIT, INNER_EXIT, BODY_ENTRY = range(5)  # where a column first meets some faces
 # Kind of a face -> its layer where the column enters the body there, and where the column leaves the body.
@@ -120,7 +120,7 @@ class GelColumns:
             faces = np.concatenate([faces, sensor.core.faces + len(vertices)])
             vertices = np.concatenate([vertices, sensor.core.vertices])
             kinds = np.concatenate([kinds, np.full(len(sensor.core.faces), BODY, np.int32)])
-        self._vertices = wp.array(vertices * MM, dtype=vec3, device="cpu")
+        self._vertices = wp.array(vertices * MM_PER_M, dtype=vec3, device="cpu")
         self._surfaces = [
             wp.array(np.ascontiguousarray(faces, dtype=np.int32), dtype=wp.vec3i, device="cpu"),
             wp.array(kinds, dtype=wp.int32, device="cpu"),
@@ -131,7 +131,7 @@ class GelColumns:
         """The columns under poses (n, 4, 4) m, indenter frame -> sensor frame."""
         seen = wp.empty((len(poses), len(self._vertices)), dtype=vec3, device="cpu")
         rotation = wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device="cpu")
-        origin = wp.array(poses[:, :3, 3] * MM, dtype=vec3, device="cpu")
+        origin = wp.array(poses[:, :3, 3] * MM_PER_M, dtype=vec3, device="cpu")
         inputs = [self._vertices, rotation, origin, lattice.spacing]
         wp.launch(vertices_kernel, seen.shape, inputs=inputs, outputs=[seen], device="cpu")
         count = (2 * lattice.half_x + 1) * (2 * lattice.half_z + 1)

@@ -23,9 +23,10 @@ import warp as wp
 from simgen.config.indenter_path import IndenterPath
 from simgen.geometry.rigid_shape import highest, lateral_reach, shape_array
 from simgen.geometry.signed_distance import RigidShape, distance
-from simgen.sensors.gel_columns import MM, GelColumns, Lattice
+from simgen.sensors.gel_columns import GelColumns, Lattice
 from simgen.sensors.sensor import Sensor
 from simgen.sensors.support import MARGIN_MM
+from simgen.units import MM_PER_M
 
 wp.set_module_options({"enable_backward": False})
 
@@ -151,16 +152,17 @@ class LeastThickness:
         spacing = min(SPACING_MM, reach / LEAST_ACROSS)
         # Moves are rounded to whole columns, and turns to as much half way to the rim, so that fine steps share places.
         unit = np.array([spacing, spacing, 2.0 * spacing / reach])
-        places = np.column_stack([path.offsets_m[:, [0, 2]] * MM, path.turns_rad])
+        places = np.column_stack([path.offsets_m[:, [0, 2]] * MM_PER_M, path.turns_rad])
         places = unit * np.round(places / unit)
         # Position 0 is that of the first touch; a press stays there.
         places, self._position = np.unique(np.vstack([np.zeros(3), places]), axis=0, return_inverse=True)
         order = np.argsort(np.arange(len(places)) != self._position[0], kind="stable")
         places, self._position = places[order], np.argsort(order)[self._position[1:]]
         depths = np.full(len(places), -np.inf)
-        np.maximum.at(depths, self._position, path.depths_m * MM)
+        np.maximum.at(depths, self._position, path.depths_m * MM_PER_M)
         self._depths = wp.array(depths, dtype=wp.float64, device="cpu")
-        furthest = min(reach + MM * path.lateral_reach_m, MM * float(np.linalg.norm(sensor.surface.extents)))
+        widest = MM_PER_M * float(np.linalg.norm(sensor.surface.extents))
+        furthest = min(reach + MM_PER_M * path.lateral_reach_m, widest)
         half = int(np.ceil(furthest / spacing))
         square = Lattice(spacing, half, half)
         height = self._faces(shapes, places, square.points, -ENDS_MM - reach)
@@ -190,7 +192,7 @@ class LeastThickness:
         """Largest depth (n, shapes, point of the path) m that leaves a share, with the indenter at that point's offset
         and turn; inf where it reaches over no gel.
         """
-        return self._least(poses, share)[1][:, :, self._position] / MM
+        return self._least(poses, share)[1][:, :, self._position] / MM_PER_M
 
     def steps_that_leave(self, poses: np.ndarray, share: float) -> np.ndarray:
         """Number (n, shapes) of points at the beginning of the path that all leave a share."""
@@ -221,7 +223,7 @@ class LeastThickness:
         wp.launch(left_kernel, least.shape, inputs=inputs, outputs=[least, room], device="cpu")
         if self._support is not None:
             frames = [wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=wp.mat33d, device="cpu"),
-                      wp.array(poses[:, :3, 3] * MM, dtype=wp.vec3d, device="cpu")]  # fmt: skip
+                      wp.array(poses[:, :3, 3] * MM_PER_M, dtype=wp.vec3d, device="cpu")]  # fmt: skip
             inputs = [self._support, *frames, self._columns, rigid, self._height, touch, self._depths]
             wp.launch(support_kernel, least.shape, inputs=inputs, outputs=[least, room], device="cpu")
         return least.numpy(), room.numpy()

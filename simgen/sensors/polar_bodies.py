@@ -12,8 +12,7 @@ from scipy.spatial import cKDTree
 
 from simgen.geometry.surface import ClosestPoint
 from simgen.sensors.sensor_schema import Dome, PolarShell, PolarTable
-
-MM = 1e-3
+from simgen.units import MM
 
 
 class PolarBody:

@@ -18,8 +18,7 @@ from simgen.sensors.sensor_geometry import load_geometry
 from simgen.sensors.sensor_meshes import OutputMeshFile
 from simgen.sensors.sensor_schema import CameraSettings, Electrodes, Material
 from simgen.sensors.support import Support, load_support
-
-MM = 1e-3
+from simgen.units import MM
 
 
 @dataclass(frozen=True)

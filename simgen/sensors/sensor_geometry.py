@@ -19,8 +19,8 @@ from simgen.geometry.region_edges import NEAR, cut
 from simgen.geometry.surface import ClosestPoint, enclosed_volume, patches_at, shells, smooth_patches
 from simgen.sensors import polar_bodies
 from simgen.sensors.sensor_schema import Core, Gel, MeshSize, Selection, SensorDescription, read_description
+from simgen.units import MM
 
-MM = 1e-3
 FINEST_PIECES = 100_000  # triangles, at most, into which a user's surface is cut to follow its regions
 MESHING_VERSION = 2  # part of every mesh's source: raise it when the same settings make other meshes
 

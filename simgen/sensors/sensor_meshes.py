@@ -36,8 +36,8 @@ from simgen.geometry.tetrahedra import (
 )
 from simgen.sensors.sensor_geometry import SensorGeometry
 from simgen.sensors.sensor_schema import MeshSize
+from simgen.units import MM
 
-MM = 1e-3
 NAMES = ("default", "coarse", "fine")  # of simulation meshes
 EXACT = 1e-9  # m: a user's own vertices are on the surface already
 ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate

@@ -20,8 +20,8 @@ from simgen.geometry.rigid_shape import mesh_distance, sampled_distance, sampled
 from simgen.geometry.signed_distance import RigidShape
 from simgen.geometry.tetrahedra import SimulationMesh
 from simgen.sensors.sensor_schema import SupportPlane, SupportSettings
+from simgen.units import MM
 
-MM = 1e-3
 SPACING_MM = 0.25  # grid of the signed distance, as the core's
 MARGIN_MM = 3.0  # that the grid reaches beyond the body
 THICKNESS_MM = 5.0  # of a plate: gel beside its edge does not come to lie below it

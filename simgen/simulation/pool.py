@@ -17,8 +17,9 @@ import warp as wp
 from simgen.fem.device import DEVICE
 from simgen.geometry.signed_distance import RigidShape
 from simgen.simulation.load_stepping import March
-from simgen.simulation.press import MM, PressResult, Scene, begin_presses, result_of
+from simgen.simulation.press import PressResult, Scene, begin_presses, result_of
 from simgen.simulation.tries import Press
+from simgen.units import MM_PER_M
 
 POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 
@@ -33,7 +34,7 @@ class Pool:
         self, scene: Scene, shapes: Sequence[RigidShape], path_m: np.ndarray, turns_rad: np.ndarray, max_force_n: float
     ):
         scene.reset(list(shapes))
-        self._shapes, self._march = shapes, March(scene, np.column_stack([path_m * MM, turns_rad]), max_force_n)
+        self._shapes, self._march = shapes, March(scene, np.column_stack([path_m * MM_PER_M, turns_rad]), max_force_n)
         self._device, self.turn = wp.get_device(scene.device), threading.Lock()
         self._stream = wp.Stream(self._device) if self._device.is_cuda else None
         wp.synchronize()  # what the scene has been made with ran on another stream

@@ -17,8 +17,9 @@ from simgen.geometry.rigid_shape import lateral_reach
 from simgen.geometry.signed_distance import RigidShape
 from simgen.simulation.first_touch import first_touch
 from simgen.simulation.load_stepping import March
-from simgen.simulation.scene import MM, Scene
+from simgen.simulation.scene import Scene
 from simgen.simulation.tries import Press
+from simgen.units import MM_PER_M
 
 __all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
 
@@ -150,7 +151,7 @@ def follow(
     distinct = list({id(shape): shape for shape in shapes}.values())
     number = {id(shape): i for i, shape in enumerate(distinct)}
     scene.reset(distinct)
-    march = March(scene, np.column_stack([path_m * MM, turns_rad]), max_force_n)
+    march = March(scene, np.column_stack([path_m * MM_PER_M, turns_rad]), max_force_n)
     presses = begin_presses(march, distinct, [number[id(shape)] for shape in shapes], poses, steps)
     while march.left:
         march.go_on()
@@ -163,13 +164,13 @@ def begin_presses(
     """Add presses to a march whose scene has these shapes: each with its shape's number, pose (4, 4) m and steps."""
     begin, scene = time.perf_counter(), march.scene
     poses = np.array(poses, dtype=float)
-    poses[:, :3, 3] *= MM
+    poses[:, :3, 3] *= MM_PER_M
     own = [shapes[i] for i in shape_of]
     reach = float(np.linalg.norm(march.path[:, :3], axis=1).max())
     faces = scene.indenter_contact.host_faces
     travel, status, near = first_touch(scene.nodes, faces, own, poses, scene.device, scene.batch, reach)
     poses[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
-    touch = np.where(status == Status.CONVERGED, travel / MM, np.nan)
+    touch = np.where(status == Status.CONVERGED, travel / MM_PER_M, np.nan)
     lateral = [lateral_reach(shape) for shape in shapes]
     presses = [Press(i, *each, lateral[i]) for i, *each in zip(shape_of, poses, touch, steps, strict=True)]
     for press, code in zip(presses, status, strict=True):

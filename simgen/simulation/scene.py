@@ -20,8 +20,8 @@ from simgen.geometry.signed_distance import RigidShape
 from simgen.geometry.tetrahedra import interpolation_matrix
 from simgen.sensors.sensor import Material, Sensor
 from simgen.sensors.support import faces_in_reach
+from simgen.units import MM_PER_M
 
-MM = 1e3  # millimetres per metre
 CORE_SPACING_MM = 0.25  # grid of the core's signed distance
 
 
@@ -49,7 +49,7 @@ class Scene:
         kind = ELEMENTS[element]
         mesh = self.mesh = in_sweep_order(sensor.simulation_mesh)
         n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
-        self.nodes = mesh.nodes[:n] * MM
+        self.nodes = mesh.nodes[:n] * MM_PER_M
         held = per_component(mesh.held[:n])
         split = self.settings.volumetric_split if kind.pressures else None
         solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)

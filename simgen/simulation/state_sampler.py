@@ -16,10 +16,10 @@ from simgen.fem.sections import CHUNK, chunks
 from simgen.simulation.first_touch import dense_shapes
 from simgen.simulation.scene import Scene
 from simgen.simulation.surface_outputs import SurfaceOutputs
+from simgen.units import MM_PER_M
 
 wp.set_module_options({"enable_backward": False})
 
-MM = 1e3  # millimetres per metre
 SUBDIVISIONS = 6  # of faces, where overlap is looked for
 
 
@@ -62,7 +62,7 @@ def output_kernel(
     total = real(0.0)
     for j in range(row_starts[vertex], row_starts[vertex + 1]):
         total += values[j] * x[3 * columns[j] + i, env]
-    displacement_out[k, vertex, i] = displacement_out.dtype(total / real(MM))
+    displacement_out[k, vertex, i] = displacement_out.dtype(total / real(MM_PER_M))
 
 
 for _kind in (wp.float64, wp.float32):
@@ -150,7 +150,7 @@ class StateSampler:
         """
         scene, solver = self.scene, self.scene.solver
         solver.mark(reached)
-        unit = scene.material.youngs_modulus_pa / MM**2  # N per unit of solver force
+        unit = scene.material.youngs_modulus_pa / MM_PER_M**2  # N per unit of solver force
         contact = scene.indenter_contact.resultants(solver.x)
         force = contact.force
         total = force + self._reactions().T
@@ -166,13 +166,13 @@ class StateSampler:
         balance = np.linalg.norm(total, axis=1) / size
         found = {
             "force": force * unit,
-            "moment": contact.moment * unit / MM,
+            "moment": contact.moment * unit / MM_PER_M,
             "force_balance": np.where(force.any(axis=1), balance, 0.0),  # without contact there is nothing to balance
             "inverted_elements": inverted,
             "stabilised_elements": solver.elasticity.stabilised_elements(),
             "slip_share": contact.slip_share,
-            "rms_penetration_m": contact.rms_penetration / MM,
-            "max_penetration_m": np.maximum(overlap, 0.0) / MM,
+            "rms_penetration_m": contact.rms_penetration / MM_PER_M,
+            "max_penetration_m": np.maximum(overlap, 0.0) / MM_PER_M,
             "overlap_mm": overlap,
         }
         if scene.cavity is not None:

@@ -8,10 +8,10 @@ from simgen.geometry.curved_tetrahedra import CORE, HELD
 from simgen.geometry.surface import ClosestPoint, shells
 from simgen.sensors.sensor import place_electrodes
 from simgen.sensors.sensor_geometry import load_geometry
+from simgen.units import MM
 from simgen.verification.validate.published_geometry import gel_thickness, touchable_distances, wall_thickness
 from simgen.verification.validate.published_sensors import published_surface
 
-MM = 1e-3
 MEAN, MOST = 0.10, 0.40  # mm, over the touchable surface: the project's bounds
 
 

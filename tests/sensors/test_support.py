@@ -20,13 +20,13 @@ from simgen.sensors.sensor_schema import SupportPlane
 from simgen.sensors.support import THICKNESS_MM, Plate, Support, faces_in_reach, plate_under
 from simgen.simulation.batch_size import bytes_per_press
 from simgen.simulation.press import Scene, SolverSettings, Status, press
+from simgen.units import MM
 from simgen.verification.validate.hard_scenes import GEL, block
 from simgen.verification.validate.law import Law
 from simgen.verification.validate.layer_meshes import make_sensor
 from simgen.verification.validate.meshes import box, on_plane
 from simgen.verification.validate.sensors import place_indenter
 
-MM = 1e-3
 PLATE_Y_MM = -4.2365  # the DIGIT's
 
 

@@ -15,12 +15,12 @@ from simgen.geometry.surface import enclosed_volume
 from simgen.geometry.tetrahedra import OutputMesh, SimulationMesh
 from simgen.sensors.sensor import Material, Sensor
 from simgen.simulation.press import Scene, press
+from simgen.units import MM
 from simgen.verification.validate.meshes import box, quadratic
 
 SPHERE = rigid_shape(Kind.SPHERE, 3.5)
 GEL = Material(youngs_modulus_pa=539e3, poisson_ratio=0.499, friction=0.78)
 DEPTHS = np.array([0.2e-3, 0.4e-3])
-MM = 1e-3
 POSE = np.eye(4)[None] + np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, -0.5 * MM], [0.0] * 4, [0.0] * 4])
 
 

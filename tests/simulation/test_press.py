@@ -23,11 +23,11 @@ from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import Material, Sensor, load_sensor
 from simgen.simulation.load_stepping import March
 from simgen.simulation.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
+from simgen.units import MM
 
 SPHERE, CUBE = rigid_shape(Kind.SPHERE, 3.5), rigid_shape(Kind.CUBE, 7.0, 1.0)
 GEL = Material(youngs_modulus_pa=539e3, poisson_ratio=0.499, friction=0.78)
 DEPTHS = np.array([0.2e-3, 0.4e-3])
-MM = 1e-3
 
 
 def make_block(counts) -> Sensor:

@@ -6,11 +6,11 @@ from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.sensors.sensor import Material
 from simgen.simulation.press import Scene, follow
+from simgen.units import MM_PER_M
 from simgen.verification.validate.friction import Ball, press_then_shear, slide
 from simgen.verification.validate.layer_meshes import graded, make_sensor, round_layer
 from simgen.verification.validate.meshes import on_plane, top
 
-MM = 1e3
 SHEAR_MODULUS_MPA = 0.2
 
 
@@ -33,9 +33,9 @@ def test_a_twisted_cylinder_carries_the_torque_of_torsion():
     scene = cylinder(radius, height, edge=1.0, friction=2.0, poisson_ratio=0.3)
     path_mm = np.array([[0.0, 0.02, 0.0]] * 3)
     plate, turns = rigid_shape(Kind.CUBE, 7.0, 1.0), [0.0, angle / 2, angle]
-    result = follow(scene, [plate], np.eye(4)[None], path_mm / MM, turns)[0]
+    result = follow(scene, [plate], np.eye(4)[None], path_mm / MM_PER_M, turns)[0]
     assert (result.status == 0).all()
-    torque = MM * result.moment[:, 1]  # N mm about the axis
+    torque = MM_PER_M * result.moment[:, 1]  # N mm about the axis
     expected = SHEAR_MODULUS_MPA * np.pi * radius**4 / 2.0 * np.array([0.5, 1.0]) * angle / height
     np.testing.assert_allclose(torque[1:], expected, rtol=0.01)
     assert abs(torque[0]) < 1e-3 * expected[1]

@@ -14,12 +14,13 @@ from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind, RigidShape
 from simgen.sensors.sensor import Material, Sensor
 from simgen.simulation.press import PressResult, Scene, Status, follow
+from simgen.units import MM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
 from simgen.verification.validate.layer_meshes import graded, make_sensor, round_layer
 from simgen.verification.validate.layer_reference import LINEAR, MODULUS_MPA, POISSON_RATIO
 from simgen.verification.validate.meshes import box, on_plane, top
 
-NAN, MM = float("nan"), 1e3
+NAN = float("nan")
 COULOMB = 1e-3  # the issue's: the threshold to 0.1 %
 TARGET = 0.01  # the project's, of forces
 BLOCK = (6.0, 2.0, 6.0)
@@ -38,8 +39,8 @@ def slide(
     )
     scene = Scene(sensor, material, device=device)
     pose = np.eye(4)
-    pose[[0, 2], 3] = x / MM, z / MM
-    result = follow(scene, [shape], pose[None], path / MM)[0]
+    pose[[0, 2], 3] = x / MM_PER_M, z / MM_PER_M
+    result = follow(scene, [shape], pose[None], path / MM_PER_M)[0]
     if not has_values(result.status).all():
         failed = int(has_values(result.status).argmin())
         raise RuntimeError(f"point {failed} of the path was not reached: {Status(result.status[failed]).sentence}")
@@ -107,7 +108,7 @@ def solve_balance(context: Context) -> Outcome:
     sphere = rigid_shape(Kind.SPHERE, 3.5)
     scene, result = slide(block(), sphere, 0.78, path, context.device, x=0.7, z=0.4)
     supports = reactions(scene)
-    moment = np.cross(scene.nodes / MM, supports).sum(axis=0)
+    moment = np.cross(scene.nodes / MM_PER_M, supports).sum(axis=0)
     out = {
         "forces": np.linalg.norm(result.force[-1] + supports.sum(axis=0)) / np.linalg.norm(result.force[-1]),
         "moments": np.linalg.norm(result.moment[-1] + moment) / np.linalg.norm(result.moment[-1]),
@@ -117,8 +118,8 @@ def solve_balance(context: Context) -> Outcome:
                 "zero; 10 x the solver's residual tolerance") for name, value in out.items()]  # fmt: skip
     axes = [*"xyz"]
     table = Table("Resultants on the block, N and N mm", ["of", *axes, *(f"moment about {a}" for a in axes)], [
-        ["contact", *map(float, result.force[-1]), *map(float, MM * result.moment[-1])],
-        ["reactions", *map(float, supports.sum(axis=0)), *map(float, MM * moment)],
+        ["contact", *map(float, result.force[-1]), *map(float, MM_PER_M * result.moment[-1])],
+        ["reactions", *map(float, supports.sum(axis=0)), *map(float, MM_PER_M * moment)],
     ])  # fmt: skip
     return Outcome(rows, [table])
 
@@ -185,7 +186,7 @@ def solve_sphere(context: Context) -> Outcome:
     points = np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
     path = press_then_shear([0.5 * ball.depth, ball.depth], step * np.arange(1, 9))
     _, result = slide(ball.layer(points), ball.shape(), friction, path, context.device)
-    moved = result.displacement.reshape(len(path), len(azimuths), len(radii), 3)[..., 0].mean(axis=1) * MM
+    moved = result.displacement.reshape(len(path), len(azimuths), len(radii), 3)[..., 0].mean(axis=1) * MM_PER_M
     lag = 1.0 - np.diff(moved[1:], axis=0) / step  # (step, radius)
     share = result.force[2:, 0] / (friction * result.force[2:, 1])
     expected = ball.contact_radius * (1.0 - share) ** (1.0 / 3.0)

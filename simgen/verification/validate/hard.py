@@ -12,8 +12,9 @@ import numpy as np
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.simulation.press import Scene, SolverSettings
+from simgen.units import UM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, case
-from simgen.verification.validate.hard_outcomes import UM, Attempt, attempt, evidence, verdicts
+from simgen.verification.validate.hard_outcomes import Attempt, attempt, evidence, verdicts
 from simgen.verification.validate.hard_scenes import DIGIT_MM, above_block, block, bundled, down, scene_of, sideways
 from simgen.verification.validate.sensors import place_indenter
 
@@ -133,14 +134,14 @@ def once_rows(what: str, at_once: Attempt, stepwise: Attempt) -> list[Row]:
     return [
         Row(f"{what}: force at 2 mm in one step", "N", at_once.force[-1], stepwise.force[-1], TARGET, "relative",
             "in 20 steps; the project's target"),
-        Row(f"{what}: RMSE of the deformation region, one step", "um", UM * float(np.sqrt((apart[moved] ** 2).mean())),
-            math.nan, 5.0, "at most", "against 20 steps; the project's target"),
+        Row(f"{what}: RMSE of the deformation region, one step", "um",
+            UM_PER_M * float(np.sqrt((apart[moved] ** 2).mean())), math.nan, 5.0, "at most", "against 20 steps; the project's target"),
     ]  # fmt: skip
 
 
 def unloading_rows(what: str, a: Attempt) -> list[Row]:
     """What stays when the indenter is back at first touch, and by how much the way back differs from the way there."""
-    left = float(np.linalg.norm(a.result.displacement[-1], axis=1).max() * UM)
+    left = float(np.linalg.norm(a.result.displacement[-1], axis=1).max() * UM_PER_M)
     there, back = a.force[:4], a.force[4:-1][::-1][:4]
     rows = [Row(f"{what}: displacement left after unloading", "um", left, math.nan, 0.1, "at most", "the issue"),
             Row(f"{what}: force left after unloading", "N", float(a.force[-1]), math.nan, 1e-6, "at most",

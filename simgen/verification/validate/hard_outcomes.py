@@ -10,9 +10,9 @@ import numpy as np
 from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.signed_distance import RigidShape
 from simgen.simulation.press import PressResult, Scene, SolverSettings, Status, follow
+from simgen.units import MM_PER_M, UM_PER_M
 from simgen.verification.validate.case import Row, Table
 
-UM, MM = 1e6, 1e3
 GIVEN_UP = (Status.NEWTON_STALLED, Status.INVERTED, Status.LINEAR_SOLVER_STALLED)
 ANY_REFUSAL = tuple(status for status in Status if status.is_failure)
 FORCE_BALANCE = 1e-3  # the issue's 0.1 %
@@ -41,7 +41,7 @@ class Attempt:
     @property
     def reached(self) -> float:
         """Depth of the last converged sample, mm."""
-        return float(MM * self.path_m[self.converged - 1, 1]) if self.converged else 0.0
+        return float(MM_PER_M * self.path_m[self.converged - 1, 1]) if self.converged else 0.0
 
     @property
     def as_declared(self) -> bool:
@@ -92,7 +92,7 @@ def core_contact(scene: Scene) -> tuple[float, float]:
     core = scene.core_contact.resultants(scene.solver.x)
     pressed = scene.indenter_contact.resultants(scene.solver.x).force[0]
     size = pressed @ pressed
-    return float(-core.force[0] @ pressed / size) if size else 0.0, float(core.max_penetration[0] * UM / MM)
+    return float(-core.force[0] @ pressed / size) if size else 0.0, float(core.max_penetration[0] * UM_PER_M / MM_PER_M)
 
 
 def verdicts(attempts: list[Attempt]) -> list[Row]:
@@ -138,7 +138,7 @@ def _line(a: Attempt) -> list:
     if not a.converged:
         return [*line, *[""] * (len(COLUMNS) - len(line) - 1), round(a.result.seconds, 2)]
     worst = [float(a.certified(key).max()) for key in ("residual", "contact_error", "force_balance")]
-    overlap = np.nanmax([UM * a.certified("max_penetration_m")[-1], a.core[1]])
+    overlap = np.nanmax([UM_PER_M * a.certified("max_penetration_m")[-1], a.core[1]])
     cost = [int(a.certified(key).sum()) for key in ("newton_iterations", "krylov_iterations")]
     substeps = int(a.certified("substeps").sum())
     return [*line, round(a.reached, 3), float(a.force[a.converged - 1]), *worst, float(a.certified("min_det_F").min()),

@@ -10,9 +10,10 @@ from simgen.geometry.signed_distance import RigidShape
 from simgen.sensors.indenter import indenter_names, load_indenter
 from simgen.simulation.first_touch import first_touch
 from simgen.simulation.press import Scene
+from simgen.units import MM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, case
 from simgen.verification.validate.hard import TARGET
-from simgen.verification.validate.hard_outcomes import ANY_REFUSAL, MM, Attempt, attempt, evidence, verdicts
+from simgen.verification.validate.hard_outcomes import ANY_REFUSAL, Attempt, attempt, evidence, verdicts
 from simgen.verification.validate.hard_scenes import BIOTAC_MM, DIGIT_MM, bundled, down
 from simgen.verification.validate.sensors import place_indenter
 
@@ -54,7 +55,7 @@ def biotac(context: Context) -> Outcome:
     through = attempt("pad sphere_7mm, through skin and core", scene, sphere, pose, down(THROUGH_MM, 9), ANY_REFUSAL)
     rows = verdicts([*attempts, flat, through])
     rows.append(Row(f"{through.name}: depth reached", "mm", through.reached, math.nan,
-                    depth_of_core(scene, sphere, pose) - MM * through.result.touch, "at most",
+                    depth_of_core(scene, sphere, pose) - MM_PER_M * through.result.touch, "at most",
                     "there the sphere meets the rigid core, with no skin left between"))  # fmt: skip
     for a in attempts:
         rows.append(Row(f"{a.name}: share of the force that the core carries", "", a.core[0], math.nan, 0.5, "at least",
@@ -66,9 +67,9 @@ def biotac(context: Context) -> Outcome:
 def depth_of_core(scene: Scene, shape: RigidShape, pose: np.ndarray) -> float:
     """Travel, mm, along the indenter's axis from a pose (4, 4) in m until it meets the core itself."""
     in_mm = pose.copy()
-    in_mm[:3, 3] *= MM
+    in_mm[:3, 3] *= MM_PER_M
     core = scene.sensor.core
-    return float(first_touch(MM * core.vertices, core.faces, [shape], in_mm[None])[0][0])
+    return float(first_touch(MM_PER_M * core.vertices, core.faces, [shape], in_mm[None])[0][0])
 
 
 def to_depth(scene: Scene, place: str, indenter: str, where_mm, depth_mm: float, step_mm: float) -> Attempt:

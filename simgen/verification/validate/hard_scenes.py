@@ -6,12 +6,12 @@ import numpy as np
 
 from simgen.sensors.sensor import Material, Sensor, load_sensor
 from simgen.simulation.press import Scene, SolverSettings
+from simgen.units import MM
 from simgen.verification.validate.layer_meshes import make_sensor
 from simgen.verification.validate.meshes import Mesh, box, on_plane
 
 GEL = Material(youngs_modulus_pa=539e3, poisson_ratio=0.499, friction=0.78, source="the DIGIT's gel")
 COUNTS, SIZE_MM = (4, 2, 4), (10.0, 4.0, 10.0)  # of the block
-MM = 1e-3
 
 # x along the finger and arc across it, mm
 DIGIT_MM = {"centre": (-7.5, 0.0), "rim": (-7.5, 8.75), "arch": (-18.5, 0.0), "corner": (3.0, 7.7)}

@@ -14,9 +14,8 @@ import trimesh
 
 from simgen.geometry.tetrahedra import OutputMesh, SimulationMesh
 from simgen.sensors.sensor import Sensor
+from simgen.units import MM
 from simgen.verification.validate.meshes import Mesh, quadratic, split_prisms
-
-MM = 1e-3  # m
 
 
 def graded(end: float, edge: float, until: float, growth: float) -> np.ndarray:

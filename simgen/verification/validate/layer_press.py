@@ -11,11 +11,11 @@ from simgen.geometry.rigid_shape import rigid_shape, signed_distance
 from simgen.geometry.signed_distance import Kind
 from simgen.sensors.sensor import Material, Sensor
 from simgen.simulation.press import PressResult, Scene, Status, press
+from simgen.units import MM_PER_M
 from simgen.verification.validate.layer_meshes import graded, make_sensor, round_layer
 from simgen.verification.validate.layer_reference import HEIGHT_MM, MODULUS_MPA, POISSON_RATIO, RADIUS_MM
 from simgen.verification.validate.meshes import on_plane, top
 
-MM = 1e3
 QUARTERS = 4  # of the whole layer: the force on one counts so often
 SEGMENTS = 4  # of a quarter of a ring
 AZIMUTHS = np.radians([0.0, 22.5, 45.0, 67.5, 90.0])
@@ -95,11 +95,11 @@ def press_layer(
         youngs_modulus_pa=MODULUS_MPA * 1e6, poisson_ratio=POISSON_RATIO, friction=friction, source="the reference's"
     )
     scene = Scene(quarter_layer(size, radii, radius), material, device=device)
-    result = press(scene, [rigid_shape(Kind.SPHERE, sphere)], np.eye(4)[None], np.asarray(depths) / MM)[0]
+    result = press(scene, [rigid_shape(Kind.SPHERE, sphere)], np.eye(4)[None], np.asarray(depths) / MM_PER_M)[0]
     if not has_values(result.status).all():
         failed = int(has_values(result.status).argmin())
         raise RuntimeError(f"{depths[failed]:g} mm was not reached: {Status(result.status[failed]).sentence}")
-    moved = result.displacement.reshape(len(depths), len(AZIMUTHS), len(radii), 3) * MM
+    moved = result.displacement.reshape(len(depths), len(AZIMUTHS), len(radii), 3) * MM_PER_M
     rings, pressure = ring_pressures(scene)
     return LayerPress(
         unknowns=scene.unknowns,

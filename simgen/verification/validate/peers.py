@@ -16,13 +16,13 @@ from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.sensors.sensor import Material
 from simgen.simulation.press import Scene, SolverSettings, press
+from simgen.units import MM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
 from simgen.verification.validate.layer_press import AZIMUTHS, MOVED_MM, QUARTERS, LayerMeshSize, quarter_layer
 from simgen.verification.validate.layer_reference import DEPTHS_MM as REFERENCE_DEPTHS_MM
 from simgen.verification.validate.layer_reference import MODULUS_MPA, POISSON_RATIO, REFERENCES
 from simgen.verification.validate.peer_scene import SPHERE_MM, PeerSolution
 
-MM = 1e3
 STEPS_MM = np.arange(1, 11) / 10.0
 REPORTED_MM = (0.5, 1.0)
 RADII_MM = np.arange(0.1, 9.6, 0.2)  # of the surface points that are compared
@@ -55,18 +55,18 @@ def solve(
     scene = Scene(quarter_layer(size, RADII_MM), material, element=element, device=device, settings=settings)
     clock = time.process_time if device == "cpu" else time.perf_counter
     start = clock()
-    result = press(scene, [rigid_shape(Kind.SPHERE, SPHERE_MM)], np.eye(4)[None], np.asarray(depths_mm) / MM)[0]
+    result = press(scene, [rigid_shape(Kind.SPHERE, SPHERE_MM)], np.eye(4)[None], np.asarray(depths_mm) / MM_PER_M)[0]
     seconds = clock() - start
     newton, krylov = (int(np.nansum(result.certificate[f"{name}_iterations"])) for name in ("newton", "krylov"))
     return PeerSolution("simgen", scene.unknowns, seconds, newton, krylov, QUARTERS * result.force[:, 1],
-                    result.displacement * MM)  # fmt: skip
+                    result.displacement * MM_PER_M)  # fmt: skip
 
 
 def surface_rmse_um(u: np.ndarray, reference: np.ndarray) -> float:
     """Root mean square, um, of u - reference, both (azimuths x radii, 3) mm, over the area that moves by 10 um."""
     moved = np.linalg.norm(reference, axis=1) >= MOVED_MM
     weight = np.tile(RADII_MM, len(AZIMUTHS)) * moved
-    return float(MM * np.sqrt((weight * ((u - reference) ** 2).sum(axis=1)).sum() / weight.sum()))
+    return float(MM_PER_M * np.sqrt((weight * ((u - reference) ** 2).sum(axis=1)).sum() / weight.sum()))
 
 
 def compare(peer: PeerSolution, ours: PeerSolution) -> Outcome:

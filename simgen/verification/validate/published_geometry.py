@@ -10,8 +10,8 @@ from simgen.geometry.rigid_shape import signed_distance
 from simgen.geometry.signed_distance import RigidShape
 from simgen.geometry.surface import ClosestPoint
 from simgen.sensors.sensor_geometry import SensorGeometry
+from simgen.units import MM
 
-MM = 1e-3
 TIP_MM = 3.0  # how much of an indenter can touch
 
 

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from simgen.learning.translation.contact import SHARE, ContactGauge
+from simgen.units import MM
 
-MM = 1e-3
 SPACING = 0.25 * MM  # of a grid's points
 DEPTH = 0.41 * MM  # no point of the grid lies just where a dent's contact ends
 SPHERE = 5.0 * MM  # radius of what is pressed in: a contact of 2 mm
