@@ -135,7 +135,8 @@ def once_rows(what: str, at_once: Attempt, stepwise: Attempt) -> list[Row]:
         Row(f"{what}: force at 2 mm in one step", "N", at_once.force[-1], stepwise.force[-1], TARGET, "relative",
             "in 20 steps; the project's target"),
         Row(f"{what}: RMSE of the deformation region, one step", "um",
-            UM_PER_M * float(np.sqrt((apart[moved] ** 2).mean())), math.nan, 5.0, "at most", "against 20 steps; the project's target"),
+            UM_PER_M * float(np.sqrt((apart[moved] ** 2).mean())), math.nan, 5.0, "at most",
+            "against 20 steps; the project's target"),
     ]  # fmt: skip
 
 
