@@ -3,10 +3,11 @@
     python benchmarks/rounds.py --trajectories 216 --device cuda --output rounds.json
 
 Runs the first trajectories of the paired job in this process, as a worker of `simgen run` does, into a folder that is
-removed. A round is one call of `March.go_on`: an iteration, or a trial of a line search, of all presses of a sensor
-that are under way. A phase's time is its own, without that of phases inside it. The device works on while Python goes
-on, so a phase also waits for kernels that earlier ones have started; `--wait` waits after each phase instead, and slows
-the run. Kernels are timed in some rounds at each number of presses; these rounds run without CUDA graphs.
+removed. A round is one call of `LoadStepping.go_on`: an iteration, or a trial of a line search, of all presses of a
+sensor that are under way. A phase's time is its own, without that of phases inside it. The device works on while
+Python goes on, so a phase also waits for kernels that earlier ones have started; `--wait` waits after each phase
+instead, and slows the run. Kernels are timed in some rounds at each number of presses; these rounds run without CUDA
+graphs.
 
 One thread feeds the device. With `--crew 2` there are two, as in `simgen run`: rounds of the two sensors overlap, so
 only they are timed, and neither phases nor kernels.
@@ -34,11 +35,11 @@ from simgen.pipeline.run import run
 from simgen.pipeline.shard import prepare
 from simgen.pipeline.workers import TASKS_PER_GPU_PROCESS, Workers
 from simgen.simulation import pool
-from simgen.simulation.load_stepping import March
+from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.state_sampler import Samples
 
 PHASES = {
-    March: ("_begin", "_load", "_solve_again", "_settle", "_store"),
+    LoadStepping: ("_begin", "_load", "_solve_again", "_settle", "_store"),
     Samples: ("overlap", "room", "_displacements", "inverted_elements"),
     NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving", "_go_on_solving"),
     Balance: ("measure", "measure_surfaces", "work"),
@@ -85,31 +86,31 @@ class Rounds:
     def __init__(self, stopwatch: Stopwatch, device: str, of_kernels: bool):
         self.found, self.kernels, self._seen = [], defaultdict(lambda: defaultdict(float)), defaultdict(int)
         self._capture, self._of_kernels = True, of_kernels and not wp.get_device(device).is_cpu
-        go_on, krylov = March.go_on, ConjugateResiduals.go_on
+        go_on, krylov = LoadStepping.go_on, ConjugateResiduals.go_on
         if of_kernels:
             go_on = stopwatch.timed("the rest of a round", go_on)
 
         def solve(solver, *args, **more):
             return krylov(solver, *args, **more | ({} if self._capture else {"capture": False}))
 
-        def watched(march):
-            kind, begin, at_work = self._kind(march), time.perf_counter(), int(march.at_work.sum())
+        def watched(stepping):
+            kind, begin, at_work = self._kind(stepping), time.perf_counter(), int(stepping.at_work.sum())
             if kind:
                 self._capture = False
                 wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
-            go_on(march)
+            go_on(stepping)
             if kind:
                 self._keep(kind, wp.timing_end(), time.perf_counter() - begin)
             else:
-                self.found.append((march.scene.sensor.name, at_work, time.perf_counter() - begin))
+                self.found.append((stepping.scene.sensor.name, at_work, time.perf_counter() - begin))
 
-        ConjugateResiduals.go_on, March.go_on = solve, watched
+        ConjugateResiduals.go_on, LoadStepping.go_on = solve, watched
 
-    def _kind(self, march: March) -> str | None:
+    def _kind(self, stepping: LoadStepping) -> str | None:
         if not self._of_kernels:
             return None
         for kind, (least, most, before, count) in KERNELS.items():
-            if least <= march.at_work.sum() <= most:
+            if least <= stepping.at_work.sum() <= most:
                 self._seen[kind] += 1
                 return kind if before < self._seen[kind] <= before + count else None
         return None

@@ -22,7 +22,7 @@ from simgen.geometry import mesh_quality
 from simgen.pipeline.run import run
 from simgen.sensors import indenter, sensor_schema
 
-PAGES = [ROOT / "README.md", ROOT / "sensor_models" / "README.md", *sorted(DOCS.glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "sensor_models" / "README.md", *sorted(DOCS.glob("*.md"))]
 page = pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
 
 

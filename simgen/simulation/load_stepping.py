@@ -45,7 +45,7 @@ def longest_of_leg(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     return longest[leg]
 
 
-class March:
+class LoadStepping:
     """Presses along one path, of which ``scene.batch`` are under way at a time, one in each environment.
 
     path (d, 4): offsets, mm, and turns about the press axis, rad. A press ends after its steps, and where its force
@@ -53,7 +53,7 @@ class March:
     ``way`` is the length of path that lies behind an environment, mm.
     """
 
-    _counted = 0.0  # s, until when the time of all marches has been shared out
+    _counted = 0.0  # s, until when the time of all load stepping has been shared out
 
     def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float):
         self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, path, max_force_n
@@ -122,7 +122,7 @@ class March:
             self._next = ended & self.at_work
         # Marches of two threads overlap: time counts once, for the one that ends first.
         now = time.perf_counter()
-        begin, March._counted = max(begin, March._counted), now
+        begin, LoadStepping._counted = max(begin, LoadStepping._counted), now
         for press in under_way:
             press.seconds += (now - begin) / len(under_way)
 

@@ -1,8 +1,8 @@
 """Presses of several tasks side by side on one device: what the hard ones of one task leave free serves the next.
 
 Some presses take ten times as many iterations as most. On a GPU hundreds are under way at once, and a task that waited
-alone for its last presses would leave the device idle most of the time. So the tasks of a process share one march for
-each sensor. One or two tasks carry the marches on for all, each until its own presses have ended; the others sleep.
+alone for its last presses would leave the device idle most of the time. So the tasks of a process share the load
+stepping of each sensor. One or two tasks carry it on for all, each until its own presses have ended. The others sleep.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import warp as wp
 
 from simgen.fem.device import DEVICE
 from simgen.geometry.signed_distance import RigidShape
-from simgen.simulation.load_stepping import March
+from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import PressResult, Scene, begin_presses, result_of
 from simgen.simulation.tries import Press
 from simgen.units import MM_PER_M
@@ -27,14 +27,15 @@ POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
-    turn : for the one thread that carries the march on
+    turn : for the one thread that carries the presses on
     """
 
     def __init__(
         self, scene: Scene, shapes: Sequence[RigidShape], path_m: np.ndarray, turns_rad: np.ndarray, max_force_n: float
     ):
         scene.reset(list(shapes))
-        self._shapes, self._march = shapes, March(scene, np.column_stack([path_m * MM_PER_M, turns_rad]), max_force_n)
+        path = np.column_stack([path_m * MM_PER_M, turns_rad])
+        self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n)
         self._device, self.turn = wp.get_device(scene.device), threading.Lock()
         self._stream = wp.Stream(self._device) if self._device.is_cuda else None
         wp.synchronize()  # what the scene has been made with ran on another stream
@@ -44,17 +45,17 @@ class Pool:
         """Put presses under way: shape numbers (b,), poses (b, 4, 4) m, most steps (b,). Returns their results."""
         with DEVICE:
             self._use_stream()
-            return Pressing(self._march, begin_presses(self._march, self._shapes, shape_of, poses, steps))
+            return Pressing(self._stepping, begin_presses(self._stepping, self._shapes, shape_of, poses, steps))
 
     @property
     def urgency(self) -> tuple[int, int]:
-        """The march that keeps most environments at work goes on first, then the one that has most before it."""
-        return self._march.busy, self._march.left
+        """The pool that keeps most environments at work goes on first, then the one that has most presses left."""
+        return self._stepping.busy, self._stepping.left
 
     def go_on(self):
         """Carry the presses on by an iteration. The thread has the pool's `turn`, and the device."""
         self._use_stream()
-        self._march.go_on()
+        self._stepping.go_on()
 
     def _use_stream(self):
         if self._stream is not None:
@@ -62,14 +63,14 @@ class Pool:
 
     def drop(self):
         """Forget all presses that have not ended."""
-        self._march.drop(self._march.unfinished)
+        self._stepping.drop(self._stepping.unfinished)
 
 
 class Pressing:
     """Results of presses that are under way, in their order. To iterate over them waits until all have ended."""
 
-    def __init__(self, march: March, presses: list[Press]):
-        self._march, self._presses = march, presses
+    def __init__(self, stepping: LoadStepping, presses: list[Press]):
+        self._stepping, self._presses = stepping, presses
 
     def __iter__(self) -> Iterator[PressResult]:
         while self.under_way and CREW.join(self):
@@ -80,7 +81,7 @@ class Pressing:
                 CREW.leave()
         if any(press.dropped for press in self._presses):
             raise RuntimeError("another task of this process has failed, and its presses were solved with these")
-        return (result_of(self._march, press) for press in self._presses)
+        return (result_of(self._stepping, press) for press in self._presses)
 
     @property
     def under_way(self) -> bool:

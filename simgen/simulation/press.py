@@ -16,7 +16,7 @@ from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import lateral_reach
 from simgen.geometry.signed_distance import RigidShape
 from simgen.simulation.first_touch import first_touch
-from simgen.simulation.load_stepping import March
+from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.scene import Scene
 from simgen.simulation.tries import Press
 from simgen.units import MM_PER_M
@@ -151,22 +151,22 @@ def follow(
     distinct = list({id(shape): shape for shape in shapes}.values())
     number = {id(shape): i for i, shape in enumerate(distinct)}
     scene.reset(distinct)
-    march = March(scene, np.column_stack([path_m * MM_PER_M, turns_rad]), max_force_n)
-    presses = begin_presses(march, distinct, [number[id(shape)] for shape in shapes], poses, steps)
-    while march.left:
-        march.go_on()
-    return [result_of(march, press) for press in presses]
+    stepping = LoadStepping(scene, np.column_stack([path_m * MM_PER_M, turns_rad]), max_force_n)
+    presses = begin_presses(stepping, distinct, [number[id(shape)] for shape in shapes], poses, steps)
+    while stepping.left:
+        stepping.go_on()
+    return [result_of(stepping, press) for press in presses]
 
 
 def begin_presses(
-    march: March, shapes: Sequence[RigidShape], shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray
+    stepping: LoadStepping, shapes: Sequence[RigidShape], shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray
 ) -> list[Press]:
-    """Add presses to a march whose scene has these shapes: each with its shape's number, pose (4, 4) m and steps."""
-    begin, scene = time.perf_counter(), march.scene
+    """Add presses where the scene has these shapes: each with its shape's number, pose (4, 4) m and steps."""
+    begin, scene = time.perf_counter(), stepping.scene
     poses = np.array(poses, dtype=float)
     poses[:, :3, 3] *= MM_PER_M
     own = [shapes[i] for i in shape_of]
-    reach = float(np.linalg.norm(march.path[:, :3], axis=1).max())
+    reach = float(np.linalg.norm(stepping.path[:, :3], axis=1).max())
     faces = scene.indenter_contact.host_faces
     travel, status, near = first_touch(scene.nodes, faces, own, poses, scene.device, scene.batch, reach)
     poses[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
@@ -177,15 +177,15 @@ def begin_presses(
         press.status = None if code == Status.CONVERGED else int(code)
         press.seconds = (time.perf_counter() - begin) / len(presses)
     # Those that touch the most take the longest: they go first, as the end of a batch waits for its slowest presses.
-    march.add(presses[i] for i in np.argsort(-near, kind="stable"))
+    stepping.add(presses[i] for i in np.argsort(-near, kind="stable"))
     return presses
 
 
-def result_of(march: March, press: Press) -> PressResult:
-    """The samples of a press that has ended, as arrays over the depths of its march."""
-    scene, displacement = march.scene, press.displacement
+def result_of(stepping: LoadStepping, press: Press) -> PressResult:
+    """The samples of a press that has ended, as arrays over the depths of its path."""
+    scene, displacement = stepping.scene, press.displacement
     if displacement is None:
-        displacement = np.empty((len(march.path), scene.n_vertices, 3))
+        displacement = np.empty((len(stepping.path), scene.n_vertices, 3))
     displacement[len(press.rows) :] = np.nan
     d, rows, in_surface = len(displacement), press.rows, press.pose[:3, [0, 2]]
 
@@ -204,7 +204,7 @@ def result_of(march: March, press: Press) -> PressResult:
     pressure = column("cavity_pressure") if liquid else None
     force, moment = column("force", 3), column("moment", 3)
     shear, slip = force @ in_surface, column("slip_share")
-    shapes = march.sampler.surface_outputs.shapes
+    shapes = stepping.sampler.surface_outputs.shapes
     surface = {name: column(name, *shape, dtype=np.float32) for name, shape in shapes.items()}
     return PressResult(
         displacement, force, moment, status, certificate, press.touch, press.seconds, shear, slip, pressure, **surface

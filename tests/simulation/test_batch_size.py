@@ -9,7 +9,7 @@ from simgen.fem.nonlinear.newton import SolverSettings
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.batch_size import bytes_per_press, presses_at_once
-from simgen.simulation.load_stepping import March
+from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import Scene
 
 
@@ -34,9 +34,9 @@ def test_what_a_press_takes_is_known_before(model, element):
     for batch in (2, 3):
         scene = Scene(sensor, sensor.materials["solid"], element, batch=batch)
         scene.reset([load_indenter("sphere_7mm").shape()])
-        march = March(scene, np.ones((1, 4)), max_force_n=1.0)
+        stepping = LoadStepping(scene, np.ones((1, 4)), max_force_n=1.0)
         found = {}
-        for thing in (scene, march):
+        for thing in (scene, stepping):
             arrays(thing, found, set())
         total.append(sum(found.values()))
     assert bytes_per_press(sensor, element) == pytest.approx(total[1] - total[0], rel=0.02)

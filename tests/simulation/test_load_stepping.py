@@ -10,7 +10,7 @@ from simgen.fem.nonlinear.newton import EARLY, NEAR_BALANCE, SolverSettings
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
-from simgen.simulation.load_stepping import MOST_OVERLAP, March
+from simgen.simulation.load_stepping import MOST_OVERLAP, LoadStepping
 from simgen.simulation.press import Scene, begin_presses, follow, press
 from simgen.simulation.state_sampler import StateSampler
 from simgen.simulation.tries import Press
@@ -92,15 +92,16 @@ def test_a_cycle_is_kept_while_it_serves_a_batch(monkeypatch):
 
 def fail_beyond(monkeypatch, furthest_mm):
     """Load steps fail that end beyond so many millimetres, (in the first try, in the second)."""
-    settle = March._settle
+    settle = LoadStepping._settle
 
-    def fail(march, ended):
+    def fail(stepping, ended):
         tries = np.array([int(press is not None and each is not press.tries[0])
-                          for press, each in zip(march.press, march.tries, strict=True)])
-        march.solver.increment.status[ended & (march.target > np.array(furthest_mm)[tries])] = Status.NEWTON_STALLED
-        settle(march, ended)
+                          for press, each in zip(stepping.press, stepping.tries, strict=True)])
+        beyond = ended & (stepping.target > np.array(furthest_mm)[tries])
+        stepping.solver.increment.status[beyond] = Status.NEWTON_STALLED
+        settle(stepping, ended)
 
-    monkeypatch.setattr(March, "_settle", fail)
+    monkeypatch.setattr(LoadStepping, "_settle", fail)
 
 
 def test_a_press_that_fails_is_tried_once_more_from_rest_in_half_steps(block, monkeypatch):
@@ -119,14 +120,14 @@ def test_a_try_that_has_taken_too_many_iterations_ends_where_an_increment_fails(
     scene, targets = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.25)), []
     monkeypatch.setattr("simgen.simulation.load_stepping.MOST_ITERATIONS", most)
     fail_beyond(monkeypatch, (0.22, 0.22))
-    settle = March._settle
+    settle = LoadStepping._settle
 
-    def watch(march, ended):
-        if ended.any() and len(march.press[0].tries) == 1:
-            targets.append(round(float(march.target[0]), 6))
-        settle(march, ended)
+    def watch(stepping, ended):
+        if ended.any() and len(stepping.press[0].tries) == 1:
+            targets.append(round(float(stepping.target[0]), 6))
+        settle(stepping, ended)
 
-    monkeypatch.setattr(March, "_settle", watch)
+    monkeypatch.setattr(LoadStepping, "_settle", watch)
     result = press(scene, [SPHERE], pose(), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3]))[0]
     assert result.status.tolist() == [0, 0, Status.NEWTON_STALLED, Status.NEWTON_STALLED]
     assert tuple(targets[: len(increments)]) == increments
@@ -152,14 +153,14 @@ def test_a_second_try_beside_the_first_changes_no_result_and_saves_time(block, m
     """It begins as soon as the first has begun. The first counts wherever it gets to its end."""
     settings, depths = SolverSettings(smallest_substep=0.5), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3])
     fail_beyond(monkeypatch, furthest)
-    iterations, tries, go_on = [0, 0], [0, 0], March.go_on
+    iterations, tries, go_on = [0, 0], [0, 0], LoadStepping.go_on
 
-    def watch(march):
-        go_on(march)
-        iterations[march.scene.batch - 1] += 1
-        tries[march.scene.batch - 1] = max(tries[march.scene.batch - 1], march.left)
+    def watch(stepping):
+        go_on(stepping)
+        iterations[stepping.scene.batch - 1] += 1
+        tries[stepping.scene.batch - 1] = max(tries[stepping.scene.batch - 1], stepping.left)
 
-    monkeypatch.setattr(March, "go_on", watch)
+    monkeypatch.setattr(LoadStepping, "go_on", watch)
     plain = press(Scene(block, GEL, settings=settings), [SPHERE], pose(), depths)[0]
     monkeypatch.setattr("simgen.simulation.load_stepping.DOUBT", -1)
     scene = Scene(block, GEL, batch=2, settings=settings)
@@ -180,33 +181,33 @@ def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
     np.testing.assert_array_equal(both.displacement, plain.displacement)
 
 
-def two_tries(block, monkeypatch, doubt: int) -> tuple[March, Press]:
+def two_tries(block, monkeypatch, doubt: int) -> tuple[LoadStepping, Press]:
     """A press of which the step to its second depth fails, and room for a second try after ``doubt`` iterations."""
     monkeypatch.setattr("simgen.simulation.load_stepping.DOUBT", doubt)
     fail_beyond(monkeypatch, (0.25, 0.25))
     scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=1e-3))
     scene.reset([SPHERE])
-    march = March(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
-    [one] = begin_presses(march, [SPHERE], [0], pose(), np.array([2]))
-    return march, one
+    stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
+    [one] = begin_presses(stepping, [SPHERE], [0], pose(), np.array([2]))
+    return stepping, one
 
 
 @pytest.mark.parametrize("doubt", [5, 15])
 def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_for_a_depth(block, monkeypatch, doubt):
-    march, one = two_tries(block, monkeypatch, doubt)
+    stepping, one = two_tries(block, monkeypatch, doubt)
     while len(one.tries) < 2:
-        spent = march.cost[0, 0]
-        march.go_on()
+        spent = stepping.cost[0, 0]
+        stepping.go_on()
     assert spent > doubt and len(one.tries[0].rows) == 1
 
 
 def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
-    march, one = two_tries(block, monkeypatch, -1)
+    stepping, one = two_tries(block, monkeypatch, -1)
     for _ in range(3):
-        march.go_on()
-    assert march.at_work.all() and march.press == [one, one]
-    march.drop([one])
-    assert march.left == 0 and march.press == march.tries == [None, None] and not march.solver.working.any()
+        stepping.go_on()
+    assert stepping.at_work.all() and stepping.press == [one, one]
+    stepping.drop([one])
+    assert stepping.left == 0 and stepping.press == stepping.tries == [None, None] and not stepping.solver.working.any()
 
 
 def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):
@@ -223,18 +224,18 @@ def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):
 def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch, longest, reached):
     """Steps longer than so many millimetres do, beyond the second depth."""
     scene, depths = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.4)), np.array([0.1e-3, 0.2e-3, 0.3e-3])
-    measured, settle = StateSampler.overlap, March._solve_again
+    measured, settle = StateSampler.overlap, LoadStepping._solve_again
     too_far = []
 
-    def watch(march, ended):
-        too_far[:] = (march.target - march.way > longest) & (march.target > 0.25)
-        return settle(march, ended)
+    def watch(stepping, ended):
+        too_far[:] = (stepping.target - stepping.way > longest) & (stepping.target > 0.25)
+        return settle(stepping, ended)
 
     def overlap(samples):
         deepest, of_edge = measured(samples)
         return deepest, np.where(too_far, 2.0 * MOST_OVERLAP, of_edge)
 
-    monkeypatch.setattr(March, "_solve_again", watch)
+    monkeypatch.setattr(LoadStepping, "_solve_again", watch)
     monkeypatch.setattr(StateSampler, "overlap", overlap)
     result = press(scene, [SPHERE], pose(), depths)[0]
     assert result.status.tolist() == [0] * reached + [Status.NOT_RESOLVED] * (3 - reached)

@@ -1,4 +1,4 @@
-"""Tasks that share a march: the same bytes as alone, no press waits for another task's, and what an error ends."""
+"""Tasks that share their load stepping: the same bytes as alone, no press waits for another task's, ends by errors."""
 
 import threading
 import time
@@ -46,13 +46,13 @@ def test_tasks_side_by_side_give_the_bytes_of_each_alone(block, batch):
 def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):
     """One of two environments is left for three presses."""
     pool = make_pool(block, 2)
-    settle = pool._march._settle
+    settle = pool._stepping._settle
     hard = press(pool, 0, 1)
 
     def never_ends(finished):
-        settle(finished & np.array([each is not hard._presses[0] for each in pool._march.press]))
+        settle(finished & np.array([each is not hard._presses[0] for each in pool._stepping.press]))
 
-    pool._march._settle = never_ends
+    pool._stepping._settle = never_ends
     ended = list(press(pool, 1, 4))
     assert [result.status[-1] for result in ended] == [0, 0, 0]
     assert hard._presses[0].status is None and pool.urgency == (1, 1)
@@ -64,7 +64,7 @@ def test_the_march_that_keeps_most_environments_at_work_goes_first(block):
     waiting, first = press(small, 0, 3), press(large, 0, 2)
     assert max(small, large, key=lambda pool: pool.urgency) is large
     assert len(list(first)) == 2
-    assert small._march.left == 3 or large._march.left == 0  # nothing of the other was solved before
+    assert small._stepping.left == 3 or large._stepping.left == 0  # nothing of the other was solved before
     assert len(list(waiting)) == 3
 
 
@@ -76,7 +76,7 @@ def test_an_error_ends_all_tasks_and_the_next_one_is_sound(block, monkeypatch):
         def break_down(ended):
             raise MemoryError("no more")
 
-        patch.setattr(pool._march, "_settle", break_down)
+        patch.setattr(pool._stepping, "_settle", break_down)
         with pytest.raises(MemoryError):
             list(first)
     for task in (second, third):
@@ -161,10 +161,10 @@ def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_b
             let_others_in("cpu")
         for _ in range(10):
             let_others_in("cpu")
-        seen.append([press.dropped for press in pools[1]._march.unfinished])
+        seen.append([press.dropped for press in pools[1]._stepping.unfinished])
 
-    monkeypatch.setattr(pools[0]._march, "go_on", break_down)
-    monkeypatch.setattr(pools[1]._march, "go_on", never_ends)
+    monkeypatch.setattr(pools[0]._stepping, "go_on", break_down)
+    monkeypatch.setattr(pools[1]._stepping, "go_on", never_ends)
     with ThreadPoolExecutor(2) as threads:
         tasks = [threads.submit(lambda pool: list(press(pool, 0, 2)), pool) for pool in pools]
         errors = [type(task.exception(timeout=20.0)) for task in tasks]

@@ -21,7 +21,7 @@ from simgen.geometry.signed_distance import Kind
 from simgen.geometry.tetrahedra import OutputMesh, SimulationMesh
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import Material, Sensor, load_sensor
-from simgen.simulation.load_stepping import March
+from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import CERTIFICATE, Scene, SolverSettings, Status, follow, press
 from simgen.units import MM
 
@@ -153,15 +153,15 @@ def test_linear_tetrahedra_interpolate_linearly(block):
 
 def test_environments_out_of_step_do_not_disturb_each_other(block, monkeypatch):
     """One that must cut its steps and one that need not, in one batch, against each alone."""
-    poses, depths, settle = np.concatenate([pose(), pose(x=1.0)]), np.array([0.7e-3]), March._settle
+    poses, depths, settle = np.concatenate([pose(), pose(x=1.0)]), np.array([0.7e-3]), LoadStepping._settle
     settings = SolverSettings(1e-4, 5e-3, 5e-2)
 
-    def fail_long_steps_at_the_first_place(march, ended):
-        long = (march.target - march.way > 0.2) & (march._poses[:, 0, 3] == 0.0)
-        march.solver.increment.status[ended & long] = Status.NEWTON_STALLED
-        settle(march, ended)
+    def fail_long_steps_at_the_first_place(stepping, ended):
+        long = (stepping.target - stepping.way > 0.2) & (stepping._poses[:, 0, 3] == 0.0)
+        stepping.solver.increment.status[ended & long] = Status.NEWTON_STALLED
+        settle(stepping, ended)
 
-    monkeypatch.setattr(March, "_settle", fail_long_steps_at_the_first_place)
+    monkeypatch.setattr(LoadStepping, "_settle", fail_long_steps_at_the_first_place)
     together = press(Scene(block, GEL, batch=2, settings=settings), [CUBE, SPHERE], poses, depths)
     substeps = [int(result.certificate["substeps"][0]) for result in together]
     assert substeps[0] != substeps[1]
@@ -287,7 +287,7 @@ def test_elements_that_would_be_inside_out_are_kept_open(block):
 
 
 def test_large_steps_are_cut(block):
-    """1.2 mm at once takes sub-steps by itself and ends near the march in small steps; friction depends on the path."""
+    """1.2 mm at once takes sub-steps by itself and ends near the way in small steps; friction depends on the path."""
     scene = Scene(block, GEL, settings=SolverSettings(max_newton_iterations=6))
     fine = press(scene, [SPHERE], pose(), np.linspace(0.1e-3, 1.2e-3, 12))[0]
     once = press(scene, [SPHERE], pose(), np.array([1.2e-3]))[0]

@@ -12,7 +12,7 @@ The first is quadratic in u, zero for uniform strains of any size and for rotati
 fields. The second raises the bulk stiffness by a quarter at most, so that compressible solids stay so. Weights are zero
 until an element needs one, and never fall during a press. An element gets one when it is nearly flat where an increment
 starts or is expected to end. If it is inside out where the increment has converged, it gets twice as much, and the
-increment is solved again (see ``march``).
+increment is solved again (see ``load_stepping``).
 """
 
 from __future__ import annotations
