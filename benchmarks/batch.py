@@ -18,6 +18,7 @@ from record import write
 
 from simgen.config.warp_device import start_warp
 from simgen.simulation.press import press
+from simgen.simulation.state_sampler import StateSampler
 
 PHASES = {  # name: attributes of the solver, method
     "forces": ("balance", "measure"),
@@ -65,7 +66,7 @@ def main():
         if asked.profile:
             for name, (part, method) in PHASES.items():
                 watch(getattr(scene.solver, part), method, name, spent)
-            watch(scene.samples, "take", "samples", spent)
+            watch(StateSampler, "take", "samples", spent)
         wp.synchronize()
         begin = time.perf_counter()
         results = press(scene, shapes, poses, depths)

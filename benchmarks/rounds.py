@@ -36,11 +36,11 @@ from simgen.pipeline.shard import prepare
 from simgen.pipeline.workers import TASKS_PER_GPU_PROCESS, Workers
 from simgen.simulation import pool
 from simgen.simulation.load_stepping import LoadStepping
-from simgen.simulation.state_sampler import Samples
+from simgen.simulation.state_sampler import StateSampler
 
 PHASES = {
     LoadStepping: ("_begin", "_load", "_solve_again", "_settle", "_store"),
-    Samples: ("overlap", "room", "_displacements", "inverted_elements"),
+    StateSampler: ("overlap", "room", "_displacements", "inverted_elements"),
     NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving", "_go_on_solving"),
     Balance: ("measure", "measure_surfaces", "work"),
     ConjugateResiduals: ("begin", "go_on", "end"),

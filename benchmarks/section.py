@@ -25,6 +25,7 @@ from simgen.geometry.interpolation import geometry_jacobian, shape_functions
 from simgen.geometry.rigid_shape import signed_distance
 from simgen.sensors.indenter import load_indenter
 from simgen.simulation.press import press
+from simgen.simulation.state_sampler import StateSampler
 
 INDENTER = "cube_14mm"
 CONTACT_MM = (-9.2379, -8.0671, -2.9699)  # contact 1 of jobs/paired.yaml, seed 1
@@ -39,14 +40,14 @@ def solve(file: Path) -> None:
     start_warp()
     job = load_job("paired")
     scene = job_scene(job, "digit", 1, "cpu")
-    pose, states, take = np.eye(4), [], scene.samples.take
+    pose, states, take = np.eye(4), [], StateSampler.take
     pose[:3, :3], pose[:3, 3] = AXES, 1e-3 * np.array(CONTACT_MM)
 
-    def watch(reached):
+    def watch(sampler, reached):
         states.append(scene.solver.x.numpy()[: 3 * len(scene.nodes), 0].reshape(-1, 3).copy())
-        return take(reached)
+        return take(sampler, reached)
 
-    scene.samples.take = watch
+    StateSampler.take = watch
     result = press(scene, [load_indenter(INDENTER).shape()], pose[None], job.depths_m)[0]
     np.savez_compressed(file, nodes=scene.nodes, tetrahedra=scene.mesh.tetrahedra, u=states, pose=pose,
                         touch=result.touch, depths=job.depths_m, status=result.status)  # fmt: skip
