@@ -1,6 +1,6 @@
 """simgen: paired simulated touch for two tactile sensors, by quasi-static finite elements.
 
-Data walks one way: ``job -> sensor, indenter -> tetrahedra, pairing -> fem -> press -> dataset -> run -> cli``.
+Data walk one way: ``config, geometry -> sensors -> fem -> simulation -> dataset -> pipeline -> sensing -> learning``.
 """
 
 from typing import Any

@@ -266,7 +266,7 @@ class Dataset:
 
     @property
     def imported(self) -> bool:
-        """Whether it came from files of others, which say less (see `simgen.dataset.exchange.importing`)."""
+        """True if it came from files of others, which say less (see `simgen.dataset.exchange.importing`)."""
         return "source" in self.attributes
 
     @property

@@ -158,7 +158,7 @@ def _check_inputs(job: Job, recorded: str) -> None:
 
 @dataclass(frozen=True)
 class PlannedPresses:
-    """What a dataset's plan says of all presses: arrays by press, poses (press, 4, 4) m.
+    """The plan of all presses of a dataset: arrays by press, poses (press, 4, 4) m.
 
     sensor_pose, steps : by sensor; no steps where the job does not stop presses early
     """

@@ -1,1 +1,1 @@
-"""What a sensor would output: electrode signals and camera images."""
+"""Outputs of a sensor: electrode signals and camera images."""

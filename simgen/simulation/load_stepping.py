@@ -57,7 +57,7 @@ class LoadStepping:
 
     def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float):
         self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, path, max_force_n
-        self.sampler, self._waiting = StateSampler(scene), PressQueue()
+        self.sampler, self._waiting = StateSampler.of(scene), PressQueue()
         self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_LEVER_MM]])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
         self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])

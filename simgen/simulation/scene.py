@@ -45,6 +45,7 @@ class Scene:
     ):
         self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
         self.outputs = outputs
+        self.sampler = None  # what measures its states: `StateSampler.of` makes it once
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[element]
         mesh = self.mesh = in_sweep_order(sensor.simulation_mesh)

@@ -75,6 +75,13 @@ class StateSampler:
     It is made while the scene is at rest, as :meth:`Scene.reset` leaves it.
     """
 
+    @classmethod
+    def of(cls, scene: Scene) -> StateSampler:
+        """The sampler of a scene, which is made for its first presses and serves all others."""
+        if scene.sampler is None:
+            scene.sampler = cls(scene)
+        return scene.sampler
+
     def __init__(self, scene: Scene):
         self.scene, device, batch = scene, scene.device, scene.batch
         to_output = scene.to_output.tocsr()

@@ -2,6 +2,7 @@ import numpy as np
 
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
+from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.state_sampler import StateSampler
 from simgen.verification.validate.hard_scenes import block, scene_of
 
@@ -21,3 +22,11 @@ def test_elements_inverted_between_their_quadrature_points_are_counted():
     scene.solver.x.assign(x[:, None])
     at_points = scene.solver.balance.measure(scene.solver.x).min_det
     assert sampler.inverted_elements()[0] > 0 and at_points[0] > 0.0
+
+
+def test_all_presses_of_a_scene_share_one_sampler():
+    """With stress and traction it takes half a second to make on the DIGIT's default mesh."""
+    scene = scene_of(block(), "cpu")
+    scene.reset([rigid_shape(Kind.SPHERE, 3.5)])
+    path = np.array([[0.0, 0.1, 0.0, 0.0]])
+    assert LoadStepping(scene, path, np.inf).sampler is LoadStepping(scene, path, np.inf).sampler

@@ -1,4 +1,4 @@
-"""Which of two tries counts, and when that is known."""
+"""The try that counts of two, and when that is known."""
 
 import gc
 import weakref

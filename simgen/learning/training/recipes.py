@@ -78,7 +78,7 @@ class Inputs:
 
 
 def make_recipe(name: str, inputs: Inputs) -> Recipe:
-    """Of one of `simgen.learning.training.schema.NETWORKS`; its weights come from the job's seed and the name."""
+    """Make the recipe of one of `schema.NETWORKS`; weights come from the job's seed and the name."""
     return RECIPES[name](inputs)
 
 
