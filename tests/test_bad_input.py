@@ -170,7 +170,7 @@ SENSORS = [
     ("missing key", {"s/sensor.yaml": "name: x"}, MESH, "s/sensor.yaml: gel: Field required"),
     ("misspelt key", {"s/sensor.yaml": "name: x\ngell: {}"}, MESH, "s/sensor.yaml: gell: unknown key, allowed: name"),
     ("wrong unit", sensor(gel={"mesh": {"file": "slab.stl", "unit": "cm"}}), MESH, "gel.mesh.unit = 'cm'"),
-    ("nu of a liquid", sensor(materials={"solid": {**SOLID, "poisson_ratio": 0.5}}), MESH, "poisson_ratio = 0.5"),
+    ("nu of a fluid", sensor(materials={"solid": {**SOLID, "poisson_ratio": 0.5}}), MESH, "poisson_ratio = 0.5"),
     ("region empty", sensor(**plate(at_mm=9.0)), MESH, "held.back: selects no triangle"),
     ("region unknown", sensor(held={"back": {"ball": 1}}), MESH, "held.back.ball: unknown key"),
     ("no region", sensor(held={}), MESH, "held"),

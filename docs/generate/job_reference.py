@@ -76,7 +76,7 @@ MEANINGS: dict[type[StrictSection], dict[str, str]] = {
         "model": "a bundled sensor, or the folder of a `sensor.yaml`",
         "mesh": "which of the sensor's meshes is solved on; the stored vertices are the same ones for all",
         "material": "of the deformable body; a preset's name alone will do",
-        "fluid": "what fills the gap between skin and core. A liquid keeps its volume; its pressure is stored",
+        "fluid": "what fills the gap between skin and core. A fluid keeps its volume; its pressure is stored",
         "output": "a mesh of your own, whose vertices are stored in place of the sensor's",
     },
     OutputFile: {

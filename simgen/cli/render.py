@@ -9,8 +9,8 @@ import numpy as np
 
 from simgen.cli.console import INTERRUPTED, console, tracked
 from simgen.dataset.exchange.selection import PressSelection
-from simgen.sensing.camera.album import STAGES, write_gif, write_montages, write_stages
 from simgen.sensing.camera.images import Images, render, unmade
+from simgen.sensing.camera.montages import STAGES, write_gif, write_montages, write_stages
 from simgen.sensing.camera.renderer import Renderer
 
 

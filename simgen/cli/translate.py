@@ -19,9 +19,16 @@ from simgen.learning.translation.accuracy import NEAR_MM, Accuracy, summarise, w
 from simgen.learning.translation.picture import ChainPainter
 from simgen.learning.translation.presses import CONTACT, TranslatedImages, check_meshes
 from simgen.learning.translation.recordings import Recording, translate_recordings
-from simgen.learning.translation.showing import COLUMNS, FRAMES, press_steps, recording_steps, shown_presses, spread
-from simgen.sensing.camera.album import PRESS_GIF
+from simgen.learning.translation.shown_samples import (
+    COLUMNS,
+    FRAMES,
+    press_steps,
+    recording_steps,
+    shown_presses,
+    spread,
+)
 from simgen.sensing.camera.images import claim, render, unmade
+from simgen.sensing.camera.montages import PRESS_GIF
 from simgen.sensing.camera.renderer import Renderer
 
 CHAIN, DPI = "chain.png", 130

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from simgen.dataset.folder_lock import held_new, remove_abandoned
+from simgen.dataset.folder_lock import locked_new, remove_abandoned
 from simgen.errors import InputError, writing
 
 ROOM = 64 * 2**20  # bytes: more than HDF5 keeps in its caches, and than a sample and its mesh take
@@ -87,7 +87,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
     with suppress(OSError):  # what cannot be removed is not in the way
         partial = path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 32}.partial")
         remove_abandoned(folder for folder in partial if folder.is_dir())
-    with held_new(lambda text: path.with_name(f".{path.name}.{text}.partial")) as folder:
+    with locked_new(lambda text: path.with_name(f".{path.name}.{text}.partial")) as folder:
         try:
             yield folder
             flush_tree(folder)

@@ -21,7 +21,7 @@ from simgen.errors import InputError
 from simgen.fem.nonlinear.status import NOT_THERE, Status, has_values, is_planned_end
 
 FORCE_BALANCE = 1e-3  # of the contact force
-LIQUID_VOLUME = 1e-6  # of the cavity's volume
+FLUID_VOLUME = 1e-6  # of the cavity's volume
 
 
 def check(dataset: Dataset) -> list[Finding]:
@@ -187,15 +187,15 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         ("force_balance", "force balance", FORCE_BALANCE),
     ]
     if dataset.job.sensors[sensor].fluid != "none":
-        limits.append(("liquid_volume_error", "liquid volume, change", LIQUID_VOLUME))
+        limits.append(("liquid_volume_error", "fluid volume, change", FLUID_VOLUME))
     for key, what, limit in limits:
         yield named(sensor, what, dataset[f"{sensor}/certificate/{key}"], limit, "{:.2e}", of=converged)
 
     def stored(key: str) -> np.ndarray:
         return dataset[f"{sensor}/certificate/{key}"]
 
-    liquid = ["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else []
-    for key in ("force", "moment", *liquid, *dataset.job.stored_outputs(sensor)):
+    fluid = ["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else []
+    for key in ("force", "moment", *fluid, *dataset.job.stored_outputs(sensor)):
         finite = _finite(dataset, f"{sensor}/{key}", converged.shape)
         yield named(sensor, f"{key} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("min_det_F")

@@ -20,20 +20,20 @@ LOCK = ".lock"
 NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # what a file system without them answers
 
 
-class HeldError(Exception):
+class LockedError(Exception):
     """Somebody else holds the folder: who, as a sentence's end."""
 
 
 @contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Hold a folder. Raises `HeldError` at once if another process, or another call in this one, does.
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder. Raises `LockedError` at once if another process, or another call in this one, does.
 
     Raises `FileNotFoundError` if the folder is gone.
     """
     handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         if not _lock(handle, folder):
-            raise HeldError(os.pread(handle, 1000, 0).decode(errors="replace") or "an unknown process")
+            raise LockedError(os.pread(handle, 1000, 0).decode(errors="replace") or "an unknown process")
         if os.fstat(handle).st_ino != os.stat(folder / LOCK).st_ino:  # removed, and made again, meanwhile
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / LOCK))
         about = f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%Y-%m-%d %H:%M:%S %Z')}"
@@ -50,7 +50,7 @@ def held(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def held_new(named: Callable[[str], Path]) -> Iterator[Path]:
+def locked_new(named: Callable[[str], Path]) -> Iterator[Path]:
     """Make and hold a folder; ``named`` makes its path of a text that is used once.
 
     Somebody who removes what nobody holds may come between; then another folder is made.
@@ -60,9 +60,9 @@ def held_new(named: Callable[[str], Path]) -> Iterator[Path]:
             folder = named(uuid.uuid4().hex)
             folder.mkdir(parents=True)
             try:
-                stack.enter_context(held(folder))
+                stack.enter_context(locked(folder))
                 break
-            except (HeldError, FileNotFoundError):
+            except (LockedError, FileNotFoundError):
                 if last:
                     raise
         yield folder
@@ -91,12 +91,12 @@ def remove_abandoned(paths: Iterable[Path]) -> str | None:
     for path in paths:
         try:
             if path.is_dir():
-                with held(path):
+                with locked(path):
                     for entry in path.iterdir():
                         if entry.name != LOCK:
                             _remove(entry)
             _remove(path)  # the lock's file last, when it is closed: NFS keeps files that are open
-        except HeldError as error:
+        except LockedError as error:
             left = str(error)
         except FileNotFoundError:  # somebody else has removed it meanwhile
             pass

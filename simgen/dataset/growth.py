@@ -18,7 +18,7 @@ import numpy as np
 from simgen.config.job_schema import Job, hash_of
 from simgen.dataset.atomic_files import flush, flush_tree
 from simgen.dataset.card import forget_card
-from simgen.dataset.folder_lock import HeldError, held
+from simgen.dataset.folder_lock import LockedError, locked
 from simgen.dataset.reader import GROWING, PLAN, Dataset
 from simgen.dataset.splits import split_presses
 from simgen.dataset.writer import as_stored, check_same, filling, folder_aside, forget, grows, with_count, write_plan
@@ -69,9 +69,9 @@ def finish_growth(path: Path) -> None:
     """
     if (path / GROWING).exists():
         try:
-            with writing(path), held(path):
+            with writing(path), locked(path):
                 _put_plan_in_place(path)
-        except HeldError as error:
+        except LockedError as error:
             raise InputError(f"{path}: {error} is adding trajectories to it; wait for its end") from None
 
 

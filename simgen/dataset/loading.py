@@ -76,7 +76,7 @@ class Samples(Sequence):
         """A sample, or some of them: float32 in SI units, numbers in int64.
 
         ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` and ``<sensor>/moment`` (3,) in the sensor's frame;
-        with a liquid ``<sensor>/cavity_pressure``. Where the dataset has them: ``<sensor>/shear_force`` (2,),
+        with a fluid ``<sensor>/cavity_pressure``. Where the dataset has them: ``<sensor>/shear_force`` (2,),
         ``<sensor>/slip_share``, and at its ``<sensor>/surface_vertices`` ``<sensor>/stress`` (s, 6) and
         ``<sensor>/traction`` (s, 3).
 

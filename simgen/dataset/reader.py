@@ -87,7 +87,7 @@ CERTIFICATE = {
     "damping": ("float64", "largest damping of the tangent, over mu: forces and displacements are not damped"),
 }
 ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping")  # older datasets lack both
-LIQUID_CERTIFICATE = {"liquid_volume_error": ("float64", "change of the liquid's volume / volume of the cavity")}
+FLUID_CERTIFICATE = {"liquid_volume_error": ("float64", "change of the fluid's volume / volume of the cavity")}
 
 
 @dataclass(frozen=True)
@@ -132,9 +132,9 @@ def written_arrays(
             arrays[f"{sensor}/{output}"] = _optional_array(output, depths, surface_vertices.get(sensor, 0))
         certificate = CERTIFICATE
         if job.sensors[sensor].fluid != "none":
-            about = "of the liquid in the cavity, above ambient"
+            about = "of the fluid in the cavity, above ambient"
             arrays[f"{sensor}/cavity_pressure"] = Array((depths,), "float64", about, "Pa")
-            certificate = CERTIFICATE | LIQUID_CERTIFICATE
+            certificate = CERTIFICATE | FLUID_CERTIFICATE
         for key, (dtype, about) in certificate.items():
             arrays[f"{sensor}/certificate/{key}"] = Array((depths,), dtype, about)
     return arrays

@@ -25,7 +25,7 @@ from simgen.dataset import atomic_files
 from simgen.dataset.atomic_files import Aside, flush, put_in_place, whole_folder
 from simgen.dataset.card import has_card
 from simgen.dataset.chunk_files import COMPRESSION, chunk_file, sharded_files
-from simgen.dataset.folder_lock import LOCK, HeldError, held, held_new, remove_abandoned
+from simgen.dataset.folder_lock import LOCK, LockedError, locked, locked_new, remove_abandoned
 from simgen.dataset.layout import checked
 from simgen.dataset.provenance import difference
 from simgen.dataset.reader import PLAN, SCHEMA, TIMINGS, Array, Dataset, written_arrays
@@ -153,8 +153,8 @@ def filling(dataset: Dataset) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             with writing(dataset.path):
-                stack.enter_context(held(dataset.path))
-        except HeldError as error:
+                stack.enter_context(locked(dataset.path))
+        except LockedError as error:
             advice = "wait for its end, or choose another --output"
             raise InputError(f"{dataset.path}: {error} is writing into it; {advice}") from None
         deadline = time.monotonic() + WAIT_FOR_WORKERS
@@ -180,7 +180,7 @@ def folder_aside(dataset: Dataset) -> Iterator[Path]:
     """A folder for what a task has not put in its place yet; whatever is left there is removed with it."""
     folder = None
     try:
-        with held_new(lambda text: dataset.path / STAGING / text) as folder:
+        with locked_new(lambda text: dataset.path / STAGING / text) as folder:
             yield folder
     finally:
         if folder is not None:

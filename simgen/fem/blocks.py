@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.material.neo_hookean import mat33f, vec3f
 from simgen.fem.sections import CHUNK, chunks
 
@@ -32,7 +32,7 @@ def of_environment(blocks: wp.array, env: int) -> np.ndarray:
 
 def clear(blocks: wp.array, active):
     """Set the blocks of the active environments to zero."""
-    columns.launch(clear_kernel, chunks(blocks.shape[1]), [active], [blocks])
+    batch_arrays.launch(clear_kernel, chunks(blocks.shape[1]), [active], [blocks])
 
 
 @wp.kernel
@@ -88,7 +88,7 @@ def store(x: wp.array2d(dtype=wp.float32), node: wp.int32, env: wp.int32, value:
 def invert_kernel(
     blocks: Blocks,
     diagonal: wp.array(dtype=wp.int32),
-    held: wp.array(dtype=wp.int32),
+    fixed: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
     inverse_out: Blocks,
@@ -100,13 +100,13 @@ def invert_kernel(
         return
     K = block(blocks, diagonal[node], env)
     for i in range(3):
-        if held[3 * node + i] == 1:
+        if fixed[3 * node + i] == 1:
             for j in range(3):
                 K[i, j] = 0.0
                 K[j, i] = 0.0
             K[i, i] = 1.0
     K = wp.inverse(K)
     for i in range(3):
-        if held[3 * node + i] == 1:
+        if fixed[3 * node + i] == 1:
             K[i, i] = 0.0
     store_block(inverse_out, node, env, K)

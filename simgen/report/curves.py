@@ -1,4 +1,4 @@
-"""Force, and pressure of a liquid, against depth: every trajectory, and what most of them do."""
+"""Force, and pressure of a fluid, against depth: every trajectory, and what most of them do."""
 
 import html
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ def pressure_section(dataset: Dataset) -> Iterator[str]:
     pressing = dataset.indenter_path.legs == 0
     values = {sensor: dataset[f"{sensor}/cavity_pressure"][:, pressing] / 1e3 for sensor in filled}
     if filled:
-        yield from _against_depth(dataset, values, "pressure, kPa", "Of the liquid, above ambient, whose volume stays")
+        yield from _against_depth(dataset, values, "pressure, kPa", "Of the fluid, above ambient, whose volume stays")
 
 
 def axial_force(dataset: Dataset, sensor: str) -> np.ndarray:

@@ -242,7 +242,7 @@ class Room:
     A skin over a core takes more, because its inner side is free to move. It bends across the gap until it meets the
     core, and only the rest of the press squeezes it between indenter and core. So skin s over a gap g takes a press of
     g + ratio s. Then a ball of diameter s + g fits between the contact and what is rigid; the rule asks for the one
-    that a press of depth d needs, s + g = d + (1 - ratio) s. The gap counts with a liquid, too: it flows aside.
+    that a press of depth d needs, s + g = d + (1 - ratio) s. The gap counts with a fluid, too: it flows aside.
     """
 
     def __init__(self, sensor: Sensor, max_depth_m: float, settings: ContactSettings, lateral_reach_m: float = 0.0):

@@ -18,7 +18,7 @@ USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may c
 def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSettings | None = None) -> int:
     """Memory of one press that is under way: states, Krylov vectors, blocks, contact points.
 
-    Without a liquid, which adds some percent, tiles of blocks that are not full (see ``fem.blocks``), and the sparse
+    Without a fluid, which adds some percent, tiles of blocks that are not full (see ``fem.blocks``), and the sparse
     factors of linear tetrahedra, which the host keeps.
     """
     mesh, kind, settings = sensor.simulation_mesh, ELEMENTS[element], settings or SolverSettings()

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable
 import numpy as np
 
 from simgen.config.indenter_path import moved
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.nonlinear.status import Status
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
@@ -182,8 +182,8 @@ class LoadStepping:
         onwards = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         onwards = np.clip(onwards, 0.0, FURTHEST)
         marked = solver.mark(starting)
-        columns.copy(solver.x, marked, self.x_start)
-        columns.go_beyond(self.x_previous, self.x_start, onwards, marked, solver.trial)
+        batch_arrays.copy(solver.x, marked, self.x_start)
+        batch_arrays.go_beyond(self.x_previous, self.x_start, onwards, marked, solver.trial)
         for x in (self.x_start, solver.trial):
             solver.elasticity.expect(x)
         self._now[starting] = self._pose(self.target)[starting]
@@ -228,7 +228,7 @@ class LoadStepping:
         if again.any():
             self._repeats[again] += 1
             self._count_cost(again)
-            columns.copy(solver.x, solver.mark(again), solver.trial)
+            batch_arrays.copy(solver.x, solver.mark(again), solver.trial)
             solver.begin(again)
         return again
 
@@ -247,7 +247,7 @@ class LoadStepping:
         failed = ended & ~converged
         if failed.any():  # back to where they began
             marked = solver.mark(failed)
-            columns.copy(self.x_start, marked, solver.x)
+            batch_arrays.copy(self.x_start, marked, solver.x)
             for contact in solver.contacts:
                 contact.restore(marked)
         unchecked = failed & (self._repeats > 0) & (self._repeats <= MOST_REPEATS)
@@ -268,7 +268,7 @@ class LoadStepping:
             for env in np.flatnonzero(hopeless):
                 self._end(env, out.status[env], failed=True)
         marked = solver.mark(converged)
-        columns.copy(self.x_start, marked, self.x_previous)
+        batch_arrays.copy(self.x_start, marked, self.x_previous)
         for contact in solver.contacts:
             contact.keep(marked)
         self.previous[converged] = self.way[converged]

@@ -51,10 +51,10 @@ class PressResult:
         support and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, number of
         elements that are inside out somewhere (see ``fem/elements/validity.py``) and that are stabilised (see
         ``fem/elements/stabilisation.py``), penetration in m, iterations, sub-steps, largest damping (see
-        ``fem/nonlinear/damping.py``); with a liquid also liquid_volume_error, over the volume of the cavity
+        ``fem/nonlinear/damping.py``); with a fluid also liquid_volume_error, over the volume of the cavity
     touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of those that were solved together
-    cavity_pressure : (d,) Pa, of the liquid above ambient; None where the scene has none
+    cavity_pressure : (d,) Pa, of the fluid above ambient; None where the scene has none
     shear_force : (d, 2) N on the sensor along the contact frame's x and z, which are those of the indenter at first
         touch; ``force`` along the press axis is the rest of it
     stress, traction : (d, s, 6) and (d, s, 3) float32, Pa, at the s surface vertices of the output mesh, where the
@@ -198,10 +198,10 @@ def result_of(stepping: LoadStepping, press: Press) -> PressResult:
     status = np.full(d, press.status, dtype=np.int8)
     status[: len(rows)] = [row["status"] for row in rows]
     certificate = {key: column(key) for key in CERTIFICATE}
-    liquid = scene.cavity is not None
-    if liquid:
+    fluid = scene.cavity is not None
+    if fluid:
         certificate["liquid_volume_error"] = column("liquid_volume_error")
-    pressure = column("cavity_pressure") if liquid else None
+    pressure = column("cavity_pressure") if fluid else None
     force, moment = column("force", 3), column("moment", 3)
     shear, slip = force @ in_surface, column("slip_share")
     shapes = stepping.sampler.surface_outputs.shapes

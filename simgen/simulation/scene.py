@@ -1,4 +1,4 @@
-"""A sensor ready to be pressed: its meshes, material, contacts and liquid as terms of a solver."""
+"""A sensor ready to be pressed: its meshes, material, contacts and fluid as terms of a solver."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 import scipy.sparse as sparse
 
 from simgen.errors import InputError
-from simgen.fem import columns
+from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
 from simgen.fem.elements.cavity import Cavity
 from simgen.fem.elements.elasticity import Elasticity
@@ -51,10 +52,10 @@ class Scene:
         mesh = self.mesh = in_sweep_order(sensor.simulation_mesh)
         n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
         self.nodes = mesh.nodes[:n] * MM_PER_M
-        held = per_component(mesh.held[:n])
+        fixed = per_component(mesh.held[:n])
         split = self.settings.volumetric_split if kind.pressures else None
         solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)
-        active = columns.Active(batch, device)
+        active = ActiveEnvironments(batch, device)
         body = Elasticity(kind, self.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
         k = (self.settings.contact_stiffness, self.settings.friction_stiffness)
         self.indenter_contact = Contact(kind, self.nodes, mesh.touchable, k, material.friction, device, active)
@@ -73,8 +74,8 @@ class Scene:
             if not len(mesh.facing_core):
                 raise InputError(f"sensor {sensor.name}: fluid = {fluid!r}: it has no cavity; allowed: none")
             row = body.n_displacements + body.n_pressures
-            self.cavity = Cavity(kind, self.nodes, mesh.facing_core, held, row, device, active)
-        self.solver = NewtonSolver(body, contacts, held, batch, self.settings, self.cavity)
+            self.cavity = Cavity(kind, self.nodes, mesh.facing_core, fixed, row, device, active)
+        self.solver = NewtonSolver(body, contacts, fixed, batch, self.settings, self.cavity)
         self.unknowns = self.solver.n_unknowns
         if self.core_contact is not None:
             core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0, device=device)
@@ -118,9 +119,9 @@ class Scene:
     @property
     def _about_cavity(self) -> str:
         if self.cavity is not None:
-            return "an incompressible liquid keeps its volume: one pressure"
+            return "an incompressible fluid keeps its volume: one pressure"
         if len(self.sensor.simulation_mesh.facing_core):
-            return "fluid: none; the skin is pressed without its liquid"
+            return "fluid: none; the skin is pressed without its fluid"
         return "the sensor has no cavity"
 
     def reset(self, shapes: list[RigidShape]):
@@ -134,7 +135,7 @@ class Scene:
         solver = self.solver
         self.indenter_contact.choose(shape_of)
         marked = solver.mark(environments)
-        columns.clear(marked, solver.x)
+        batch_arrays.clear(marked, solver.x)
         for contact in solver.contacts:
             contact.forget(marked)
         solver.elasticity.forget(marked)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.device import read
 from simgen.fem.material.neo_hookean import real
 from simgen.fem.nonlinear.newton import SMALLEST_FORCE
@@ -27,7 +27,7 @@ SUBDIVISIONS = 6  # of faces, where overlap is looked for
 def reaction_kernel(
     internal: wp.array2d(dtype=wp.float64),
     surface: wp.array2d(dtype=wp.float64),
-    held: wp.array(dtype=wp.int32),
+    fixed: wp.array(dtype=wp.int32),
     nodes: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
@@ -41,7 +41,7 @@ def reaction_kernel(
     total = real(0.0)
     for node in range(c * CHUNK, wp.min((c + 1) * CHUNK, nodes)):
         row = 3 * node + i
-        if held[row] == 1:
+        if fixed[row] == 1:
             total += internal[row, env] + surface[row, env]
     wp.atomic_add(reactions_out, i, env, total)
 
@@ -107,8 +107,8 @@ class StateSampler:
         """Forces (3, env) of the held nodes on the body, at the last measured state."""
         balance, solver = self.scene.solver.balance, self.scene.solver
         self._sums.zero_()
-        inputs = [balance.internal, balance.surface, solver.held, self._nodes, solver.active]
-        columns.launch(reaction_kernel, (chunks(self._nodes), 3), inputs, [self._sums])
+        inputs = [balance.internal, balance.surface, solver.fixed, self._nodes, solver.active]
+        batch_arrays.launch(reaction_kernel, (chunks(self._nodes), 3), inputs, [self._sums])
         [sums] = read(self._sums)
         return sums
 

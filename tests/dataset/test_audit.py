@@ -102,13 +102,13 @@ def test_a_mesh_of_the_job_may_lie_off_the_gel(tmp_path, output):
     assert ("digit: contact distance" in failures(dataset)) == (output is None)
 
 
-def test_a_liquid_must_keep_its_volume(tmp_path):
+def test_a_fluid_must_keep_its_volume(tmp_path):
     plan = fake.make_plan(fake.make_job(sensors=fake.FILLED))
     filled = run(plan, tmp_path / "filled.zarr", build=fake.fake_presser)
     assert failures(filled) == set()
     np.testing.assert_array_equal(filled["biotac/cavity_pressure"][3], 1e6 * plan.job.depths_m)
     fake.change(filled, "biotac/certificate/liquid_volume_error", (2, 1), 1e-4)
-    assert failures(filled) == {"biotac: liquid volume, change"}
+    assert failures(filled) == {"biotac: fluid volume, change"}
 
 
 def test_failed_samples_are_explained(dataset):

@@ -9,12 +9,12 @@ import sys
 
 import pytest
 
-from simgen.dataset.folder_lock import LOCK, HeldError, held, held_new, holder, remove_abandoned
+from simgen.dataset.folder_lock import LOCK, LockedError, holder, locked, locked_new, remove_abandoned
 
 CHILD = """
 import sys, time, pathlib
-from simgen.dataset.folder_lock import held
-with held(pathlib.Path(sys.argv[1])):
+from simgen.dataset.folder_lock import locked
+with locked(pathlib.Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
 """
@@ -31,7 +31,7 @@ def child(tmp_path):
 
 
 def test_what_another_process_holds_is_not_to_be_had(tmp_path, child):
-    with pytest.raises(HeldError, match=f"process {child.pid} on .* since 20"), held(tmp_path):
+    with pytest.raises(LockedError, match=f"process {child.pid} on .* since 20"), locked(tmp_path):
         pass
     assert f"process {child.pid}" in holder(tmp_path)
 
@@ -40,12 +40,12 @@ def test_nothing_has_to_be_cleaned_up_after_kill_9(tmp_path, child):
     child.send_signal(signal.SIGKILL)
     child.wait()
     assert holder(tmp_path) is None
-    with held(tmp_path):
+    with locked(tmp_path):
         assert f"process {os.getpid()}" in holder(tmp_path)
 
 
 def test_a_folder_that_was_held_is_as_if_it_had_not_been(tmp_path):
-    with held(tmp_path), pytest.raises(HeldError), held(tmp_path):
+    with locked(tmp_path), pytest.raises(LockedError), locked(tmp_path):
         pass
     assert holder(tmp_path) is None and (tmp_path / LOCK).read_bytes() == b""
 
@@ -54,10 +54,10 @@ def test_asking_who_holds_a_folder_does_not_keep_another_from_it(tmp_path):
     """While somebody looks, its lock is shared for an instant."""
     looking = os.open(tmp_path / LOCK, os.O_RDONLY | os.O_CREAT)
     fcntl.flock(looking, fcntl.LOCK_SH)
-    with pytest.raises(HeldError), held(tmp_path):
+    with pytest.raises(LockedError), locked(tmp_path):
         pass
     os.close(looking)
-    with held(tmp_path):
+    with locked(tmp_path):
         pass
 
 
@@ -66,7 +66,7 @@ def test_what_nobody_holds_is_removed_and_the_rest_stays(tmp_path):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "half a file").write_bytes(b"1")
     (tmp_path / "file").write_bytes(b"1")
-    with held(tmp_path / "mine"):
+    with locked(tmp_path / "mine"):
         assert f"process {os.getpid()}" in remove_abandoned(tmp_path.glob("*"))
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
     assert remove_abandoned(tmp_path.glob("*")) is None and not list(tmp_path.iterdir())
@@ -77,7 +77,7 @@ def test_a_file_system_without_locks_is_told_of(tmp_path, monkeypatch):
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", flock)
-    with pytest.warns(UserWarning, match="this file system has no locks"), held(tmp_path):
+    with pytest.warns(UserWarning, match="this file system has no locks"), locked(tmp_path):
         assert holder(tmp_path) is None
 
 
@@ -97,7 +97,7 @@ def test_a_folder_that_is_removed_before_it_is_held_is_made_again(tmp_path):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "open", open_after_removal)
-        with held_new(named) as folder:
+        with locked_new(named) as folder:
             assert folder == tmp_path / "second" and holder(folder)
 
 
@@ -110,7 +110,7 @@ def test_a_lock_on_a_file_that_has_been_removed_is_none(tmp_path, monkeypatch):
         lock.touch()
 
     monkeypatch.setattr(fcntl, "flock", removed_meanwhile)
-    with pytest.raises(FileNotFoundError), held(tmp_path):
+    with pytest.raises(FileNotFoundError), locked(tmp_path):
         pass
 
 

@@ -102,7 +102,7 @@ def test_numbers_beyond_the_end_and_from_it(dataset):
     assert len(some) == 4 and some[0]["press"] == samples[3]["press"]
 
 
-def test_a_liquid_s_pressure(tmp_path):
+def test_a_fluid_s_pressure(tmp_path):
     filled = run(fake.make_plan(fake.make_job(sensors=fake.FILLED)), tmp_path / "d.zarr", build=fake.fake_presser)
     sample = load_dataset(filled.path)[2]
     assert sample["biotac/cavity_pressure"] == np.float32(filled["biotac/cavity_pressure"][0, 2])

@@ -161,7 +161,7 @@ def test_walking_a_dataset_with_zarr_warns_of_nothing(dataset, recwarn):
     assert not recwarn.list
 
 
-def test_a_liquid_has_its_pressure_and_its_certificate_and_costs_the_others_nothing(tmp_path):
+def test_a_fluid_has_its_pressure_and_its_certificate_and_costs_the_others_nothing(tmp_path):
     plain, filled = (set(make(tmp_path / f"{n}.zarr", job).arrays) for n, job in enumerate(
         [fake.make_job(), fake.make_job(sensors=fake.FILLED)]))  # fmt: skip
     assert filled - plain == {"biotac/cavity_pressure", "biotac/certificate/liquid_volume_error"}

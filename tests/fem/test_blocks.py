@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simgen.fem import blocks, columns
+from simgen.fem import blocks
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.material.neo_hookean import mat33f
 
 
@@ -41,6 +42,6 @@ def test_clearing_leaves_those_that_are_not_listed():
     made = blocks.zeros(30, 40, "cpu")  # more rows than one thread clears
     made.fill_(1.0)
     chosen = np.isin(np.arange(40), [0, 31, 32])
-    blocks.clear(made, columns.Active.of(chosen, "cpu"))
+    blocks.clear(made, ActiveEnvironments.of(chosen, "cpu"))
     for env in range(40):
         assert (blocks.of_environment(made, env) == (0.0 if chosen[env] else 1.0)).all()

@@ -117,8 +117,8 @@ def test_a_material_is_a_preset_with_the_values_of_the_job_in_its_place():
 
 
 def test_an_unknown_preset_names_those_that_there_are():
-    job = load_job("smoke.yaml", ["sensors.biotac.material=liquid"])
-    with pytest.raises(InputError, match=r"sensors\.biotac\.material: 'liquid' .*allowed: .*effective"):
+    job = load_job("smoke.yaml", ["sensors.biotac.material=fluid"])
+    with pytest.raises(InputError, match=r"sensors\.biotac\.material: 'fluid' .*allowed: .*effective"):
         chosen_material(job, "biotac", chosen_sensor(job, "biotac"))
 
 

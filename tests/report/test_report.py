@@ -90,7 +90,7 @@ def test_tables_scroll_by_themselves_and_a_phone_is_told_its_width(page):
     assert "<meta name='viewport' content='width=device-width" in page
 
 
-def test_the_pressure_of_a_liquid_is_drawn_where_there_is_one(tmp_path):
+def test_the_pressure_of_a_fluid_is_drawn_where_there_is_one(tmp_path):
     page = page_of(tmp_path, fake.fake_presser, sensors=fake.FILLED)
     assert sections(page) == [title for title in SECTIONS if title != "Forces along the path"]
     assert pictures(page, "pressure, kPa against depth") == 3

@@ -1,4 +1,4 @@
-"""Presses into a hollow block whose cavity a liquid fills."""
+"""Presses into a hollow block whose cavity a fluid fills."""
 
 from dataclasses import replace
 
@@ -32,18 +32,18 @@ def hollow() -> Sensor:
     mesh = quadratic(solid.nodes[: solid.n_corners], solid.tetrahedra[(centres > [2.5, 1.0, 2.5]).any(axis=1), :4])
     inside = (np.abs(mesh.nodes - [0.0, 3.0, 0.0]) < [2.6, 1.1, 2.6]).all(axis=1)
     wall = inside[mesh.faces].all(axis=1)
-    held = mesh.nodes[:, 1] > 6.0 - 1e-9
-    free = mesh.faces[~wall & ~held[mesh.faces].all(axis=1)]
+    fixed = mesh.nodes[:, 1] > 6.0 - 1e-9
+    free = mesh.faces[~wall & ~fixed[mesh.faces].all(axis=1)]
     nodes = mesh.nodes * MM
-    simulation = SimulationMesh(nodes, mesh.n_corners, mesh.tetrahedra, held, free, mesh.faces[wall], "hollow")
+    simulation = SimulationMesh(nodes, mesh.n_corners, mesh.tetrahedra, fixed, free, mesh.faces[wall], "hollow")
     quarters = mesh.faces[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]].reshape(-1, 3)
-    output = OutputMesh(nodes, mesh.tetrahedra[:, :4], quarters, held, ~held, "hollow")
+    output = OutputMesh(nodes, mesh.tetrahedra[:, :4], quarters, fixed, ~fixed, "hollow")
     surface = trimesh.Trimesh(nodes, quarters, process=False)
     region = np.repeat(np.where(wall, 2, 0), 4)
     return Sensor("hollow", surface, region, simulation, output, {"solid": GEL}, None, 0.0, None, None, {})
 
 
-def test_a_liquid_keeps_the_volume_of_its_cavity(hollow):
+def test_a_fluid_keeps_the_volume_of_its_cavity(hollow):
     """Against the same press without: stiffer, under pressure, and the wall's volume stays."""
     empty = press(Scene(hollow, GEL), [SPHERE], POSE, DEPTHS)[0]
     scene = Scene(hollow, GEL, fluid="incompressible", batch=2)
@@ -58,7 +58,7 @@ def test_a_liquid_keeps_the_volume_of_its_cavity(hollow):
     assert scene.cavity.volume == pytest.approx(rest / MM**3) == pytest.approx(50.0)
     lost = 1.0 - volume(empty.displacement[-1]) / rest
     assert lost > 0.01
-    # Four triangles are not the quadratic face that holds the liquid, but near it.
+    # Four triangles are not the quadratic face that holds the fluid, but near it.
     assert abs(1.0 - volume(filled.displacement[-1]) / rest) < 0.1 * lost
     assert filled.certificate["liquid_volume_error"].max() < 1e-6
     assert (filled.certificate["force_balance"] < 1e-3).all()
@@ -68,8 +68,8 @@ def test_a_liquid_keeps_the_volume_of_its_cavity(hollow):
     np.testing.assert_allclose(again.cavity_pressure, filled.cavity_pressure, rtol=1e-9)
 
 
-def test_presses_with_a_liquid_are_the_same_among_others(hollow):
-    """Linear systems begin at different times, and those that begin leave the others' liquid alone."""
+def test_presses_with_a_fluid_are_the_same_among_others(hollow):
+    """Linear systems begin at different times, and those that begin leave the others' fluid alone."""
     shapes, poses = [rigid_shape(Kind.SPHERE, radius) for radius in (3.5, 1.5, 5.0)], np.tile(POSE, (3, 1, 1))
     together = press(Scene(hollow, GEL, fluid="incompressible", batch=2), shapes, poses, DEPTHS)
     alone = Scene(hollow, GEL, fluid="incompressible")
@@ -80,21 +80,21 @@ def test_presses_with_a_liquid_are_the_same_among_others(hollow):
         np.testing.assert_array_equal(found.cavity_pressure, expected.cavity_pressure)
 
 
-def test_pressure_of_the_liquid_grows_with_stiffness(hollow):
-    """In units of E nothing changes: a gel twice as stiff presses its liquid with twice the pressure."""
+def test_pressure_of_the_fluid_grows_with_stiffness(hollow):
+    """In units of E nothing changes: a gel twice as stiff presses its fluid with twice the pressure."""
     soft, stiff = (
         press(Scene(hollow, GEL.model_copy(update={"youngs_modulus_pa": E}), fluid="incompressible"), [SPHERE], POSE,
               DEPTHS[:1])[0] for E in (539e3, 1078e3))  # fmt: skip
     np.testing.assert_allclose(stiff.cavity_pressure, 2.0 * soft.cavity_pressure, rtol=1e-12)
 
 
-def test_a_liquid_in_part_of_a_cavity_is_balanced_by_what_holds_the_rest(hollow):
+def test_a_fluid_in_part_of_a_cavity_is_balanced_by_what_holds_the_rest(hollow):
     """One wall of the cavity held: it is not wetted, and the support there carries its share of the pressure."""
     mesh = hollow.simulation_mesh
     at_rest = (mesh.nodes[mesh.facing_core][:, :, 0] > 2.5 * MM - 1e-12).all(axis=1)
-    held = mesh.held.copy()
-    held[mesh.facing_core[at_rest]] = True
-    part = replace(hollow, simulation_mesh=replace(mesh, held=held, facing_core=mesh.facing_core[~at_rest]))
+    fixed = mesh.held.copy()
+    fixed[mesh.facing_core[at_rest]] = True
+    part = replace(hollow, simulation_mesh=replace(mesh, held=fixed, facing_core=mesh.facing_core[~at_rest]))
     result = press(Scene(part, GEL, fluid="incompressible"), [SPHERE], POSE, DEPTHS)[0]
     assert (result.status == 0).all() and (result.certificate["force_balance"] < 1e-3).all()
 
@@ -108,17 +108,17 @@ def test_cuda_gives_what_the_cpu_gives(hollow):
     cpu, cuda = (press(Scene(hollow, GEL, "P2-P1", device, 1, settings, "incompressible"), [SPHERE], POSE, DEPTHS)[0]
                  for device in ("cpu", "cuda"))  # fmt: skip
     assert (cpu.status == 0).all() and (cuda.status == 0).all()
-    np.testing.assert_allclose(cuda.displacement, cpu.displacement, atol=1e-9)  # as for presses without a liquid
+    np.testing.assert_allclose(cuda.displacement, cpu.displacement, atol=1e-9)  # as for presses without a fluid
     np.testing.assert_allclose(cuda.cavity_pressure, cpu.cavity_pressure, rtol=1e-5)
 
 
-def test_a_liquid_needs_a_cavity(hollow):
+def test_a_fluid_needs_a_cavity(hollow):
     mesh = hollow.simulation_mesh
     without = replace(hollow, simulation_mesh=replace(mesh, facing_core=mesh.facing_core[:0]))
     with pytest.raises(InputError, match="hollow: fluid = 'incompressible': it has no cavity; allowed: none"):
         Scene(without, GEL, fluid="incompressible")
     carried = {name: (yes, why) for name, yes, why in Scene(hollow, GEL).terms}
-    assert carried["cavity pressure"] == (False, "fluid: none; the skin is pressed without its liquid")
+    assert carried["cavity pressure"] == (False, "fluid: none; the skin is pressed without its fluid")
     scene = Scene(hollow, GEL, fluid="incompressible")
     assert {name: yes for name, yes, _ in scene.terms}["cavity pressure"]
     assert scene.unknowns == Scene(hollow, GEL).unknowns + 1

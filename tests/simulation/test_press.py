@@ -33,12 +33,12 @@ DEPTHS = np.array([0.2e-3, 0.4e-3])
 def make_block(counts) -> Sensor:
     """10 x 4 x 10 mm, bonded at the bottom, in so many cells."""
     nodes, tets, n_corners, faces = box(counts, (10.0, 4.0, 10.0))
-    held = nodes[:, 1] > 4.0 - 1e-9
-    free = faces[~held[faces].all(axis=1)]
-    simulation = SimulationMesh(nodes * MM, n_corners, tets, held, free, np.zeros((0, 6), np.int32), "box")
+    fixed = nodes[:, 1] > 4.0 - 1e-9
+    free = faces[~fixed[faces].all(axis=1)]
+    simulation = SimulationMesh(nodes * MM, n_corners, tets, fixed, free, np.zeros((0, 6), np.int32), "box")
     corners = nodes[:n_corners] * MM
     surface = trimesh.Trimesh(corners, faces[:, :3], process=False)
-    output = OutputMesh(corners, tets[:, :4], faces[:, :3], held[:n_corners], ~held[:n_corners], "box")
+    output = OutputMesh(corners, tets[:, :4], faces[:, :3], fixed[:n_corners], ~fixed[:n_corners], "box")
     return Sensor("block", surface, np.zeros(len(faces), np.int8), simulation, output, {"solid": GEL}, None, 0.0, None,
                   None, {})  # fmt: skip
 
@@ -387,10 +387,10 @@ def test_components_can_be_held_alone(block, central):
     nodes, tets, n_corners, faces = box((2, 2, 4), (5.0, 4.0, 10.0))
     nodes[:, 0] += 2.5
     bottom = nodes[:, 1] > 4.0 - 1e-9
-    held = np.repeat(bottom[:, None], 3, axis=1)
-    held[nodes[:, 0] < 1e-9, 0] = True
+    fixed = np.repeat(bottom[:, None], 3, axis=1)
+    fixed[nodes[:, 0] < 1e-9, 0] = True
     free = faces[(np.abs(nodes[faces][:, :, 1]) < 1e-9).all(axis=1)]
-    mesh = SimulationMesh(nodes * MM, n_corners, tets, held, free, np.zeros((0, 6), np.int32), "half box")
+    mesh = SimulationMesh(nodes * MM, n_corners, tets, fixed, free, np.zeros((0, 6), np.int32), "half box")
     corners = nodes[:n_corners] * MM
     output = OutputMesh(corners, tets[:, :4], faces[:, :3], bottom[:n_corners], ~bottom[:n_corners], "half box")
     half = press(Scene(replace(block, simulation_mesh=mesh, output_mesh=output), GEL), [SPHERE], pose(), DEPTHS)[0]

@@ -46,9 +46,9 @@ def test_a_homogeneous_state_has_its_stress_at_every_node(poisson_ratio):
     """sigma = P F^T / det F with the law in numpy, on irregular, bent elements: exact to the solver's balance."""
     law, body_mesh = Law(poisson_ratio), block(inside_only=False)
     body, F = make_body(body_mesh, poisson_ratio, "cpu"), stretch_and_shear(1.0 + 0.003 / (poisson_ratio + 0.5))
-    held = np.zeros(body_mesh.nodes.shape, dtype=bool)
-    held[body_mesh.faces.ravel()] = True
-    found = solve(body, held, np.where(held, homogeneous(F, body_mesh), 0.0), steps=4)
+    fixed = np.zeros(body_mesh.nodes.shape, dtype=bool)
+    fixed[body_mesh.faces.ravel()] = True
+    found = solve(body, fixed, np.where(fixed, homogeneous(F, body_mesh), 0.0), steps=4)
     sigma = law.first_piola(F) @ F.T / np.linalg.det(F)
     expected = [sigma["xyz".index(name[0]), "xyz".index(name[1])] for name in COMPONENTS]
     some = np.arange(0, len(body_mesh.nodes), 7)
@@ -59,11 +59,11 @@ def test_a_homogeneous_state_has_its_stress_at_every_node(poisson_ratio):
 def test_a_bar_that_is_pulled_has_uniaxial_stress(stretch):
     """The closed form of the law: nominal stress over the deformed area along the pull, nothing across."""
     mesh, law = block(inside_only=True), Law(0.499)
-    held = np.stack([on_plane(mesh.nodes, axis, mesh.nodes[:, axis].min()) for axis in range(3)], axis=1)
-    held[on_plane(mesh.nodes, 0, mesh.nodes[:, 0].max()), 0] = True
+    fixed = np.stack([on_plane(mesh.nodes, axis, mesh.nodes[:, axis].min()) for axis in range(3)], axis=1)
+    fixed[on_plane(mesh.nodes, 0, mesh.nodes[:, 0].max()), 0] = True
     guess = np.diag([stretch, stretch**-0.5, stretch**-0.5])
     body = make_body(mesh, 0.499, "cpu")
-    found = solve(body, held, (mesh.nodes - mesh.nodes.min(axis=0)) @ (guess - np.eye(3)), steps=3)
+    found = solve(body, fixed, (mesh.nodes - mesh.nodes.min(axis=0)) @ (guess - np.eye(3)), steps=3)
     nominal, lateral = law.uniaxial(stretch)
     every = stress_of(body, found, np.arange(len(mesh.nodes)))
     np.testing.assert_allclose(every[:, 0], nominal / lateral**2, rtol=1e-9)

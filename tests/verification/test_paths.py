@@ -17,8 +17,8 @@ SHEAR_MODULUS_MPA = 0.2
 def cylinder(radius, height, edge, friction, poisson_ratio):
     """A scene with a cylinder, its top at y = 0 and its bottom bonded."""
     mesh = round_layer(graded(radius, edge, radius, 0.0), graded(height, edge, height, 0.0), segments=4, quarters=4)
-    held = on_plane(mesh.nodes, 1, height)
-    sensor = make_sensor(mesh, held, top(mesh.nodes, mesh.faces), np.zeros((1, 3)))
+    fixed = on_plane(mesh.nodes, 1, height)
+    sensor = make_sensor(mesh, fixed, top(mesh.nodes, mesh.faces), np.zeros((1, 3)))
     modulus = 2e6 * SHEAR_MODULUS_MPA * (1.0 + poisson_ratio)
     return Scene(sensor, Material(youngs_modulus_pa=modulus, poisson_ratio=poisson_ratio, friction=friction))
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.blocks import zeros
 from simgen.fem.contact.candidates import find_candidates_kernel, no_candidates_kernel
 from simgen.fem.contact.forces import (
@@ -117,7 +117,7 @@ class Contact:
         self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # where the last increment began
 
     def _launch(self, kernel, inputs, outputs, rows: int | tuple[int, ...] = 0):
-        columns.launch(kernel, rows or len(self.host_faces), [self.surface, *inputs], outputs)
+        batch_arrays.launch(kernel, rows or len(self.host_faces), [self.surface, *inputs], outputs)
 
     def set_shapes(self, shapes: list[RigidShape], count_overlap_as_touching: wp.array | None = None):
         """Give the environments rigid shapes, one each or (until :meth:`choose`) one for all; forget all tractions.
@@ -143,7 +143,7 @@ class Contact:
     def forget(self, marked):
         """Drop the tractions of the listed environments (env,)."""
         for array in (self.surface.normal, self.surface.tangential, self._is_candidate, *self._before):
-            columns.clear(marked, array)
+            batch_arrays.clear(marked, array)
 
     def set_pose(self, poses: np.ndarray):
         """Place the shapes: (env, 4, 4), shape frame -> sensor frame, mm."""
@@ -163,7 +163,7 @@ class Contact:
         Shapes of other environments stay at ``poses``. The tractions are saved.
         """
         for array, saved in zip(self._history(), self._saved, strict=True):
-            columns.copy(array, self.active, saved)
+            batch_arrays.copy(array, self.active, saved)
         self.set_pose(poses)
         self._find_candidates(x_predicted, travel)  # faces with multipliers among them: none else carries slip
         self.set_pose(start_poses)
@@ -178,13 +178,13 @@ class Contact:
             start = [self._start_rotation, self._start_origin]
             inputs = [x_start, x_predicted, *start, self._carried, self.active]
             self._launch(anchor_kernel, inputs, [self.surface.anchor])
-        columns.copy(self._stiffening, self.active, self.surface.stiffening)
+        batch_arrays.copy(self._stiffening, self.active, self.surface.stiffening)
 
     def stiffen(self, x):
         """Raise the stiffness of faces that overlap the shape too far at x, within an increment."""
-        columns.copy(self.surface.stiffening, self.active, self._stiffening)
+        batch_arrays.copy(self.surface.stiffening, self.active, self._stiffening)
         self._launch(stiffen_kernel, [x, MOST_IN_INCREMENT, self.active], [self._stiffening])
-        columns.copy(self._stiffening, self.active, self.surface.stiffening)
+        batch_arrays.copy(self._stiffening, self.active, self.surface.stiffening)
 
     def extrapolate(self, factor: np.ndarray):
         """Let the multipliers of the active environments start this increment where ``factor`` (env,) times what the
@@ -196,13 +196,13 @@ class Contact:
     def keep(self, marked):
         """The increments of the listed environments (env,) have converged: the next ones go on along them."""
         for saved, before in zip(self._saved[:2], self._before, strict=True):
-            columns.copy(saved, marked, before)
+            batch_arrays.copy(saved, marked, before)
 
     def _find_candidates(self, x, travel: np.ndarray):
         """Faces that can touch in the active environments, where points may be off by ``travel`` (env,) mm."""
         s = self.surface
         self._travel.assign(travel)
-        columns.launch(no_candidates_kernel, (), [self.active], [s.count])
+        batch_arrays.launch(no_candidates_kernel, (), [self.active], [s.count])
         outputs = [s.count, s.candidates, self._is_candidate]
         self._launch(find_candidates_kernel, [x, self._travel, self.active], outputs)
 
@@ -213,7 +213,7 @@ class Contact:
     def restore(self, marked):
         """Return the listed environments (env,) to where their increment began."""
         for array, saved in zip(self._history(), self._saved, strict=True):
-            columns.copy(saved, marked, array)
+            batch_arrays.copy(saved, marked, array)
 
     def residual(self, x, residual_out):
         """Add the forces; keep what an update of the multipliers would do at x."""

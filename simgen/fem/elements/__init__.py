@@ -1,1 +1,1 @@
-"""Elements, the body's elasticity on them, and the liquid in its cavity."""
+"""Elements, the body's elasticity on them, and the fluid in its cavity."""

@@ -1,8 +1,8 @@
-"""An incompressible liquid in the cavity of a hollow body, as a term of the solver.
+"""An incompressible fluid in the cavity of a hollow body, as a term of the solver.
 
-The liquid keeps its volume, and its pressure p_c (compression positive, above ambient) is the Lagrange multiplier of
+The fluid keeps its volume, and its pressure p_c (compression positive, above ambient) is the Lagrange multiplier of
 that one condition. With x,1 and x,2 the derivatives of the position by a wetted face's own coordinates, the area vector
-x,1 x x,2 points out of the solid into the liquid, and per unit of those coordinates ::
+x,1 x x,2 points out of the solid into the fluid, and per unit of those coordinates ::
 
     force on the solid      -p_c x,1 x x,2
     V(0) - V(u)             u . (X,1 x X,2 + (X,1 x u,2 + u,1 x X,2) / 2 + u,1 x u,2 / 3)
@@ -14,7 +14,7 @@ Mechanics*, 2nd ed., section 8.5; Rumpel and Schweizerhof, Int. J. Numer. Meth. 
 all integrands are polynomials of degree 4, which the six-point rule integrates exactly.
 
 The pressure acts on all wetted faces, also where they lie on a core: a film stays between them, and the contact carries
-what exceeds the liquid's pressure.
+what exceeds the fluid's pressure.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.blocks import Blocks, add_block
 from simgen.fem.device import read
 from simgen.fem.elements.element import TRIANGLE_EDGES, Element, face_shapes
@@ -221,20 +221,20 @@ def resultant_kernel(
 
 
 class Cavity:
-    """The liquid behind wetted faces (f, 6) of the rest mesh (nodes in mm).
+    """The fluid behind wetted faces (f, 6) of the rest mesh (nodes in mm).
 
-    ``row`` is the place of p_c in the state vector, ``held`` (node,) or (node, 3) bool what does not move. Raises
-    ValueError where the faces leave an opening whose rim is free. ``injected`` (env,) mm3 is added to the liquid;
+    ``row`` is the place of p_c in the state vector, ``fixed`` (node,) or (node, 3) bool what does not move. Raises
+    ValueError where the faces leave an opening whose rim is free. ``injected`` (env,) mm3 is added to the fluid;
     ``volume``, mm3, is enclosed by the faces at rest (seen from their centre, where something else closes them).
     """
 
-    def __init__(self, element: Element, nodes, faces, held: np.ndarray, row: int, device, active):
+    def __init__(self, element: Element, nodes, faces, fixed: np.ndarray, row: int, device, active):
         self.device, self.active, self.row = device, active, row
         n_env = active.shape[0]
         shapes, gradients, weights = face_shapes(element, FACE_POINTS)
         self.host_faces = np.ascontiguousarray(faces[:, : shapes.shape[1]], dtype=np.int32)
         rim = open_rim(self.host_faces)
-        stays = held if held.ndim == 1 else held.any(axis=1)
+        stays = fixed if fixed.ndim == 1 else fixed.any(axis=1)
         if not stays[rim].all():
             raise ValueError("the cavity is open: its wetted faces have an edge of their own that is free to move")
         corners = np.asarray(nodes)[self.host_faces]
@@ -255,17 +255,17 @@ class Cavity:
         self._force = wp.zeros((3, n_env), dtype=wp.float64, device=device)
 
     def _launch(self, kernel, inputs, outputs):
-        columns.launch(kernel, len(self.host_faces), [self.wetted, *inputs], outputs)
+        batch_arrays.launch(kernel, len(self.host_faces), [self.wetted, *inputs], outputs)
 
     def residual(self, x, residual_out):
-        """Add the forces of p_c, and to its row the volume that the liquid lacks, mm3: V(0) + injected - V(u)."""
+        """Add the forces of p_c, and to its row the volume that the fluid lacks, mm3: V(0) + injected - V(u)."""
         self._launch(cavity_residual_kernel, [x, self.active], [residual_out])
         inputs = [self.injected, self.row]
         wp.launch(add_volume_kernel, dim=len(self.injected), inputs=inputs, outputs=[residual_out], device=self.device)
 
     def linearize(self, x):
         """Keep what the derivative at state x needs; ``gradient`` (3 nodes, env) is that of the volume row by u."""
-        columns.clear(self.active, self.gradient)
+        batch_arrays.clear(self.active, self.gradient)
         self._launch(cavity_linearize_kernel, [x, self.active], [self._pressure, self._deformed, self.gradient])
 
     def tangent(self, v, action_out):
@@ -277,7 +277,7 @@ class Cavity:
         self.linearize(x)
         self._force.zero_()
         rows = chunks(len(self.gradient) // 3), 3
-        columns.launch(resultant_kernel, rows, [self.gradient, self._pressure, self.active], [self._force])
+        batch_arrays.launch(resultant_kernel, rows, [self.gradient, self._pressure, self.active], [self._force])
         [force] = read(self._force)
         return force.T.copy()
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.device import read
 from simgen.fem.elements.elasticity_blocks import REGISTERS, blocks_kernel, corner_blocks_kernel, diagonal_kernel
 from simgen.fem.elements.element import Element, tet_geometry
@@ -202,7 +202,7 @@ class Elasticity:
         self._count = wp.zeros(active.shape[0], dtype=wp.int32, device=device)
 
     def _launch(self, kernel, inputs, outputs):
-        columns.launch(kernel, len(self.host_tetrahedra), inputs, outputs)
+        batch_arrays.launch(kernel, len(self.host_tetrahedra), inputs, outputs)
 
     def residual(self, x, residual_out, min_det_out):
         """Add the internal forces and the volume constraint; lower ``min_det_out`` (env,) to the least det F."""
@@ -215,7 +215,7 @@ class Elasticity:
     def linearize(self, x):
         """Take derivatives at state x from now on."""
         state = self._single.state
-        columns.launch(state_kernel, len(state), [self._positions, x, self.active], [state])
+        batch_arrays.launch(state_kernel, len(state), [self._positions, x, self.active], [state])
 
     def tangent(self, v, action_out, rough: bool = False):
         """Add the action of the derivative on v; a rough one will do for a preconditioner."""
@@ -229,7 +229,7 @@ class Elasticity:
 
     def forget(self, marked):
         """Take the stabilisation from all elements in the listed environments (env,)."""
-        columns.clear(marked, self.weight)
+        batch_arrays.clear(marked, self.weight)
 
     def expect(self, x):
         """Stabilise elements that are nearly flat at state x in the active environments."""

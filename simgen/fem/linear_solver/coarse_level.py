@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.blocks import TILE, Blocks, block
 from simgen.fem.linear_solver import dense_inverse
 from simgen.fem.linear_solver.aggregation import MOTIONS
@@ -85,14 +85,14 @@ class CoarseLevel:
     def update(self, blocks: Blocks):
         """Follow the corners' blocks."""
         m, pattern = self._m, self.pattern
-        columns.launch(clear_kernel, m, [m, self.n_motions, self.active], [self._inverse])
+        batch_arrays.launch(clear_kernel, m, [m, self.n_motions, self.active], [self._inverse])
         inputs = [pattern.row_starts, pattern.columns, blocks, self._motions, self._basis, m, self.active]
-        columns.launch(galerkin_kernel, pattern.n, inputs, [self._inverse])
+        batch_arrays.launch(galerkin_kernel, pattern.n, inputs, [self._inverse])
         self._invert()
 
     def correct(self, residual, x):
         """Add to x what the aggregates' motions take from the residual."""
-        columns.clear(self.active, self._forces)  # rows that fill the last strip
+        batch_arrays.clear(self.active, self._forces)  # rows that fill the last strip
         self._transfer.restrict(residual, self._forces)
         dense_inverse.multiply(self._inverse, self._m, self._forces, self.active, self._x)
         self._transfer.prolong(self._x, x)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.blocks import TILE
 from simgen.fem.device import recording
 from simgen.fem.material.neo_hookean import single
@@ -206,13 +206,13 @@ class Inverter:
         m, n, active, column, rows = self._m, self._m // SIDE, self._active, self._column, self._rows
         for first in range(0, n, WIDE):
             for k in range(first, first + WIDE):
-                columns.launch(scale_kernel, WIDE, [m, first, k, active], [self._matrices, column])
-                columns.launch(eliminate_kernel, (WIDE, WIDE), [column, m, first, k, active], [self._matrices])
-            columns.launch(panels_kernel, (n, WIDE), [self._matrices, m, first, active], [column, rows])
-            columns.launch(update_kernel, (n, n), [column, rows, m, first, active], [self._matrices])
+                batch_arrays.launch(scale_kernel, WIDE, [m, first, k, active], [self._matrices, column])
+                batch_arrays.launch(eliminate_kernel, (WIDE, WIDE), [column, m, first, k, active], [self._matrices])
+            batch_arrays.launch(panels_kernel, (n, WIDE), [self._matrices, m, first, active], [column, rows])
+            batch_arrays.launch(update_kernel, (n, n), [column, rows, m, first, active], [self._matrices])
 
 
 def multiply(matrices: wp.array, m: int, x, active, y_out):
     """y = M x (m, env), of symmetric matrices, in the active environments."""
-    columns.clear(active, y_out)
-    columns.launch(multiply_kernel, (m // STRIP, -(-m // PART)), [matrices, m, x, active], [y_out])
+    batch_arrays.clear(active, y_out)
+    batch_arrays.launch(multiply_kernel, (m // STRIP, -(-m // PART)), [matrices, m, x, active], [y_out])

@@ -30,18 +30,18 @@ def elimination_order(graph: sparse.csr_array) -> np.ndarray:
 class SparseFactor:
     """A factor of the displacement block for each environment, at the state where it was made.
 
-    ``held`` (unknowns,) int32 on the device; ``add_tangent(v, out, rough)`` is the whole system's.
+    ``fixed`` (unknowns,) int32 on the device; ``add_tangent(v, out, rough)`` is the whole system's.
     """
 
-    def __init__(self, elasticity, surface_terms: list, held, add_tangent):
+    def __init__(self, elasticity, surface_terms: list, fixed, add_tangent):
         self.elasticity, self.surface_terms, self._add_tangent = elasticity, surface_terms, add_tangent
         n, n_env, device = elasticity.n_displacements // 3, elasticity.active.shape[0], elasticity.device
         faces = [term.host_faces for term in surface_terms]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra, faces, device)
         self._blocks = blocks.zeros(self.pattern.n_blocks, n_env, device)
         unknowns = (3 * elimination_order(self.pattern.graph())[:, None] + np.arange(3)).ravel()
-        self.free = unknowns[held.numpy()[unknowns] == 0]
-        self._action = wp.zeros((len(held), n_env), dtype=wp.float32, device=device)
+        self.free = unknowns[fixed.numpy()[unknowns] == 0]
+        self._action = wp.zeros((len(fixed), n_env), dtype=wp.float32, device=device)
         self.factors, self._solved = [None] * n_env, np.zeros(0, dtype=int)
 
     def forget(self, environments: np.ndarray):

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.device import read, recording
 from simgen.fem.linear_solver.krylov_kernels import (
     SOON,
@@ -49,15 +49,15 @@ class Dots:
         self.values = wp.zeros(len(active), dtype=wp.float64, device=active.device)
 
     def __call__(self, a, b):
-        columns.clear(self._active, self.values.reshape((1, -1)))
-        columns.launch(dots_kernel, self._sections, [a, b, self._active], [self.values])
+        batch_arrays.clear(self._active, self.values.reshape((1, -1)))
+        batch_arrays.launch(dots_kernel, self._sections, [a, b, self._active], [self.values])
         return self.values
 
 
 class ConjugateResiduals:
     """Work space for systems of ``n`` unknowns, one for each environment; at most ``size`` iterations.
 
-    ``active`` lists the environments that take part (see ``columns``); operator and preconditioner read it too.
+    ``active`` lists the environments that take part. The operator and the preconditioner read it too.
     """
 
     def __init__(self, n: int, size: int, device, active):
@@ -83,7 +83,7 @@ class ConjugateResiduals:
         """Start on the systems of the active environments, with right-hand sides b."""
         inputs = [b, self._norm(b, b), self.active]
         outputs = [self._residual, self._size, self._count, self._relative, self._stuck]
-        columns.launch(begin_kernel, len(b), inputs, outputs)
+        batch_arrays.launch(begin_kernel, len(b), inputs, outputs)
 
     def go_on(
         self, operator, preconditioner, tolerance: float, later: float, most: int, together=False, capture=False
@@ -99,16 +99,16 @@ class ConjugateResiduals:
         ``capture`` says that both functions do nothing but launch kernels on the same arrays every time: the loop then
         becomes one graph.
         """
-        began = columns.unlisted(self.active.numpy())
+        began = batch_arrays.env_mask(self.active.numpy())
         tolerances = tolerance, later, EXACT if together else np.inf
         sections = chunks(len(self._residual))
         self._ticks.zero_()
-        columns.launch(rest_kernel, (), [self._relative, self.active], [self._keep])
+        batch_arrays.launch(rest_kernel, (), [self._relative, self.active], [self._keep])
         self._close_ranks(most)
 
         def iterate():
             inputs = [self._residual, self._images, self._inverse_squares, self._count, self._stuck, self.active]
-            columns.launch(source_kernel, sections, inputs, [self._source])
+            batch_arrays.launch(source_kernel, sections, inputs, [self._source])
             preconditioner(self._source, self._direction)
             operator(self._direction, self._image)
             self._advance(sections, tolerances, most)
@@ -132,9 +132,9 @@ class ConjugateResiduals:
         Returns iterations (env,) and relative residuals (env,) of all, infinite where a system broke down.
         """
         inputs = [self._products, self._inverse_squares, self._count, self.active]
-        columns.launch(substitute_kernel, (), inputs, [self._steps])
+        batch_arrays.launch(substitute_kernel, (), inputs, [self._steps])
         inputs = [self._directions, self._steps, self._count, self._size, self.active]
-        columns.launch(end_kernel, len(x_out), inputs, [x_out])
+        batch_arrays.launch(end_kernel, len(x_out), inputs, [x_out])
         count, relative = read(self._count, self._relative)
         return count.astype(int), relative.copy()
 
@@ -145,24 +145,24 @@ class ConjugateResiduals:
         self.go_on(operator, preconditioner, tolerance, tolerance, self.size)
         self.active.assign(began)
         iterations, relative = self.end(x_out)
-        took_part = columns.unlisted(began)
+        took_part = batch_arrays.env_mask(began)
         return iterations * took_part, np.where(took_part, relative, 0.0)
 
     def _advance(self, sections, tolerances: tuple[float, float, float], most: int):
         """From the new direction and its image to the next residual."""
         count, active = self._count, self.active
         sums = [self._square, self._along, self._left]
-        columns.launch(clear_kernel, (), [count, active], [self._products, *sums])
+        batch_arrays.launch(clear_kernel, (), [count, active], [self._products, *sums])
         inputs = [self._images, self._image, count, active]
-        columns.launch(project_kernel, (sections, WINDOW // TOGETHER), inputs, [self._products])
+        batch_arrays.launch(project_kernel, (sections, WINDOW // TOGETHER), inputs, [self._products])
         inputs = [self._direction, self._image, self._residual, self._products, self._inverse_squares, count, active]
         outputs = [self._directions, self._images, self._square, self._along]
-        columns.launch(orthogonalize_kernel, sections, inputs, outputs)
+        batch_arrays.launch(orthogonalize_kernel, sections, inputs, outputs)
         inputs = [self._images, self._square, self._along, count, active]
         outputs = [self._inverse_squares, self._steps, self._residual, self._left]
-        columns.launch(advance_kernel, sections, inputs, outputs)
+        batch_arrays.launch(advance_kernel, sections, inputs, outputs)
         inputs = [self._left, *tolerances, self.size, active]
-        columns.launch(judge_kernel, (), inputs, [count, self._stuck, self._relative, self._keep])
+        batch_arrays.launch(judge_kernel, (), inputs, [count, self._stuck, self._relative, self._keep])
         self._close_ranks(most)
 
     def _close_ranks(self, most: int):

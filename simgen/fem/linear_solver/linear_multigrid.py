@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.blocks import Blocks, block, clear, invert_kernel, load, of_environment, store, zeros
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver.aggregation import coarse_space, largest_eigenvalue
@@ -124,12 +124,12 @@ def chebyshev_kernel(
 class CornerCycle:
     """Linear displacements: a V-cycle with the aggregates below, on blocks that are assembled for every state."""
 
-    def __init__(self, elasticity: Elasticity, contacts: list, held):
+    def __init__(self, elasticity: Elasticity, contacts: list, fixed):
         self.elasticity, self.contacts, self.active = elasticity, contacts, elasticity.active
         n, n_env, device = elasticity.n_corners, self.active.shape[0], elasticity.device
         faces = [contact.host_faces[:, :3] for contact in contacts]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra[:, :4], faces, device)
-        self.held = held[: 3 * n]
+        self.fixed = fixed[: 3 * n]
         self._n, self._blocks = n, zeros(self.pattern.n_blocks, n_env, device)
         self._inverse = zeros(n, n_env, device)
         self._residual, self._direction, self._x = (
@@ -143,7 +143,7 @@ class CornerCycle:
         inverse = sparse.csr_array(sparse.bsr_array((inverse, np.arange(n), np.arange(n + 1)), shape=matrix.shape))
         largest = largest_eigenvalue(lambda v: inverse @ (matrix @ v), 3 * n)
         self._smoothing = chebyshev(largest, CORNER_STEPS, CORNER_SPREAD)
-        space = coarse_space(self.pattern.graph(), elasticity.host_nodes[:n], self.held.numpy() == 0)
+        space = coarse_space(self.pattern.graph(), elasticity.host_nodes[:n], self.fixed.numpy() == 0)
         self.coarse = CoarseLevel(self.pattern, space, self.active)
         self.coarse.update(self._blocks)
 
@@ -158,10 +158,10 @@ class CornerCycle:
         self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=True)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
             contact.blocks(index, self._blocks, linear=True)
-        self._launch(invert_kernel, [self._blocks, self._diagonal, self.held, self.active], [self._inverse])
+        self._launch(invert_kernel, [self._blocks, self._diagonal, self.fixed, self.active], [self._inverse])
 
     def _launch(self, kernel, inputs, outputs):
-        columns.launch(kernel, self._n, inputs, outputs)
+        batch_arrays.launch(kernel, self._n, inputs, outputs)
 
     def _rows(self):
         return [self.pattern.row_starts, self.pattern.columns, self._blocks]

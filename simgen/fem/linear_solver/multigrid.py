@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.blocks import Blocks, block, clear, invert_kernel, load, store, zeros
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver.aggregation import largest_eigenvalue
@@ -67,12 +67,12 @@ class Multigrid:
     Made at rest, with nothing in contact.
     """
 
-    def __init__(self, elasticity: Elasticity, contacts: list, held, add_tangent):
+    def __init__(self, elasticity: Elasticity, contacts: list, fixed, add_tangent):
         self.elasticity, self.contacts, self.active = elasticity, contacts, elasticity.active
         self._add_tangent = add_tangent
-        self.held = held[: elasticity.n_displacements]
+        self.fixed = fixed[: elasticity.n_displacements]
         device, n_env = elasticity.device, self.active.shape[0]
-        n, n_nodes = len(held), elasticity.n_displacements // 3
+        n, n_nodes = len(fixed), elasticity.n_displacements // 3
 
         def vector(size):
             return wp.zeros((size, n_env), dtype=wp.float32, device=device)
@@ -82,7 +82,7 @@ class Multigrid:
         self._negative = vector(n)  # residual, with the opposite sign
         self._corner_b, self._corner_x = vector(3 * elasticity.n_corners), vector(3 * elasticity.n_corners)
         elasticity.linearize(wp.zeros((n, n_env), dtype=wp.float64, device=device))
-        self.corners = CornerCycle(elasticity, contacts, held)
+        self.corners = CornerCycle(elasticity, contacts, fixed)
         self.transfer = Transfer(self._embedding(), self.active)
         self._invert_diagonal()
         self._step = 1.0
@@ -90,7 +90,7 @@ class Multigrid:
 
     def _embedding(self) -> sparse.csr_array:
         """Linear displacements at all nodes, (3 nodes, 3 corners), of what is free on both sides."""
-        free, n_corners = self.held.numpy() == 0, self.elasticity.n_corners
+        free, n_corners = self.fixed.numpy() == 0, self.elasticity.n_corners
         nodal = corners_to_nodes(self.elasticity.host_tetrahedra, len(free) // 3, n_corners)
         fine, coarse = (sparse.diags_array(f.astype(float)) for f in (free, free[: 3 * n_corners]))
         matrix = sparse.csr_array(fine @ sparse.kron(nodal, sparse.eye_array(3)) @ coarse)
@@ -116,7 +116,7 @@ class Multigrid:
         clear(self._blocks, self.active)
         for term in (self.elasticity, *self.contacts):
             term.diagonal(self._blocks)
-        self._launch(invert_kernel, [self._blocks, self._nodes, self.held, self.active], [self._inverse])
+        self._launch(invert_kernel, [self._blocks, self._nodes, self.fixed, self.active], [self._inverse])
 
     def update(self):
         """Follow the last linearisation in the active environments."""
@@ -124,13 +124,13 @@ class Multigrid:
         self.corners.update()
 
     def _launch(self, kernel, inputs, outputs):
-        columns.launch(kernel, len(self._nodes), inputs, outputs)
+        batch_arrays.launch(kernel, len(self._nodes), inputs, outputs)
 
     def _smooth(self, residual, x_out, sign: float = 1.0):
         self._launch(smooth_kernel, [self._inverse, residual, sign * self._step, self.active], [x_out])
 
     def _remainder(self, b, x):
-        columns.launch(negative_kernel, chunks(b.shape[0]), [b, self.active], [self._negative])
+        batch_arrays.launch(negative_kernel, chunks(b.shape[0]), [b, self.active], [self._negative])
         self._add_tangent(x, self._negative, rough=True)
 
     def apply(self, b, x_out):

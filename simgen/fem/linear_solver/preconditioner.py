@@ -5,7 +5,7 @@
 
 (Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact. A multigrid
 cycle stands for its inverse; a sparse factor does for linear elements, and for a press on which the cycle has failed.
-A liquid borders A by one dense row and column g, which are eliminated: [A g; g^T 0] needs one more solve, A^-1 g, for
+A fluid borders A by one dense row and column g, which are eliminated: [A g; g^T 0] needs one more solve, A^-1 g, for
 each state, and one inner product for each use.
 """
 
@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.linear_solver.factor import SparseFactor
 from simgen.fem.linear_solver.krylov import Dots
 from simgen.fem.linear_solver.multigrid import Multigrid
@@ -43,7 +43,7 @@ def pressures_kernel(
 @wp.kernel
 def free_part_kernel(
     gradient: wp.array2d(dtype=wp.float64),
-    held: wp.array(dtype=wp.int32),
+    fixed: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
     free_out: wp.array2d(dtype=wp.float32),
@@ -51,7 +51,7 @@ def free_part_kernel(
     i, lane = wp.tid()
     env = active[lane]
     if env >= 0:
-        free_out[i, env] = wp.where(held[i] == 0, single(gradient[i, env]), single(0.0))
+        free_out[i, env] = wp.where(fixed[i] == 0, single(gradient[i, env]), single(0.0))
 
 
 @wp.kernel
@@ -81,18 +81,18 @@ def border_kernel(
 class BlockTriangular:
     """Applies the preconditioner; ``follow`` and ``update`` get it ready for the last linearisation.
 
-    ``held`` (unknowns,) int32 on the device; ``add_tangent(v, out, rough)`` adds the whole system's action on v to out,
-    or roughly, and leaves zeros in held rows.
+    ``fixed`` (unknowns,) int32 on the device. ``add_tangent(v, out, rough)`` adds the system's action on v to out,
+    or an approximation of it, and leaves zeros in fixed rows.
     """
 
-    def __init__(self, elasticity, contacts: list, cavity, held, add_tangent):
+    def __init__(self, elasticity, contacts: list, cavity, fixed, add_tangent):
         self.elasticity, self.cavity = elasticity, cavity
         device, n_env = elasticity.device, elasticity.active.shape[0]
         terms = contacts if cavity is None else [*contacts, cavity]
-        self._make_factor = lambda: SparseFactor(elasticity, terms, held, add_tangent)
+        self._make_factor = lambda: SparseFactor(elasticity, terms, fixed, add_tangent)
         self.multigrid = self.factor = None
         if elasticity.n_pressures:
-            self.multigrid = Multigrid(elasticity, contacts, held, add_tangent)
+            self.multigrid = Multigrid(elasticity, contacts, fixed, add_tangent)
             m = elasticity.material
             schur = (1.0 / (m.mu + m.gamma) + m.pressure_compliance) * elasticity.pressure_mass
             self._schur = wp.array(schur, dtype=wp.float32, device=device)
@@ -101,10 +101,10 @@ class BlockTriangular:
         self.factored = np.full(n_env, self.multigrid is None)
         self._displacements = self.multigrid
         if cavity is not None:
-            shape = (len(held), n_env)
+            shape = (len(fixed), n_env)
             self._gradient, self._response = (wp.zeros(shape, dtype=wp.float32, device=device) for _ in range(2))
-            self._stiffness, self._along = (Dots(len(held), elasticity.active) for _ in range(2))
-            self._held = held
+            self._stiffness, self._along = (Dots(len(fixed), elasticity.active) for _ in range(2))
+            self._fixed = fixed
 
     def forget(self, environments: np.ndarray):
         """Drop what was made for the last presses of the environments (env,) bool: none depends on those before it."""
@@ -143,21 +143,21 @@ class BlockTriangular:
         if self.cavity is not None:
             gradient = self.cavity.gradient  # no larger than the displacements: the rows below them stay zero
             active = self.elasticity.active
-            columns.launch(free_part_kernel, len(gradient), [gradient, self._held, active], [self._gradient])
+            batch_arrays.launch(free_part_kernel, len(gradient), [gradient, self._fixed, active], [self._gradient])
             response = wp.zeros_like(self._response)
             self._displacements.apply(self._gradient, response)
-            columns.copy(response, active, self._response)
+            batch_arrays.copy(response, active, self._response)
             self._stiffness(self._gradient, self._response)
         return singular
 
     def apply(self, r, z_out):
         """z = M^-1 r."""
-        columns.reset(self.elasticity.active, z_out)
+        batch_arrays.reset(self.elasticity.active, z_out)
         n_u, n_p = self.elasticity.n_displacements, self.elasticity.n_pressures
         if n_p:
-            columns.launch(pressures_kernel, n_p, [self._schur, r, n_u, self.elasticity.active], [z_out])
+            batch_arrays.launch(pressures_kernel, n_p, [self._schur, r, n_u, self.elasticity.active], [z_out])
         self._displacements.apply(r, z_out)
         if self.cavity is not None:
             along = self._along(self._gradient, z_out)
             inputs = [self._response, self._stiffness.values, along, r, self.cavity.row, self.elasticity.active]
-            columns.launch(border_kernel, len(r), inputs, [z_out])
+            batch_arrays.launch(border_kernel, len(r), inputs, [z_out])

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.material.neo_hookean import single
 
 wp.set_module_options({"enable_backward": False})
@@ -51,7 +51,7 @@ class Transfer:
         return [*indices, wp.array(matrix.data, dtype=wp.float32, device=device)]
 
     def _launch(self, matrix, rows, x, factor, keep, out):
-        columns.launch(sparse_kernel, rows, [*matrix, x, factor, keep, self._active], [out])
+        batch_arrays.launch(sparse_kernel, rows, [*matrix, x, factor, keep, self._active], [out])
 
     def prolong(self, x, y_out):
         """y += M x."""

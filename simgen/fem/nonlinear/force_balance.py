@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.device import read
 from simgen.fem.material.neo_hookean import real, vec3
 from simgen.fem.sections import CHUNK, chunks
@@ -23,7 +23,7 @@ def balance_kernel(
     internal: wp.array2d(dtype=wp.float64),
     surface: wp.array2d(dtype=wp.float64),
     step: wp.array2d(dtype=wp.float64),
-    held: wp.array(dtype=wp.int32),
+    fixed: wp.array(dtype=wp.int32),
     n_displacements: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
@@ -43,7 +43,7 @@ def balance_kernel(
     for i in range(c * CHUNK, wp.min((c + 1) * CHUNK, internal.shape[0])):
         from_surface = surface[i, env]
         r = real(0.0)
-        if held[i] == 0:
+        if fixed[i] == 0:
             r = internal[i, env] + from_surface
         residual_out[i, env] = r
         square += r * r
@@ -109,7 +109,7 @@ def work_kernel(
 
 @dataclass(frozen=True)
 class Measured:
-    """Of a state, each (env,): norms of the loads (forces of contacts and liquid) and of the out-of-balance forces, the
+    """Of a state, each (env,): norms of the loads (forces of contacts and fluid) and of the out-of-balance forces, the
     virtual work of these along the step, their resultant over the sum of the sizes of the indenter's loads (of all
     loads where it does not touch), least det F, and what a further update would change of the multipliers, relative.
     """
@@ -128,9 +128,9 @@ class Balance:
     ``internal`` and ``surface`` are those of the environments that were measured last.
     """
 
-    def __init__(self, elasticity, contacts: list, cavity, held, step):
+    def __init__(self, elasticity, contacts: list, cavity, fixed, step):
         self.elasticity, self.contacts, self.cavity = elasticity, contacts, cavity
-        self.active, self._held, self._step = elasticity.active, held, step
+        self.active, self._fixed, self._step = elasticity.active, fixed, step
         self.internal, self.surface, self.residual = (wp.zeros_like(step) for _ in range(3))
         n, n_env = step.shape
         self._sections = chunks(n)
@@ -139,12 +139,12 @@ class Balance:
         self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
 
     def _add_up(self, kernel, rows: int, inputs, outputs):
-        columns.launch(kernel, rows, inputs, [*outputs, self._sums])
+        batch_arrays.launch(kernel, rows, inputs, [*outputs, self._sums])
 
     def _measure_sum(self) -> tuple[np.ndarray, np.ndarray]:
         """Load, size, work, imbalance and least det F (5, env), and the contact error (env,)."""
         n_u = self.elasticity.n_displacements
-        inputs = [self.internal, self.surface, self._step, self._held, n_u, self.active]
+        inputs = [self.internal, self.surface, self._step, self._fixed, n_u, self.active]
         self._add_up(balance_kernel, self._sections, inputs, [self.residual])
         changes = [contact.multiplier_change() for contact in self.contacts]
         (load, square, work, *resultant, loads, by_first), min_det, *changes = read(self._sums, self._min_det, *changes)
@@ -157,8 +157,8 @@ class Balance:
 
     def measure(self, x) -> Measured:
         """Forces at x in the active environments."""
-        columns.reset(self.active, self.internal)
-        columns.reset(self.active, self.surface)
+        batch_arrays.reset(self.active, self.internal)
+        batch_arrays.reset(self.active, self.surface)
         self._min_det.fill_(np.inf)
         self.elasticity.residual(x, self.internal, self._min_det)
         self._apply_surfaces(x)
@@ -167,7 +167,7 @@ class Balance:
 
     def measure_surfaces(self, x, before: Measured, marked: np.ndarray) -> Measured:
         """The same once more where the multipliers have changed, and nothing else; the active ones are ``marked``."""
-        columns.clear(self.active, self.surface)
+        batch_arrays.clear(self.active, self.surface)
         self._apply_surfaces(x)
         sums, error = self._measure_sum()
         new = dict(zip(("load", "size", "work", "imbalance", "min_det"), sums, strict=True), contact_error=error)

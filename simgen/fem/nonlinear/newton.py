@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
 from simgen.fem.contact.contact import Contact
 from simgen.fem.elements.cavity import Cavity
 from simgen.fem.elements.elasticity import Elasticity
@@ -85,9 +85,9 @@ EARLY = 3  # Newton iterations in which a step may go uphill
 PATIENCE = 6  # iterations without a new least residual before an increment is given up (and halved)
 
 
-def per_component(held: np.ndarray) -> np.ndarray:
+def per_component(fixed: np.ndarray) -> np.ndarray:
     """Which displacement components are zero, (n, 3) bool, from whole nodes (n,) or components (n, 3)."""
-    return np.broadcast_to(held.reshape(len(held), -1), (len(held), 3))
+    return np.broadcast_to(fixed.reshape(len(fixed), -1), (len(fixed), 3))
 
 
 @dataclass
@@ -109,9 +109,9 @@ class Increment:
 
 
 class NewtonSolver:
-    """Solves increments of a body with its contacts and the liquid in its cavity, if there is one.
+    """Solves increments of a body with its contacts and the fluid in its cavity, if there is one.
 
-    ``held`` (node,) or (node, 3) marks what does not move. ``x`` (unknowns, env) are the states; environments that are
+    ``fixed`` (node,) or (node, 3) marks what does not move. ``x`` (unknowns, env) are the states; environments that are
     ``working`` (env,) are on their way to the end of an increment.
     """
 
@@ -119,7 +119,7 @@ class NewtonSolver:
         self,
         elasticity: Elasticity,
         contacts: list[Contact],
-        held,
+        fixed,
         n_env: int,
         settings: SolverSettings,
         cavity: Cavity | None = None,
@@ -131,14 +131,14 @@ class NewtonSolver:
         device = elasticity.device
         self.n_unknowns = elasticity.n_displacements + elasticity.n_pressures + (cavity is not None)
         rows = np.zeros(self.n_unknowns, dtype=np.int32)
-        held = per_component(held)
-        rows[: elasticity.n_displacements] = held.ravel()
-        self.held = wp.array(rows, dtype=wp.int32, device=device)
+        fixed = per_component(fixed)
+        rows[: elasticity.n_displacements] = fixed.ravel()
+        self.fixed = wp.array(rows, dtype=wp.int32, device=device)
         self._held_rows = wp.array(np.flatnonzero(rows), dtype=wp.int32, device=device)
-        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, self.held, self._add_tangent)
+        self.preconditioner = BlockTriangular(elasticity, contacts, cavity, self.fixed, self._add_tangent)
         self.krylov = ConjugateResiduals(self.n_unknowns, settings.krylov_size, device, self.active)
         self.x, self.trial, self._step = (self.vector() for _ in range(3))
-        self.balance = Balance(elasticity, contacts, cavity, self.held, self._step)
+        self.balance = Balance(elasticity, contacts, cavity, self.fixed, self._step)
         self.increment, self.working = Increment.empty(n_env), np.zeros(n_env, dtype=bool)
         self._first, self._solving, self._fresh = np.zeros((3, n_env), dtype=bool)  # _fresh: cycles of this state
         self.damping = Damping(n_env)
@@ -161,10 +161,10 @@ class NewtonSolver:
         self.elasticity.tangent(v, out, rough)
         for term in self.surface_terms:
             term.tangent(v, out)
-        columns.launch(hold_kernel, len(self._held_rows), [self._held_rows, self.active], [out])
+        batch_arrays.launch(hold_kernel, len(self._held_rows), [self._held_rows, self.active], [out])
 
     def _tangent(self, v, out):
-        columns.reset(self.active, out)
+        batch_arrays.reset(self.active, out)
         self._add_tangent(v, out, rough=False)
 
     def abandon(self, environments: np.ndarray):
@@ -172,7 +172,7 @@ class NewtonSolver:
         for now in (self.working, self._first, self._solving):
             now &= ~environments
 
-    def supports(self) -> np.ndarray:
+    def reactions(self) -> np.ndarray:
         """Forces (unknowns, env) that hold the body at ``x``; rows of pressures say what their volumes lack, mm3."""
         self.mark(np.ones(self.n_env, dtype=bool))
         self.balance.measure(self.x)
@@ -221,7 +221,7 @@ class NewtonSolver:
             solved &= ~self._refuse_uphill(solved, work[0])
         if (again | solved).any():
             marked = self.mark(again | solved)
-            columns.go_along(self.x, self._step, -self._search.alpha, marked, self.trial)
+            batch_arrays.go_along(self.x, self._step, -self._search.alpha, marked, self.trial)
         ended = ended | stalled
         self.working &= ~ended
         return ended
@@ -236,7 +236,7 @@ class NewtonSolver:
         stepped = taken & ~self._first
         failed = lost & ~self._first & self.damping.can_raise(now.newton_iterations)
         self._first &= ~taken & ~lost
-        columns.copy(self.trial, self.mark(taken), self.x)
+        batch_arrays.copy(self.trial, self.mark(taken), self.x)
         # Multipliers rest far from balance, where an update would carry on what a step got wrong, and once they are
         # good enough, so that Newton's method ends with quadratic convergence.
         near = measured.size <= NEAR_BALANCE * np.maximum(measured.load, SMALLEST_FORCE)
@@ -276,7 +276,7 @@ class NewtonSolver:
         if begins.any():
             self.mark(begins)
             self.elasticity.stabilise(self.x)
-        columns.copy(self.x, self.mark(environments), self.trial)
+        batch_arrays.copy(self.x, self.mark(environments), self.trial)
         self._first |= environments
 
     def _refuse_uphill(self, solved: np.ndarray, work: np.ndarray) -> np.ndarray:

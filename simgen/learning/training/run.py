@@ -25,7 +25,7 @@ from torch import nn
 
 from simgen.config.warp_device import check_device_name
 from simgen.dataset.atomic_files import whole_folder
-from simgen.dataset.folder_lock import HeldError, held
+from simgen.dataset.folder_lock import LockedError, locked
 from simgen.dataset.provenance import code_version, difference, file_hash
 from simgen.errors import InputError, writing
 from simgen.learning.training.chain import ENDS
@@ -94,11 +94,11 @@ class TrainingRun:
         with writing(folder):
             folder.mkdir(exist_ok=True)
         try:
-            with held(folder):
+            with locked(folder):
                 if not self.is_trained(name):
                     yield from self._train(name, folder)
                 (folder / STATE).unlink(missing_ok=True)
-        except HeldError as error:
+        except LockedError as error:
             raise InputError(f"{folder}: is being trained by {error}") from None
 
     def _train(self, name: str, folder: Path) -> Iterator[Epoch]:

@@ -12,7 +12,7 @@ from simgen.dataset.splits import split_names
 from simgen.learning.training.translator import choose_way, networks_of, read_job
 from simgen.learning.translation.picture import ChainPainter
 from simgen.learning.translation.presses import TranslatedMeshes
-from simgen.learning.translation.showing import furthest_press, press_steps, spread
+from simgen.learning.translation.shown_samples import furthest_press, press_steps, spread
 from simgen.plotting.html import image, picture
 from simgen.sensing.camera.renderer import Look, Renderer
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from simgen.dataset.atomic_files import put_in_place, write_aside
 from simgen.errors import InputError, check_output_file, writing
-from simgen.sensing.camera.at_rest import AtRest, at_rest, table_size
 from simgen.sensing.camera.calibration import Observations, explained, fit_response, observe
 from simgen.sensing.camera.contacts import find_circle, read_circles
 from simgen.sensing.camera.image_files import png, read_image
@@ -19,6 +18,7 @@ from simgen.sensing.camera.rendered import RADIUS_M, SPHERES, Rendered, photomet
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.spheres import Circle, sphere_in
+from simgen.sensing.camera.undeformed_gel import UndeformedGel, table_size, undeformed_gel
 from simgen.sensors.sensor_geometry import load_geometry, sensor_folder
 
 PICTURES, MODEL = "pictures of a sphere", "photometric model"  # what a table says it was fitted to
@@ -69,7 +69,7 @@ def fit_to_pictures(
     if strangers := known.keys() - {picture.resolve() for picture in pictures}:
         raise InputError(f"{circles}: {min(strangers)} is none of the pictures; allowed: their names, from its folder")
     nothing = read_image(background)
-    gel = at_rest(load_geometry(model), *nothing.shape[:2])
+    gel = undeformed_gel(load_geometry(model), *nothing.shape[:2])
     observed: list[Observations] = []
     left_out: list[InputError] = []
     for picture in pictures:
@@ -105,7 +105,7 @@ def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
             f"{folder / BACKGROUND}: exists already, without a table of ours; remove it or choose another --output"
         )
     geometry = load_geometry(model)
-    gel = at_rest(geometry, *table_size(placed_camera(geometry.description, geometry.folder)))
+    gel = undeformed_gel(geometry, *table_size(placed_camera(geometry.description, geometry.folder)))
     try:
         rendered = Rendered(gel.depth, gel.pinhole, photometry_of(gel.camera))
     except InputError as error:
@@ -122,7 +122,7 @@ def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
 
 
 def _contact(
-    picture: Path, nothing: np.ndarray, circle: Circle | None, radius_m: float, gel: AtRest
+    picture: Path, nothing: np.ndarray, circle: Circle | None, radius_m: float, gel: UndeformedGel
 ) -> tuple[Circle, Observations]:
     """Find where the sphere touches, unless a circle says so, and what colours the picture has there.
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.exchange.selection import PressSelection
-from simgen.dataset.folder_lock import LOCK, HeldError, held
+from simgen.dataset.folder_lock import LOCK, LockedError, locked
 from simgen.dataset.provenance import difference, source_hash
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError, writing
@@ -122,9 +122,9 @@ def claim(folder: Path, record: Mapping[str, Any]) -> None:
 def written_by_one(folder: Path) -> Iterator[None]:
     """Hold a folder of images. Raises `InputError` if another process does."""
     try:
-        with held(folder):
+        with locked(folder):
             yield
-    except HeldError as error:
+    except LockedError as error:
         raise InputError(f"{folder}: is being written by {error}") from None
 
 

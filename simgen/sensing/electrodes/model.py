@@ -1,6 +1,6 @@
 """A synthetic electrode model: from the gap between skin and core to the voltages of a BioTac's electrodes.
 
-**Film.** The liquid between core and skin is a film of thickness h between two insulators. A current I that enters it
+**Film.** The fluid between core and skin is a film of thickness h between two insulators. A current I that enters it
 at an electrode of radius a and leaves at a radius b flows outwards through cylinders of area 2 pi r h. With the
 resistivity rho the field is E(r) = rho I / (2 pi r h), so that the voltage and the resistance are
 
@@ -30,9 +30,9 @@ OF_NOISE = 2  # and the noise of a press
 
 
 class ElectrodeSettings(StrictSection):
-    """The liquid, the electrodes and the circuit; the defaults are a BioTac by order of magnitude, noise-free."""
+    """The fluid, the electrodes and the circuit; the defaults are a BioTac by order of magnitude, noise-free."""
 
-    resistivity_ohm_m: float = Field(10.0, ge=1e-2, le=1e4, description="of the liquid, 0.01 to 10000 ohm m")
+    resistivity_ohm_m: float = Field(10.0, ge=1e-2, le=1e4, description="of the fluid, 0.01 to 10000 ohm m")
     electrode_radius_mm: float = Field(0.5, ge=0.05, le=5.0, description="0.05 to 5 mm")
     outer_radius_mm: float = Field(5.0, ge=0.1, le=50.0, description="where the current leaves the film, 0.1 to 50 mm")
     least_film_um: float = Field(5.0, ge=0.1, le=1000.0, description="of a closed gap, 0.1 to 1000 um")

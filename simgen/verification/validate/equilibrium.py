@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1, TET_EDGES, barycentric_p2, face_shapes, tet_geometry, tet_rule
 from simgen.fem.material.neo_hookean import NeoHookean
@@ -34,12 +35,12 @@ class DeadLoad:
         column = np.zeros((n_unknowns, 1))
         column[: forces.size, 0] = forces.ravel()
         self._forces = wp.array(column, dtype=wp.float64, device=device)
-        self._everywhere = columns.Active(1, device)
+        self._everywhere = ActiveEnvironments(1, device)
         self.share = 1.0
         self._change = wp.zeros((2, 1), dtype=wp.float64, device=device)  # there are no multipliers
 
     def residual(self, x, residual_out):
-        columns.go_along(residual_out, self._forces, np.array([-self.share]), self._everywhere, residual_out)
+        batch_arrays.go_along(residual_out, self._forces, np.array([-self.share]), self._everywhere, residual_out)
 
     def linearize(self, x):
         pass
@@ -72,13 +73,13 @@ class Equilibrium:
 def make_body(mesh: Mesh, poisson_ratio: float, device: str) -> Elasticity:
     """The operator of a P2-P1 body of E = 1, with the volumetric split of presses."""
     solid = NeoHookean.from_engineering(1.0, poisson_ratio, SolverSettings().volumetric_split)
-    active = columns.Active(1, device)
+    active = ActiveEnvironments(1, device)
     return Elasticity(P2P1, mesh.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
 
 
 def solve(
     body: Elasticity,
-    held: np.ndarray,
+    fixed: np.ndarray,
     displacement: np.ndarray,
     loads: np.ndarray | None = None,
     steps: int = 1,
@@ -86,7 +87,7 @@ def solve(
 ) -> Equilibrium:
     """Find the equilibrium of a body.
 
-    held : (n, 3) bool, components that are prescribed
+    fixed : (n, 3) bool, components that are prescribed
     displacement : (n, 3) mm, their values, reached in ``steps`` equal steps, as the loads; a first guess elsewhere
     loads : (n, 3) dead forces at the nodes, E mm2
     out_of_balance : Euclidean norm of what may be left over of the nodal forces, E mm2, and volumes, mm3
@@ -95,7 +96,7 @@ def solve(
     """
     n_u, n_p = body.n_displacements, body.n_pressures
     load = DeadLoad(np.zeros_like(displacement) if loads is None else loads, n_u + n_p, body.device)
-    solver = NewtonSolver(body, [load], held, 1, SolverSettings(linear_tolerance=1e-4, krylov_size=80))
+    solver = NewtonSolver(body, [load], fixed, 1, SolverSettings(linear_tolerance=1e-4, krylov_size=80))
     step = np.append(displacement.ravel(), np.zeros(n_p)) / steps
     x = np.zeros(n_u + n_p)
     for number in range(1, steps + 1):
@@ -109,7 +110,7 @@ def solve(
             reason = status.sentence if status.is_failure else "an element is inside out"
             raise RuntimeError(f"step {number} of {steps}, residual {out.residual[0] * scale:.1e}: {reason}")
         x = solver.x.numpy()[:, 0].copy()
-    forces = solver.supports()[:n_u, 0]
+    forces = solver.reactions()[:n_u, 0]
     return Equilibrium(x[:n_u].reshape(-1, 3), x[n_u:], forces.reshape(-1, 3))
 
 

@@ -64,12 +64,12 @@ PATCHES = ((0.3, 1.3), (0.499, 1.003))
 @case("exact-patch-displacement", "Patch test: displacements on the boundary of a homogeneous deformation", "quick")
 def patch_displacement(context: Context) -> Outcome:
     mesh, rows = block(inside_only=False), []
-    held = np.zeros(mesh.nodes.shape, dtype=bool)
-    held[mesh.faces.ravel()] = True
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed[mesh.faces.ravel()] = True
     for nu, J in PATCHES:
         body, F = make_body(mesh, nu, context.device), stretch_and_shear(J)
-        displacement = np.where(held, homogeneous(F, mesh), 0.0)
-        found = solve(body, held, displacement, steps=4)
+        displacement = np.where(fixed, homogeneous(F, mesh), 0.0)
+        found = solve(body, fixed, displacement, steps=4)
         rows += patch_rows(f"nu = {nu}", body, Law(nu), F, mesh, found)
     return Outcome(rows, notes=["162 irregular ten-node tetrahedra, all edges bent, largest shear 20 %."])
 
@@ -77,12 +77,12 @@ def patch_displacement(context: Context) -> Outcome:
 @case("exact-patch-traction", "Patch test: tractions on the boundary of a homogeneous deformation", "quick")
 def patch_traction(context: Context) -> Outcome:
     mesh, rows = block(inside_only=False), []
-    held = hold_against_rigid_motion(mesh)
+    fixed = hold_against_rigid_motion(mesh)
     for nu, J in PATCHES:
         body, law, F = make_body(mesh, nu, context.device), Law(nu), stretch_and_shear(J)
         loads = surface_load(mesh, mesh.faces, constant(law.first_piola(F)))
-        displacement = np.where(held, homogeneous(F, mesh), 0.0)
-        found = solve(body, held, displacement, loads, steps=4)
+        displacement = np.where(fixed, homogeneous(F, mesh), 0.0)
+        found = solve(body, fixed, displacement, loads, steps=4)
         rows += patch_rows(f"nu = {nu}", body, law, F, mesh, found)
         idle = np.abs(found.reactions).max() / np.abs(loads).max()
         rows.append(Row(f"reactions by loads, nu = {nu}", "", idle, math.nan, 1e-10, "at most", PATCH))
@@ -91,23 +91,23 @@ def patch_traction(context: Context) -> Outcome:
 
 def hold_against_rigid_motion(mesh: Mesh) -> np.ndarray:
     """(n, 3) bool: one node whole, one far along x in y and z, one far along z in y."""
-    held = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
     corners = mesh.nodes[: mesh.n_corners]
-    held[np.argmin(corners @ [1.0, 1.0, 1.0])] = True
-    held[np.argmax(corners @ [1.0, -0.5, -0.5]), 1:] = True
-    held[np.argmax(corners @ [-0.5, -0.5, 1.0]), 1] = True
-    return held
+    fixed[np.argmin(corners @ [1.0, 1.0, 1.0])] = True
+    fixed[np.argmax(corners @ [1.0, -0.5, -0.5]), 1:] = True
+    fixed[np.argmax(corners @ [-0.5, -0.5, 1.0]), 1] = True
+    return fixed
 
 
 def pull(mesh: Mesh, nu: float, stretch: float, device: str, steps: int = 1) -> tuple[float, float]:
     """Stretch a cube along x between symmetry planes, its other sides free: nominal stress, E, and lateral stretch."""
     low, high = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
-    held = np.stack([on_plane(mesh.nodes, axis, low[axis]) for axis in range(3)], axis=1)
+    fixed = np.stack([on_plane(mesh.nodes, axis, low[axis]) for axis in range(3)], axis=1)
     end = on_plane(mesh.nodes, 0, high[0])
-    held[end, 0] = True
+    fixed[end, 0] = True
     guess = np.diag([stretch, stretch**-0.5, stretch**-0.5])
     displacement = (mesh.nodes - low) @ (guess - IDENTITY)
-    found = solve(make_body(mesh, nu, device), held, displacement, steps=steps)
+    found = solve(make_body(mesh, nu, device), fixed, displacement, steps=steps)
     side = on_plane(mesh.nodes, 1, high[1])
     return found.reactions[end, 0].sum() / CUBE**2, 1.0 + found.displacement[side, 1].mean() / CUBE
 
@@ -136,14 +136,14 @@ def uniaxial(context: Context) -> Outcome:
 def simple_shear(context: Context) -> Outcome:
     mesh, rows = block(inside_only=True), []
     upper = on_plane(mesh.nodes, 1, CUBE)
-    held = np.zeros(mesh.nodes.shape, dtype=bool)
-    held[upper | on_plane(mesh.nodes, 1, 0.0)] = True
-    free = mesh.faces[~held[mesh.faces].all(axis=(1, 2))]
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed[upper | on_plane(mesh.nodes, 1, 0.0)] = True
+    free = mesh.faces[~fixed[mesh.faces].all(axis=(1, 2))]
     for nu, amount in ((0.3, 1.0), (0.499, 1.0)):
         F = IDENTITY + amount * np.outer([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
         body, law = make_body(mesh, nu, context.device), Law(nu)
         loads = surface_load(mesh, free, constant(law.first_piola(F)))
-        found = solve(body, held, np.where(held, homogeneous(F, mesh), 0.0), loads, steps=5)
+        found = solve(body, fixed, np.where(fixed, homogeneous(F, mesh), 0.0), loads, steps=5)
         shear, normal, _ = found.reactions[upper].sum(axis=0) / CUBE**2
         error = np.abs(found.displacement - homogeneous(F, mesh)).max() / (amount * CUBE)
         at = f"at shear {amount:g}, nu = {nu}"
@@ -161,13 +161,13 @@ RADII = (1.0, 2.0)
 def inflate(mesh: Mesh, nu: float, inner_stretch: float, device: str, steps: int = 4) -> Inflation:
     """Widen the cavity of an octant of a sphere: pressure inside and mean radius outside, at its corners."""
     inner, outer = (np.unique(faces_on_sphere(mesh, radius)) for radius in RADII)
-    held = np.stack([on_plane(mesh.nodes, axis, 0.0) for axis in range(3)], axis=1)
-    held[inner] = True
+    fixed = np.stack([on_plane(mesh.nodes, axis, 0.0) for axis in range(3)], axis=1)
+    fixed[inner] = True
     radius = np.linalg.norm(mesh.nodes, axis=1)
     moved = np.cbrt(radius**3 + RADII[0] ** 3 * (inner_stretch**3 - 1.0))  # if nothing were compressed: a first guess
     displacement = (moved / radius - 1.0)[:, None] * mesh.nodes
     displacement[inner] = (inner_stretch - 1.0) * mesh.nodes[inner]
-    found = solve(make_body(mesh, nu, device), held, displacement, steps=steps)
+    found = solve(make_body(mesh, nu, device), fixed, displacement, steps=steps)
     corners = outer[outer < mesh.n_corners]
     outside = np.linalg.norm((mesh.nodes + found.displacement)[corners], axis=1).mean()
     return Inflation(pressure_from_reactions(mesh, inner, found.reactions, inner_stretch), outside)

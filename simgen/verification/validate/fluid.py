@@ -1,4 +1,4 @@
-"""Cases of the liquid in a cavity: thick-walled spheres with closed forms, and what it does to a BioTac."""
+"""Cases of the fluid in a cavity: thick-walled spheres with closed forms, and what it does to a BioTac."""
 
 from __future__ import annotations
 
@@ -46,29 +46,29 @@ def inwards(points: np.ndarray) -> np.ndarray:
 
 
 class FilledSphere:
-    """An octant of a thick-walled sphere of E = 1 around a liquid, between planes of symmetry."""
+    """An octant of a thick-walled sphere of E = 1 around a fluid, between planes of symmetry."""
 
     def __init__(self, poisson_ratio: float, device: str, around: int = 4, through: int = 4):
         self.mesh = mesh = sphere_shell(around, through, RADII)
         radius = np.linalg.norm(mesh.nodes, axis=1)
         self.inner, self.outer = (np.abs(radius - r) < 1e-9 for r in RADII)
-        held = np.stack([on_plane(mesh.nodes, axis, 0.0) for axis in range(3)], axis=1)
+        fixed = np.stack([on_plane(mesh.nodes, axis, 0.0) for axis in range(3)], axis=1)
         body = make_body(mesh, poisson_ratio, device)
         row = body.n_displacements + body.n_pressures
         wetted = faces_on(mesh.faces, self.inner)
-        self.cavity = Cavity(P2P1, mesh.nodes, wetted, held, row, device, body.active)
+        self.cavity = Cavity(P2P1, mesh.nodes, wetted, fixed, row, device, body.active)
         unit_pressure = surface_load(mesh, faces_on(mesh.faces, self.outer), inwards)
         self.load = DeadLoad(unit_pressure, row + 1, device)
-        self.solver = NewtonSolver(body, [self.load], held, 1, EXACT, self.cavity)
+        self.solver = NewtonSolver(body, [self.load], fixed, 1, EXACT, self.cavity)
 
     def settle(self, injected: float = 0.0, outer_pressure: float = 0.0) -> Settled:
-        """Equilibrium after liquid, mm3 in the whole sphere, was injected and the outside put under pressure, E.
+        """Equilibrium after fluid, mm3 in the whole sphere, was injected and the outside put under pressure, E.
 
         Raises RuntimeError where the sphere does not hold as much as is to be taken out, and where the solver gives up.
         """
-        held = 4.0 / 3.0 * np.pi * RADII[0] ** 3
-        if injected <= -held:
-            raise RuntimeError(f"{injected:.3g} mm3: the sphere holds {held:.3g} mm3")
+        content = 4.0 / 3.0 * np.pi * RADII[0] ** 3
+        if injected <= -content:
+            raise RuntimeError(f"{injected:.3g} mm3: the sphere holds {content:.3g} mm3")
         self.cavity.injected.assign(np.array([injected / 8.0]))
         self.load.share = outer_pressure
         out = self.solver.solve(np.ones(1, dtype=bool))
@@ -84,7 +84,7 @@ class FilledSphere:
 
 @case("fluid-lame", "A filled shell under outer pressure: Lame's closed form", "quick")
 def lame(context: Context) -> Outcome:
-    """The liquid lets no inner wall in: u = a (r - A^3 / r^2) and p_c = P (3 K + 4 mu) / (3 K + 4 mu A^3 / B^3)."""
+    """The fluid lets no inner wall in: u = a (r - A^3 / r^2) and p_c = P (3 K + 4 mu) / (3 K + 4 mu A^3 / B^3)."""
     applied, (inner, outer) = 1e-5, RADII  # E: the strains' squares are far below the mesh's error
     rows = []
     for nu in (0.3, 0.499, 0.4999):
@@ -97,10 +97,10 @@ def lame(context: Context) -> Outcome:
         sinking = applied / under * (outer - inner**3 / outer**2)
         rows.append(Row(f"outer face moves in by, over P / E, nu = {nu}", "mm", (outer - found.outer_radius) / applied,
                         sinking / applied, 1e-3, "relative", origin))  # fmt: skip
-    return Outcome(rows, notes=["As nu goes to 1/2, liquid and shell share one pressure and nothing moves."])
+    return Outcome(rows, notes=["As nu goes to 1/2, fluid and shell share one pressure and nothing moves."])
 
 
-@case("fluid-inflation", "Liquid injected into a thick-walled sphere: pressure over its maximum", "quick")
+@case("fluid-inflation", "Fluid injected into a thick-walled sphere: pressure over its maximum", "quick")
 def inflation(context: Context) -> Outcome:
     """Volume is given and pressure found, so that the maximum, where pressure control ends, is passed."""
     nu, stretches = 0.499, (1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0)
@@ -118,7 +118,7 @@ def inflation(context: Context) -> Outcome:
     rows.append(Row("inner face out of round, largest", "", max(found.out_of_round for found in ours), math.nan, 3e-3,
                     "at most", "a sphere stays one; quadratic faces, 4 on a quarter of a circle"))  # fmt: skip
     fine = np.linspace(1.01, stretches[-1], 60)
-    labels = ("width of the cavity / at rest", "pressure of the liquid / E")
+    labels = ("width of the cavity / at rest", "pressure of the fluid / E")
     closed = [incompressible(law.mu, RADII, stretch).pressure for stretch in fine]
     curves = [
         Curve("inflation", "ours, nu = 0.499", list(stretches), [found.pressure for found in ours], *labels,
@@ -167,7 +167,7 @@ def cavity_volume_change(sensor: Sensor, displacement: np.ndarray) -> np.ndarray
     return np.array([enclosed_volume(rest, wall) - enclosed_volume(rest + u, wall) for u in displacement])
 
 
-@case("fluid-biotac", "What the liquid does to a BioTac: sphere and ring at the middle of the pad", "standard")
+@case("fluid-biotac", "What the fluid does to a BioTac: sphere and ring at the middle of the pad", "standard")
 def biotac(context: Context) -> Outcome:
     sensor = load_sensor("biotac", "coarse")
     rows, tables, curves, cost, notes = [], [], [], [], []
@@ -197,11 +197,11 @@ def verdicts(indenter: str, pressed: dict[str, FluidPress]) -> list[Row]:
     ratio = work["solid, incompressible"] / work["solid, none"]
     return [
         Row(f"{indenter}: samples not converged", "", unconverged, 0.0, 0.0, "absolute", "the issue: none"),
-        Row(f"{indenter}: change of the liquid's volume over the cavity's, largest", "",
+        Row(f"{indenter}: change of the fluid's volume over the cavity's, largest", "",
             certificate["liquid_volume_error"].max(), math.nan, 1e-6, "at most", "the audit's bound"),
         Row(f"{indenter}: cavity's change in the output mesh, filled over empty", "", share, math.nan, 0.05, "at most",
             "triangles of 1 mm against quadratic faces of 1.8 mm"),
-        Row(f"{indenter}: force balance with the liquid, worst", "", certificate["force_balance"].max(), math.nan, 1e-3,
+        Row(f"{indenter}: force balance with the fluid, worst", "", certificate["force_balance"].max(), math.nan, 1e-3,
             "at most", "the issue's 0.1 %"),
         Row(f"{indenter}: work to 2 mm, filled over empty", "", ratio, math.nan, 1.0, "at least",
             "a constraint raises the least energy"),
@@ -212,7 +212,7 @@ def by_depth(indenter: str, pressed: dict[str, FluidPress], touchable: np.ndarra
     filled = pressed["solid, incompressible"]
     columns = {"depth, mm": np.array(DEPTHS_MM)}
     columns |= {f"force, N: {name}": p.force for name, p in pressed.items()}
-    columns["pressure of the liquid, kPa"] = filled.pressure / 1e3
+    columns["pressure of the fluid, kPa"] = filled.pressure / 1e3
     columns["volume pressed out where there is none, mm3"] = -pressed["solid, none"].volume
     for name, p in pressed.items():
         if p is not filled:
@@ -228,7 +228,7 @@ def lines(indenter: str, pressed: dict[str, FluidPress]) -> list[Curve]:
     force = [Curve(f"{indenter}: force", name, depths, [0.0, *map(float, p.force)], "depth, mm", "force, N",
                    style="dashed" if "effective" in name else "line") for name, p in pressed.items()]  # fmt: skip
     kilopascal = [0.0, *map(float, pressed["solid, incompressible"].pressure / 1e3)]
-    return [*force, Curve("pressure of the liquid", indenter, depths, kilopascal, "depth, mm", "pressure, kPa")]
+    return [*force, Curve("pressure of the fluid", indenter, depths, kilopascal, "depth, mm", "pressure, kPa")]
 
 
 def costs(indenter: str, pressed: dict[str, FluidPress]) -> list[list]:

@@ -94,7 +94,7 @@ def reactions(scene: Scene) -> np.ndarray:
     """Forces of the held nodes on the gel (n, 3), N, from the stresses at the present state."""
     solver = scene.solver
     n_u = solver.elasticity.n_displacements
-    forces = solver.supports()[:n_u, 0].reshape(-1, 3)
+    forces = solver.reactions()[:n_u, 0].reshape(-1, 3)
     return np.where(scene.mesh.held.reshape(len(forces), -1), forces, 0.0) * MODULUS_MPA
 
 
@@ -107,10 +107,10 @@ def solve_balance(context: Context) -> Outcome:
     path = np.array([(0.0, 0.2, 0.0), (0.0, 0.4, 0.0), (0.1, 0.4, -0.05), (0.2, 0.4, -0.1)])
     sphere = rigid_shape(Kind.SPHERE, 3.5)
     scene, result = slide(block(), sphere, 0.78, path, context.device, x=0.7, z=0.4)
-    supports = reactions(scene)
-    moment = np.cross(scene.nodes / MM_PER_M, supports).sum(axis=0)
+    forces = reactions(scene)
+    moment = np.cross(scene.nodes / MM_PER_M, forces).sum(axis=0)
     out = {
-        "forces": np.linalg.norm(result.force[-1] + supports.sum(axis=0)) / np.linalg.norm(result.force[-1]),
+        "forces": np.linalg.norm(result.force[-1] + forces.sum(axis=0)) / np.linalg.norm(result.force[-1]),
         "moments": np.linalg.norm(result.moment[-1] + moment) / np.linalg.norm(result.moment[-1]),
     }
     tolerance = 10.0 * scene.settings.residual_tolerance
@@ -119,7 +119,7 @@ def solve_balance(context: Context) -> Outcome:
     axes = [*"xyz"]
     table = Table("Resultants on the block, N and N mm", ["of", *axes, *(f"moment about {a}" for a in axes)], [
         ["contact", *map(float, result.force[-1]), *map(float, MM_PER_M * result.moment[-1])],
-        ["reactions", *map(float, supports.sum(axis=0)), *map(float, MM_PER_M * moment)],
+        ["reactions", *map(float, forces.sum(axis=0)), *map(float, MM_PER_M * moment)],
     ])  # fmt: skip
     return Outcome(rows, [table])
 
@@ -147,10 +147,10 @@ class Ball:
     def layer(self, points: np.ndarray) -> Sensor:
         radii = graded(self.height, self.edge, 1.1 * self.contact_radius, 0.35)
         mesh = round_layer(radii, graded(self.height, self.edge, self.edge, 0.35), segments=3, quarters=2)
-        held = np.zeros(mesh.nodes.shape, dtype=bool)
-        held[on_plane(mesh.nodes, 2, 0.0), 2] = True
-        held[on_plane(mesh.nodes, 1, self.height)] = True
-        return make_sensor(mesh, held, top(mesh.nodes, mesh.faces), points)
+        fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+        fixed[on_plane(mesh.nodes, 2, 0.0), 2] = True
+        fixed[on_plane(mesh.nodes, 1, self.height)] = True
+        return make_sensor(mesh, fixed, top(mesh.nodes, mesh.faces), points)
 
 
 @case("friction-none", "No drag on a slide without friction: plate on a block, sphere on a layer", "quick")

@@ -21,9 +21,9 @@ BIOTAC_MM = {"pad": (-7.5, 0.0), "tip": (-19.0, 0.0), "side": (-7.5, 9.5)}
 def block(mesh: Mesh | None = None) -> Sensor:
     """A block whose bottom is bonded and whose other faces may be touched; its corner nodes are its output."""
     mesh = mesh or box(COUNTS, SIZE_MM)
-    held = on_plane(mesh.nodes, 1, mesh.nodes[:, 1].max())
-    free = mesh.faces[~held[mesh.faces].all(axis=1)]
-    return make_sensor(mesh, held, free, mesh.nodes[: mesh.n_corners])
+    fixed = on_plane(mesh.nodes, 1, mesh.nodes[:, 1].max())
+    free = mesh.faces[~fixed[mesh.faces].all(axis=1)]
+    return make_sensor(mesh, fixed, free, mesh.nodes[: mesh.n_corners])
 
 
 def scene_of(sensor: Sensor, device: str, settings: SolverSettings | None = None, **changes) -> Scene:

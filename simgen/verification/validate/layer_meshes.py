@@ -87,13 +87,13 @@ def _at_radius(parameters: np.ndarray) -> np.ndarray:
     return points
 
 
-def make_sensor(mesh: Mesh, held: np.ndarray, touchable: np.ndarray, points: np.ndarray) -> Sensor:
+def make_sensor(mesh: Mesh, fixed: np.ndarray, touchable: np.ndarray, points: np.ndarray) -> Sensor:
     """A sensor around a structured mesh, to be pressed like any other; its output are the given points (p, 3) mm.
 
     held (n,) or (n, 3) bool; touchable (f, 6). Its materials are the caller's.
     """
     no_faces = np.zeros((0, 6), dtype=np.int32)
-    body = SimulationMesh(mesh.nodes * MM, mesh.n_corners, mesh.tetrahedra, held, touchable, no_faces, hash="")
+    body = SimulationMesh(mesh.nodes * MM, mesh.n_corners, mesh.tetrahedra, fixed, touchable, no_faces, hash="")
     output = OutputMesh(
         vertices=points * MM,
         tetrahedra=np.zeros((0, 4), dtype=np.int32),

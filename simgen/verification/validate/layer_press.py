@@ -72,13 +72,13 @@ def quarter_layer(size: LayerMeshSize, radii: np.ndarray, radius: float = RADIUS
     """The layer between two planes of symmetry; its output are surface points at all radii and `AZIMUTHS`."""
     levels = graded(HEIGHT_MM, size.top, size.top, 0.25)
     mesh = round_layer(graded(radius, size.edge, size.until, size.growth), levels, size.segments)
-    held = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
     for axis in (0, 2):
-        held[on_plane(mesh.nodes, axis, 0.0), axis] = True
-    held[on_plane(mesh.nodes, 1, HEIGHT_MM)] = True
+        fixed[on_plane(mesh.nodes, axis, 0.0), axis] = True
+    fixed[on_plane(mesh.nodes, 1, HEIGHT_MM)] = True
     x, z = np.outer(np.cos(AZIMUTHS), radii), np.outer(np.sin(AZIMUTHS), radii)
     points = np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
-    return make_sensor(mesh, held, top(mesh.nodes, mesh.faces), points)
+    return make_sensor(mesh, fixed, top(mesh.nodes, mesh.faces), points)
 
 
 def press_layer(

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1, tet_geometry
@@ -168,7 +168,7 @@ def elasticity_term(context: Context):
 def contact_term(context: Context):
     """The same for a sphere that overlaps the whole top of the block, by 0.3 to 0.6 mm."""
     mesh, settings, device = block(inside_only=True), SolverSettings(), context.device
-    active = columns.Active(1, device)
+    active = ActiveEnvironments(1, device)
     stiffness = (settings.contact_stiffness, settings.friction_stiffness)
     contact = Contact(P2P1, mesh.nodes, top(mesh.nodes, mesh.faces), stiffness, 0.0, device, active)
     contact.set_shapes([rigid_shape(Kind.SPHERE, 7.0)])

@@ -73,13 +73,13 @@ def manufactured_errors(field: Manufactured, nu: float, cells: int, device: str)
     h = edge / cells
     mesh = perturbed(box((cells,) * 3, (edge,) * 3), shift=0.12 * h, bend=0.0, inside_only=True)
     law, body = Law(nu), make_body(mesh, nu, device)
-    held = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
     loaded = top(mesh.nodes, mesh.faces)
-    held[np.setdiff1d(mesh.faces, loaded)] = True
-    held[np.intersect1d(loaded, mesh.faces[~on_plane(mesh.nodes, 1, 0.0)[mesh.faces].all(axis=1)])] = True
+    fixed[np.setdiff1d(mesh.faces, loaded)] = True
+    fixed[np.intersect1d(loaded, mesh.faces[~on_plane(mesh.nodes, 1, 0.0)[mesh.faces].all(axis=1)])] = True
     loads = body_load(mesh, lambda points: law.body_force(field.gradient, points))
     loads += surface_load(mesh, loaded, lambda points: law.first_piola(field.gradient(points)))
-    found = solve(body, held, field.displacement(mesh.nodes), loads, out_of_balance=1e-10)
+    found = solve(body, fixed, field.displacement(mesh.nodes), loads, out_of_balance=1e-10)
 
     points = volume_points(mesh)
     tets = mesh.tetrahedra

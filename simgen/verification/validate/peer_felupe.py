@@ -120,7 +120,7 @@ def solve(cells: int, layers: int, fine: float, depths_mm: np.ndarray, points_mm
         fem.NeoHookeCompressible(mu=SHEAR_MPA, lmbda=POINTWISE_MPA), bulk=LAME_MPA - POINTWISE_MPA
     )
     solid, sphere = fem.SolidBody(law, field), RigidSphere(mesh)
-    held, free = fem.dof.partition(field, boundaries(field[0]))
+    fixed, free = fem.dof.partition(field, boundaries(field[0]))
     surface = pyvista.PolyData(np.asarray(points_mm))
     now = before = [values.values.copy() for values in field]
     force, displacement, newton, last = [], [], 0, 0.0
@@ -134,7 +134,7 @@ def solve(cells: int, layers: int, fine: float, depths_mm: np.ndarray, points_mm
             if update:
                 sphere.update_multiplier()
             newton += fem.newtonraphson(
-                items=[solid, sphere], dof0=held, dof1=free, ext0=np.zeros(len(held)), solver=factor_and_solve,
+                items=[solid, sphere], dof0=fixed, dof1=free, ext0=np.zeros(len(fixed)), solver=factor_and_solve,
                 tol=TOLERANCE, verbose=0,
             ).iterations  # fmt: skip
         force.append(sphere.force())

@@ -101,14 +101,14 @@ def scene_of(file: ResultFile, published: Path, device: str) -> tuple[Scene, Job
 
 def read_press(file: ResultFile, press: tuple[int, int], mesh: OutputMesh) -> PublishedPress:
     """A press, moved into the frame of the sensor by the vertices that are held."""
-    samples, held = [], []
+    samples, fixed = [], []
     for step in file.presses()[press]:
         sample, off = to_sensor_frame(file.sample(*press, step), mesh)
         if np.linalg.norm(sample.nodal_coordinates - mesh.vertices, axis=1).max() >= SHALLOWEST:
             samples.append(sample)
-            held.append(off)
+            fixed.append(off)
     label = f"{file.path.name}, trial {press[0]}, env {press[1]}"
-    return PublishedPress(label, samples, max(held, default=0.0))
+    return PublishedPress(label, samples, max(fixed, default=0.0))
 
 
 def to_sensor_frame(sample: Sample, mesh: OutputMesh) -> tuple[Sample, float]:

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
 from simgen.fem.contact.traction import Surface, face_positions, least_gap
 from simgen.fem.elements.element import P2P1
@@ -21,7 +21,7 @@ STIFFNESS = (2.0 * K, 2.0 * 15.0)  # its faces have edges of 2 mm
 
 def contact(friction, shape, n_env=1):
     nodes, _, _, faces = box()
-    active = columns.Active(n_env, "cpu")
+    active = ActiveEnvironments(n_env, "cpu")
     term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, friction, "cpu", active)
     term.set_shapes([shape] * n_env)
     return nodes, term
@@ -73,7 +73,7 @@ def test_stiffness_follows_the_pressure_in_powers_of_two(pressure, factor):
     term.begin_increment(rest, rest, touching, overlapping, NEAR)
     force = term.resultants(rest).force[0]
     np.testing.assert_allclose(force, [0.0, (pressure + factor * K * 0.01) * 36.0, 0.0], atol=1e-12)
-    term.restore(columns.Active(1, "cpu"))
+    term.restore(ActiveEnvironments(1, "cpu"))
     force = term.resultants(rest).force[0]
     np.testing.assert_allclose(force, [0.0, (pressure + K * 0.01) * 36.0, 0.0], atol=1e-12)
 
@@ -91,7 +91,7 @@ def test_stiffness_grows_where_the_overlap_is_deep():
 
 def test_stiffness_goes_with_one_over_the_edge():
     nodes, _, _, faces = box()
-    big = Contact(P2P1, 3.0 * nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", columns.Active(1, "cpu"))
+    big = Contact(P2P1, 3.0 * nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", ActiveEnvironments(1, "cpu"))
     big.set_shapes([rigid_shape(Kind.CUBE, 60.0, 1.0)])
     big.set_pose(pose(0.0, 0.01, 0.0))
     force = big.resultants(state(np.zeros(3 * len(nodes))))[0]
@@ -104,7 +104,7 @@ def test_an_update_weighs_by_area_over_stiffness():
     graded = nodes * 1.0
     graded[:, 0] += 3.0 * np.maximum(nodes[:, 0] - 1.0, 0.0)  # the last of three cells is four times as long
     on_top = top(nodes, faces)
-    term = Contact(P2P1, graded, on_top, STIFFNESS, 0.0, "cpu", columns.Active(1, "cpu"))
+    term = Contact(P2P1, graded, on_top, STIFFNESS, 0.0, "cpu", ActiveEnvironments(1, "cpu"))
     term.set_shapes([CUBE])
     term.set_pose(pose(0.0, 0.01, 0.0))
     update(term, state(np.zeros(3 * len(nodes))))
@@ -190,7 +190,7 @@ def test_rest_overlap_may_count_as_touching():
 
 def test_shapes_and_poses_belong_to_their_environment():
     nodes, _, _, faces = box()
-    active = columns.Active(2, "cpu")
+    active = ActiveEnvironments(2, "cpu")
     term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", active)
     term.set_shapes([SPHERE, CUBE])
     term.set_pose(np.concatenate([pose(0.0, 0.2, 0.0), pose(0.0, 0.01, 0.0)]))
@@ -205,7 +205,7 @@ def test_shapes_and_poses_belong_to_their_environment():
 
 def test_environments_choose_among_the_shapes():
     nodes, _, _, faces = box()
-    term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", columns.Active(2, "cpu"))
+    term = Contact(P2P1, nodes, top(nodes, faces), STIFFNESS, 0.0, "cpu", ActiveEnvironments(2, "cpu"))
     term.set_shapes([SPHERE, CUBE, SPHERE])
     term.choose(np.array([1, 0]))
     term.set_pose(np.concatenate([pose(0.0, 0.1, 0.0)] * 2))
@@ -226,16 +226,16 @@ def test_an_increment_is_taken_back_where_it_is_marked():
     update(term, rest)
     after = term.surface.normal.numpy().copy()
     assert (after > 1.5 * before).all()
-    term.restore(columns.Active.of(np.array([False, True]), "cpu"))
+    term.restore(ActiveEnvironments.of(np.array([False, True]), "cpu"))
     np.testing.assert_array_equal(term.surface.normal.numpy(), np.column_stack([after[:, 0], before[:, 1]]))
-    term.forget(columns.Active.of(np.array([True, False]), "cpu"))
+    term.forget(ActiveEnvironments.of(np.array([True, False]), "cpu"))
     np.testing.assert_array_equal(term.surface.normal.numpy(), np.column_stack([0.0 * after[:, 0], before[:, 1]]))
 
 
 def test_multipliers_go_on_along_the_last_increment_that_was_kept():
     """From 0 to 0.1 E in an increment that is kept; half as far again, and back beyond zero, where there is no pull."""
     nodes, term = contact(0.78, CUBE)
-    rest, everywhere = state(np.zeros(3 * len(nodes))), columns.Active(1, "cpu")
+    rest, everywhere = state(np.zeros(3 * len(nodes))), ActiveEnvironments(1, "cpu")
     down = pose(0.0, 0.01, 0.0)
 
     def begin(factor):

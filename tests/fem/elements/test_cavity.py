@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simgen.fem import blocks, columns
+from simgen.fem import blocks
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.cavity import Cavity, open_rim
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P1, P2P1, barycentric_p2_gradient, tet_rule
@@ -17,7 +18,7 @@ NOTHING_HELD = np.zeros(1000, dtype=bool)
 
 
 def boundary(element=P2P1, n_env=1, bend=0.0):
-    """The whole boundary of a box 6 x 4 x 6 as wetted faces: the liquid is outside. ``bend`` curves it quadratically.
+    """The whole boundary of a box 6 x 4 x 6 as wetted faces: the fluid is outside. ``bend`` curves it quadratically.
 
     The unknowns are the displacements of all nodes and p_c.
     """
@@ -25,7 +26,7 @@ def boundary(element=P2P1, n_env=1, bend=0.0):
     nodes = nodes if element is P2P1 else nodes[:n_corners]
     x, y, z = nodes.T / 6.0
     nodes = nodes + bend * np.column_stack([y * y + x * z, z * z - x * y, x * x + y * z])
-    active = columns.Active(n_env, "cpu")
+    active = ActiveEnvironments(n_env, "cpu")
     term = Cavity(element, nodes, faces, NOTHING_HELD, 3 * len(nodes), "cpu", active)
     return nodes, tets[:, : element.nodes], term
 
@@ -58,7 +59,7 @@ def solid_volume(nodes, tets):
 
 @pytest.mark.parametrize("bend", [0.0, 0.7])
 def test_volume_is_that_of_the_solid(bend):
-    """Growing solid, shrinking liquid: the volume row is the change that the tetrahedra say, flat faces or curved."""
+    """Growing solid, shrinking fluid: the volume row is the change that the tetrahedra say, flat faces or curved."""
     nodes, tets, term = boundary(bend=bend)
     u = 0.2 * np.random.default_rng(0).normal(size=nodes.shape)
     lacking = residual(term, state(u, 0.0))[-1, 0]
@@ -73,7 +74,7 @@ def test_volume_of_linear_faces():
     assert lacking == pytest.approx(144.0 * (1.1 * 0.7 * 1.5 - 1.0), rel=1e-13)
 
 
-def test_a_liquid_moves_with_its_vessel():
+def test_a_fluid_moves_with_its_vessel():
     """No volume changes under a rigid motion, wherever the origin is; forces and moments of the pressure vanish."""
     nodes, _, term = boundary(bend=0.7)
     c, s = np.cos(0.8), np.sin(0.8)
@@ -86,7 +87,7 @@ def test_a_liquid_moves_with_its_vessel():
     assert np.abs(forces).max() > 0.1
 
 
-def test_injected_liquid_is_part_of_the_volume():
+def test_injected_fluid_is_part_of_the_volume():
     nodes, _, term = boundary()
     term.injected.assign(np.array([2.5]))
     assert residual(term, state(np.zeros_like(nodes), 0.0))[-1, 0] == 2.5
@@ -133,8 +134,8 @@ def test_the_gradient_is_the_row_and_the_column_of_the_pressure():
 def test_the_resultant_is_the_sum_of_the_forces():
     """Check faces that leave an opening, as the BioTac's do around its core, in the environments that are active."""
     nodes, _, _, faces = box()
-    held = np.ones(len(nodes), dtype=bool)
-    term = Cavity(P2P1, nodes, faces[: len(faces) // 2], held, 3 * len(nodes), "cpu", columns.Active(2, "cpu"))
+    fixed = np.ones(len(nodes), dtype=bool)
+    term = Cavity(P2P1, nodes, faces[: len(faces) // 2], fixed, 3 * len(nodes), "cpu", ActiveEnvironments(2, "cpu"))
     x = 0.1 * np.random.default_rng(6).normal(size=(3 * len(nodes) + 1, 2))
     x[-1] = 0.4, -0.7
     x = wp.array(x, dtype=wp.float64, device="cpu")
@@ -159,8 +160,8 @@ def test_blocks_are_the_displacement_part_of_the_tangent(element):
     np.testing.assert_allclose(matrix @ v, whole, rtol=0, atol=SINGLE * np.abs(whole).max())
 
 
-def test_a_solid_in_a_liquid_is_under_its_pressure():
-    """A uniform pressure inside and the liquid's outside balance at every node: the signs of both agree."""
+def test_a_solid_in_a_fluid_is_under_its_pressure():
+    """A uniform pressure inside and the fluid's outside balance at every node: the signs of both agree."""
     nodes, tets, term = boundary(bend=0.7)
     n_corners = tets[:, :4].max() + 1
     solid = NeoHookean.from_engineering(1.0, 0.499, 3.0)
@@ -188,16 +189,16 @@ def test_environments_are_independent():
 
 def test_an_open_cavity_is_refused_unless_its_rim_is_held():
     nodes, _, _, faces = box()
-    active = columns.Active(1, "cpu")
+    active = ActiveEnvironments(1, "cpu")
     cup = faces[~(nodes[faces][:, :, 1] < 1e-9).all(axis=1)]
     rim = open_rim(cup)
     edge = (np.abs(np.abs(nodes[:, [0, 2]]) - 3.0) < 1e-9).any(axis=1) & (nodes[:, 1] < 1e-9)
     assert set(rim) == set(np.flatnonzero(edge))
     with pytest.raises(ValueError, match="open"):
         Cavity(P2P1, nodes, cup, np.zeros(len(nodes), dtype=bool), 3 * len(nodes), "cpu", active)
-    held = np.zeros((len(nodes), 3), dtype=bool)
-    held[rim, 1] = True
-    Cavity(P2P1, nodes, cup, held, 3 * len(nodes), "cpu", active)
+    fixed = np.zeros((len(nodes), 3), dtype=bool)
+    fixed[rim, 1] = True
+    Cavity(P2P1, nodes, cup, fixed, 3 * len(nodes), "cpu", active)
     assert len(open_rim(faces)) == 0
 
 
@@ -206,12 +207,12 @@ def test_a_rim_that_slides_in_planes_of_symmetry_is_as_good_as_closed():
     nodes, _, _, faces = box((3, 2, 3), (6.0, 4.0, 6.0))
     nodes += np.array([3.0, 0.0, 3.0])  # the planes of symmetry are x = 0, y = 0, z = 0
     outer = faces[(np.abs(nodes[faces] - [6.0, 4.0, 6.0]) < 1e-9).all(axis=1).any(axis=1)]
-    held = nodes < 1e-9
-    active = columns.Active(1, "cpu")
-    term = Cavity(P2P1, nodes, outer, held, 3 * len(nodes), "cpu", active)
+    fixed = nodes < 1e-9
+    active = ActiveEnvironments(1, "cpu")
+    term = Cavity(P2P1, nodes, outer, fixed, 3 * len(nodes), "cpu", active)
     assert residual(term, state(nodes * [0.1, 0.2, 0.3], 0.0))[-1, 0] == pytest.approx(144.0 * (1.1 * 1.2 * 1.3 - 1.0))
     rng = np.random.default_rng(6)
-    free = np.append(~held.ravel(), True)
+    free = np.append(~fixed.ravel(), True)
     x = np.where(free, 0.1 * rng.normal(size=len(free)), 0.0)
     v, w = (np.where(free, rng.normal(size=len(free)), 0.0) for _ in range(2))
     assert w @ action(term, state(x), state(v)) == pytest.approx(v @ action(term, state(x), state(w)), rel=SINGLE)
@@ -221,33 +222,33 @@ def test_a_rim_that_slides_in_planes_of_symmetry_is_as_good_as_closed():
 
 
 @pytest.mark.parametrize("element", [P1, P2P1])
-def test_the_preconditioner_eliminates_the_pressure_of_the_liquid(element):
-    """The row of the liquid's volume is met exactly; with linear tetrahedra, which have a factor, so are all."""
-    nodes, tets, liquid = boundary(element)
+def test_the_preconditioner_eliminates_the_pressure_of_the_fluid(element):
+    """The row of the fluid's volume is met exactly; with linear tetrahedra, which have a factor, so are all."""
+    nodes, tets, fluid = boundary(element)
     n_corners = tets[:, :4].max() + 1
     solid = NeoHookean.from_engineering(1.0, 0.4, 1.0 if element.pressures else None)
-    body = Elasticity(element, nodes, tets, n_corners, solid, "cpu", liquid.active)
-    held = np.zeros((len(nodes), 3), dtype=bool)
-    held[nodes[:, 1] > 4.0 - 1e-9] = True
+    body = Elasticity(element, nodes, tets, n_corners, solid, "cpu", fluid.active)
+    clamped = np.zeros((len(nodes), 3), dtype=bool)
+    clamped[nodes[:, 1] > 4.0 - 1e-9] = True
     row = body.n_displacements + body.n_pressures
-    liquid = Cavity(element, nodes, liquid.host_faces, held, row, "cpu", body.active)
-    fixed = np.zeros(liquid.row + 1, dtype=np.int32)
-    fixed[: held.size] = held.ravel()
+    fluid = Cavity(element, nodes, fluid.host_faces, clamped, row, "cpu", body.active)
+    fixed = np.zeros(fluid.row + 1, dtype=np.int32)
+    fixed[: clamped.size] = clamped.ravel()
     on_device = wp.array(fixed, dtype=wp.int32, device="cpu")
 
     def add_tangent(v, out, rough):
         body.tangent(v, out, rough)
-        liquid.tangent(v, out)
+        fluid.tangent(v, out)
         out.assign(np.where(fixed[:, None] == 1, 0.0, out.numpy()))
 
-    liquid.linearize(wp.zeros((len(fixed), 1), dtype=wp.float64, device="cpu"))
-    made = BlockTriangular(body, [], liquid, on_device, add_tangent)
+    fluid.linearize(wp.zeros((len(fixed), 1), dtype=wp.float64, device="cpu"))
+    made = BlockTriangular(body, [], fluid, on_device, add_tangent)
     rng = np.random.default_rng(7)
     x = np.zeros(len(fixed))
-    x[: held.size] = np.where(held, 0.0, 0.05 * rng.normal(size=held.shape)).ravel()
+    x[: clamped.size] = np.where(clamped, 0.0, 0.05 * rng.normal(size=clamped.shape)).ravel()
     x = wp.array(x[:, None], dtype=wp.float64, device="cpu")
     body.linearize(x)
-    liquid.linearize(x)
+    fluid.linearize(x)
     if element is P2P1:
         made.follow()
     assert len(made.update(np.array([0]), np.array([0]), made.factored[0])) == 0
@@ -256,7 +257,7 @@ def test_the_preconditioner_eliminates_the_pressure_of_the_liquid(element):
     add_tangent(wp.array(v[:, None], dtype=wp.float32, device="cpu"), force, rough=False)
     made.apply(force, found)
     z = found.numpy()[:, 0]
-    swept = liquid.gradient.numpy()[:, 0] @ z[: held.size]
+    swept = fluid.gradient.numpy()[:, 0] @ z[: clamped.size]
     assert swept == pytest.approx(force.numpy()[-1, 0], rel=SINGLE)
     assert abs(z[-1]) > 1e-3
     if element is P1:

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simgen.fem import blocks, columns
+from simgen.fem import blocks
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P1, P2P1
 from simgen.fem.material.neo_hookean import NeoHookean
@@ -17,7 +18,7 @@ def body(element, n_env=1):
     if element is P1:
         nodes = nodes[:n_corners]
     solid = NeoHookean.from_engineering(1.0, 0.499, 2.0 if element.pressures else None)
-    active = columns.Active(n_env, "cpu")
+    active = ActiveEnvironments(n_env, "cpu")
     return nodes, Elasticity(element, nodes, tets, n_corners, solid, "cpu", active)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.linear_solver import dense_inverse
 
 
@@ -19,7 +19,7 @@ def test_an_inverse_is_that_of_its_own_environment():
     matrices = dense_inverse.zeros(m, 3, "cpu")
     exact = [spd(m, rng) for _ in range(3)]
     matrices.assign(np.stack([a.ravel() for a in exact], axis=-1)[None])
-    active = columns.Active(3, "cpu")
+    active = ActiveEnvironments(3, "cpu")
     active.assign(np.array([2, 0, -1], dtype=np.int32))
     dense_inverse.Inverter(matrices, m, active)()
     for env in (0, 2):
@@ -38,5 +38,6 @@ def test_products_are_those_of_numpy():
     matrices.assign(tiles)
     x = rng.normal(size=(m, n_env)).astype(np.float32)
     y = wp.zeros((m, n_env), dtype=wp.float32, device="cpu")
-    dense_inverse.multiply(matrices, m, wp.array(x, dtype=wp.float32, device="cpu"), columns.Active(n_env, "cpu"), y)
+    active = ActiveEnvironments(n_env, "cpu")
+    dense_inverse.multiply(matrices, m, wp.array(x, dtype=wp.float32, device="cpu"), active, y)
     np.testing.assert_allclose(y.numpy(), np.einsum("eij,je->ie", host, x), rtol=1e-4, atol=1e-4)

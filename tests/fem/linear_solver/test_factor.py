@@ -5,7 +5,7 @@ import scipy.sparse as sparse
 import scipy.sparse.linalg
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P1
 from simgen.fem.linear_solver.factor import REFACTOR_ABOVE, SparseFactor, elimination_order
@@ -18,14 +18,14 @@ SINGLE = 1e-3  # single precision, times a condition of some thousands
 def test_a_factor_inverts_the_tangent_it_was_made_of():
     nodes, tets, n_corners, _ = box()
     nodes = nodes[:n_corners]
-    active = columns.Active(1, "cpu")
+    active = ActiveEnvironments(1, "cpu")
     body = Elasticity(P1, nodes, tets, n_corners, NeoHookean.from_engineering(1.0, 0.499, None), "cpu", active)
-    held = np.repeat(nodes[:, 1] > 4.0 - 1e-9, 3)
+    fixed = np.repeat(nodes[:, 1] > 4.0 - 1e-9, 3)
 
-    factor = SparseFactor(body, [], wp.array(held.astype(np.int32), dtype=wp.int32, device="cpu"), body.tangent)
+    factor = SparseFactor(body, [], wp.array(fixed.astype(np.int32), dtype=wp.int32, device="cpu"), body.tangent)
     rng = np.random.default_rng(0)
-    first, second = (np.where(held, 0.0, 0.05 * rng.normal(size=held.shape)) for _ in range(2))
-    v = np.where(held, 0.0, rng.normal(size=held.shape))
+    first, second = (np.where(fixed, 0.0, 0.05 * rng.normal(size=fixed.shape)) for _ in range(2))
+    v = np.where(fixed, 0.0, rng.normal(size=fixed.shape))
 
     def error(x) -> float:
         """Of K^-1 (K v) with the factor, K at state x."""
@@ -50,15 +50,15 @@ def test_a_factor_inverts_the_tangent_it_was_made_of():
 
 def test_a_singular_environment_is_named():
     nodes, tets, n_corners, _ = box()
-    active = columns.Active(2, "cpu")
+    active = ActiveEnvironments(2, "cpu")
     nodes = nodes[:n_corners]
     body = Elasticity(P1, nodes, tets, n_corners, NeoHookean.from_engineering(1.0, 0.3, None), "cpu", active)
-    held = np.zeros(3 * n_corners, dtype=np.int32)
-    held[::3] = 1
-    held[1::3] = 1
-    held[2::3] = 1
-    held[3 * n_corners - 1] = 0  # one component is free
-    factor = SparseFactor(body, [], wp.array(held, dtype=wp.int32, device="cpu"), body.tangent)
+    fixed = np.zeros(3 * n_corners, dtype=np.int32)
+    fixed[::3] = 1
+    fixed[1::3] = 1
+    fixed[2::3] = 1
+    fixed[3 * n_corners - 1] = 0  # one component is free
+    factor = SparseFactor(body, [], wp.array(fixed, dtype=wp.int32, device="cpu"), body.tangent)
     body.linearize(wp.zeros((3 * n_corners, 2), dtype=wp.float64, device="cpu"))
     body._single.volumes.zero_()
     np.testing.assert_array_equal(factor.update(np.array([1]), np.zeros(2)), [1])

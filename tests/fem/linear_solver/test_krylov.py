@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.linear_solver.krylov import ConjugateResiduals, Dots
 from simgen.fem.linear_solver.krylov_kernels import WINDOW
 
@@ -10,7 +10,7 @@ from simgen.fem.linear_solver.krylov_kernels import WINDOW
 def solve(A, b, preconditioner, tolerance, size, active=None):
     """Systems A (env, n, n), b (n, env): solutions (n, env), iterations and relative residuals (env,)."""
     flags = np.ones(b.shape[1]) if active is None else np.asarray(active)
-    flags = columns.Active.of(flags != 0, "cpu")
+    flags = ActiveEnvironments.of(flags != 0, "cpu")
     krylov = ConjugateResiduals(len(b), size, "cpu", flags)
     x = wp.full(b.shape, 7.0, dtype=wp.float64, device="cpu")
     b = wp.array(b, dtype=wp.float64, device="cpu")
@@ -91,7 +91,7 @@ def test_a_system_that_has_come_to_its_end_is_left_alone():
     """One stops at the most iterations that there is room for, the other goes on: nothing is written beyond."""
     A = np.stack([np.eye(30) + np.diag(np.ones(29), 1) * 3.0, np.diag(np.linspace(1.0, 3.0, 30))])
     b = np.random.default_rng(6).normal(size=(30, 2))
-    flags = columns.Active(2, "cpu")
+    flags = ActiveEnvironments(2, "cpu")
     krylov = ConjugateResiduals(30, 6, "cpu", flags)
     krylov._steps = wp.full((6, 2), 7.0, dtype=wp.float64, device="cpu")
     whole = wp.full((7, 6, 2), 7.0, dtype=wp.float64, device="cpu")  # with a plane behind what there is room for
@@ -111,7 +111,7 @@ def test_a_system_that_has_come_to_its_end_is_left_alone():
 
 
 def test_products_of_environments_that_are_not_listed_stay():
-    flags = columns.Active(2, "cpu")
+    flags = ActiveEnvironments(2, "cpu")
     ones, dots = wp.ones((4, 2), dtype=wp.float32, device="cpu"), Dots(4, flags)
     assert dots(ones, ones).numpy().tolist() == [4.0, 4.0]
     flags.choose(np.array([False, True]))
@@ -122,7 +122,7 @@ def test_a_system_that_begins_later_and_one_that_waits_are_solved_as_alone():
     """Iterations are carried on two at a time; the second system begins when the first is under way."""
     rng = np.random.default_rng(4)
     A, b = rng.normal(size=(2, 30, 30)) / 6 + 2.0 * np.eye(30), rng.normal(size=(30, 2))
-    flags = columns.Active(2, "cpu")
+    flags = ActiveEnvironments(2, "cpu")
     krylov = ConjugateResiduals(30, 30, "cpu", flags)
     x, right = (wp.array(values, dtype=wp.float64, device="cpu") for values in (np.zeros((30, 2)), b))
     action = lambda v, out: out.assign(np.einsum("eij,je->ie", A, v.numpy()))  # noqa: E731
@@ -157,7 +157,7 @@ def test_systems_that_go_on_together_take_as_many_iterations():
     copy = lambda v, out: wp.copy(out, v)  # noqa: E731
     counts = {}
     for together in (False, True):
-        flags = columns.Active(2, "cpu")
+        flags = ActiveEnvironments(2, "cpu")
         krylov = ConjugateResiduals(40, 40, "cpu", flags)
         krylov.begin(right)
         still = krylov.go_on(action, copy, 0.2, 0.2, most=3, together=together)
@@ -176,7 +176,7 @@ def test_a_system_that_was_solved_stays_so_when_it_breaks_down():
     b[39, 0] = 0.3
     action = lambda v, out: out.assign(np.einsum("eij,je->ie", A, v.numpy()))  # noqa: E731
     for tolerance, solved in ((0.1, True), (0.01, False)):
-        flags = columns.Active(2, "cpu")
+        flags = ActiveEnvironments(2, "cpu")
         krylov = ConjugateResiduals(40, 40, "cpu", flags)
         krylov.begin(wp.array(b, dtype=wp.float64, device="cpu"))
         krylov.go_on(action, lambda v, out: wp.copy(out, v), tolerance, tolerance, most=5, together=True)

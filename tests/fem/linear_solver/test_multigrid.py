@@ -10,7 +10,8 @@ import pytest
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import blocks, columns
+from simgen.fem import blocks
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1
 from simgen.fem.linear_solver.aggregation import SMALL, coarse_space, largest_eigenvalue, rigid_motions
@@ -31,20 +32,20 @@ class Block:
 
     def __init__(self, cells: int, nu: float, amplitude: float = 0.0):
         mesh = box((cells, cells, cells), SIZE)
-        active = columns.Active(1, "cpu")
+        active = ActiveEnvironments(1, "cpu")
         solid = NeoHookean.from_engineering(1.0, nu, 1.0)
         self.body = Elasticity(P2P1, mesh.nodes, mesh.tetrahedra, mesh.n_corners, solid, "cpu", active)
         n_u, self.n = self.body.n_displacements, self.body.n_displacements + self.body.n_pressures
-        held = np.zeros(self.n, dtype=np.int32)
-        held[:n_u] = np.repeat(on_plane(mesh.nodes, 1, SIZE[1]), 3)
-        self.held = held[:, None] == 1
+        fixed = np.zeros(self.n, dtype=np.int32)
+        fixed[:n_u] = np.repeat(on_plane(mesh.nodes, 1, SIZE[1]), 3)
+        self.fixed = fixed[:, None] == 1
         self.preconditioner = BlockTriangular(
-            self.body, [], None, wp.array(held, dtype=wp.int32, device="cpu"), self.add_tangent
+            self.body, [], None, wp.array(fixed, dtype=wp.int32, device="cpu"), self.add_tangent
         )
         x, y, z = (2.0 * np.pi * mesh.nodes / SIZE).T
         u = amplitude * np.column_stack([np.sin(x + y), np.sin(y - z), np.sin(z) * np.cos(x)])
         state = np.zeros(self.n)
-        state[:n_u] = np.where(held[:n_u] == 1, 0.0, u.ravel())
+        state[:n_u] = np.where(fixed[:n_u] == 1, 0.0, u.ravel())
         self.body.linearize(wp.array(state[:, None], dtype=wp.float64, device="cpu"))
         self.update()
         tilted = np.array([[0.0, 0.3, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
@@ -58,7 +59,7 @@ class Block:
 
     def add_tangent(self, v, out, rough):
         self.body.tangent(v, out, rough)
-        out.assign(np.where(self.held, 0.0, out.numpy()))
+        out.assign(np.where(self.fixed, 0.0, out.numpy()))
 
     def tangent(self, v, out):
         out.zero_()
@@ -98,7 +99,7 @@ def test_iterations_hardly_grow_with_strain(nu):
 def test_the_preconditioner_is_linear_and_leaves_what_is_held():
     block = Block(3, 0.499, 0.1)
     rng = np.random.default_rng(0)
-    first, second = (np.where(block.held, 0.0, rng.normal(size=(block.n, 1))) for _ in range(2))
+    first, second = (np.where(block.fixed, 0.0, rng.normal(size=(block.n, 1))) for _ in range(2))
 
     def apply(r):
         z = wp.full((block.n, 1), 7.0, dtype=wp.float32, device="cpu")  # what was there before must not matter
@@ -107,8 +108,8 @@ def test_the_preconditioner_is_linear_and_leaves_what_is_held():
 
     both = apply(first) - 2.0 * apply(second)
     np.testing.assert_allclose(apply(first - 2.0 * second), both, rtol=0, atol=1e-5 * np.abs(both).max())
-    assert np.abs(both[block.held]).max() == 0.0
-    assert np.abs(both[~block.held]).min() > 0.0
+    assert np.abs(both[block.fixed]).max() == 0.0
+    assert np.abs(both[~block.fixed]).min() > 0.0
 
 
 def test_chebyshev_smoothing_damps_the_upper_eigenvalues():
@@ -165,7 +166,7 @@ def test_the_coarse_matrix_is_that_of_the_motions():
     pattern = BlockPattern(n, tets[:, :4], [], "cpu")
     free = np.repeat(nodes[:n, 1] < 3.9, 3)
     space = coarse_space(pattern.graph(), nodes[:n], free)
-    level = CoarseLevel(pattern, space, columns.Active(3, "cpu"))
+    level = CoarseLevel(pattern, space, ActiveEnvironments(3, "cpu"))
     level.active.assign(np.array([0, 2, -1], dtype=np.int32))
     rng = np.random.default_rng(0)
     of_both, stacked = {}, blocks.zeros(pattern.n_blocks, 3, "cpu")

@@ -5,7 +5,8 @@ import pytest
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import blocks, columns
+from simgen.fem import blocks
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P1, P2P1
@@ -22,7 +23,7 @@ SINGLE = 5e-6  # relative: rounding of 6e-8 for each of some hundred operations
 def test_blocks_are_the_tangent_among_displacements_or_linear_ones(element, linear):
     nodes, tets, n_corners, faces = box()
     nodes, tets = (nodes[:n_corners], tets[:, :4]) if element is P1 else (nodes, tets)
-    active = columns.Active(1, "cpu")
+    active = ActiveEnvironments(1, "cpu")
     solid = NeoHookean.from_engineering(1.0, 0.499, 1.0 if element.pressures else None)
     body = Elasticity(element, nodes, tets, n_corners, solid, "cpu", active)
     contact = Contact(element, nodes, top(box().nodes, faces), (20.0, 20.0), 0.5, "cpu", active)
@@ -59,7 +60,7 @@ def test_blocks_are_the_tangent_among_displacements_or_linear_ones(element, line
 
 def test_the_contact_s_diagonal_is_that_of_its_tangent():
     nodes, _, _, faces = box()
-    active = columns.Active(1, "cpu")
+    active = ActiveEnvironments(1, "cpu")
     contact = Contact(P2P1, nodes, top(nodes, faces), (20.0, 20.0), 0.5, "cpu", active)
     contact.set_shapes([rigid_shape(Kind.SPHERE, 3.5)])
     pose = np.eye(4)[None].copy()

@@ -11,7 +11,7 @@ def test_wrong_pressures_alone_are_corrected():
     """Displacements are right, so a step's virtual work is rounding noise: the line search must not act on it."""
     mesh, nu, J = block(inside_only=False), 0.3, 1.3
     body, F = make_body(mesh, nu, "cpu"), stretch_and_shear(J)
-    held = np.zeros(mesh.nodes.shape, dtype=bool)
-    held[mesh.faces.ravel()] = True
-    found = solve(body, held, homogeneous(F, mesh))
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed[mesh.faces.ravel()] = True
+    found = solve(body, fixed, homogeneous(F, mesh))
     np.testing.assert_allclose(found.pressure, multiplier(body, Law(nu), J), rtol=1e-9)

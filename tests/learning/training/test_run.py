@@ -19,7 +19,7 @@ import torch
 import yaml
 
 import simgen
-from simgen.dataset.folder_lock import held
+from simgen.dataset.folder_lock import locked
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS
 from simgen.errors import InputError
@@ -226,7 +226,7 @@ def test_a_split_without_samples_is_missed_before_anything_is_trained(with_elect
 def test_two_processes_do_not_train_one_network(with_electrodes, tmp_path):
     run = TrainingRun(touched.job(with_electrodes.path, networks=["mvd"]), tmp_path / "networks", "cpu")
     (run.output / "mvd").mkdir()
-    with held(run.output / "mvd"), pytest.raises(InputError, match="mvd: is being trained by process"):
+    with locked(run.output / "mvd"), pytest.raises(InputError, match="mvd: is being trained by process"):
         next(run.train("mvd"))
     assert len(list(run.train("mvd"))) == touched.FITS["mesh_vae"]["epochs"]
 

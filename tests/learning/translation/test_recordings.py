@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from learning.training import touched
-from simgen.dataset.folder_lock import held
+from simgen.dataset.folder_lock import locked
 from simgen.errors import InputError
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.training.translator import Translator
@@ -141,7 +141,7 @@ def test_blocks_that_are_there_are_not_made_again(file, translator, renderer, tm
 
 def test_one_process_at_a_time(file, translator, renderer, tmp_path):
     recording = Recording.read(file, PLAIN, range(0, 10))
-    with held(tmp_path), pytest.raises(InputError, match="is being written by process "):
+    with locked(tmp_path), pytest.raises(InputError, match="is being written by process "):
         list(translate_recordings([recording], tmp_path, translator, renderer, False))
     assert not (tmp_path / "monday").exists()
 

@@ -4,8 +4,8 @@ import fake
 import pytest
 
 from simgen.pipeline.run import run
-from simgen.sensing.camera.at_rest import at_rest
 from simgen.sensing.camera.rendered import Rendered, photometry_of
+from simgen.sensing.camera.undeformed_gel import undeformed_gel
 from simgen.sensors.sensor_geometry import load_geometry
 
 
@@ -18,5 +18,5 @@ def seen(tmp_path_factory):
 @pytest.fixture(scope="session")
 def digit() -> Rendered:
     """The DIGIT's gel under the photometric model, in images of the camera's own size."""
-    gel = at_rest(load_geometry("digit"), 320, 240)
+    gel = undeformed_gel(load_geometry("digit"), 320, 240)
     return Rendered(gel.depth, gel.pinhole, photometry_of(gel.camera))

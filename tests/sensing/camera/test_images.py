@@ -10,13 +10,13 @@ import pytest
 from PIL import Image
 
 from simgen.dataset.exchange.selection import select
-from simgen.dataset.folder_lock import held
+from simgen.dataset.folder_lock import locked
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
-from simgen.sensing.camera.album import write_gif, write_montages, write_stages
 from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.images import Images, StoredMeshes, render, unmade
+from simgen.sensing.camera.montages import write_gif, write_montages, write_stages
 from simgen.sensing.camera.renderer import Look, Renderer
 
 SMALL = Look(height=64, width=48)
@@ -104,7 +104,7 @@ def test_another_folder_is_one_line_and_stays(seen, chosen, renderer, tmp_path, 
 
 
 def test_two_processes_do_not_write_into_one_folder(images, chosen, renderer):
-    with held(images.folder), pytest.raises(InputError, match="is being written by process"):
+    with locked(images.folder), pytest.raises(InputError, match="is being written by process"):
         list(render(images, chosen, renderer, workers=1))
 
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from simgen.config.resources import resource
-from simgen.sensing.camera.at_rest import at_rest
 from simgen.sensing.camera.blur import scaled_kernels
 from simgen.sensing.camera.fitting import calibrate
 from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE, Renderer
 from simgen.sensing.camera.response import Placement, Response
+from simgen.sensing.camera.undeformed_gel import undeformed_gel
 from simgen.sensors.sensor import place_camera
 from simgen.sensors.sensor_geometry import load_geometry
 from tests.sensing.camera.by_taxim import by_formula, by_package
@@ -130,7 +130,7 @@ def test_images_are_taxim_s(renderer, table, gel, simulation, tmp_path):
 @pytest.mark.parametrize(("tilts", "places", "cost", "without_flat"), COSTS)
 def test_slopes_of_the_change_cost_what_the_page_says(renderer, table, gel, tilts, places, cost, without_flat):
     """Published tables are fitted to slopes of the gel as it lies there; we look up slopes of what a press changes."""
-    depth = at_rest(load_geometry("digit"), HEIGHT, WIDTH).depth
+    depth = undeformed_gel(load_geometry("digit"), HEIGHT, WIDTH).depth
     rest_mm = -1e3 * lie(np.where(np.isfinite(depth), depth, depth[np.isfinite(depth)].max()))
     pixel_mm = -float(np.median(rest_mm)) / renderer.pinhole.focal
     tilt = np.degrees(np.arctan(np.hypot(*np.gradient(rest_mm / pixel_mm))))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from simgen.fem import columns
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1, face_geometry
 from simgen.fem.material.neo_hookean import NeoHookean
@@ -78,17 +78,17 @@ def test_a_load_of_constant_stress_is_stress_times_area_and_has_no_moment():
 
 def test_an_equilibrium_that_cannot_be_found_says_which_step():
     mesh = box((1, 1, 1), (1.0, 1.0, 1.0))
-    held = np.ones(mesh.nodes.shape, dtype=bool)
+    fixed = np.ones(mesh.nodes.shape, dtype=bool)
     body = equilibrium.make_body(mesh, 0.499, "cpu")
     with pytest.raises(RuntimeError, match=r"step 1 of 2.*inside out"):
-        equilibrium.solve(body, held, -2.1 * mesh.nodes * [0.0, 1.0, 0.0], steps=2)
+        equilibrium.solve(body, fixed, -2.1 * mesh.nodes * [0.0, 1.0, 0.0], steps=2)
 
 
 def softer(mesh, poisson_ratio, device):
     """A body whose shear modulus is wrong by one part in a million."""
     right = NeoHookean.from_engineering(1.0, poisson_ratio, 3.0)
     wrong = NeoHookean(right.mu * (1.0 + 1e-6), right.lam, right.gamma, right.pressure_compliance)
-    active = columns.Active(1, device)
+    active = ActiveEnvironments(1, device)
     return Elasticity(P2P1, mesh.nodes, mesh.tetrahedra, mesh.n_corners, wrong, device, active)
 
 

@@ -1,4 +1,4 @@
-"""The cases of the liquid: spheres that settle or say why not, and the tables of presses."""
+"""The cases of the fluid: spheres that settle or say why not, and the tables of presses."""
 
 from types import SimpleNamespace
 
@@ -30,7 +30,7 @@ def test_a_filled_sphere_at_rest_is_at_rest(sphere):
     assert settled.newton_iterations <= 1  # what is left of the forces there, 1e-15, is what is asked for
 
 
-def test_liquid_taken_out_pulls_and_put_back_leaves_nothing(sphere):
+def test_fluid_taken_out_pulls_and_put_back_leaves_nothing(sphere):
     assert sphere.settle(injected=-0.3).pressure < -0.01
     back = sphere.settle()
     assert abs(back.pressure) < 1e-7 and back.inner_radius == pytest.approx(RADII[0], abs=1e-7)
@@ -76,11 +76,11 @@ def test_presses_become_rows_tables_and_curves():
     assert middle["depth, mm"] == 1.0 and middle["force, N: solid, incompressible"] == 4.0
     assert middle["skin apart from the filled one, rms, um: solid, none"] == pytest.approx(3.0)
     assert middle["force over the filled one's: solid, none"] == 0.5
-    assert [curve.plot for curve in lines("pin", pressed)] == ["pin: force", "pin: force", "pressure of the liquid"]
+    assert [curve.plot for curve in lines("pin", pressed)] == ["pin: force", "pin: force", "pressure of the fluid"]
     assert costs("pin", pressed)[0] == ["pin", "solid, none", "20 of 20", 20, 100, 800, 1.5]
 
 
-def test_a_press_that_loses_liquid_or_stalls_fails_its_rows():
+def test_a_press_that_loses_fluid_or_stalls_fails_its_rows():
     pressed = {"solid, none": fake_press(2.0, 10.0, 0.0), "solid, incompressible": fake_press(1.9, 9.0, 0.0)}
     pressed["solid, none"].result.status[3] = 1
     failed = {row.quantity.split(": ")[1].split(",")[0] for row in verdicts("pin", pressed) if not row.passed}

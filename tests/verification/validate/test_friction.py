@@ -44,11 +44,11 @@ def test_the_ball_is_nearly_on_a_half_space():
 
 def test_reactions_hold_what_presses():
     scene, result = slide(block(), rigid_shape(Kind.SPHERE, 3.5), 0.0, np.array([[0.0, 0.2, 0.0]]), "cpu", x=0.5)
-    supports = reactions(scene)
+    forces = reactions(scene)
     assert result.force[-1, 1] > 0.0  # the sphere presses the gel along +y
-    np.testing.assert_allclose(supports.sum(axis=0), -result.force[-1], atol=1e-3 * result.force[-1, 1])
-    held = scene.mesh.held
-    assert (supports[~held] == 0.0).all() and np.abs(supports[held]).max() > 0.0
+    np.testing.assert_allclose(forces.sum(axis=0), -result.force[-1], atol=1e-3 * result.force[-1, 1])
+    fixed = scene.mesh.held
+    assert (forces[~fixed] == 0.0).all() and np.abs(forces[fixed]).max() > 0.0
 
 
 def test_a_slide_that_fails_says_where_and_why(monkeypatch):

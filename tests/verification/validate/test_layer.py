@@ -180,10 +180,10 @@ def test_planes_of_symmetry_stand_for_the_other_quarters():
     depths = np.array([0.2, 0.4])
     quarter = press_layer(COARSE, 3.5, 0.3, depths, np.array([0.0, 2.0]), "cpu")
     mesh = round_layer(graded(10.0, 0.8, 1.0, 0.5), graded(4.0, 0.8, 0.8, 0.25), layer_press.SEGMENTS, 2)
-    held = np.zeros(mesh.nodes.shape, dtype=bool)
-    held[on_plane(mesh.nodes, 2, 0.0), 2] = True
-    held[on_plane(mesh.nodes, 1, 4.0)] = True
-    half = make_sensor(mesh, held, top(mesh.nodes, mesh.faces), np.zeros((1, 3)))
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed[on_plane(mesh.nodes, 2, 0.0), 2] = True
+    fixed[on_plane(mesh.nodes, 1, 4.0)] = True
+    half = make_sensor(mesh, fixed, top(mesh.nodes, mesh.faces), np.zeros((1, 3)))
     scene = layer_press.Scene(half, layer_press.Material(youngs_modulus_pa=539e3, poisson_ratio=0.499, friction=0.3,
                                                          source="the test's"))  # fmt: skip
     shape = layer_press.rigid_shape(layer_press.Kind.SPHERE, 3.5)
@@ -227,8 +227,8 @@ def test_small_indentation_meets_linear_theory(tmp_path):
 
 def test_quarter_layer_holds_its_bottom_and_its_planes():
     sensor = quarter_layer(COARSE, np.zeros(1))
-    nodes, held = sensor.simulation_mesh.nodes * 1e3, sensor.simulation_mesh.held
-    assert held[np.isclose(nodes[:, 1], 4.0)].all()
+    nodes, fixed = sensor.simulation_mesh.nodes * 1e3, sensor.simulation_mesh.held
+    assert fixed[np.isclose(nodes[:, 1], 4.0)].all()
     above = nodes[:, 1] < 3.9
-    np.testing.assert_array_equal(held[above], np.stack([nodes[above, 0] == 0.0, np.zeros(above.sum(), dtype=bool),
+    np.testing.assert_array_equal(fixed[above], np.stack([nodes[above, 0] == 0.0, np.zeros(above.sum(), dtype=bool),
                                                          nodes[above, 2] == 0.0], axis=1))  # fmt: skip

@@ -132,8 +132,8 @@ def test_a_file_of_others_is_placed_and_its_pose_recovered(dataset, tmp_path):
     published.mkdir()
     anonymous(own, published / "results_digit_x.hdf5")
     outcome = compare_results(published, "cpu")
-    (held,) = outcome.rows
-    assert held.passed and held.ours < 0.1
+    (fixed,) = outcome.rows
+    assert fixed.passed and fixed.ours < 0.1
     results, poses = outcome.tables
     assert len(results.rows) == 2 and poses.rows[0][1] == ""
     for row in results.rows:

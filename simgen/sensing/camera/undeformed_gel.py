@@ -18,7 +18,7 @@ BEYOND = 4.0  # standard deviations of the smoothing that are looked at around t
 
 
 @dataclass(frozen=True)
-class AtRest:
+class UndeformedGel:
     """depth : (height, width) m, along the camera's optical axis; infinite beside the gel"""
 
     camera: Camera
@@ -26,7 +26,7 @@ class AtRest:
     depth: np.ndarray
 
 
-def at_rest(geometry: SensorGeometry, height: int, width: int) -> AtRest:
+def undeformed_gel(geometry: SensorGeometry, height: int, width: int) -> UndeformedGel:
     """Of a sensor, for images of this size. Raises `InputError` if its camera has another aspect, or none is there."""
     camera = placed_camera(geometry.description, geometry.folder)
     if abs(height * camera.width_px / (width * camera.height_px) - 1.0) > 0.01:
@@ -41,7 +41,7 @@ def at_rest(geometry: SensorGeometry, height: int, width: int) -> AtRest:
     inside = slice(margin, -margin), slice(margin, -margin)
     if not maps.seen[inside].any():
         raise InputError(f"{geometry.folder / 'sensor.yaml'}: camera: the gel is out of its sight")
-    return AtRest(camera, pinhole, smooth(maps.rest_depth, sigma)[inside])
+    return UndeformedGel(camera, pinhole, smooth(maps.rest_depth, sigma)[inside])
 
 
 def table_size(camera: Camera) -> tuple[int, int]:

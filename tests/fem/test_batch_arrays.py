@@ -1,9 +1,10 @@
 import numpy as np
 import warp as wp
 
-from simgen.fem import columns
+from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import ActiveEnvironments
 
-MARKED = columns.Active.of(np.array([False, True, True]), "cpu")
+MARKED = ActiveEnvironments.of(np.array([False, True, True]), "cpu")
 
 
 def array(values, dtype=wp.float64):
@@ -15,10 +16,10 @@ def test_what_is_not_marked_stays():
     a, b, out = rng.normal(size=(3, 4, 3))
     factor = np.array([1.0, 0.5, -2.0])
     for act, expected in (
-        (lambda x: columns.copy(array(a), MARKED, x), a),
-        (lambda x: columns.clear(MARKED, x), 0.0 * a),
-        (lambda x: columns.go_along(array(a), array(b), factor, MARKED, x), a + factor * b),
-        (lambda x: columns.go_beyond(array(a), array(b), factor, MARKED, x), b + factor * (b - a)),
+        (lambda x: batch_arrays.copy(array(a), MARKED, x), a),
+        (lambda x: batch_arrays.clear(MARKED, x), 0.0 * a),
+        (lambda x: batch_arrays.go_along(array(a), array(b), factor, MARKED, x), a + factor * b),
+        (lambda x: batch_arrays.go_beyond(array(a), array(b), factor, MARKED, x), b + factor * (b - a)),
     ):
         found = array(out)
         act(found)
@@ -28,12 +29,12 @@ def test_what_is_not_marked_stays():
 
 def test_a_list_says_which_environments_take_part():
     for some in ([True, False, True], [False, False, False], [True, True, True]):
-        numbers = columns.listed(np.array(some))
+        numbers = batch_arrays.env_indices(np.array(some))
         assert numbers.tolist() == [i for i in range(3) if some[i]] + [-1] * (3 - sum(some))
-        assert columns.unlisted(numbers).tolist() == some
+        assert batch_arrays.env_mask(numbers).tolist() == some
 
 
 def test_vectors_are_cleared_too():
     vectors = wp.array(np.ones((2, 3, 3)), dtype=wp.vec3d, device="cpu")
-    columns.clear(MARKED, vectors)
+    batch_arrays.clear(MARKED, vectors)
     assert (vectors.numpy()[:, 0] == 1.0).all() and not vectors.numpy()[:, 1:].any()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
-from simgen.sensing.camera.at_rest import at_rest, smooth, table_size
 from simgen.sensing.camera.height_map import HeightMaps
 from simgen.sensing.camera.renderer import coat
+from simgen.sensing.camera.undeformed_gel import smooth, table_size, undeformed_gel
 from simgen.sensors.sensor_geometry import load_geometry
 
 WALLS = 70  # px: the gel's upright walls are in the upper corners
@@ -19,7 +19,7 @@ def geometry():
 
 @pytest.fixture(scope="module")
 def gel(geometry):
-    return at_rest(geometry, 320, 240)
+    return undeformed_gel(geometry, 320, 240)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_the_image_s_own_edges_are_not_seen(gel):
 
 
 def test_images_of_other_sizes_see_the_same(geometry, gel):
-    small = at_rest(geometry, 160, 120)
+    small = undeformed_gel(geometry, 160, 120)
     four = gel.depth.reshape(160, 2, 120, 2).mean(axis=(1, 3))
     assert np.abs(small.depth - four)[WALLS // 2 :].max() < 1e-6  # facets are not smoothed from the very same places
 
@@ -66,10 +66,10 @@ def test_tables_are_made_of_images_as_large_as_published_ones(gel):
 
 def test_another_aspect_is_one_line(geometry):
     with pytest.raises(InputError) as raised:
-        at_rest(geometry, 240, 320)
+        undeformed_gel(geometry, 240, 320)
     assert str(raised.value) == "picture of 320 x 240 pixels: allowed: sides in the ratio of the camera's 240 x 320"
 
 
 def test_a_sensor_without_a_camera_is_one_line():
     with pytest.raises(InputError, match=r"biotac/sensor\.yaml: no camera; allowed: a sensor with one, as digit"):
-        at_rest(load_geometry("biotac"), 64, 48)
+        undeformed_gel(load_geometry("biotac"), 64, 48)

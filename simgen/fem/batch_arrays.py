@@ -1,8 +1,8 @@
-"""Environments are columns of all arrays: what is done to some of them while others stay.
+"""Arrays of a batch, one column for each environment, and operations that act on some of the columns.
 
-`Active` lists those that kernels act in: their numbers in order, then -1. A kernel's threads look theirs up there, and
-`launch` starts no more threads than the list is long. On a GPU an iteration of few environments would otherwise take as
-long as one of all of them.
+`ActiveEnvironments` lists the environments that a kernel acts on: their numbers in order, then -1. Each thread looks up
+its environment in this list. `launch` starts only as many threads as the list needs: otherwise a few environments would
+take a GPU as long as all of them.
 """
 
 from __future__ import annotations
@@ -79,12 +79,12 @@ def beyond_kernel(
         x_out[i, env] = start[i, env] + factor[env] * (start[i, env] - before[i, env])
 
 
-class Active:
+class ActiveEnvironments:
     """The environments that kernels act in: all of them at first.
 
-    numbers : (env,) int32 on the device, see `listed`. Kernels may shorten it; then it is shorter than ``lanes`` says
-    lanes : threads that a row of a kernel needs: the environments, rounded up to a power of two on a GPU, so that there
-        are few graphs of different size
+    numbers : (env,) int32 on the device, see `env_indices`. Kernels may shorten the list and leave ``lanes`` as it is
+    lanes : threads for each row of a kernel: the number of environments. A GPU rounds it up to a power of two, which
+        keeps the number of different graphs small
     """
 
     def __init__(self, n_env: int, device):
@@ -94,7 +94,7 @@ class Active:
         self._exact = wp.get_device(device).is_cpu
 
     @classmethod
-    def of(cls, environments: np.ndarray, device) -> Active:
+    def of(cls, environments: np.ndarray, device) -> ActiveEnvironments:
         """The list of the environments (env,) bool."""
         made = cls(len(environments), device)
         made.choose(environments)
@@ -111,7 +111,7 @@ class Active:
 
     def choose(self, environments: np.ndarray):
         """Act in the environments (env,) bool from now on."""
-        self.assign(listed(environments))
+        self.assign(env_indices(environments))
 
     def factors(self, values: np.ndarray) -> wp.array:
         """Numbers (env,) for the next kernel: always the same array, see `simgen.fem.device`."""
@@ -123,7 +123,7 @@ class Active:
         return numbers
 
 
-def listed(environments: np.ndarray) -> np.ndarray:
+def env_indices(environments: np.ndarray) -> np.ndarray:
     """Numbers of the environments (env,) bool in order, then -1: (env,) int32."""
     numbers = np.full(len(environments), -1, dtype=np.int32)
     chosen = np.flatnonzero(environments)
@@ -131,16 +131,16 @@ def listed(environments: np.ndarray) -> np.ndarray:
     return numbers
 
 
-def unlisted(numbers: np.ndarray) -> np.ndarray:
-    """Which environments (env,) bool a list (env,) has: the inverse of :func:`listed`."""
+def env_mask(numbers: np.ndarray) -> np.ndarray:
+    """Which environments (env,) bool a list (env,) has: the inverse of :func:`env_indices`."""
     environments = np.zeros(len(numbers), dtype=bool)
     environments[numbers[numbers >= 0]] = True
     return environments
 
 
 def launch(kernel, rows: int | tuple[int, ...], inputs: list, outputs: list):
-    """Launch a kernel over rows and the environments of the one `Active` among its inputs."""
-    [active] = [each for each in inputs if isinstance(each, Active)]
+    """Launch a kernel over rows and the environments of the one `ActiveEnvironments` among its inputs."""
+    [active] = [each for each in inputs if isinstance(each, ActiveEnvironments)]
     inputs = [each.numbers if each is active else each for each in inputs]
     rows = rows if isinstance(rows, tuple) else (rows,)
     wp.launch(kernel, dim=(*rows, active.lanes), inputs=inputs, outputs=outputs, device=active.device)

@@ -7,7 +7,7 @@ from learning.training import touched
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.translation.recordings import Recording
-from simgen.learning.translation.showing import (
+from simgen.learning.translation.shown_samples import (
     COLUMNS,
     furthest_press,
     press_steps,
