@@ -6,7 +6,6 @@ import numpy as np
 
 from simgen.config.job import load_job
 from simgen.config.job_schema import Job
-from simgen.fem.nonlinear.newton import SolverSettings
 from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.signed_distance import RigidShape
 from simgen.pipeline.plan import chosen_material, chosen_sensor, make_plan
@@ -43,9 +42,8 @@ def paired_presses(sensor: str, mesh: str, trajectories: int, batch: int, device
 def job_scene(job: Job, sensor: str, batch: int, device: str) -> Scene:
     """As `simgen run` makes it."""
     model = chosen_sensor(job, sensor)
-    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
     material, outputs = chosen_material(job, sensor, model), job.surface_outputs(sensor)
-    return Scene(model, material, device=device, batch=batch, settings=settings, outputs=outputs)
+    return Scene(model, material, device=device, batch=batch, settings=job.solver, outputs=outputs)
 
 
 def summary(results: list[PressResult], seconds: float) -> dict:

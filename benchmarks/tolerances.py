@@ -9,7 +9,6 @@ of the mesh is another matter (`simgen validate --case "sensors-*"`).
 
 import argparse
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,17 +22,17 @@ from simgen.simulation.press import Scene, SolverSettings, press
 from simgen.verification.validate.sensors import PLACES_MM, difference_um, place_indenter
 
 DEFAULTS = SolverSettings()
-TIGHT = replace(DEFAULTS, residual_tolerance=1e-6, contact_tolerance=1e-4, linear_tolerance=1e-2)
+TIGHT = SolverSettings(residual_tolerance=1e-6, contact_tolerance=1e-4, linear_tolerance=1e-2)
 SETTINGS = {
     "defaults": DEFAULTS,
-    "contact 0.005, residual 1e-4, linear 0.05": replace(
-        DEFAULTS, contact_tolerance=5e-3, residual_tolerance=1e-4, linear_tolerance=5e-2
+    "contact 0.005, residual 1e-4, linear 0.05": SolverSettings(
+        contact_tolerance=5e-3, residual_tolerance=1e-4, linear_tolerance=5e-2
     ),
-    "contact 0.005": replace(DEFAULTS, contact_tolerance=5e-3),
-    "contact 0.05": replace(DEFAULTS, contact_tolerance=5e-2),
-    "contact 0.1, residual 1e-2": replace(DEFAULTS, contact_tolerance=0.1, residual_tolerance=1e-2),
-    "linear 0.02": replace(DEFAULTS, linear_tolerance=0.02),
-    "linear 0.3": replace(DEFAULTS, linear_tolerance=0.3),
+    "contact 0.005": SolverSettings(contact_tolerance=5e-3),
+    "contact 0.05": SolverSettings(contact_tolerance=5e-2),
+    "contact 0.1, residual 1e-2": SolverSettings(contact_tolerance=0.1, residual_tolerance=1e-2),
+    "linear 0.02": SolverSettings(linear_tolerance=0.02),
+    "linear 0.3": SolverSettings(linear_tolerance=0.3),
 }
 
 

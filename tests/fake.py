@@ -16,11 +16,13 @@ import zarr
 
 from simgen.config.job import job_from_dict
 from simgen.config.job_schema import Job
+from simgen.config.outputs import OUTPUTS
 from simgen.dataset.provenance import code_version, package_versions
 from simgen.dataset.reader import Dataset, path_arrays
 from simgen.dataset.splits import split_presses
 from simgen.pipeline.plan import indenter_identities
 from simgen.sensors.indenter import chosen_indenters
+from simgen.simulation.press import PressResult
 
 RADIUS_M = 7e-3
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
@@ -84,38 +86,31 @@ def make_plan(job: Job) -> SimpleNamespace:
     return SimpleNamespace(job=job, device="cpu", attributes=attributes, arrays=arrays)
 
 
-def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: float) -> SimpleNamespace:
-    """A `PressResult`: displacement grows with depth and depends on the pose, so every press differs."""
+def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: float) -> PressResult:
+    """Displacement grows with depth and depends on the pose, so every press differs. What has no formula here is 0."""
     near = np.exp(-np.sum((VERTICES - pose[:3, 3]) ** 2, axis=1) / (2e-3 + 1e-3 * indenter) ** 2)
     direction = np.where(HELD, 0.0, near)[:, None] * pose[:3, 1]
     ones = np.ones(len(depths))
-    certificate = {
-        "residual": 1e-6 * ones,
-        "contact_error": 1e-4 * ones,
-        "force_balance": 1e-6 * ones,
-        "min_det_F": 0.9 * ones,
-        "inverted_elements": 0 * ones,
-        "rms_penetration_m": 1e-6 * ones,
-        "max_penetration_m": 3e-6 * ones,
-        "newton_iterations": 4 * ones,
-        "krylov_iterations": 40 * ones,
-        "substeps": ones,
-        "stabilised_elements": 0 * ones,
-        "damping": 0.0 * ones,
-        "liquid_volume_error": 1e-9 * ones,
+    outputs = {output.name: np.zeros((len(depths), *output.shape_of(len(VERTICES), 0))) for output in OUTPUTS} | {
+        "displacement": depths[:, None, None] * direction,
+        "force": depths[:, None] * 1e3 * pose[:3, 1],
+        "moment": depths[:, None] * pose[:3, 3],
+        "status": np.zeros(len(depths), np.int8),
+        "cavity_pressure": 1e6 * depths,
+        "shear_force": depths[:, None] * [10.0, -20.0],
+        "slip_share": 0.5 * ones,
+        "certificate/residual": 1e-6 * ones,
+        "certificate/contact_error": 1e-4 * ones,
+        "certificate/force_balance": 1e-6 * ones,
+        "certificate/min_det_F": 0.9 * ones,
+        "certificate/rms_penetration_m": 1e-6 * ones,
+        "certificate/max_penetration_m": 3e-6 * ones,
+        "certificate/newton_iterations": 4 * ones,
+        "certificate/krylov_iterations": 40 * ones,
+        "certificate/substeps": ones,
+        "certificate/liquid_volume_error": 1e-9 * ones,
     }
-    return SimpleNamespace(
-        displacement=depths[:, None, None] * direction,
-        force=depths[:, None] * 1e3 * pose[:3, 1],
-        moment=depths[:, None] * pose[:3, 3],
-        status=np.zeros(len(depths), np.int8),
-        certificate=certificate,
-        touch=1e-5 * (indenter + 1),
-        cavity_pressure=1e6 * depths,
-        shear_force=depths[:, None] * [10.0, -20.0],
-        slip_share=0.5 * ones,
-        seconds=seconds,
-    )
+    return PressResult(outputs, 1e-5 * (indenter + 1), seconds)
 
 
 def fake_presser(job, sensor, device):
@@ -173,7 +168,7 @@ def missing_presser(job, sensor, device):
         results = fake_presser(job, sensor, device)(indenters, poses)
         for indenter, result in zip(indenters, results, strict=True):
             if indenter == 1 and sensor == "digit":
-                result.touch = np.nan
+                object.__setattr__(result, "touch", np.nan)
                 result.status[:] = 2
                 for values in (
                     result.displacement,

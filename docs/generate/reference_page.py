@@ -1,10 +1,9 @@
 """A page with every key of a kind of job file, in Markdown, from the schema itself.
 
-Types, defaults and what is allowed are the schema's; what a key does is said by whoever makes the page.
+Everything but the head and the examples comes from the schema.
 """
 
 import inspect
-import re
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,10 +11,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
+from simgen.config.allowed_values import allowed_values, plain, unit_of
 from simgen.config.strict_section import StrictSection
 
-UNITS = {"_mm": "mm", "_um": "um", "_deg": "degrees", "_pa": "Pa", "_n": "N", "_ohm_m": "ohm m", "_ohm": "ohm",
-         "_v": "V", "_v_per_sample": "V per sample"}  # fmt: skip
 WORDS = {str: "text", int: "whole number", float: "number", bool: "true or false"}
 
 
@@ -25,47 +23,38 @@ class ReferencePage:
 
     head : what stands above the first section
     sections : headings in their order, the whole job first; the others are paths of keys, several joined by ", "
-    meanings : what the keys of a section do; a section may leave those that it inherits to its base
     examples : by heading, YAML; the first is a whole job, the others replace its keys of the same name
     """
 
     head: str
     sections: Mapping[str, type[StrictSection]]
-    meanings: Mapping[type[StrictSection], Mapping[str, str]]
     examples: Mapping[str, str]
 
     def markdown(self) -> str:
         """The whole page."""
         return "\n".join([self.head, *(self._section(heading) for heading in self.sections)])
 
-    def meaning(self, section: type[StrictSection], key: str) -> str:
-        """What a key does. Raises KeyError if nobody says it."""
-        for kind in section.__mro__:
-            if key in self.meanings.get(kind, {}):
-                return self.meanings[kind][key]
-        raise KeyError(f"{section.__name__}.{key}")
-
     def _section(self, heading: str) -> str:
         section = self.sections[heading]
-        rows = [self._row(section, key, field, heading) for key, field in section.model_fields.items()]
+        rows = [self._row(key, field, heading) for key, field in section.model_fields.items()]
         head = ["| key | type | allowed | default | what it does |", "|---|---|---|---|---|"]
         title, about = ", ".join(f"`{path}`" for path in heading.split(", ")), first_line(section)
         if section is next(iter(self.sections.values())):
             title, about = heading, "Everything at the top level."
         return "\n".join([f"## {title}\n", about + "\n", *head, *rows, f"\n```yaml\n{self.examples[heading]}```\n"])
 
-    def _row(self, section: type[StrictSection], key: str, field: FieldInfo, heading: str) -> str:
-        unit = next((unit for suffix, unit in UNITS.items() if key.endswith(suffix) or heading.endswith(suffix)), "")
+    def _row(self, key: str, field: FieldInfo, heading: str) -> str:
+        path = [*heading.split("."), key]
         counts = field.annotation is int or any(inner_sections(field.annotation))
-        kind = _kind(field.annotation) + (f", {unit}" if unit and not counts else "")
-        allowed = (field.description or "its keys, see below").replace("<", "\\<")
-        return f"| `{key}` | {kind} | {allowed} | {_default(field)} | {self.meaning(section, key)} |"
+        unit = "" if counts else unit_of(path)
+        kind = _kind(field.annotation) + (f", {unit}" if unit else "")
+        allowed = (allowed_values(path, field) or "its keys, see below").replace("<", "\\<")
+        return f"| `{key}` | {kind} | {allowed} | {_default(field)} | {field.description} |"
 
 
 def first_line(section: type[StrictSection]) -> str:
-    """What the docstring of a section says it is."""
-    about = inspect.cleandoc(section.__doc__).splitlines()[0].replace("``", "`")
-    return re.sub(r"`(simgen[\w.]*)\.\w+` \(.*\)", r"the settings of `\1`", about)
+    """The first line of a section's docstring."""
+    return inspect.cleandoc(section.__doc__).splitlines()[0].replace("``", "`")
 
 
 def inner_sections(annotation: Any) -> Iterator[type[StrictSection]]:
@@ -109,12 +98,5 @@ def _default(field: FieldInfo) -> str:
     if isinstance(field.default, StrictSection):
         return "its defaults"
     if isinstance(field.default, tuple):
-        return f"`[{', '.join(map(_plain, field.default))}]`"
-    return f"`{_plain(field.default)}`"
-
-
-def _plain(value: Any) -> str:
-    """A value as YAML has it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:g}" if isinstance(value, int | float) else value
+        return f"`[{', '.join(map(plain, field.default))}]`"
+    return f"`{plain(field.default)}`"

@@ -1,4 +1,4 @@
-"""A group of keys in a YAML file, strictly checked: what a job, whatever its kind, is made of.
+"""A strictly checked group of keys in a YAML file: of a job, a training job, a sensor or an indenter.
 
 A key that is unknown, or a value that is out of range, is an `InputError` of one line: the file, the key path, the
 value, what is allowed.
@@ -14,6 +14,7 @@ from typing import Any, ClassVar, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from simgen.config.allowed_values import allowed_values
 from simgen.config.yaml_files import parse_yaml, read_yaml
 from simgen.errors import InputError, shown
 
@@ -37,7 +38,7 @@ def load_section(kind: type[Own], file: Path, source: str, overrides: Iterable[s
     data = read_yaml(file, source)
     if not isinstance(data, dict):
         found = "empty" if data is None else f"a {type(data).__name__}"
-        raise InputError(f"{source}: a job is a mapping of keys to values; this is {found}")
+        raise InputError(f"{source}: not a mapping of keys to values, but {found}")
     sources = dict.fromkeys(_key_paths(data), source)
     for override in overrides:
         key = _apply_override(kind, data, override)
@@ -86,7 +87,7 @@ def _apply_override(kind: type[StrictSection], data: dict, override: str) -> str
     for part in parts[:-1]:
         inner, here = target.get(part), _below(here, part)
         if not isinstance(inner, dict):
-            meant = here.text_means if _is_section(here) else None
+            meant = here.text_means if is_section(here) else None
             inner = {meant: inner} if meant and isinstance(inner, str) else {}
             target[part] = inner
         target = inner
@@ -132,10 +133,10 @@ def _schema_at(kind: type[StrictSection], parts: list[str]) -> tuple[type[Strict
     """The section that holds the last key of a path, and what is allowed at that path."""
     section, allowed, here = kind, "", kind
     for part in parts:
-        field = here.model_fields.get(part) if _is_section(here) else None
-        allowed = getattr(field, "description", None) or allowed
+        field = here.model_fields.get(part) if is_section(here) else None
+        allowed = (allowed_values(parts, field) if field else "") or allowed
         here = _below(here, part)
-        if _is_section(here):
+        if is_section(here):
             section, or_text = here, "a text, or " if here.text_means else ""
             allowed = f"{or_text}a mapping with the keys {', '.join(here.model_fields)}"
     return section, allowed
@@ -143,16 +144,17 @@ def _schema_at(kind: type[StrictSection], parts: list[str]) -> tuple[type[Strict
 
 def _below(annotation: Any, part: str) -> Any:
     """The type of what a key, or the number of a list's member, holds; None if there is no such key."""
-    if _is_section(annotation):
+    if is_section(annotation):
         field = annotation.model_fields.get(part)
         annotation = field.annotation if field else None
         optional = get_args(annotation) if isinstance(annotation, UnionType) else ()
-        return next(filter(_is_section, optional), annotation)  # of `Section | None` the section
-    place = {dict: 1, tuple: 0}.get(get_origin(annotation))  # of the members' type
+        return next(filter(is_section, optional), annotation)  # of `Section | None` the section
+    place = {dict: 1, tuple: 0, list: 0}.get(get_origin(annotation))  # of the members' type
     return None if place is None else get_args(annotation)[place]
 
 
-def _is_section(annotation: Any) -> bool:
+def is_section(annotation: Any) -> bool:
+    """Return True for a class of sections."""
     return isinstance(annotation, type) and issubclass(annotation, StrictSection)
 
 

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from simgen.config.job_schema import SURFACE_COMPONENTS, hash_of
+from simgen.config.job_schema import hash_of
 from simgen.dataset import touch_audit
 from simgen.dataset.audit_finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.dataset.layout import faults
@@ -194,10 +194,10 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     def stored(key: str) -> np.ndarray:
         return dataset[f"{sensor}/certificate/{key}"]
 
-    fluid = ["cavity_pressure"] if dataset.job.sensors[sensor].fluid != "none" else []
-    for key in ("force", "moment", *fluid, *dataset.job.stored_outputs(sensor)):
-        finite = _finite(dataset, f"{sensor}/{key}", converged.shape)
-        yield named(sensor, f"{key} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
+    for output in dataset.job.kept_outputs(sensor):
+        if output.is_measured or output.at_surface:
+            finite = _finite(dataset, f"{sensor}/{output.name}", output.at_surface, converged.shape)
+            yield named(sensor, f"{output.name} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("min_det_F")
     valid = dataset[f"{sensor}/status"] == Status.CONVERGED
     bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(valid & ~(least > 0)))
@@ -210,9 +210,9 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     yield Finding(sensor, "penetration", f"rms {rms:.1f}, max {deepest:.1f} um", "stated", None)
 
 
-def _finite(dataset: Dataset, name: str, shape: tuple[int, int]) -> np.ndarray:
-    """(press, depth) whether all numbers of a sample are finite; arrays of surfaces are read a shard at a time."""
-    if name.rpartition("/")[2] not in SURFACE_COMPONENTS:
+def _finite(dataset: Dataset, name: str, at_surface: bool, shape: tuple[int, int]) -> np.ndarray:
+    """Samples (press, depth) with finite numbers only; arrays of surfaces are read a shard at a time."""
+    if not at_surface:
         return np.isfinite(dataset[name]).reshape(*shape, -1).all(axis=2)
     finite = np.ones(shape, dtype=bool)
     for shard in dataset.finished():

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from simgen.config.job_schema import SURFACE_COMPONENTS
+from simgen.config.outputs import AT_SURFACE, MEASURED
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS, leave_out
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values, is_valid
 
-# Where the dataset has them.
-OF_SENSOR = ("force", "moment", "cavity_pressure", "stated_depth", "shear_force", "slip_share")
+OF_SENSOR = (*MEASURED, "stated_depth")  # where the dataset has them
 
 
 def load_dataset(
@@ -75,14 +74,12 @@ class Samples(Sequence):
     def __getitem__(self, number: int | slice) -> "dict[str, np.ndarray] | Samples":
         """A sample, or some of them: float32 in SI units, numbers in int64.
 
-        ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` and ``<sensor>/moment`` (3,) in the sensor's frame;
-        with a fluid ``<sensor>/cavity_pressure``. Where the dataset has them: ``<sensor>/shear_force`` (2,),
-        ``<sensor>/slip_share``, and at its ``<sensor>/surface_vertices`` ``<sensor>/stress`` (s, 6) and
-        ``<sensor>/traction`` (s, 3).
+        ``<sensor>/<name>`` for each output in `simgen.config.outputs` that the dataset has, without status and
+        certificates: ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` (3,), ...
 
-        ``depth``, and where files of others were imported the depth they state, ``<sensor>/stated_depth``; ``press``,
-        ``trajectory`` and ``indenter``, an index into `indenters`. Of a path that is more than a press also ``offset``
-        (3,) and ``turn`` in the contact frame, and ``leg``.
+        ``depth``, ``press``, ``trajectory`` and ``indenter``, an index into `indenters`. Imported samples also have the
+        depth that their files state, ``<sensor>/stated_depth``. A path that is more than a press adds ``offset`` (3,)
+        and ``turn`` in the contact frame, and ``leg``.
         """
         if isinstance(number, slice):
             return Samples(self.path, self.sensors, self.rows[number])
@@ -97,7 +94,7 @@ class Samples(Sequence):
         for sensor in self.sensors:
             displacement = self.dataset.displacement(sensor, press, step)
             sample[f"{sensor}/displacement"] = displacement.astype(np.float32)
-            for name in (f"{sensor}/{key}" for key in SURFACE_COMPONENTS):
+            for name in (f"{sensor}/{key}" for key in AT_SURFACE):
                 if name in self.dataset.arrays:
                     sample[name] = self.dataset.of_samples(name, press, step)
             for name in (f"{sensor}/{key}" for key in OF_SENSOR):

@@ -22,17 +22,9 @@ One zarr v3 directory, in SI units::
       <sensor>/pressable_steps (press,)                number of steps that leave enough gel; with too_thin: stop
       <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor;
                                                        NaN if never touched
-      <sensor>/displacement (press, depth, vertex, 3)  int16 in steps of `scale_factor` m, or float32 in m
-      <sensor>/force, moment (press, depth, 3)         N, N m: on the sensor, in its frame, with friction
-      <sensor>/cavity_pressure (press, depth)          Pa above ambient; only with a fluid in its cavity
-      <sensor>/shear_force (press, depth, 2)           N along x and z of the contact frame, and the share of the
-      <sensor>/slip_share (press, depth)               contact area that slides: with legs, or where asked for
-      <sensor>/surface_vertices (s,)                   where asked for: indices of the vertices on the surface, and
-      <sensor>/stress (press, depth, s, 6)             Pa at these: Cauchy stress xx, yy, zz, yz, xz, xy, and the
-      <sensor>/traction (press, depth, s, 3)           indenter's force per rest area, in the sensor's frame
-      <sensor>/status (press, depth)                   0 valid, 9 inside out: both converged; the sentences are in
-                                                       the attributes
-      <sensor>/certificate/* (press, depth)            residual, force_balance, min_det_F, ...
+      <sensor>/surface_vertices (s,)                   with outputs at the surface: indices of its vertices
+      <sensor>/* (press, depth, ...)                   displacement, force, status, certificate/*, ...: the outputs of
+                                                       `simgen.config.outputs`
       README.md, presses.csv, croissant.json           what it is, for people and machines (`simgen.dataset.card`)
       manifest/*.json                                  sha256 of every file: the plan's, each finished shard's
       manifest/timings.jsonl                           when, where, how long: all that the job does not decide
@@ -59,7 +51,7 @@ import zarr
 
 from simgen.config.indenter_path import IndenterPath
 from simgen.config.job import job_from_resolved
-from simgen.config.job_schema import OUTPUTS, SURFACE_COMPONENTS, Job
+from simgen.config.job_schema import Job
 from simgen.dataset.chunk_files import check_frames, chunk_path, is_sharded, open_sharded
 from simgen.errors import InputError, shown
 
@@ -72,22 +64,7 @@ PLAN = "plan.json"  # in the folder of manifests, as the next
 TIMINGS = "timings.jsonl"
 GROWING = ".growing"  # a folder in the dataset: the plan of a growth, until all its files are in place
 
-CERTIFICATE = {
-    "residual": ("float64", "out-of-balance forces over contact forces, Euclidean norms over the nodes"),
-    "contact_error": ("float64", "relative change (L2, weighted by edges) that one more multiplier update would make"),
-    "force_balance": ("float64", "|contact force + reaction of what is held| / |contact force|"),
-    "min_det_F": ("float64", "least det F over the elements' quadrature points"),
-    "inverted_elements": ("int32", "elements that are inside out somewhere, by a bound over each (conservative)"),
-    "stabilised_elements": ("int32", "elements that are kept open by a strain gradient and more bulk stiffness"),
-    "rms_penetration_m": ("float64", "root mean square pointwise penetration over the contact area, m"),
-    "max_penetration_m": ("float64", "largest pointwise penetration, m"),
-    "newton_iterations": ("int32", "Newton iterations of this depth, all sub-steps"),
-    "krylov_iterations": ("int32", "iterations of the linear solver of this depth"),
-    "substeps": ("int32", "load increments attempted from the depth before, failed ones included"),
-    "damping": ("float64", "largest damping of the tangent, over mu: forces and displacements are not damped"),
-}
 ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping")  # older datasets lack both
-FLUID_CERTIFICATE = {"liquid_volume_error": ("float64", "change of the fluid's volume / volume of the cavity")}
 
 
 @dataclass(frozen=True)
@@ -114,39 +91,20 @@ def written_arrays(
     output_vertices : number of each sensor's output vertices
     surface_vertices : number of those on its surface, for sensors with outputs there
     """
-    depths, displacement = len(job.depths_m), job.dataset.displacement
-    about = "indenter to shared frame at first touch, or the contact pose where there is none"
+    steps, about = len(job.depths_m), "indenter to shared frame at first touch, or the contact pose where there is none"
     arrays = {"press/pose": Array((4, 4), "float64", about, "m")}
     for sensor, vertices in output_vertices.items():
-        scale = {"scale_factor": job.displacement_step_m} if displacement == "int16" else {}
-        arrays |= {
-            f"{sensor}/touch": Array((), "float64", "travel from press/pose to first touch, NaN if none", "m"),
-            f"{sensor}/displacement": Array(
-                (depths, vertices, 3), displacement, "of output vertices", "m", (1, vertices, 3), scale
-            ),
-            f"{sensor}/force": Array((depths, 3), "float64", "on the sensor, in its frame", "N"),
-            f"{sensor}/moment": Array((depths, 3), "float64", "about the origin of the sensor frame", "N m"),
-            f"{sensor}/status": Array((depths,), "int8", "0 converged; names in the root attributes"),
-        }
-        for output in job.stored_outputs(sensor):
-            arrays[f"{sensor}/{output}"] = _optional_array(output, depths, surface_vertices.get(sensor, 0))
-        certificate = CERTIFICATE
-        if job.sensors[sensor].fluid != "none":
-            about = "of the fluid in the cavity, above ambient"
-            arrays[f"{sensor}/cavity_pressure"] = Array((depths,), "float64", about, "Pa")
-            certificate = CERTIFICATE | FLUID_CERTIFICATE
-        for key, (dtype, about) in certificate.items():
-            arrays[f"{sensor}/certificate/{key}"] = Array((depths,), dtype, about)
+        touch = Array((), "float64", "travel from press/pose to first touch, NaN if none", "m")
+        arrays[f"{sensor}/touch"] = touch
+        for output in job.kept_outputs(sensor):
+            sample = output.shape_of(vertices, surface_vertices.get(sensor, 0))
+            chunk = (1, *sample) if output.is_mesh else None
+            dtype, scale = output.dtype, {}
+            if output.name == "displacement":
+                dtype = job.dataset.displacement
+                scale = {"scale_factor": job.displacement_step_m} if dtype == "int16" else {}
+            arrays[f"{sensor}/{output.name}"] = Array((steps, *sample), dtype, output.about, output.unit, chunk, scale)
     return arrays
-
-
-def _optional_array(output: str, depths: int, surface_vertices: int) -> Array:
-    """An output that a job may ask for; `simgen.config.job_schema.OUTPUTS` says what it means."""
-    if output in SURFACE_COMPONENTS:
-        sample = (surface_vertices, SURFACE_COMPONENTS[output])
-        return Array((depths, *sample), "float32", OUTPUTS[output], "Pa", (1, *sample))
-    shape, unit = {"shear_force": ((depths, 2), "N"), "slip_share": ((depths,), "")}[output]
-    return Array(shape, "float64", OUTPUTS[output], unit)
 
 
 def path_arrays(path: IndenterPath) -> dict[str, np.ndarray]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -100,20 +100,13 @@ def first_contacts(
     The same job with other output meshes has the same contacts: they are sampled with the sensors' own output meshes.
     ``indented`` is what `gel_under_indenters` gives.
     """
-    settings = contact_settings(job)
     reference, *others = (
         sensor if job.sensors[name].output is None else _with_own_output(job, name) for name, sensor in sensors.items()
     )
     path = job.indenter_path
     deepest, reach = float(path.depths_m.max()), path.lateral_reach_m
     measures = () if job.stops_early else tuple(indented.values())
-    return pairing.draw_contacts(reference, count, job.seed, deepest, settings, others, reach, measures)
-
-
-def contact_settings(job: Job) -> pairing.ContactSettings:
-    """The keys of ``trajectories`` that say how contacts vary and what they keep clear of."""
-    own = (field.name for field in fields(pairing.ContactSettings))
-    return pairing.ContactSettings(**{name: getattr(job.trajectories, name) for name in own})
+    return pairing.draw_contacts(reference, count, job.seed, deepest, job.trajectories, others, reach, measures)
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:

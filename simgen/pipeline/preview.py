@@ -9,7 +9,6 @@ import numpy as np
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import start_warp
 from simgen.dataset.reader import written_arrays
-from simgen.fem.nonlinear.newton import SolverSettings
 from simgen.pipeline.image_resolution import coarse_images
 from simgen.pipeline.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts, gel_under_indenters
 from simgen.sensors.indenter import Indenter, chosen_indenters
@@ -102,8 +101,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
 
 def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Indenter]) -> SensorPreview:
     material = chosen_material(job, name, sensor)
-    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
-    scene = Scene(sensor, material, job.solver.element, settings=settings, fluid=chosen_fluid(job, name, sensor))
+    scene = Scene(sensor, material, settings=job.solver, fluid=chosen_fluid(job, name, sensor))
     mesh = sensor.simulation_mesh
     return SensorPreview(
         name,
@@ -111,7 +109,7 @@ def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Ind
         len(mesh.nodes),
         len(mesh.tetrahedra),
         scene.unknowns,
-        bytes_per_press(sensor, job.solver.element, settings),
+        bytes_per_press(sensor, job.solver),
         len(sensor.output_mesh.vertices),
         len(sensor.output_mesh.surface_vertices),
         material,

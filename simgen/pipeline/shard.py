@@ -34,7 +34,7 @@ from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.sensor import Sensor
 from simgen.simulation.batch_size import presses_at_once
 from simgen.simulation.pool import Pool
-from simgen.simulation.press import PressResult, Scene, SolverSettings
+from simgen.simulation.press import PressResult, Scene
 
 
 class Presser(Protocol):
@@ -95,11 +95,10 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     start_warp()
     load_kernels(device)
     sensor = _sensor(job, sensor_name)
-    settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
-    batch = presses_at_once(sensor, device, job.solver.element, settings)
+    batch = presses_at_once(sensor, device, job.solver)
     material, fluid = chosen_material(job, sensor_name, sensor), chosen_fluid(job, sensor_name, sensor)
     outputs = job.surface_outputs(sensor_name)
-    scene = Scene(sensor, material, job.solver.element, device, batch, settings, fluid, outputs)
+    scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs)
     shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
     max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
     pool = Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n)

@@ -104,9 +104,5 @@ def put_shards_in_place(dataset: Dataset, writers: Sequence[ShardWriter]) -> Non
 
 def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, Sequence]:
     """Results of a shard as those arrays that the dataset has for the sensor, a press at a time."""
-    columns = {}
-    for name in dataset.arrays:
-        owner, *group, key = name.split("/")
-        if owner == sensor:
-            columns[name] = [result.certificate[key] if group else getattr(result, key) for result in results]
-    return columns
+    kept = (output.name for output in dataset.job.kept_outputs(sensor))
+    return {f"{sensor}/{name}": [result.outputs[name] for result in results] for name in kept}

@@ -8,15 +8,17 @@ import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 import trimesh
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field
 
-from simgen.config.job_schema import MESH_SPACING_MM, Job
+from simgen.config.choices import MESH_SPACING_MM
+from simgen.config.job_schema import Job
 from simgen.config.parsing import parsing
 from simgen.config.resources import resource
+from simgen.config.strict_section import StrictSection, section_from_dict
 from simgen.config.yaml_files import read_yaml
 from simgen.errors import InputError, shown
 from simgen.geometry.mesh_files import LARGEST, SMALLEST, UNITS, check_mesh
@@ -43,36 +45,32 @@ DRAWN_LENGTH = 0.010  # m: how much of an endless shaft a drawing shows
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
-class _Spec(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class SphereSpec(_Spec):
+class SphereSpec(StrictSection):
     kind: Literal["sphere"]
     radius_mm: Length
 
 
-class CylinderSpec(_Spec):
+class CylinderSpec(StrictSection):
     kind: Literal["cylinder"]
     radius_mm: Length
     half_length_mm: Length
     fillet_mm: Length
 
 
-class CubeSpec(_Spec):
+class CubeSpec(StrictSection):
     kind: Literal["cube"]
     half_width_mm: Length
     fillet_mm: Length
 
 
-class RingSpec(_Spec):
+class RingSpec(StrictSection):
     kind: Literal["ring"]
     outer_radius_mm: Length
     hole_radius_mm: Length
     fillet_mm: Length
 
 
-class TextureSpec(_Spec):
+class TextureSpec(StrictSection):
     kind: Literal["texture"]
     half_width_mm: Length
     fillet_mm: Length
@@ -80,17 +78,17 @@ class TextureSpec(_Spec):
     bump_offset_mm: Length
 
 
-class MeshSpec(_Spec):
+class MeshSpec(StrictSection):
     kind: Literal["mesh"]
     file: str
     unit: Literal["m", "mm"] = "m"
     spacing_mm: Length = MESH_SPACING_MM
 
 
-Spec = Annotated[
-    SphereSpec | CylinderSpec | CubeSpec | RingSpec | TextureSpec | MeshSpec, Field(discriminator="kind")
-]
-_TABLE = TypeAdapter(dict[str, Spec])
+Spec = SphereSpec | CylinderSpec | CubeSpec | RingSpec | TextureSpec | MeshSpec
+SPECS: dict[str, type[StrictSection]] = {
+    get_args(spec.model_fields["kind"].annotation)[0]: spec for spec in get_args(Spec)
+}
 
 
 @dataclass(frozen=True)
@@ -178,12 +176,14 @@ def _table_path(file: str | Path | None) -> Path:
 
 
 def _read_table(path: Path) -> dict[str, Spec]:
-    try:
-        table = _TABLE.validate_python(read_yaml(path))
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {key}: {first['msg']}, got {shown(repr(first['input']))}") from None
+    entries, table = read_yaml(path), {}
+    if not isinstance(entries, dict):
+        raise InputError(f"{path}: not a mapping of names to indenters")
+    for name, entry in entries.items():
+        kind = entry.get("kind") if isinstance(entry, dict) else None
+        if not isinstance(kind, str) or kind not in SPECS:
+            raise InputError(f"{path}: {name}.kind: {shown(repr(kind))}; allowed: {', '.join(SPECS)}")
+        table[name] = section_from_dict(SPECS[kind], entry, f"{path}: {name}")
     for name, spec in table.items():
         _check_sizes(path, name, spec)
     return table

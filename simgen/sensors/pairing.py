@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import scipy.spatial
 
+from simgen.config.trajectories import Trajectories
 from simgen.errors import InputError
 from simgen.geometry.curved_tetrahedra import CORE
 from simgen.geometry.developed_skin import Skin
@@ -25,17 +26,6 @@ BLOCK = 256  # contacts that are proposed at a time: a power of two, as a Sobol 
 SLICE = 32  # of them, for which the gel under the indenters is measured at a time
 MOST_PROPOSED = 200  # per contact found, once there have been 16 blocks: with less there is no room
 WALL_TURN_DEG = (60.0, 120.0)  # a surface turned so far from the contact's is a side wall; more is the back
-
-
-@dataclass(frozen=True)
-class ContactSettings:
-    """How contacts vary and what they keep clear of."""
-
-    max_tilt_deg: float = 5.0  # of the press axis from the surface normal
-    roll_range_deg: tuple[float, float] = (-90.0, 90.0)  # of the indenter about its axis
-    max_indentation_ratio: float = 0.6  # deepest press / thickness (largest ball that fits); a core's gap comes on top
-    min_edge_ratio: float = 1.5  # distance to the nearest side wall / deepest press
-    least_thickness_left: float = 0.15  # least gel left under every indenter, on every sensor / thickness there
 
 
 @dataclass(frozen=True)
@@ -62,7 +52,7 @@ def sample_contacts(
     count: int,
     seed: int,
     max_depth_m: float,
-    settings: ContactSettings | None = None,
+    settings: Trajectories | None = None,
     others: Sequence[Sensor] = (),
     lateral_reach_m: float = 0.0,
 ) -> Contacts:
@@ -75,7 +65,7 @@ def draw_contacts(
     count: int,
     seed: int,
     max_depth_m: float,
-    settings: ContactSettings | None = None,
+    settings: Trajectories | None = None,
     others: Sequence[Sensor] = (),
     lateral_reach_m: float = 0.0,
     indented: Sequence[LeastThickness] = (),
@@ -90,7 +80,7 @@ def draw_contacts(
     """
     from scipy.stats import qmc  # a third of a second, which processes that only press do without
 
-    settings = settings or ContactSettings()
+    settings = settings or Trajectories(count=count)
     sensors = (reference, *others)
     room, *others = rooms = [Room(sensor, max_depth_m, settings, lateral_reach_m) for sensor in sensors]
     if not settings.least_thickness_left:
@@ -245,7 +235,7 @@ class Room:
     that a press of depth d needs, s + g = d + (1 - ratio) s. The gap counts with a fluid, too: it flows aside.
     """
 
-    def __init__(self, sensor: Sensor, max_depth_m: float, settings: ContactSettings, lateral_reach_m: float = 0.0):
+    def __init__(self, sensor: Sensor, max_depth_m: float, settings: Trajectories, lateral_reach_m: float = 0.0):
         self.name, self.settings, self.max_depth = sensor.name, settings, max_depth_m
         self.skin = Skin(sensor.surface)
         mesh = sensor.output_mesh

@@ -3,13 +3,14 @@
 import itertools
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from simgen.config.yaml_files import read_yaml
-from simgen.errors import InputError, shown
+from simgen.config.allowed_values import allowed
+from simgen.config.strict_section import StrictSection, is_section, load_section
+from simgen.errors import InputError
 
 Unit = Literal["m", "mm"]
 LARGEST = 1e4  # of any number of mm or degrees: ten metres
@@ -20,19 +21,13 @@ Direction = Annotated[Vector, AfterValidator(lambda vector: _direction(vector))]
 Interval = tuple[Number, Number]
 
 
-class SensorSection(BaseModel):
-    """A group of keys that accepts no others."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class OneOf(SensorSection):
+class OneOf(StrictSection):
     """A group with exactly one of its optional sections."""
 
     @model_validator(mode="after")
     def _exactly_one(self):
         fields = type(self).model_fields.items()
-        choices = [name for name, field in fields if not field.is_required() and _sections(field.annotation)]
+        choices = [name for name, field in fields if any(map(is_section, get_args(field.annotation)))]
         given = [name for name in choices if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(
@@ -41,7 +36,7 @@ class OneOf(SensorSection):
         return self
 
 
-class Material(SensorSection):
+class Material(StrictSection):
     """A near-incompressible neo-Hookean solid with Coulomb friction on its surface."""
 
     youngs_modulus_pa: Annotated[float, Field(ge=1e3, le=1e9)]
@@ -50,7 +45,7 @@ class Material(SensorSection):
     source: str = ""  # where the values come from
 
 
-class Plane(SensorSection):
+class Plane(StrictSection):
     """Points within ``within_mm`` of a plane perpendicular to an axis."""
 
     axis: Literal["x", "y", "z"]
@@ -58,7 +53,7 @@ class Plane(SensorSection):
     within_mm: Positive = 0.01
 
 
-class Box(SensorSection):
+class Box(StrictSection):
     """Points inside a box; an axis that is left out is not bounded, but one is."""
 
     x_mm: Interval | None = None
@@ -72,7 +67,7 @@ class Box(SensorSection):
         return self
 
 
-class Cylinder(SensorSection):
+class Cylinder(StrictSection):
     """Points inside a cylinder along an axis; the centre's two coordinates are the other two axes in order.
     """
 
@@ -82,7 +77,7 @@ class Cylinder(SensorSection):
     along_mm: Interval
 
 
-class MeshFile(SensorSection):
+class MeshFile(StrictSection):
     """A mesh file in the folder of the sensor.yaml, or below it."""
 
     file: Annotated[str, AfterValidator(lambda file: _inside(file))]
@@ -104,7 +99,7 @@ class Selection(OneOf):
     touching: Touching | None = None
 
 
-class PolarTable(SensorSection):
+class PolarTable(StrictSection):
     """Radius of a body about a line along x; it ends in a tip and, at its last row, in a flat face."""
 
     tip_mm: Number  # x of the tip, where the radius is 0
@@ -124,7 +119,7 @@ class PolarTable(SensorSection):
         return self
 
 
-class PolarShell(SensorSection):
+class PolarShell(StrictSection):
     """A closed skin between an outer and an inner surface about one line along x at y = ``axis_y_mm``, z = 0.
     """
 
@@ -134,7 +129,7 @@ class PolarShell(SensorSection):
     inner: PolarTable
 
 
-class PolarCore(SensorSection):
+class PolarCore(StrictSection):
     """A rigid body inside a `PolarShell`, at least ``clearance_mm`` away from its inner surface."""
 
     axis_y_mm: Number
@@ -143,7 +138,7 @@ class PolarCore(SensorSection):
     table: PolarTable
 
 
-class Dome(SensorSection):
+class Dome(StrictSection):
     """A height field over a D-shaped outline: half circle at the tip, straight sides, rounded corners at the
     rear end.
     """
@@ -219,7 +214,7 @@ class SupportSettings(OneOf):
     mesh: MeshFile | None = None
 
 
-class MeshSize(SensorSection):
+class MeshSize(StrictSection):
     """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards the
     held regions.
     """
@@ -237,7 +232,7 @@ class MeshSize(SensorSection):
         return self.envelope_mm or 0.1 * self.edge_length_mm
 
 
-class MeshSizes(SensorSection):
+class MeshSizes(StrictSection):
     """``default``, ``coarse`` and ``fine`` are solved on; ``output`` holds the stored vertices.
 
     ``as_given`` takes the user's own tetrahedra. Without ``output``, a tetrahedral file is its own output
@@ -250,7 +245,7 @@ class MeshSizes(SensorSection):
     output: MeshSize | Literal["as_given"] | None = None
 
 
-class CameraSettings(SensorSection):
+class CameraSettings(StrictSection):
     """A pinhole camera behind the gel, with lights on a circle around its axis."""
 
     position_mm: Vector
@@ -269,7 +264,7 @@ class CameraSettings(SensorSection):
         return self
 
 
-class Electrodes(SensorSection):
+class Electrodes(StrictSection):
     """Electrode positions in a frame of their own; they are snapped to the core's surface."""
 
     origin_mm: Vector  # of their frame, in the sensor's frame
@@ -288,16 +283,16 @@ class Electrodes(SensorSection):
         return self
 
 
-class SensorDescription(SensorSection):
+class SensorDescription(StrictSection):
     """A whole ``sensor.yaml``."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$")]
+    name: str = Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$", **allowed("letters, digits, _ . -, a letter first"))
     gel: Gel
-    held: Annotated[dict[str, Selection], Field(min_length=1)]
+    held: dict[str, Selection] = Field(min_length=1, **allowed("names of regions with their selections, at least one"))
     core: Core | None = None
     support: SupportSettings | None = None
     meshes: MeshSizes
-    materials: Annotated[dict[str, Material], Field(min_length=1)]
+    materials: dict[str, Material] = Field(min_length=1, **allowed("names of presets with their values, at least one"))
     camera: CameraSettings | None = None
     electrodes: Electrodes | None = None
 
@@ -314,39 +309,4 @@ def read_description(path: Path) -> SensorDescription:
     """Parse a sensor.yaml. Raises InputError of one line: file, key path, value, what is allowed."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; a sensor is a folder with a sensor.yaml")
-    content = read_yaml(path)
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: found {type(content).__name__}, allowed: keys and values")
-    try:
-        return SensorDescription.model_validate(content)
-    except ValidationError as error:
-        raise InputError(f"{path}: {_one_line(error)}") from error
-
-
-def _one_line(error: ValidationError) -> str:
-    """The first complaint. An unknown key comes first: a missing one may be misspelt."""
-    first = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
-    key = shown(".".join(str(part) for part in first["loc"])) or "sensor.yaml"
-    if first["type"] == "extra_forbidden":
-        return f"{key}: unknown key, allowed: {', '.join(_allowed(first['loc'][:-1]))}"
-    value = "" if isinstance(first["input"], dict) else f" = {first['input']!r:.60}"
-    return f"{key}{value}: {first['msg'].removeprefix('Value error, ')}"
-
-
-def _allowed(loc: tuple) -> list[str]:
-    """The keys that stand at a place of the description."""
-    model: Any = SensorDescription
-    for part in loc:
-        found = (
-            _sections(model.model_fields[part].annotation)
-            if part in getattr(model, "model_fields", {})
-            else []
-        )
-        model = found[0] if found else model
-    return list(model.model_fields)
-
-
-def _sections(annotation: Any) -> list[type[SensorSection]]:
-    if isinstance(annotation, type):
-        return [annotation] if issubclass(annotation, SensorSection) else []
-    return [section for inner in getattr(annotation, "__args__", ()) for section in _sections(inner)]
+    return load_section(SensorDescription, path, str(path))

@@ -2,12 +2,12 @@
 
 import warp as wp
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
 from simgen.fem.elements.element import ELEMENTS
 from simgen.fem.linear_solver.aggregation import SMALL
 from simgen.fem.linear_solver.dense_inverse import SIDE, WIDE
 from simgen.fem.linear_solver.krylov_kernels import WINDOW
-from simgen.fem.nonlinear.newton import SolverSettings
 from simgen.sensors.sensor import Sensor
 from simgen.sensors.support import faces_in_reach
 
@@ -15,13 +15,14 @@ AT_ONCE = {"cpu": 1, "cuda": 512}  # a core does one after the other
 USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
 
 
-def bytes_per_press(sensor: Sensor, element: str = "P2-P1", settings: SolverSettings | None = None) -> int:
+def bytes_per_press(sensor: Sensor, settings: SolverSettings | None = None) -> int:
     """Memory of one press that is under way: states, Krylov vectors, blocks, contact points.
 
     Without a fluid, which adds some percent, tiles of blocks that are not full (see ``fem.blocks``), and the sparse
     factors of linear tetrahedra, which the host keeps.
     """
-    mesh, kind, settings = sensor.simulation_mesh, ELEMENTS[element], settings or SolverSettings()
+    mesh, settings = sensor.simulation_mesh, settings or SolverSettings()
+    kind = ELEMENTS[settings.element]
     corners = mesh.n_corners
     nodes = len(mesh.nodes) if kind.nodes == 10 else corners
     unknowns = 3 * nodes + (corners if kind.pressures else 0)
@@ -50,7 +51,7 @@ def at_once(device: str) -> int:
     return AT_ONCE[device.partition(":")[0]]
 
 
-def presses_at_once(sensor: Sensor, device: str, element: str, settings: SolverSettings) -> int:
+def presses_at_once(sensor: Sensor, device: str, settings: SolverSettings) -> int:
     """Presses under way on a device: `AT_ONCE`, or what fits into the free memory.
 
     Raises InputError where that is none.
@@ -58,7 +59,7 @@ def presses_at_once(sensor: Sensor, device: str, element: str, settings: SolverS
     most = at_once(device)
     if most == 1:
         return 1
-    each, free = bytes_per_press(sensor, element, settings), wp.get_device(device).free_memory
+    each, free = bytes_per_press(sensor, settings), wp.get_device(device).free_memory
     fit = int(USABLE * free / each)
     if fit < 1:
         raise InputError(

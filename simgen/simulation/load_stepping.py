@@ -14,6 +14,7 @@ import numpy as np
 from simgen.config.indenter_path import moved
 from simgen.fem import batch_arrays
 from simgen.fem.nonlinear.status import Status
+from simgen.simulation.measurements import Solution, take_samples
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
 from simgen.simulation.state_sampler import StateSampler
@@ -168,7 +169,7 @@ class LoadStepping:
         if not starting.any():
             return
         solver = self.solver
-        stored = np.array([0 if each is None else len(each.rows) for each in self.tries])
+        stored = np.array([0 if each is None else len(each.samples) for each in self.tries])
         segment = np.minimum(stored, len(self.path) - 1)
         self.goal = self._way_to[1 + segment]
         spacing = self._share * self._spacing[segment]
@@ -304,29 +305,22 @@ class LoadStepping:
         if not reached.any():
             return
         out = self.solver.increment
-        for env, sample in self.sampler.take(reached):
+        solution = Solution(out.residual, out.contact_error, out.min_det, self._damping, *self.cost)
+        for env, sample in take_samples(self.sampler, reached, self._poses, solution):
             if (current := self.tries[env]) is None:  # the press has just ended with its other try
                 continue
-            press = self.press[env]
-            displacement, overlap = sample.pop("displacement"), sample.pop("overlap_mm")
-            if abs(sample["force"] @ press.pose[:3, 1]) > self._max_force_n:
+            press, force = self.press[env], sample.values["force"]
+            if abs(force @ press.pose[:3, 1]) > self._max_force_n:
                 self._end(env, Status.FORCE_LIMIT)
                 continue
-            entered = not current.rows and self.path[0, 1] > LEAST_OVERLAP_MM
-            missed = not sample["force"].any() and (entered or overlap > LEAST_OVERLAP_MM)
+            entered = not current.samples and self.path[0, 1] > LEAST_OVERLAP_MM
+            missed = not force.any() and (entered or sample.overlap_mm > LEAST_OVERLAP_MM)
             if missed:
                 self._end(env, Status.NOT_RESOLVED)
                 continue
-            if not current.rows:
-                current.displacement = np.empty((len(self.path), *displacement.shape), displacement.dtype)
-            current.displacement[len(current.rows)] = displacement
-            costs = dict(zip(("newton_iterations", "krylov_iterations", "substeps"), self.cost[:, env], strict=True))
-            solved = {name: getattr(out, name)[env] for name in ("residual", "contact_error")}
-            status = Status.INSIDE_OUT if sample["inverted_elements"] else Status.CONVERGED
-            solved |= {"min_det_F": out.min_det[env], "damping": self._damping[env], "status": status}
-            current.rows.append(sample | costs | solved)
+            current.keep(sample, len(self.path))
             self.cost[:, env], self._damping[env] = 0, 0.0
-            if len(current.rows) == len(self.path):
+            if len(current.samples) == len(self.path):
                 self._end(env, Status.CONVERGED)
-            elif len(current.rows) == press.steps:
+            elif len(current.samples) == press.steps:
                 self._end(env, Status.NO_ROOM)

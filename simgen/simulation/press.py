@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.config.indenter_path import DOWN
+from simgen.config.outputs import BY_NAME, CERTIFICATE
+from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError, shown
-from simgen.fem.nonlinear.newton import SolverSettings
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import lateral_reach
 from simgen.geometry.signed_distance import RigidShape
@@ -23,58 +24,31 @@ from simgen.units import MM_PER_M
 
 __all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
 
-CERTIFICATE = (
-    "residual",
-    "contact_error",
-    "force_balance",
-    "min_det_F",
-    "inverted_elements",
-    "stabilised_elements",
-    "rms_penetration_m",
-    "max_penetration_m",
-    "newton_iterations",
-    "krylov_iterations",
-    "substeps",
-    "damping",
-)
-
-
 @dataclass(frozen=True)
 class PressResult:
-    """One press on one sensor; d depths or points of a path, v vertices of the output mesh.
+    """One press on one sensor, at d depths or points of a path.
 
-    displacement : (d, v, 3) m, NaN where the press did not get that far
-    force : (d, 3) N on the sensor, normal and friction together, in the sensor's frame
-    moment : (d, 3) N m about the origin of the sensor's frame
-    status : (d,) int8, codes of `simgen.fem.nonlinear.status.Status`. A press that has a sample inside out goes on
-    certificate : each (d,): residual and contact_error (relative, see SolverSettings), force_balance (indenter, core,
-        support and reactions of the held nodes, over the indenter's force), min_det_F at quadrature points, number of
-        elements that are inside out somewhere (see ``fem/elements/validity.py``) and that are stabilised (see
-        ``fem/elements/stabilisation.py``), penetration in m, iterations, sub-steps, largest damping (see
-        ``fem/nonlinear/damping.py``); with a fluid also liquid_volume_error, over the volume of the cavity
+    outputs : by name, (d, ...) arrays of what the scene measures, with the shapes, units and meanings of
+        `simgen.config.outputs`. They are attributes, too: ``result.force`` is (d, 3). NaN where the press did not get
+        that far; None for an output that the scene does not measure
     touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
     seconds : share of this press in the wall time of those that were solved together
-    cavity_pressure : (d,) Pa, of the fluid above ambient; None where the scene has none
-    shear_force : (d, 2) N on the sensor along the contact frame's x and z, which are those of the indenter at first
-        touch; ``force`` along the press axis is the rest of it
-    stress, traction : (d, s, 6) and (d, s, 3) float32, Pa, at the s surface vertices of the output mesh, where the
-        scene has these outputs; see `simgen.simulation.surface_outputs`
-    slip_share : (d,) share of the contact area where friction has reached its limit, so that the surface slides; the
-        rest sticks. 0 without contact
     """
 
-    displacement: np.ndarray
-    force: np.ndarray
-    moment: np.ndarray
-    status: np.ndarray
-    certificate: dict[str, np.ndarray]
+    outputs: dict[str, np.ndarray]
     touch: float
     seconds: float
-    shear_force: np.ndarray
-    slip_share: np.ndarray
-    cavity_pressure: np.ndarray | None = None
-    stress: np.ndarray | None = None
-    traction: np.ndarray | None = None
+
+    def __getattr__(self, name: str) -> np.ndarray | None:
+        if name not in BY_NAME:
+            raise AttributeError(f"{name} is no output of a press; allowed: {', '.join(BY_NAME)}")
+        return self.outputs.get(name)
+
+    @property
+    def certificate(self) -> dict[str, np.ndarray]:
+        """(d,) arrays that say how exact each sample is."""
+        names = (name for name in self.outputs if BY_NAME[name].is_certificate)
+        return {name.removeprefix(CERTIFICATE): self.outputs[name] for name in names}
 
 
 def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
@@ -183,29 +157,20 @@ def begin_presses(
 
 def result_of(stepping: LoadStepping, press: Press) -> PressResult:
     """The samples of a press that has ended, as arrays over the depths of its path."""
-    scene, displacement = stepping.scene, press.displacement
+    scene, steps, samples = stepping.scene, len(stepping.path), press.samples
+    vertices, surface_vertices = scene.n_vertices, len(scene.sensor.output_mesh.surface_vertices)
+    displacement = press.displacement
     if displacement is None:
-        displacement = np.empty((len(stepping.path), scene.n_vertices, 3))
-    displacement[len(press.rows) :] = np.nan
-    d, rows, in_surface = len(displacement), press.rows, press.pose[:3, [0, 2]]
-
-    def column(key, *inner, dtype=np.float64):
-        out = np.full((d, *inner), np.nan, dtype)
-        for i, row in enumerate(rows):
-            out[i] = row[key]
-        return out
-
-    status = np.full(d, press.status, dtype=np.int8)
-    status[: len(rows)] = [row["status"] for row in rows]
-    certificate = {key: column(key) for key in CERTIFICATE}
-    fluid = scene.cavity is not None
-    if fluid:
-        certificate["liquid_volume_error"] = column("liquid_volume_error")
-    pressure = column("cavity_pressure") if fluid else None
-    force, moment = column("force", 3), column("moment", 3)
-    shear, slip = force @ in_surface, column("slip_share")
-    shapes = stepping.sampler.surface_outputs.shapes
-    surface = {name: column(name, *shape, dtype=np.float32) for name, shape in shapes.items()}
-    return PressResult(
-        displacement, force, moment, status, certificate, press.touch, press.seconds, shear, slip, pressure, **surface
-    )
+        displacement = np.empty((steps, vertices, 3))
+    displacement[len(samples) :] = np.nan
+    outputs = {"displacement": displacement}
+    for output in scene.outputs:
+        if output.name == "displacement":
+            continue
+        dtype = np.float32 if output.dtype == "float32" else np.float64  # integers, too: what is missing is NaN
+        values = np.full((steps, *output.shape_of(vertices, surface_vertices)), np.nan, dtype)
+        for i, sample in enumerate(samples):
+            values[i] = sample.values[output.name]
+        outputs[output.name] = values
+    outputs["status"] = np.where(np.isnan(outputs["status"]), press.status, outputs["status"]).astype(np.int8)
+    return PressResult(outputs, press.touch, press.seconds)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sparse
 
+from simgen.config.outputs import OPTIONAL, kept_outputs
+from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import ActiveEnvironments
@@ -14,7 +16,7 @@ from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import ELEMENTS
 from simgen.fem.linear_solver.pattern import corners_to_nodes
 from simgen.fem.material.neo_hookean import NeoHookean
-from simgen.fem.nonlinear.newton import NewtonSolver, SolverSettings, per_component
+from simgen.fem.nonlinear.newton import NewtonSolver, per_component
 from simgen.geometry.node_ordering import in_sweep_order
 from simgen.geometry.rigid_shape import sampled_shape
 from simgen.geometry.signed_distance import RigidShape
@@ -29,15 +31,15 @@ CORE_SPACING_MM = 0.25  # grid of the core's signed distance
 class Scene:
     """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs.
 
-    ``fluid``, none or incompressible, fills the gel's cavity. Raises InputError where there is no cavity for it.
-    ``outputs``, stress and traction, are measured at the output mesh's surface, too.
+    fluid : none or incompressible, fills the gel's cavity; raises InputError where there is no cavity for it
+    outputs : names of outputs at the output mesh's surface (stress, traction), which take time and are measured on
+        request. The attribute ``outputs`` has all that are measured
     """
 
     def __init__(
         self,
         sensor: Sensor,
         material: Material,
-        element: str = "P2-P1",
         device: str = "cpu",
         batch: int = 1,
         settings: SolverSettings | None = None,
@@ -45,10 +47,9 @@ class Scene:
         outputs: tuple[str, ...] = (),
     ):
         self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
-        self.outputs = outputs
         self.sampler = None  # what measures its states: `StateSampler.of` makes it once
         self.settings = settings or SolverSettings()
-        kind = ELEMENTS[element]
+        kind = ELEMENTS[self.settings.element]
         mesh = self.mesh = in_sweep_order(sensor.simulation_mesh)
         n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
         self.nodes = mesh.nodes[:n] * MM_PER_M
@@ -89,6 +90,8 @@ class Scene:
         if kind.nodes == 4:
             self.to_output = self.to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
         self.n_vertices = len(sensor.output_mesh.vertices)
+        measured = kept_outputs(self.cavity is not None, legs=True, asked=OPTIONAL)
+        self.outputs = tuple(each for each in measured if not each.at_surface or each.name in outputs)
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:

@@ -1,8 +1,7 @@
-"""What is kept of a press at a point of its path: forces, displacements of the output mesh, and what certifies them."""
+"""The state sampler: reactions, displacements and overlap of a scene's solver, in all environments at once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.device import read
 from simgen.fem.material.neo_hookean import real
-from simgen.fem.nonlinear.newton import SMALLEST_FORCE
 from simgen.fem.sections import CHUNK, chunks
 from simgen.simulation.first_touch import dense_shapes
 from simgen.simulation.scene import Scene
@@ -33,7 +31,7 @@ def reaction_kernel(
     # outputs
     reactions_out: wp.array2d(dtype=wp.float64),
 ):
-    """Components of the forces on what is held."""
+    """Sums of the forces on fixed nodes, by component."""
     c, i, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -103,8 +101,8 @@ class StateSampler:
     def _nearest(self, contact, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         return contact.nearest(self.scene.solver.x, self._dense, at_rest)
 
-    def _reactions(self) -> np.ndarray:
-        """Forces (3, env) of the held nodes on the body, at the last measured state."""
+    def reactions(self) -> np.ndarray:
+        """Forces (3, env) of the fixed nodes on the body, at the last measured state."""
         balance, solver = self.scene.solver.balance, self.scene.solver
         self._sums.zero_()
         inputs = [balance.internal, balance.surface, solver.fixed, self._nodes, solver.active]
@@ -112,8 +110,8 @@ class StateSampler:
         [sums] = read(self._sums)
         return sums
 
-    def _displacements(self, count: int) -> np.ndarray:
-        """Those of the output mesh (count, v, 3), m, in the first active environments.
+    def displacements(self, count: int) -> np.ndarray:
+        """Displacements (count, v, 3) of the output mesh, m, in the first active environments.
 
         On a CPU they are valid until the next call.
         """
@@ -149,44 +147,3 @@ class StateSampler:
     def inverted_elements(self) -> np.ndarray:
         """Number of elements (env,) that are inside out somewhere; the solver sees its integration points alone."""
         return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x)
-
-    def take(self, reached: np.ndarray) -> Iterator[tuple[int, dict]]:
-        """Samples of the environments (env,) bool that have just converged: their forces have been measured.
-
-        Forces in N, lengths in m unless the key says mm.
-        """
-        scene, solver = self.scene, self.scene.solver
-        solver.mark(reached)
-        unit = scene.material.youngs_modulus_pa / MM_PER_M**2  # N per unit of solver force
-        contact = scene.indenter_contact.resultants(solver.x)
-        force = contact.force
-        total = force + self._reactions().T
-        for fixed in scene.fixed_contacts:
-            total += fixed.resultants(solver.x).force
-        if scene.cavity is not None:
-            total += scene.cavity.resultant(solver.x)
-            row = scene.cavity.row
-            lacking, pressure = read(solver.balance.surface[row], solver.x[row])
-        overlap, _ = self.overlap()
-        inverted = self.inverted_elements()
-        size = np.maximum(np.linalg.norm(force, axis=1), SMALLEST_FORCE)
-        balance = np.linalg.norm(total, axis=1) / size
-        found = {
-            "force": force * unit,
-            "moment": contact.moment * unit / MM_PER_M,
-            "force_balance": np.where(force.any(axis=1), balance, 0.0),  # without contact there is nothing to balance
-            "inverted_elements": inverted,
-            "stabilised_elements": solver.elasticity.stabilised_elements(),
-            "slip_share": contact.slip_share,
-            "rms_penetration_m": contact.rms_penetration / MM_PER_M,
-            "max_penetration_m": np.maximum(overlap, 0.0) / MM_PER_M,
-            "overlap_mm": overlap,
-        }
-        if scene.cavity is not None:
-            found["liquid_volume_error"] = np.abs(lacking) / scene.cavity.volume
-            found["cavity_pressure"] = pressure * scene.material.youngs_modulus_pa
-        environments = np.flatnonzero(reached)
-        surface, displacements = self.surface_outputs.take(len(environments)), self._displacements(len(environments))
-        for k, (env, displacement) in enumerate(zip(environments, displacements, strict=True)):
-            of_surface = {name: values[k] for name, values in surface.items()}
-            yield env, {"displacement": displacement, **of_surface} | {name: each[env] for name, each in found.items()}

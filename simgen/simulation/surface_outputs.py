@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.config.job_schema import SURFACE_COMPONENTS
+from simgen.config.outputs import BY_NAME
 from simgen.fem.device import read
 from simgen.fem.elements.nodal_stress import NodalStress
 from simgen.fem.linear_solver.pattern import corners_to_nodes
@@ -62,13 +62,12 @@ class _Field:
 class SurfaceOutputs:
     """Measures the states of a scene's solver at the v surface vertices of the sensor's output mesh.
 
-    shapes : (v, components) of each of the scene's ``outputs``
+    Only those of the scene's outputs that have values there are prepared.
     """
 
     def __init__(self, scene: Scene):
-        names = scene.outputs
+        names = [output.name for output in scene.outputs if output.at_surface]
         self.scene, mesh, output = scene, scene.mesh, scene.sensor.output_mesh
-        self.shapes = {name: (len(output.surface_vertices), SURFACE_COMPONENTS[name]) for name in names}
         self._fields: dict[str, _Field] = {}
         if not names:
             return
@@ -90,13 +89,9 @@ class SurfaceOutputs:
 
     def _add(self, name: str, add_to, matrix):
         scene = self.scene
-        lanes = min(AT_ONCE, scene.batch)
-        self._fields[name] = _Field(add_to, sparse.csr_array(matrix), SURFACE_COMPONENTS[name], lanes, scene.device)
+        lanes, (_, components) = min(AT_ONCE, scene.batch), BY_NAME[name].shape
+        self._fields[name] = _Field(add_to, sparse.csr_array(matrix), components, lanes, scene.device)
 
-    def take(self, count: int) -> dict[str, np.ndarray]:
-        """Arrays (count, v, components) float32, Pa, by name, in the first ``count`` active environments.
-
-        stress : Cauchy stress in the order of `simgen.fem.elements.nodal_stress.COMPONENTS`
-        traction : of the indenter on the sensor, force per rest area
-        """
-        return {name: field.take(self.scene.solver.x, count) for name, field in self._fields.items()}
+    def take(self, name: str, count: int) -> np.ndarray:
+        """One of the outputs, (count, v, components) float32, Pa, in the first ``count`` active environments."""
+        return self._fields[name].take(self.scene.solver.x, count)

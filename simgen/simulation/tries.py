@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simgen.simulation.measurements import PressSample
+
 SECOND_TRY = 0.5  # of the steps of the first
 # Newton iterations since the last sample, after which a second try begins beside the first where a place is free. A
 # press that fails twice takes up to a thousand for each try, and a run ends when its last press ends. Of the paired
@@ -18,16 +20,25 @@ class Try:
     """One way from rest along the path.
 
     share : of the longest steps that it takes
-    rows, displacement : its samples, and (d, v, 3) m of all of them
+    samples : its converged steps, without displacements
+    displacement : (d, v, 3) m of all steps of the path; None before the first sample
     status : how it ended; None before
     failed : True where the solver failed, so that another try may get further
     """
 
     share: float
-    rows: list[dict] = field(default_factory=list)
+    samples: list[PressSample] = field(default_factory=list)
     displacement: np.ndarray | None = None
     status: int | None = None
     failed: bool = False
+
+    def keep(self, sample: PressSample, steps: int):
+        """Keep a sample. Its displacement goes into one array for all steps of the path."""
+        displacement = sample.values.pop("displacement")
+        if self.displacement is None:
+            self.displacement = np.empty((steps, *displacement.shape), displacement.dtype)
+        self.displacement[len(self.samples)] = displacement
+        self.samples.append(sample)
 
 
 @dataclass(eq=False)
@@ -58,9 +69,9 @@ class Press:
     dropped: bool = False
 
     @property
-    def rows(self) -> list[dict]:
+    def samples(self) -> list[PressSample]:
         """The samples that count."""
-        return [] if self.kept is None else self.kept.rows
+        return [] if self.kept is None else self.kept.samples
 
     @property
     def displacement(self) -> np.ndarray | None:
@@ -82,6 +93,6 @@ class Press:
         if first.status is not None and not first.failed:
             self.kept = first
         elif first.failed and second is not first and second.status is not None:
-            self.kept = first if second.failed and len(first.rows) > len(second.rows) else second
+            self.kept = first if second.failed and len(first.samples) > len(second.samples) else second
         if self.kept is not None:
             self.status, self.tries = self.kept.status, [self.kept]

@@ -164,12 +164,12 @@ BAD = {
     "unit in value": (
         "",
         ["sensors.digit.material.youngs_modulus_pa=539 kPa"],
-        r'override .*youngs_modulus_pa: "539 kPa" is not allowed; allowed: 1e3 to 1e9 Pa',
+        r'override .*youngs_modulus_pa: "539 kPa" is not allowed; allowed: 1000 to 1e9 Pa',
     ),
     "MPa for Pa": (
         "",
         ["sensors.digit.material.youngs_modulus_pa=0.539"],
-        r"youngs_modulus_pa: 0\.539 is not allowed; allowed: 1e3 to 1e9 Pa",
+        r"youngs_modulus_pa: 0\.539 is not allowed; allowed: 1000 to 1e9 Pa",
     ),
     "fluid": (
         "",
@@ -298,7 +298,7 @@ def test_float32_and_the_deepest_of_int16_are_accepted(write):
 
 
 def test_a_job_that_is_a_list_is_refused(write):
-    with pytest.raises(InputError, match="a job is a mapping of keys to values; this is a list"):
+    with pytest.raises(InputError, match="not a mapping of keys to values, but a list"):
         load_job(write("- name"))
 
 

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from simgen.config.outputs import OUTPUTS
 from simgen.dataset.audit import check, passes, to_repair
-from simgen.dataset.reader import ADDED_LATER, CERTIFICATE, Dataset
+from simgen.dataset.reader import ADDED_LATER, Dataset
 from simgen.dataset.touch_audit import nearest_on_surface, pressed_indenters
 from simgen.errors import InputError
 from simgen.pipeline.run import run
@@ -280,9 +281,9 @@ def test_nearest_on_surface_of_a_sphere():
 
 def test_a_dataset_from_before_stabilisation_passes(tmp_path):
     """It lacks two arrays of the certificate, and nothing asks for them."""
-    before = {key: value for key, value in CERTIFICATE.items() if f"certificate/{key}" not in ADDED_LATER}
+    before = tuple(output for output in OUTPUTS if output.name not in ADDED_LATER)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("simgen.dataset.reader.CERTIFICATE", before)
+        patch.setattr("simgen.config.outputs.OUTPUTS", before)
         run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.fake_presser)
     older = Dataset(tmp_path / "d.zarr")
     assert not [name for name in older.arrays if name.endswith(ADDED_LATER)]

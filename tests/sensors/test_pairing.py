@@ -9,6 +9,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from simgen.config.indenter_path import press_path
+from simgen.config.trajectories import Trajectories
 from simgen.errors import InputError
 from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD
 from simgen.geometry.developed_skin import Skin
@@ -17,7 +18,6 @@ from simgen.sensors.indenter import load_indenter
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.pairing import (
     Contacts,
-    ContactSettings,
     Room,
     draw_contacts,
     indenter_poses,
@@ -169,13 +169,13 @@ def test_same_seed_same_contacts_whatever_the_count(digit, contacts):
 
 
 def test_tilt_and_roll_stay_in_their_ranges(digit):
-    settings = ContactSettings(max_tilt_deg=20.0, roll_range_deg=(10.0, 40.0))
+    settings = Trajectories(count=5, max_tilt_deg=20.0, roll_range_deg=(10.0, 40.0))
     contacts = sample_contacts(digit, COUNT, SEED, DEPTH, settings)
     tilt = np.degrees(np.arccos(-np.einsum("ni,ni->n", contacts.axes, contacts.normals)))
     assert 15.0 < tilt.max() <= 20.0 + 1e-6
     assert 10.0 <= np.degrees(contacts.rolls).min() < 15.0
     assert 35.0 < np.degrees(contacts.rolls).max() <= 40.0
-    upright = sample_contacts(digit, 5, SEED, DEPTH, ContactSettings(max_tilt_deg=0.0))
+    upright = sample_contacts(digit, 5, SEED, DEPTH, Trajectories(count=5, max_tilt_deg=0.0))
     np.testing.assert_allclose(upright.axes, -upright.normals, atol=1e-12)
 
 
@@ -275,7 +275,7 @@ def test_a_contact_without_partner_is_refused(digit, contacts):
 def test_room_for_a_long_leg_is_found_with_few_pieces():
     """A depth of 0.01 mm and 3 mm sideways: pieces are as large as the distance that is asked for, not as the depth."""
     digit = load_sensor("digit", "coarse")
-    room = Room(digit, 1e-5, ContactSettings(), lateral_reach_m=3e-3)
+    room = Room(digit, 1e-5, Trajectories(count=5), lateral_reach_m=3e-3)
     assert room.edge_distance > 3e-3 and room.wall_piece > 0.2 * room.edge_distance
     contacts = sample_contacts(digit, 4, 0, 1e-5, lateral_reach_m=3e-3)
     assert len(contacts.points) == 4
@@ -295,7 +295,7 @@ PRESS = press_path([1e-3, DEPTH])
 
 
 def draw(count: int, share: float, **changes):
-    settings = ContactSettings(least_thickness_left=share, **changes)
+    settings = Trajectories(count=5, least_thickness_left=share, **changes)
     gel = wedge()
     return draw_contacts(gel, count, SEED, DEPTH, settings, indented=[LeastThickness(gel, CUBES, PRESS)])
 

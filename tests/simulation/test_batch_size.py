@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
-from simgen.fem.nonlinear.newton import SolverSettings
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.batch_size import bytes_per_press, presses_at_once
@@ -30,16 +30,16 @@ def arrays(thing, found: dict[int, int], seen: set[int]):
 
 @pytest.mark.parametrize(("model", "element"), [("digit", "P2-P1"), ("biotac", "P2-P1"), ("biotac", "P1")])
 def test_what_a_press_takes_is_known_before(model, element):
-    sensor, total = load_sensor(model, "coarse"), []
+    sensor, total, settings = load_sensor(model, "coarse"), [], SolverSettings(element=element)
     for batch in (2, 3):
-        scene = Scene(sensor, sensor.materials["solid"], element, batch=batch)
+        scene = Scene(sensor, sensor.materials["solid"], batch=batch, settings=settings)
         scene.reset([load_indenter("sphere_7mm").shape()])
         stepping = LoadStepping(scene, np.ones((1, 4)), max_force_n=1.0)
         found = {}
         for thing in (scene, stepping):
             arrays(thing, found, set())
         total.append(sum(found.values()))
-    assert bytes_per_press(sensor, element) == pytest.approx(total[1] - total[0], rel=0.02)
+    assert bytes_per_press(sensor, settings) == pytest.approx(total[1] - total[0], rel=0.02)
 
 
 class Gpu:
@@ -52,8 +52,8 @@ def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
     each = bytes_per_press(sensor)
     for free, expected in ((1e12, 512), (100.0 * each, 80), (1.3 * each, 1)):
         monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name, free=free: Gpu(free))
-        assert presses_at_once(sensor, "cuda:0", "P2-P1", settings) == expected
+        assert presses_at_once(sensor, "cuda:0", settings) == expected
     monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name: Gpu(1.2 * each))
     with pytest.raises(InputError, match="coarser mesh"):
-        presses_at_once(sensor, "cuda", "P2-P1", settings)
-    assert presses_at_once(sensor, "cpu", "P2-P1", settings) == 1
+        presses_at_once(sensor, "cuda", settings)
+    assert presses_at_once(sensor, "cpu", settings) == 1

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 import warp as wp
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
-from simgen.fem.nonlinear.newton import SolverSettings
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.geometry.surface import enclosed_volume

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.fem.contact.contact import Contact
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
 from simgen.fem.nonlinear.force_balance import Balance
-from simgen.fem.nonlinear.newton import EARLY, NEAR_BALANCE, SolverSettings
+from simgen.fem.nonlinear.newton import EARLY, NEAR_BALANCE
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind

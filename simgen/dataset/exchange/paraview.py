@@ -14,7 +14,7 @@ import numpy as np
 import pyvista
 
 from simgen.config.indenter_path import moved
-from simgen.config.job_schema import SURFACE_COMPONENTS
+from simgen.config.outputs import AT_SURFACE
 from simgen.config.warp_device import start_warp
 from simgen.dataset.atomic_files import check_room
 from simgen.dataset.exchange.selection import PressSelection, Track, vertex_flags
@@ -55,7 +55,7 @@ class _Series:
         self.rest, self.tetrahedra = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/tetrahedra"]
         self.flags, self.offsets = vertex_flags(dataset, sensor), dataset.offsets_of(sensor)
         self.turns = dataset.indenter_path.turns_rad
-        self.surface_outputs = [name for name in SURFACE_COMPONENTS if f"{sensor}/{name}" in dataset.arrays]
+        self.surface_outputs = [name for name in AT_SURFACE if f"{sensor}/{name}" in dataset.arrays]
         self.surface_vertices = dataset[f"{sensor}/surface_vertices"] if self.surface_outputs else None
         self.valid, self.force = is_valid(dataset[f"{sensor}/status"]), dataset[f"{sensor}/force"]
         self.pose = dataset[f"{sensor}/pose"]

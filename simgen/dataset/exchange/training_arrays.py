@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from simgen.config.job_schema import SURFACE_COMPONENTS
 from simgen.dataset.exchange.selection import PressSelection, Track, vertex_flags
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS
@@ -67,10 +66,11 @@ def export_npy(selection: PressSelection, folder: Path, track: Track) -> None:
             files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], "sample, 3", unit)
         for name, values in _surface_vertices(dataset, sensor).items():
             files.whole(name, values, "surface vertex")
-        for name in dataset.job.stored_outputs(sensor):
+        for output in dataset.job.optional_outputs(sensor):
+            name = output.name
             array = dataset.arrays[f"{sensor}/{name}"]
             axes = ", ".join(["sample", *map(str, array.shape[1:])])
-            if name not in SURFACE_COMPONENTS:
+            if not output.at_surface:
                 files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], axes, array.unit)
                 continue
             shape = (len(press), *array.shape[1:])

@@ -49,13 +49,15 @@ class Resultants(NamedTuple):
     force : (env, 3) on the sensor, in solver units
     moment : (env, 3) about the origin
     rms_penetration, max_penetration : (env,) mm
-    slip_share : (env,) share of the contact area, as it is at rest, where friction is at its limit; 0 without contact
+    area : (env,) mm2, contact area as it is at rest
+    slip_share : (env,) share of the contact area where friction is at its limit; 0 without contact
     """
 
     force: np.ndarray
     moment: np.ndarray
     rms_penetration: np.ndarray
     max_penetration: np.ndarray
+    area: np.ndarray
     slip_share: np.ndarray
 
 
@@ -256,9 +258,9 @@ class Contact:
             array.zero_()
         self._launch(resultant_kernel, [x, self.active], self._resultants)
         force, moment, (area, squared, deepest, sliding) = map(np.copy, read(*self._resultants))
-        area = np.where(area > 0.0, area, 1.0)
-        rms = np.sqrt(squared / area)
-        return Resultants(force, moment, rms, np.maximum(deepest, 0.0), sliding / area)
+        divisor = np.where(area > 0.0, area, 1.0)
+        rms = np.sqrt(squared / divisor)
+        return Resultants(force, moment, rms, np.maximum(deepest, 0.0), area, sliding / divisor)
 
     def add_corner_forces(self, sums: wp.array, x, first: int = 0):
         """Add the forces on the sensor at state x, shared among `corners`, to sums (corner, 3, lane).

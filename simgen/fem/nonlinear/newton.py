@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.fem import batch_arrays
 from simgen.fem.contact.contact import Contact
 from simgen.fem.elements.cavity import Cavity
@@ -26,34 +27,6 @@ from simgen.fem.nonlinear.line_search import LineSearch
 from simgen.fem.nonlinear.status import Status
 
 wp.set_module_options({"enable_backward": False})
-
-
-@dataclass(frozen=True)
-class SolverSettings:
-    """Tolerances and constants of the solver.
-
-    residual_tolerance : out-of-balance forces over contact forces (Euclidean norms over nodes), and their resultant
-        over the sum of the sizes of the nodes' contact forces
-    contact_tolerance : change that a further multiplier update would make, over the multipliers (L2 norms)
-    linear_tolerance : residual of the linear solve over the out-of-balance forces, three times that from the fourth
-        iteration on; single precision reaches 1e-5. Batches on a GPU solve further, where that costs nothing
-    volumetric_split : gamma / mu, the part of the bulk stiffness that acts pointwise (see fem/material/neo_hookean.py)
-    contact_stiffness, friction_stiffness : k edge / E of the augmented Lagrangian, edge of each face
-        (see fem/contact/traction.py)
-    max_newton_iterations : per increment; an increment that needs more is halved
-    smallest_substep : least increment, as a share of the distance between stored depths, or of the longest increment
-    krylov_size : most iterations of one linear solve
-    """
-
-    residual_tolerance: float = 5e-4
-    contact_tolerance: float = 2e-2
-    linear_tolerance: float = 0.1
-    volumetric_split: float = 1.0
-    contact_stiffness: float = 20.0
-    friction_stiffness: float = 20.0
-    max_newton_iterations: int = 25
-    smallest_substep: float = 1.0 / 64.0
-    krylov_size: int = 40
 
 
 @wp.kernel

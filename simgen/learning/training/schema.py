@@ -7,12 +7,14 @@ import json
 import math
 import os
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from simgen.config.job_schema import NAME
+from simgen.config.allowed_values import allowed
+from simgen.config.job_schema import NAME, NAME_IN_WORDS
 from simgen.config.resources import bundled_jobs
 from simgen.config.strict_section import StrictSection, find_file, load_section
 from simgen.sensing.electrodes.model import ElectrodeSettings
@@ -28,16 +30,42 @@ SETTINGS = {
 }  # fmt: skip
 
 
-class Fit(StrictSection):
-    """How a network is trained: by Adam; what is kept is the epoch with the least validation loss."""
+# Keys that several sections have: each needs its default alone.
+epochs = partial(Field, ge=1, le=100_000, description="Most epochs of the training")
+batch = partial(Field, ge=1, le=1_000_000, description="Samples of a step; all of them where there are fewer")
+learning_rate = partial(Field, gt=0.0, le=1.0, description="Learning rate of the first epoch")
+schedule = partial(
+    Field, description="exponential: times `decay` after each epoch. cosine: half a cosine, to 0 after the last epoch"
+)
+decay = partial(Field, gt=0.0, le=1.0, description="Factor of the exponential schedule")
+weight_decay = partial(Field, ge=0.0, le=1.0, description="Weight decay of AdamW; with 0 it is Adam")
+patience = partial(
+    Field, ge=1, le=100_000, description="Epochs without a new least validation loss that end the training"
+)
+beta = partial(Field, ge=0.0, le=100.0, description="Weight of the KL divergence, which is a mean over latents")
+widths = partial(Field, min_length=1, max_length=20, **allowed("a list of widths, 1 to 65536 each, 20 at most"))
+hidden_widths = partial(widths, description="Widths of the hidden layers; a linear layer into the latent space follows")
+dropout = partial(
+    Field, description="Dropout after each hidden layer", **allowed("a list, one per width, 0 to below 1")
+)
+block_width = partial(Field, description="Width of the residual blocks")
+blocks = partial(Field, ge=0, le=100, description="Number of residual blocks")
+noise = partial(
+    Field, ge=0.0, le=10.0,
+    description="Standard deviation of the noise that training adds to each input, over the sample's own size",
+)  # fmt: skip
 
-    epochs: int = Field(300, ge=1, le=100_000, description="1 to 100000")
-    batch: int = Field(128, ge=1, le=1_000_000, description="1 to 1000000")
-    learning_rate: float = Field(1e-3, gt=0.0, le=1.0, description="above 0, to 1")
-    schedule: Literal["exponential", "cosine"] = Field("exponential", description="exponential or cosine")
-    decay: float = Field(1.0, gt=0.0, le=1.0, description="above 0, to 1")
-    weight_decay: float = Field(0.0, ge=0.0, le=1.0, description="0 to 1")
-    patience: int = Field(50, ge=1, le=100_000, description="1 to 100000")
+
+class Fit(StrictSection):
+    """How a network is trained: by Adam; the epoch with the least validation loss is kept."""
+
+    epochs: int = epochs(300)
+    batch: int = batch(128)
+    learning_rate: float = learning_rate(1e-3)
+    schedule: Literal["exponential", "cosine"] = schedule("exponential")
+    decay: float = decay(1.0)
+    weight_decay: float = weight_decay(0.0)
+    patience: int = patience(50)
 
     def learning_rate_in(self, epoch: int) -> float:
         if self.schedule == "cosine":
@@ -48,33 +76,33 @@ class Fit(StrictSection):
 class MeshVAESettings(Fit):
     """MVB and MVD."""
 
-    decay: float = Field(0.99, gt=0.0, le=1.0, description="above 0, to 1")
-    latent: Width = Field(128, description="1 to 65536")
-    beta: float = Field(0.005, ge=0.0, le=100.0, description="0 to 100")
+    decay: float = decay(0.99)
+    latent: Width = Field(
+        128, description="Numbers of a latent; the linear layers beside it are four times as wide"
+    )
+    beta: float = beta(0.005)
 
 
 class SignalVAESettings(Fit):
     """SVB."""
 
-    epochs: int = Field(1000, ge=1, le=100_000, description="1 to 100000")
-    batch: int = Field(256, ge=1, le=1_000_000, description="1 to 1000000")
-    learning_rate: float = Field(1e-4, gt=0.0, le=1.0, description="above 0, to 1")
-    widths: tuple[Width, ...] = Field(
-        (256, 128, 64), min_length=1, max_length=20, description="a list of widths, 1 to 65536 each, 20 at most"
+    epochs: int = epochs(1000)
+    batch: int = batch(256)
+    learning_rate: float = learning_rate(1e-4)
+    widths: tuple[Width, ...] = widths(
+        (256, 128, 64), description="Widths of the encoder's hidden layers; the decoder has them backwards"
     )
-    latent: Width = Field(8, description="1 to 65536")
-    beta: float = Field(0.005, ge=0.0, le=100.0, description="0 to 100")
+    latent: Width = Field(8, description="Numbers of a latent")
+    beta: float = beta(0.005)
 
 
 class ProjectionSettings(Fit):
     """M2MPN; S2MPN with other values."""
 
-    epochs: int = Field(1000, ge=1, le=100_000, description="1 to 100000")
-    batch: int = Field(1024, ge=1, le=1_000_000, description="1 to 1000000")
-    widths: tuple[Width, ...] = Field(
-        (512, 1024, 1024, 256), min_length=1, max_length=20, description="a list of widths, 1 to 65536 each, 20 at most"
-    )
-    dropout: tuple[Share, ...] = Field((0.2, 0.4, 0.0, 0.0), description="a list, one per width, 0 to below 1")
+    epochs: int = epochs(1000)
+    batch: int = batch(1024)
+    widths: tuple[Width, ...] = hidden_widths((512, 1024, 1024, 256))
+    dropout: tuple[Share, ...] = dropout((0.2, 0.4, 0.0, 0.0))
 
     @model_validator(mode="after")
     def _one_each(self) -> "ProjectionSettings":
@@ -86,81 +114,127 @@ class ProjectionSettings(Fit):
 class SignalProjectionSettings(ProjectionSettings):
     """S2MPN."""
 
-    learning_rate: float = Field(5e-4, gt=0.0, le=1.0, description="above 0, to 1")
-    widths: tuple[Width, ...] = Field(
-        (512, 128, 256, 256), min_length=1, max_length=20, description="a list of widths, 1 to 65536 each, 20 at most"
-    )
-    dropout: tuple[Share, ...] = Field((0.4, 0.3, 0.2, 0.5), description="a list, one per width, 0 to below 1")
+    learning_rate: float = learning_rate(5e-4)
+    widths: tuple[Width, ...] = hidden_widths((512, 128, 256, 256))
+    dropout: tuple[Share, ...] = dropout((0.4, 0.3, 0.2, 0.5))
 
 
 class ReducedModelSettings(Fit):
     """RMB and RMD, ours."""
 
-    epochs: int = Field(40, ge=1, le=100_000, description="1 to 100000")
-    learning_rate: float = Field(3e-3, gt=0.0, le=1.0, description="above 0, to 1")
-    schedule: Literal["exponential", "cosine"] = Field("cosine", description="exponential or cosine")
+    epochs: int = epochs(40)
+    learning_rate: float = learning_rate(3e-3)
+    schedule: Literal["exponential", "cosine"] = schedule("cosine")
     # With what the convolutions learn, fewer numbers than PCA with 128 components.
-    latent: Width = Field(127, description="1 to 65536")
-    width: Width = Field(16, description="1 to 65536")
+    latent: Width = Field(127, description="Principal components")
+    width: Width = Field(16, description="Features of a vertex between the convolutions")
 
 
 class TranslationSettings(Fit):
     """S2RM, ours."""
 
-    epochs: int = Field(300, ge=1, le=100_000, description="1 to 100000")
-    batch: int = Field(1024, ge=1, le=1_000_000, description="1 to 1000000")
-    schedule: Literal["exponential", "cosine"] = Field("cosine", description="exponential or cosine")
-    weight_decay: float = Field(0.01, ge=0.0, le=1.0, description="0 to 1")
-    patience: int = Field(300, ge=1, le=100_000, description="1 to 100000")
-    width: Width = Field(1024, description="1 to 65536")
-    blocks: int = Field(3, ge=0, le=100, description="0 to 100")
-    noise: float = Field(0.0, ge=0.0, le=10.0, description="0 to 10")
-    power: float = Field(0.5, ge=0.0, le=2.0, description="0 to 2")
+    epochs: int = epochs(300)
+    batch: int = batch(1024)
+    schedule: Literal["exponential", "cosine"] = schedule("cosine")
+    weight_decay: float = weight_decay(0.01)
+    patience: int = patience(300)
+    width: Width = block_width(1024)
+    blocks: int = blocks(3)
+    noise: float = noise(0.0)
+    power: float = Field(
+        0.5, ge=0.0, le=2.0,
+        description="Errors are divided by this power of a sample's distance from rest: 0 absolute, 1 relative",
+    )  # fmt: skip
 
 
 class MeshTranslationSettings(TranslationSettings):
     """RM2RM, ours."""
 
-    width: Width = Field(512, description="1 to 65536")
-    blocks: int = Field(4, ge=0, le=100, description="0 to 100")
-    noise: float = Field(0.03, ge=0.0, le=10.0, description="0 to 10")
+    width: Width = block_width(512)
+    blocks: int = blocks(4)
+    noise: float = noise(0.03)
 
 
 class RecordingFiles(StrictSection):
     """Electrode files in the published layout, in place of synthetic signals."""
 
-    files: tuple[str, ...] = Field(min_length=1, description="a list of HDF5 files")
-    least_force_n: float = Field(0.1, ge=0.0, le=100.0, description="0 to 100 N")
-    remove_drift: bool = Field(False, description="true or false")
+    files: tuple[str, ...] = Field(
+        min_length=1,
+        description="Files in the [published layout](electrodes.md#recordings); paths start at the folder of the job "
+        "file",
+        **allowed("a list of HDF5 files"),
+    )
+    least_force_n: float = Field(
+        0.1, ge=0.0, le=100.0, description="Samples of less force are no contact, and are left out"
+    )
+    remove_drift: bool = Field(
+        False, description="Takes a straight line off each electrode, fitted where nothing touches"
+    )
 
 
 class Signals(StrictSection):
     """Where the electrodes' signals come from: the synthetic model, unless there are recordings."""
 
-    synthetic: ElectrodeSettings = ElectrodeSettings()
-    recordings: RecordingFiles | None = None
+    synthetic: ElectrodeSettings = Field(
+        ElectrodeSettings(), description="Signals of the dataset's samples by the [electrode model](electrodes.md)"
+    )
+    recordings: RecordingFiles | None = Field(
+        None, description="Recorded signals, which replace the synthetic ones"
+    )
 
 
 class TrainingJob(StrictSection):
     """A checked training job."""
 
-    name: str = Field(pattern=NAME, description="letters, digits, _ . -, a letter first, 100 at most")
-    seed: int = Field(0, ge=0, lt=2**32, description="a whole number, 0 to 4294967295")
-    dataset: str = Field(min_length=1, description="the folder that `simgen run` wrote")
-    source: str = Field("biotac", description="the sensor with electrodes, one of the dataset's")
-    target: str = Field("digit", description="the sensor to translate to, one of the dataset's")
-    networks: tuple[Literal[NETWORKS], ...] = Field(
-        NETWORKS, min_length=1, description=f"a list of {', '.join(NETWORKS)}"
+    name: str = Field(
+        pattern=NAME, description="Names the folder of the networks, `<name>.networks`", **allowed(NAME_IN_WORDS)
     )
-    signals: Signals = Signals()
-    mesh_vae: MeshVAESettings = MeshVAESettings()
-    signal_vae: SignalVAESettings = SignalVAESettings()
-    signal_projection: SignalProjectionSettings = SignalProjectionSettings()
-    mesh_projection: ProjectionSettings = ProjectionSettings()
-    reduced_model: ReducedModelSettings = ReducedModelSettings()
-    signal_translation: TranslationSettings = TranslationSettings()
-    mesh_translation: MeshTranslationSettings = MeshTranslationSettings()
-    output: str | None = Field(None, description="a folder; by default <name>.networks in the current one")
+    seed: int = Field(
+        0, ge=0, lt=2**32,
+        description="Seed of weights, order of samples, dropout, drawn latents, and of the splits of recordings",
+    )  # fmt: skip
+    dataset: str = Field(
+        min_length=1,
+        description="The dataset to learn from; a path starts at the current folder",
+        **allowed("the folder that `simgen run` wrote"),
+    )
+    source: str = Field(
+        "biotac",
+        description="The sensor that is translated from; signals are those of its electrodes",
+        **allowed("the sensor with electrodes, one of the dataset's"),
+    )
+    target: str = Field(
+        "digit",
+        description="The sensor that is translated to",
+        **allowed("the sensor to translate to, one of the dataset's"),
+    )
+    networks: tuple[Literal[NETWORKS], ...] = Field(
+        NETWORKS,
+        min_length=1,
+        description="The networks to train now, each after those that it needs; others may be added later",
+        **allowed(f"a list of {', '.join(NETWORKS)}"),
+    )
+    signals: Signals = Field(Signals(), description="Where the electrodes' signals come from")
+    mesh_vae: MeshVAESettings = Field(MeshVAESettings(), description="How MVB and MVD are made and trained")
+    signal_vae: SignalVAESettings = Field(SignalVAESettings(), description="How SVB is made and trained")
+    signal_projection: SignalProjectionSettings = Field(
+        SignalProjectionSettings(), description="How S2MPN is made and trained"
+    )
+    mesh_projection: ProjectionSettings = Field(ProjectionSettings(), description="How M2MPN is made and trained")
+    reduced_model: ReducedModelSettings = Field(
+        ReducedModelSettings(), description="How RMB and RMD are made and trained"
+    )
+    signal_translation: TranslationSettings = Field(
+        TranslationSettings(), description="How S2RM is made and trained"
+    )
+    mesh_translation: MeshTranslationSettings = Field(
+        MeshTranslationSettings(), description="How RM2RM is made and trained"
+    )
+    output: str | None = Field(
+        None,
+        description="Where the networks go; `--output` replaces it, and it is no part of the job's hash",
+        **allowed("a folder; by default <name>.networks in the current one"),
+    )
     _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="after")

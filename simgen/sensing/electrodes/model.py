@@ -21,6 +21,7 @@ What the numbers come from, and what the model leaves out: docs/electrodes.md.
 import numpy as np
 from pydantic import Field, model_validator
 
+from simgen.config.allowed_values import allowed
 from simgen.config.strict_section import StrictSection
 from simgen.dataset.reader import Dataset
 from simgen.sensing.electrodes.gaps import gaps, gauge_of
@@ -32,19 +33,39 @@ OF_NOISE = 2  # and the noise of a press
 class ElectrodeSettings(StrictSection):
     """The fluid, the electrodes and the circuit; the defaults are a BioTac by order of magnitude, noise-free."""
 
-    resistivity_ohm_m: float = Field(10.0, ge=1e-2, le=1e4, description="of the fluid, 0.01 to 10000 ohm m")
-    electrode_radius_mm: float = Field(0.5, ge=0.05, le=5.0, description="0.05 to 5 mm")
-    outer_radius_mm: float = Field(5.0, ge=0.1, le=50.0, description="where the current leaves the film, 0.1 to 50 mm")
-    least_film_um: float = Field(5.0, ge=0.1, le=1000.0, description="of a closed gap, 0.1 to 1000 um")
-    series_ohm: float = Field(1e3, ge=0.0, le=1e7, description="beside the film's, 0 to 1e7 ohm")
-    reference_ohm: float = Field(10e3, ge=1.0, le=1e7, description="of the divider, 1 to 1e7 ohm")
-    supply_v: float = Field(3.3, ge=0.1, le=100.0, description="of the divider, 0.1 to 100 V")
-    noise_v: float = Field(0.0, ge=0.0, le=1.0, description="standard deviation of a reading, 0 to 1 V")
-    drift_v_per_sample: float = Field(
-        0.0, ge=0.0, le=1e-2, description="standard deviation of the electrodes' slopes, 0 to 0.01 V per sample"
+    resistivity_ohm_m: float = Field(
+        10.0, ge=1e-2, le=1e4, description="Resistivity of the fluid; the film's resistance is proportional to it"
     )
-    bits: int | None = Field(12, ge=2, le=24, description="of the reading, 2 to 24, or null for no steps")
-    seed: int = Field(0, ge=0, lt=2**32, description="of noise and drift, a whole number, 0 to 4294967295")
+    electrode_radius_mm: float = Field(0.5, ge=0.05, le=5.0, description="Radius at which the current enters the film")
+    outer_radius_mm: float = Field(
+        5.0, ge=0.1, le=50.0,
+        description="Radius at which the current leaves the film, whose resistance grows with the logarithm of this "
+        "radius over the electrode's",
+    )  # fmt: skip
+    least_film_um: float = Field(5.0, ge=0.1, le=1000.0, description="Thickness of the film in a closed gap")
+    series_ohm: float = Field(
+        1e3, ge=0.0, le=1e7, description="Resistance in series with the film, which the gap does not change"
+    )
+    reference_ohm: float = Field(
+        10e3, ge=1.0, le=1e7, description="Resistor of the divider at which the reading is taken"
+    )
+    supply_v: float = Field(
+        3.3, ge=0.1, le=100.0, description="Supply of the divider; readings are cut to 0 to this"
+    )
+    noise_v: float = Field(
+        0.0, ge=0.0, le=1.0,
+        description="Standard deviation of a reading: normal noise of its own for each press, depth and electrode",
+    )  # fmt: skip
+    drift_v_per_sample: float = Field(
+        0.0, ge=0.0, le=1e-2,
+        description="Standard deviation of the electrodes' drifts: straight lines over the samples in their order",
+    )  # fmt: skip
+    bits: int | None = Field(
+        12, ge=2, le=24,
+        description="Bits of a reading, which is rounded to steps of the supply",
+        **allowed("2 to 24, or null for no steps"),
+    )  # fmt: skip
+    seed: int = Field(0, ge=0, lt=2**32, description="Seed of noise and drift: the same seed, the same noise")
 
     @model_validator(mode="after")
     def _outside_the_electrode(self):

@@ -6,7 +6,7 @@ in ten depths. ``biotac``: one of radius 3.5 mm, 0.5 mm into the pad, in five de
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 from simgen.simulation.press import SolverSettings
 from simgen.verification.validate.layer_press import LayerMeshSize
@@ -44,9 +44,9 @@ class Setting:
     def changed(self) -> str:
         """The tolerance that is not the default, "" where all are."""
         return ", ".join(
-            f"{f.name} {getattr(self.solver, f.name):g}"
-            for f in fields(SolverSettings)
-            if getattr(self.solver, f.name) != getattr(DEFAULTS, f.name)
+            f"{name} {getattr(self.solver, name):g}"
+            for name in SolverSettings.model_fields
+            if getattr(self.solver, name) != getattr(DEFAULTS, name)
         )
 
     @property
@@ -118,7 +118,7 @@ def layer_settings(plan: BenchPlan, scene: str) -> list[Setting]:
     sizes = [Setting(scene, edge) for edge in plan.edges]
     linear = [Setting(scene, edge, element="P1") for edge in plan.linear_edges]
     others = [
-        Setting(scene, plan.tolerance_edge, solver=replace(DEFAULTS, **{name: value}))
+        Setting(scene, plan.tolerance_edge, solver=SolverSettings(**{name: value}))
         for name, value in OTHER_TOLERANCES
         if plan.tolerance_edge
     ]

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1, TET_EDGES, barycentric_p2, face_shapes, tet_geometry, tet_rule
 from simgen.fem.material.neo_hookean import NeoHookean
-from simgen.fem.nonlinear.newton import SMALLEST_FORCE, NewtonSolver, SolverSettings
+from simgen.fem.nonlinear.newton import SMALLEST_FORCE, NewtonSolver
 from simgen.fem.nonlinear.status import Status
 from simgen.verification.validate.meshes import Mesh
 
@@ -102,7 +103,8 @@ def solve(
     for number in range(1, steps + 1):
         load.share = number / steps
         scale = max(load.share * float(np.linalg.norm(load._forces.numpy())), SMALLEST_FORCE)
-        solver.settings = replace(solver.settings, residual_tolerance=out_of_balance / scale)
+        tolerance = {"residual_tolerance": out_of_balance / scale}
+        solver.settings = solver.settings.model_copy(update=tolerance)
         solver.x.assign((x + step)[:, None])
         out = solver.solve(np.ones(1, dtype=bool))
         status = Status(out.status[0])

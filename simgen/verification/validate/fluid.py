@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.fem.elements.cavity import Cavity
 from simgen.fem.elements.element import P2P1
-from simgen.fem.nonlinear.newton import NewtonSolver, SolverSettings
+from simgen.fem.nonlinear.newton import NewtonSolver
 from simgen.fem.nonlinear.status import Status, has_values
 from simgen.geometry.surface import enclosed_volume
 from simgen.sensors.indenter import load_indenter

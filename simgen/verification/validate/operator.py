@@ -11,11 +11,11 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1, tet_geometry
-from simgen.fem.nonlinear.newton import SolverSettings
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, case

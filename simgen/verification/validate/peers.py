@@ -52,7 +52,8 @@ def solve(
     material = Material(
         youngs_modulus_pa=MODULUS_MPA * 1e6, poisson_ratio=POISSON_RATIO, friction=friction, source="the reference's"
     )
-    scene = Scene(quarter_layer(size, RADII_MM), material, element=element, device=device, settings=settings)
+    settings = (settings or SolverSettings()).model_copy(update={"element": element})
+    scene = Scene(quarter_layer(size, RADII_MM), material, device, settings=settings)
     clock = time.process_time if device == "cpu" else time.perf_counter
     start = clock()
     result = press(scene, [rigid_shape(Kind.SPHERE, SPHERE_MM)], np.eye(4)[None], np.asarray(depths_mm) / MM_PER_M)[0]

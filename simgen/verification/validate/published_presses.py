@@ -17,7 +17,7 @@ from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import Sensor
 from simgen.sensors.sensor_geometry import load_geometry
 from simgen.simulation.first_touch import first_touch
-from simgen.simulation.press import PressResult, Scene, press
+from simgen.simulation.press import PressResult, Scene, SolverSettings, press
 from simgen.verification.validate.case import Curve, Outcome, Row, Table
 from simgen.verification.validate.published_geometry import touchable_distances
 from simgen.verification.validate.published_sensors import published_sensor, published_surface, seen_at
@@ -88,7 +88,8 @@ def compare_presses(
     theirs = published_sensor(published, name, scratch)
     sensors = {THEIRS: (theirs, "P2-P1"), OURS: (seen_at(name, theirs.output_mesh), "P2-P1"), LINEAR: (theirs, "P1")}
     scenes = {
-        label: Scene(sensor, sensor.materials["solid"], element, device) for label, (sensor, element) in sensors.items()
+        label: Scene(sensor, sensor.materials["solid"], device, settings=SolverSettings(element=element))
+        for label, (sensor, element) in sensors.items()
     }
     apart = float(touchable_distances(load_geometry(name), published_surface(published, name))[1].mean())
     pose = place_indenter(theirs)

@@ -21,7 +21,7 @@ from simgen.errors import InputError
 from simgen.geometry.tetrahedra import OutputMesh
 from simgen.pipeline.plan import chosen_fluid, chosen_material, chosen_sensor
 from simgen.sensors.indenter import Indenter, chosen_indenter, indenter_names, load_indenter
-from simgen.simulation.press import PressResult, Scene, SolverSettings, follow
+from simgen.simulation.press import PressResult, Scene, follow
 from simgen.verification.validate.case import Outcome, Row, Table
 from simgen.verification.validate.published_presses import DEFORMED, distances_um, touch_travel
 from simgen.verification.validate.published_sensors import GEL, mesh_with, seen_at
@@ -89,9 +89,8 @@ def scene_of(file: ResultFile, published: Path, device: str) -> tuple[Scene, Job
             raise InputError(
                 f"{file.path}: {vertices} vertices, but the sensor of its job has {len(sensor.output_mesh.vertices)}"
             )
-        settings = SolverSettings(**job.solver.model_dump(exclude={"element"}))
         material, fluid = chosen_material(job, file.sensor, sensor), chosen_fluid(job, file.sensor, sensor)
-        return Scene(sensor, material, job.solver.element, device, 1, settings, fluid), job
+        return Scene(sensor, material, device, 1, job.solver, fluid), job
     name = file.sensor or "biotac"
     if name not in GEL:
         raise InputError(f"{file.path}: sensor {name!r} without the job that made it; allowed: {', '.join(GEL)}")

@@ -1,0 +1,79 @@
+"""What a key of a job may hold, in words, from the bounds of its pydantic field.
+
+A key's unit is the ending of its name (``youngs_modulus_pa``), or of the section that it stands in (``depths_mm``).
+"""
+
+import types
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import annotated_types
+from pydantic.fields import FieldInfo
+
+UNITS = {"_mm": "mm", "_um": "um", "_deg": "degrees", "_pa": "Pa", "_n": "N", "_ohm_m": "ohm m", "_ohm": "ohm",
+         "_v": "V", "_v_per_sample": "V per sample"}  # fmt: skip
+
+
+def allowed(text: str) -> dict[str, Any]:
+    """Words for a field whose bounds do not say enough: ``Field(json_schema_extra=allowed("a file"))``."""
+    return {"json_schema_extra": {"allowed": text}}
+
+
+def unit_of(path: Sequence[str]) -> str:
+    """The unit of the key at a path of keys; empty if it has none."""
+    return next((UNITS[suffix] for key in reversed(path) for suffix in UNITS if key.endswith(suffix)), "")
+
+
+def allowed_values(path: Sequence[str], field: FieldInfo) -> str:
+    """The values that a field takes, in words; empty for a field that holds sections."""
+    if text := (field.json_schema_extra or {}).get("allowed"):
+        return text
+    return _words(field.annotation, field.metadata, unit_of(path))
+
+
+def plain(value: Any) -> str:
+    """A value as YAML has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}".replace("e+0", "e").replace("e-0", "e-")
+    return str(value)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names with ``or`` before the last one."""
+    return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def _words(annotation: Any, metadata: Sequence[Any], unit: str) -> str:
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _words(inner[0], (*metadata, *inner[1:]), unit)
+    if origin in (Union, types.UnionType):
+        return _words(next(each for each in inner if each is not types.NoneType), metadata, unit)
+    if origin is Literal:
+        return listed([plain(value) for value in inner])
+    if annotation is bool:
+        return "true or false"
+    if annotation is str:
+        return "a text"
+    if annotation not in (int, float):
+        return ""
+    bounds = _bounds(metadata)
+    return f"a whole number, {bounds}" if annotation is int else f"{bounds} {unit}".rstrip()
+
+
+def _bounds(metadata: Sequence[Any]) -> str:
+    """``0 to 1``, ``above 0, to 1``, ``0 to below 1``: from the constraints that pydantic keeps of a number."""
+    found: dict[str, float] = {}
+    for each in metadata:
+        # A Field inside Annotated keeps its constraints one level further down.
+        for constraint in each.metadata if isinstance(each, FieldInfo) else [each]:
+            for kind in (annotated_types.Ge, annotated_types.Gt, annotated_types.Le, annotated_types.Lt):
+                if isinstance(constraint, kind):
+                    found[kind.__name__] = getattr(constraint, kind.__name__.lower())
+    low = plain(found["Ge"]) if "Ge" in found else f"above {plain(found['Gt'])}," if "Gt" in found else ""
+    if isinstance(found.get("Lt"), int):  # of whole numbers
+        return f"{low} to {found['Lt'] - 1}"
+    high = plain(found["Le"]) if "Le" in found else f"below {plain(found['Lt'])}" if "Lt" in found else ""
+    return f"{low} to {high}"

@@ -1,0 +1,120 @@
+"""What a job chooses: sensor models with their mesh and material, and indenters."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+
+from simgen.config.allowed_values import allowed
+from simgen.config.strict_section import StrictSection
+from simgen.errors import shown
+
+MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
+MESH_SPACING_MM = 0.2  # of the grid on which an indenter's mesh is sampled
+
+
+class MaterialChoice(StrictSection):
+    """A material preset of the sensor model (``material: solid``); single values may replace its own."""
+
+    text_means = "preset"
+
+    preset: str = Field(
+        "solid", description="The values to begin with; the `sensor.yaml` lists them", **allowed("a preset's name")
+    )
+    youngs_modulus_pa: float | None = Field(
+        None, ge=1e3, le=1e9, description="Replaces the preset's modulus at small strains"
+    )
+    poisson_ratio: float | None = Field(
+        None, ge=0.01, le=0.49999, description="Replaces the preset's ratio at small strains"
+    )
+    friction: float | None = Field(
+        None, ge=0.0, le=2.0, description="Replaces the preset's Coulomb friction between sensor and indenter"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _preset_alone(cls, value: Any) -> Any:
+        return {cls.text_means: value} if isinstance(value, str) else value
+
+
+class OutputFile(StrictSection):
+    """A mesh file whose vertices are stored, in their order, in place of the sensor's own output mesh."""
+
+    file: str = Field(
+        min_length=1,
+        description="The mesh, in the sensor's frame. The dataset keeps its vertices and tetrahedra in their order. A "
+        "vertex off the gel, by 2 % of the gel's length at most, moves with the nearest point of the gel's surface",
+        **allowed("a path of a tetrahedral mesh: .msh .vtu .mesh .tet"),
+    )
+    unit: Literal["m", "mm"] = Field(description="The unit of the coordinates in the file")
+
+
+class SensorChoice(StrictSection):
+    """A sensor model, the mesh it is solved on, its material, and what fills its cavity."""
+
+    model: str = Field(
+        description="A bundled sensor, or the folder of a `sensor.yaml`",
+        **allowed("a bundled sensor model (digit, biotac) or a path: ./my_sensor"),
+    )
+    mesh: Literal["default", "coarse", "fine"] = Field(
+        "default", description="The sensor's mesh that is solved on; all meshes store the same vertices"
+    )
+    material: MaterialChoice = Field(
+        MaterialChoice(), description="The material of the deformable body; a preset's name alone will do"
+    )
+    fluid: Literal["none", "incompressible"] = Field(
+        "none",
+        description="What fills the cavity between skin and core. A fluid keeps its volume, and its pressure is stored",
+    )
+    output: OutputFile | None = Field(
+        None,
+        exclude_if=lambda output: output is None,
+        description="A mesh of your own, whose vertices are stored in place of the sensor's",
+    )
+
+
+class IndenterChoice(StrictSection):
+    """A bundled indenter, or a closed mesh, which is sampled on a grid. A name or path alone will do."""
+
+    text_means = "file"
+
+    file: str = Field(
+        description="An indenter of `indenters/indenters.yaml`, or a mesh of your own, named after its file",
+        **allowed("a name, or a path of a closed mesh (.stl .obj .ply)"),
+    )
+    unit: Literal["m", "mm"] = Field("m", description="The unit of the mesh's coordinates; it is not guessed")
+    spacing_mm: float = Field(
+        MESH_SPACING_MM, ge=0.01, le=1.0,
+        description="The grid on which the mesh's signed distance is sampled; smaller details are rounded",
+    )  # fmt: skip
+
+    @model_validator(mode="before")
+    @classmethod
+    def _file_alone(cls, value: Any) -> Any:
+        return {cls.text_means: value} if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _only_a_mesh_has_a_unit(self) -> "IndenterChoice":
+        if not is_path(self.file) and not self._is_alone():
+            raise ValueError(f"unit and spacing_mm are a mesh file's, and {shown(repr(self.file))} is a name; "
+                             "allowed: the name alone, or a path with its suffix")  # fmt: skip
+        return self
+
+    @model_serializer(mode="wrap")
+    def _plain(self, sections: SerializerFunctionWrapHandler) -> str | dict[str, Any]:
+        """The text alone where it says all: a job's hash does not depend on how the indenter is written."""
+        return self.file if self._is_alone() else sections(self)
+
+    def _is_alone(self) -> bool:
+        defaults = type(self).model_fields
+        return all(getattr(self, key) == defaults[key].default for key in ("unit", "spacing_mm"))
+
+    @property
+    def name(self) -> str:
+        """The file's name without its suffix."""
+        return Path(self.file).stem if is_path(self.file) else self.file
+
+
+def is_path(text: str) -> bool:
+    """Return True for a path (with a slash or a mesh suffix), False for a bundled name."""
+    return "/" in text or "\\" in text or text.lower().endswith(MESH_SUFFIXES)

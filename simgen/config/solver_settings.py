@@ -1,0 +1,51 @@
+"""Tolerances and constants of the finite element solver: the section ``solver`` of a job."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from simgen.config.strict_section import StrictSection
+
+
+class SolverSettings(StrictSection):
+    """The finite element, and the tolerances and constants of its solver."""
+
+    element: Literal["P2-P1", "P1"] = Field(
+        "P2-P1",
+        description="P2-P1: quadratic displacement, linear pressure. P1: linear tetrahedra, which lock; use them for "
+        "comparison only",
+    )
+    residual_tolerance: float = Field(
+        5e-4, gt=0.0, le=1e-2,
+        description="Out-of-balance forces over contact forces (Euclidean norms over the nodes), and their resultant "
+        "over the sum of the sizes of the nodes' contact forces",
+    )  # fmt: skip
+    contact_tolerance: float = Field(
+        2e-2, gt=0.0, le=1e-1,
+        description="Change that one more multiplier update would make, over the multipliers (L2 norms)",
+    )  # fmt: skip
+    linear_tolerance: float = Field(
+        0.1, ge=1e-4, lt=1.0,
+        description="Residual of the linear solve over the out-of-balance forces; three times as much from the fourth "
+        "Newton iteration on. Batches on a GPU solve further where that costs nothing",
+    )  # fmt: skip
+    volumetric_split: float = Field(
+        1.0, ge=0.0, le=50.0,
+        description="gamma / mu: the part of the bulk stiffness that acts at each point (see "
+        "[physics](physics.md))",
+    )  # fmt: skip
+    contact_stiffness: float = Field(
+        20.0, ge=1.0, le=1e3,
+        description="k edge / E of the augmented Lagrangian in the normal direction, with the edge of each face",
+    )  # fmt: skip
+    friction_stiffness: float = Field(
+        20.0, ge=0.1, le=1e3, description="k edge / E of the augmented Lagrangian in the tangential direction"
+    )
+    max_newton_iterations: int = Field(
+        25, ge=1, le=1000, description="Newton iterations of a load step; a step that needs more is halved"
+    )
+    smallest_substep: float = Field(
+        1 / 64, gt=0.0, le=1.0,
+        description="Least load step, as a share of the distance between stored depths, or of the longest load step",
+    )  # fmt: skip
+    krylov_size: int = Field(40, ge=1, le=1000, description="Most iterations of one linear solve")

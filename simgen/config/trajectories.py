@@ -1,0 +1,136 @@
+"""Contacts of a job, the depths of a press, and the path of the indenters after it."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from simgen.config.allowed_values import allowed
+from simgen.config.indenter_path import IndenterPath, press_path, with_legs
+from simgen.config.strict_section import StrictSection
+from simgen.units import MM
+
+Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
+Move = Annotated[float, Field(ge=-10.0, le=10.0)]
+FINEST_MM = 1e-6  # depths are whole nanometres
+DEEPEST_INT16_MM = 3.2  # deeper presses would need steps of more than 0.2 um, see `Job.displacement_step_m`
+
+
+class Leg(StrictSection):
+    """One leg of a path: the indenter moves and turns evenly from where the leg before it ended."""
+
+    move_mm: tuple[Move, Move, Move] = Field(
+        (0.0, 0.0, 0.0),
+        description="How far the indenter moves on this leg: x and z shear or slide, +y presses deeper, -y lets go",
+        **allowed("[x, y, z] in the contact frame, each -10 to 10 mm; +y presses"),
+    )
+    turn_deg: Angle = Field(0.0, description="How far it turns on this leg, right-handed about +y, the press axis")
+    steps: int = Field(
+        ge=1, le=1000, description="Samples stored on the leg, evenly spaced; the last one is at its end"
+    )
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> "Leg":
+        if not any(self.move_mm) and not self.turn_deg:
+            raise ValueError("a leg that neither moves nor turns; allowed: move_mm or turn_deg other than 0")
+        step = max(map(abs, self.move_mm)) / self.steps
+        if step < FINEST_MM and not self.turn_deg:
+            raise ValueError(f"steps of {step:g} mm; allowed: {FINEST_MM:g} mm or more")
+        return self
+
+
+class Trajectories(StrictSection):
+    """The contact poses, how they vary, and the path of the indenters after their press."""
+
+    count: int = Field(
+        ge=1, le=1_000_000, description="Contact poses; each is pressed with every indenter into every sensor"
+    )
+    max_tilt_deg: float = Field(
+        5.0, ge=0.0, le=45.0, description="Largest tilt of the press axis from the surface normal"
+    )
+    roll_range_deg: tuple[Angle, Angle] = Field(
+        (-90.0, 90.0),
+        description="Range of the indenter's turn about its axis",
+        **allowed("[first, last], -180 to 180 degrees"),
+    )
+    max_indentation_ratio: float = Field(
+        0.6, gt=0.0, lt=1.0,
+        description="Deepest press over thickness (of the largest ball that fits); the gap to a core comes on top",
+    )  # fmt: skip
+    min_edge_ratio: float = Field(
+        1.5, ge=0.0, le=10.0, description="Least distance to the nearest side wall over the deepest press"
+    )
+    # Off, a job has the hash that it had before there was this rule.
+    least_thickness_left: float = Field(
+        0.15, ge=0.0, lt=1.0, exclude_if=lambda share: share == 0.0,
+        description="Least gel left under every indenter, on every sensor, over the thickness there",
+        **allowed("a share, 0 (off) to below 1"),
+    )  # fmt: skip
+    too_thin: Literal["redraw", "stop"] = Field(
+        "redraw",
+        exclude_if=lambda how: how == "redraw",
+        description="What becomes of presses that would leave less: `redraw` draws another contact for all indenters; "
+        "`stop` keeps the contacts and ends each such press before it is too deep (needs a share above 0)",
+    )
+    max_force_n: float | None = Field(
+        None, gt=0.0, le=1e4, exclude_if=lambda force: force is None,
+        description="A press ends where its force along the press axis exceeds this, on each sensor for itself. The "
+        "sample there is not kept; this step and all later ones have status 7. Only stored steps count: between them "
+        "the force may be larger",
+    )  # fmt: skip
+    path: tuple[Leg, ...] = Field(
+        (),
+        exclude_if=lambda legs: not legs,
+        description="What the indenter does after it has pressed to the last depth, leg after leg",
+        **allowed("a list of legs {move_mm, turn_deg, steps}"),
+    )
+
+    @field_validator("too_thin")
+    @classmethod
+    def _stop_needs_a_share(cls, too_thin: str, info: ValidationInfo) -> str:
+        if too_thin == "stop" and info.data.get("least_thickness_left") == 0.0:
+            raise ValueError(
+                "stop needs a share at which presses stop, and least_thickness_left is 0 (off); "
+                "allowed: redraw, or a least_thickness_left above 0"
+            )
+        return too_thin
+
+
+class Depths(StrictSection):
+    """Depths from true first touch, evenly spaced, both ends included."""
+
+    first: float = Field(gt=0.0, le=10.0, description="The least depth, counted from true first touch on each sensor")
+    last: float = Field(
+        gt=0.0, le=10.0,
+        description="The largest depth; contacts are sampled where there is room for it, and "
+        f"`displacement: int16` allows {DEEPEST_INT16_MM:g} mm",
+    )  # fmt: skip
+    count: int = Field(
+        ge=1, le=1000,
+        description="Number of depths, both ends included. From one to the next is a load step, or several where one "
+        "fails",
+    )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _increasing(self) -> "Depths":
+        if self.count == 1 and self.first != self.last:
+            raise ValueError("one depth: first and last must be equal")
+        if self.count > 1 and self.first >= self.last:
+            raise ValueError("first must be less than last")
+        step = (self.last - self.first) / (self.count - 1) if self.count > 1 else self.first
+        if min(self.first, step) < FINEST_MM:
+            raise ValueError(f"a depth or a step of {min(self.first, step):g} mm; allowed: {FINEST_MM:g} mm or more")
+        return self
+
+
+def path_of(depths: Depths, trajectories: Trajectories) -> IndenterPath:
+    """The press to all depths, then the legs. Offsets are rounded to whole nanometres, so that 0.3 mm is 0.3 mm."""
+    press = press_path(np.round(np.linspace(depths.first, depths.last, depths.count) * MM, 9))
+    legs = trajectories.path
+    return with_legs(press, [(np.array(leg.move_mm) * MM, np.radians(leg.turn_deg), leg.steps) for leg in legs])
+
+
+def furthest_in_contact_m(path: IndenterPath) -> float:
+    """m, the largest distance of the tip from first touch while it is below the rest surface."""
+    pressed = path.depths_m > 0.0
+    return float(np.linalg.norm(path.offsets_m[pressed], axis=1).max(initial=0.0))

@@ -1,0 +1,219 @@
+"""Measurements of a press at a step of its path: one function for each entry of `simgen.config.outputs`.
+
+A function has the name of its output. It gets the `State` of the environments that have just reached a step. It returns
+an array (environment, ...) of the output's shape, in the output's unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from simgen.config.outputs import CERTIFICATE, Output
+from simgen.fem.contact.contact import Resultants
+from simgen.fem.device import read
+from simgen.fem.nonlinear.newton import SMALLEST_FORCE
+from simgen.fem.nonlinear.status import Status
+from simgen.simulation.scene import Scene
+from simgen.simulation.state_sampler import StateSampler
+from simgen.units import MM_PER_M
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the solver reached, and needed, since the last step in each environment; arrays (env,)."""
+
+    residual: np.ndarray
+    contact_error: np.ndarray
+    min_det_F: np.ndarray
+    damping: np.ndarray
+    newton_iterations: np.ndarray
+    krylov_iterations: np.ndarray
+    substeps: np.ndarray
+
+
+class State:
+    """The converged states of a scene's solver in some environments.
+
+    environments : (k,) their numbers
+    frames : (k, 3, 3) contact frame -> sensor frame: the indenters' axes at first touch
+    """
+
+    def __init__(self, sampler: StateSampler, environments: np.ndarray, frames: np.ndarray, solution: Solution):
+        self.sampler, self.environments, self.frames, self.solution = sampler, environments, frames, solution
+
+    @property
+    def scene(self) -> Scene:
+        return self.sampler.scene
+
+    @property
+    def newton(self) -> float:
+        """N per unit of the solver's forces, which are in E mm2."""
+        return self.scene.material.youngs_modulus_pa / MM_PER_M**2
+
+    @cached_property
+    def contact(self) -> Resultants:
+        """The indenter's contact, in the solver's units, in all environments."""
+        return self.scene.indenter_contact.resultants(self.scene.solver.x)
+
+    @cached_property
+    def total_force(self) -> np.ndarray:
+        """(env, 3) sum of all forces on the gel, which balance, in the solver's units."""
+        scene, x = self.scene, self.scene.solver.x
+        total = self.contact.force + self.sampler.reactions().T
+        for fixed in scene.fixed_contacts:
+            total += fixed.resultants(x).force
+        return total if scene.cavity is None else total + scene.cavity.resultant(x)
+
+    @cached_property
+    def cavity(self) -> tuple[np.ndarray, np.ndarray]:
+        """(env,) mm3 that the fluid in the cavity lacks, and its pressure over E."""
+        solver, row = self.scene.solver, self.scene.cavity.row
+        return tuple(read(solver.balance.surface[row], solver.x[row]))
+
+    @cached_property
+    def overlap_mm(self) -> np.ndarray:
+        """(env,) mm, deepest overlap with indenter, core and support."""
+        return self.sampler.overlap()[0]
+
+    @cached_property
+    def inverted(self) -> np.ndarray:
+        """(env,) number of elements that are inside out somewhere."""
+        return self.sampler.inverted_elements()
+
+
+@dataclass(frozen=True)
+class PressSample:
+    """A converged step of a press.
+
+    values : by the name of each of the scene's outputs, its value in the output's shape and unit
+    overlap_mm : deepest overlap with indenter, core and support
+    """
+
+    values: dict[str, np.ndarray]
+    overlap_mm: float
+
+
+def take_samples(
+    sampler: StateSampler, reached: np.ndarray, poses: np.ndarray, solution: Solution
+) -> Iterator[tuple[int, PressSample]]:
+    """Samples of the environments (env,) bool that have just converged, after their forces have been measured.
+
+    poses : (env, 4, 4) of the indenters at first touch
+    """
+    sampler.scene.solver.mark(reached)
+    environments = np.flatnonzero(reached)
+    state = State(sampler, environments, poses[environments, :3, :3], solution)
+    values = {output.name: measurement_of(output)(state) for output in sampler.scene.outputs}
+    for k, env in enumerate(environments):
+        yield env, PressSample({name: each[k] for name, each in values.items()}, state.overlap_mm[env])
+
+
+MEASUREMENTS: dict[str, Callable[[State], np.ndarray]] = {}
+
+
+def measurement_of(output: Output) -> Callable[[State], np.ndarray]:
+    """The function that measures an output."""
+    return MEASUREMENTS[output.name.removeprefix(CERTIFICATE)]
+
+
+def measurement(function: Callable[[State], np.ndarray]) -> Callable[[State], np.ndarray]:
+    """Make a function the measurement of the output that has its name."""
+    MEASUREMENTS[function.__name__] = function
+    return function
+
+
+def _of_solution(name: str) -> Callable[[State], np.ndarray]:
+    return lambda state: getattr(state.solution, name)[state.environments]
+
+
+for _name in Solution.__dataclass_fields__:
+    MEASUREMENTS[_name] = _of_solution(_name)
+
+
+@measurement
+def displacement(state: State) -> np.ndarray:
+    """On a CPU it is valid until the next call."""
+    return state.sampler.displacements(len(state.environments))
+
+
+@measurement
+def force(state: State) -> np.ndarray:
+    return state.contact.force[state.environments] * state.newton
+
+
+@measurement
+def moment(state: State) -> np.ndarray:
+    return state.contact.moment[state.environments] * state.newton / MM_PER_M
+
+
+@measurement
+def status(state: State) -> np.ndarray:
+    inside_out = state.inverted[state.environments] > 0
+    return np.where(inside_out, Status.INSIDE_OUT, Status.CONVERGED).astype(np.int8)
+
+
+@measurement
+def shear_force(state: State) -> np.ndarray:
+    return (force(state)[:, None, :] @ state.frames[:, :, [0, 2]])[:, 0]
+
+
+@measurement
+def slip_share(state: State) -> np.ndarray:
+    return state.contact.slip_share[state.environments]
+
+
+@measurement
+def contact_area(state: State) -> np.ndarray:
+    return state.contact.area[state.environments]
+
+
+@measurement
+def stress(state: State) -> np.ndarray:
+    return state.sampler.surface_outputs.take("stress", len(state.environments))
+
+
+@measurement
+def traction(state: State) -> np.ndarray:
+    return state.sampler.surface_outputs.take("traction", len(state.environments))
+
+
+@measurement
+def cavity_pressure(state: State) -> np.ndarray:
+    return state.cavity[1][state.environments] * state.scene.material.youngs_modulus_pa
+
+
+@measurement
+def force_balance(state: State) -> np.ndarray:
+    """Without contact there is nothing to balance."""
+    size = np.linalg.norm(state.contact.force, axis=1)
+    balance = np.linalg.norm(state.total_force, axis=1) / np.maximum(size, SMALLEST_FORCE)
+    return np.where(state.contact.force.any(axis=1), balance, 0.0)[state.environments]
+
+
+@measurement
+def inverted_elements(state: State) -> np.ndarray:
+    return state.inverted[state.environments]
+
+
+@measurement
+def stabilised_elements(state: State) -> np.ndarray:
+    return state.scene.solver.elasticity.stabilised_elements()[state.environments]
+
+
+@measurement
+def rms_penetration_m(state: State) -> np.ndarray:
+    return state.contact.rms_penetration[state.environments] / MM_PER_M
+
+
+@measurement
+def max_penetration_m(state: State) -> np.ndarray:
+    return np.maximum(state.overlap_mm[state.environments], 0.0) / MM_PER_M
+
+
+@measurement
+def liquid_volume_error(state: State) -> np.ndarray:
+    return np.abs(state.cavity[0][state.environments]) / state.scene.cavity.volume

@@ -1,0 +1,29 @@
+"""The table of outputs: names, shapes, and what a dataset keeps."""
+
+from simgen.config.outputs import OPTIONAL, OUTPUTS, kept_outputs
+
+
+def test_names_are_unique_and_types_can_hold_what_is_missing():
+    names = [output.name for output in OUTPUTS]
+    assert len(set(names)) == len(names)
+    assert {output.dtype for output in OUTPUTS} == {"int8", "int16", "int32", "float32", "float64"}
+
+
+def test_an_output_is_a_mesh_a_measurement_a_certificate_or_the_status():
+    for output in OUTPUTS:
+        kinds = [output.is_mesh, output.is_measured, output.is_certificate, output.name == "status"]
+        assert sum(kinds) == 1, output.name
+
+
+def test_shapes_have_the_sensor_s_numbers_of_vertices():
+    shapes = {output.name: output.shape_of(7, 4) for output in OUTPUTS}
+    assert shapes["displacement"] == (7, 3) and shapes["stress"] == (4, 6) and shapes["contact_area"] == ()
+
+
+def test_a_dataset_keeps_what_its_job_needs():
+    plain, everything = ({each.name for each in kept_outputs(*asked)} for asked in
+                         ((False, False), (True, True, OPTIONAL)))  # fmt: skip
+    assert everything == {output.name for output in OUTPUTS}
+    assert everything - plain == {*OPTIONAL, "cavity_pressure", "certificate/liquid_volume_error"}
+    legs = {each.name for each in kept_outputs(fluid=False, legs=True)}
+    assert legs - plain == {"shear_force", "slip_share"}
