@@ -10,7 +10,6 @@ import yaml
 
 from simgen.config.job import load_job
 from simgen.config.resources import resource
-from simgen.config.warp_device import check_device
 from simgen.dataset.provenance import difference
 from simgen.errors import InputError
 from simgen.geometry.rigid_shape import mesh_distance
@@ -114,23 +113,6 @@ def test_a_fluid_needs_a_cavity_and_is_recorded():
     job = load_job("smoke.yaml", ["sensors.digit.fluid=incompressible"])
     with pytest.raises(InputError, match=r"sensors\.digit\.fluid: 'incompressible': .*no cavity; allowed: none"):
         chosen_fluid(job, "digit", chosen_sensor(job, "digit"))
-
-
-@pytest.mark.parametrize(("gpus", "device", "says"), [
-    (0, "cuda", "'cuda': this machine has no CUDA GPU; allowed here: cpu$"),
-    (2, "cuda:2", "'cuda:2': this machine has cuda:0, cuda:1; allowed here: cpu, cuda$"),
-    (2, "cuda:", "'cuda:' is not allowed; allowed: cpu, cuda, cuda:N"),
-])  # fmt: skip
-def test_a_device_that_is_not_there_is_refused(monkeypatch, gpus, device, says):
-    monkeypatch.setattr("warp.get_cuda_device_count", lambda: gpus)
-    with pytest.raises(InputError, match=says):
-        check_device(device)
-
-
-def test_devices_that_are_there_are_accepted(monkeypatch):
-    monkeypatch.setattr("warp.get_cuda_device_count", lambda: 2)
-    for device in ("cpu", "cuda", "cuda:0", "cuda:1"):
-        check_device(device)
 
 
 @pytest.fixture

@@ -1,32 +1,33 @@
-import numpy as np
+"""A scene carries the terms that its sensor needs, and measures the outputs that it is asked for."""
 
-from simgen.geometry.rigid_shape import rigid_shape
-from simgen.geometry.signed_distance import Kind
-from simgen.simulation.load_stepping import LoadStepping
-from simgen.simulation.state_sampler import StateSampler
-from simgen.verification.validate.hard_scenes import block, scene_of
+import pytest
 
-
-def test_elements_inverted_between_their_quadrature_points_are_counted():
-    """A stretch inverts none; a corner pushed through its element turns det F over there, not at the points."""
-    scene = scene_of(block(), "cpu")
-    scene.reset([rigid_shape(Kind.SPHERE, 3.5)])
-    sampler, x = StateSampler(scene), np.zeros(scene.unknowns)
-    u = x[: scene.nodes.size].reshape(-1, 3)
-    u[:, 0] = 0.1 * scene.nodes[:, 0]
-    scene.solver.x.assign(x[:, None])
-    assert sampler.inverted_elements()[0] == 0
-    u[:] = 0.0
-    tetrahedron = scene.mesh.tetrahedra[0]
-    u[tetrahedron[0]] = 0.45 * (scene.nodes[tetrahedron[1:4]].mean(axis=0) - scene.nodes[tetrahedron[0]])
-    scene.solver.x.assign(x[:, None])
-    at_points = scene.solver.balance.measure(scene.solver.x).min_det
-    assert sampler.inverted_elements()[0] > 0 and at_points[0] > 0.0
+from simgen.errors import InputError
+from simgen.sensors.sensor import load_sensor
+from simgen.simulation.press import Scene
+from simulation.test_press import GEL, make_block
 
 
-def test_all_presses_of_a_scene_share_one_sampler():
-    """With stress and traction it takes half a second to make on the DIGIT's default mesh."""
-    scene = scene_of(block(), "cpu")
-    scene.reset([rigid_shape(Kind.SPHERE, 3.5)])
-    path = np.array([[0.0, 0.1, 0.0, 0.0]])
-    assert LoadStepping(scene, path, np.inf).sampler is LoadStepping(scene, path, np.inf).sampler
+def test_a_block_carries_elasticity_and_one_contact_with_friction():
+    carried = [name for name, is_carried, _ in Scene(make_block((2, 1, 2)), GEL).terms if is_carried]
+    assert carried == ["elasticity", "volume constraint", "indenter contact", "indenter friction"]
+
+
+def test_a_filled_sensor_carries_its_core_and_the_pressure_in_its_cavity():
+    biotac = load_sensor("biotac", "coarse")
+    scene = Scene(biotac, biotac.materials["solid"], fluid="incompressible")
+    carried = {name for name, is_carried, _ in scene.terms if is_carried}
+    assert {"core contact", "cavity pressure"} <= carried
+    assert "cavity_pressure" in {output.name for output in scene.outputs}
+
+
+def test_outputs_at_the_surface_are_measured_on_request():
+    block = make_block((2, 1, 2))
+    plain, asked = ({output.name for output in Scene(block, GEL, outputs=outputs).outputs}
+                    for outputs in ((), ("stress",)))  # fmt: skip
+    assert asked - plain == {"stress"} and {"displacement", "force", "contact_area"} <= plain
+
+
+def test_a_sensor_without_a_cavity_takes_no_fluid():
+    with pytest.raises(InputError, match="sensor block: fluid = 'incompressible': it has no cavity; allowed: none"):
+        Scene(make_block((2, 1, 2)), GEL, fluid="incompressible")
