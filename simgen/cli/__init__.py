@@ -1,1 +1,1 @@
-"""The command line: every command and every view on the console. Nothing else imports typer or rich."""
+"""The command line: all commands and console views. No other package imports typer or rich."""

@@ -1,4 +1,4 @@
-"""`python -m simgen.cli` is the command `simgen`."""
+"""Run the command `simgen` by ``python -m simgen.cli``."""
 
 from simgen.cli.app import main
 

@@ -1,6 +1,6 @@
-"""The command line: parsing and printing only. Whatever a command does is a few lines of Python too.
+"""The command line: parsing and printing. Whatever a command does is a few lines of Python too.
 
-Imports are inside the commands: ``simgen --help`` is quick, and a run never imports what it does not need.
+Commands import what they need when they run, so that ``simgen --help`` is quick.
 """
 
 import os
@@ -13,13 +13,23 @@ import typer
 
 from simgen import __version__
 from simgen.cli import exchange, images
+from simgen.cli.options import (
+    DatasetFolder,
+    Device,
+    Processes,
+    Scheduler,
+    SchedulerFile,
+    Workers,
+    named_after,
+    scheduler_address,
+)
 from simgen.config.resources import bundled_jobs
 from simgen.errors import InputError, check_output_file, needs_extra
 
 app = typer.Typer(
     name="simgen",
-    help="Paired simulated touch for two tactile sensors, by quasi-static finite elements.",
-    epilog="First: simgen run jobs/smoke.yaml, then simgen check smoke.zarr, then simgen report smoke.zarr.",
+    help="Simulate paired touch for two tactile sensors by quasi-static finite elements.",
+    epilog="To begin: simgen run jobs/smoke.yaml, then simgen check smoke.zarr, then simgen report smoke.zarr.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -30,23 +40,16 @@ app = typer.Typer(
 BUNDLED, TRAINING = (", ".join(file.stem for file in bundled_jobs(training)) for training in (False, True))
 
 JobFile = Annotated[str, typer.Argument(metavar="JOB", help=f"A job file, or a bundled job: {BUNDLED}.")]
+TrainingJobFile = Annotated[
+    str, typer.Argument(metavar="JOB", help=f"A training job, or a bundled one: {TRAINING}.")
+]
 Overrides = Annotated[
-    list[str] | None, typer.Argument(metavar="KEY=VALUE", help="Keys to replace: trajectories.count=10")
+    list[str] | None, typer.Argument(metavar="KEY=VALUE", help="Replace keys of the job: trajectories.count=10")
 ]
-Workers = Annotated[
-    int | None,
-    typer.Option(min=1, help="Processes of the local cluster; of a scheduler, how many to wait for.",
-                 show_default="one per core or GPU"),
+TrainingOverrides = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="KEY=VALUE", help=r'Replace keys of the job: "networks=\[rmb, rmd]"'),  # no markup of rich
 ]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(help="A dask scheduler's address, or `sync`: no cluster.", show_default="local cluster"),
-]
-SchedulerFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="What `dask scheduler --scheduler-file` wrote, instead of an address."),
-]
-DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET", help="A folder that `simgen run` wrote.")]
 
 
 def _print_version(asked: bool) -> None:
@@ -61,7 +64,7 @@ def options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ):
-    """Paired simulated touch for two tactile sensors, by quasi-static finite elements."""
+    """Simulate paired touch for two tactile sensors by quasi-static finite elements."""
 
 
 @app.command()
@@ -75,14 +78,14 @@ def run(
     workers: Workers = None,
     scheduler: Scheduler = None,
     scheduler_file: SchedulerFile = None,
-    device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
+    device: Device = "cpu",
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Sample contacts, say how large and how long the job is; solve nothing.")
+        bool, typer.Option("--dry-run", help="Sample the contacts and estimate size and time; solve nothing.")
     ] = False,
 ):
-    """Press the job's indenters into its sensors and write the paired dataset.
+    """Press a job's indenters into its sensors and write the paired dataset.
 
-    Stop it at any time: the same command goes on where it stopped.
+    You can stop a run at any time. The same command continues it.
     """
     from simgen.config.job import load_job
 
@@ -97,30 +100,27 @@ def run(
         return
     from simgen.cli.console import run_with_progress
 
-    if run_with_progress(checked, output or checked.output(), workers, _address(scheduler, scheduler_file), device):
+    address = scheduler_address(scheduler, scheduler_file)
+    if run_with_progress(checked, output or checked.output(), workers, address, device):
         raise typer.Exit(1)
 
 
 @app.command()
 def train(
-    job: Annotated[
-        str, typer.Argument(metavar="JOB", help=f"A training job, or a bundled one: {TRAINING}.")
-    ],
-    overrides: Annotated[
-        list[str] | None, typer.Argument(metavar="KEY=VALUE", help='Keys to replace: "networks=[rmb, rmd]"')
-    ] = None,
+    job: TrainingJobFile,
+    overrides: TrainingOverrides = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder of the networks.", show_default="<job name>.networks"),
     ] = None,
-    device: Annotated[str, typer.Option(help="Where to train: cpu, cuda or cuda:N.")] = "cpu",
+    device: Device = "cpu",
     tensorboard: Annotated[
-        bool, typer.Option("--tensorboard", help="Write what tensorboard shows into the folder, too.")
+        bool, typer.Option("--tensorboard", help="Also write logs for tensorboard into the folder.")
     ] = False,
 ):
-    """Train a job's networks on a dataset, then measure them on the trajectories that nobody has trained with.
+    """Train a job's networks on a dataset, then measure them on the test trajectories.
 
-    Stop it at any time: the same command goes on where it stopped. What is trained is not trained again.
+    You can stop training at any time. The same command continues it and keeps the networks that are trained.
     """
     with needs_extra("training"):
         from simgen.cli.train import train_with_progress
@@ -137,7 +137,7 @@ def mesh(
         str, typer.Argument(metavar="SENSOR", help="digit, biotac, or a folder with a sensor.yaml.")
     ],
 ):
-    """Make a sensor's meshes again, through the quality gates, and write them beside its sensor.yaml."""
+    """Make a sensor's meshes again, check them by the quality gates, and write them beside its sensor.yaml."""
     from simgen.sensors.sensor import remake
 
     for line in remake(sensor):
@@ -148,42 +148,44 @@ def mesh(
 def check(
     dataset: DatasetFolder,
     repair: Annotated[
-        bool, typer.Option("--repair", help="Solve again what is damaged or missing, and only that.")
+        bool, typer.Option("--repair", help="Solve damaged and missing shards again, and no others.")
     ] = False,
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write all findings, with every sample they name.")
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all findings, with the samples they name.")
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     scheduler_file: SchedulerFile = None,
 ):
-    """Audit a dataset: files, certificates, pairing, splits, what is held and touched.
+    """Audit a dataset: files, certificates, pairing, splits, held and touchable vertices.
 
-    Exit code 1 if it fails. Bad samples are named. Those that did not converge are no damage: they would not converge
-    again.
+    Exit code 1 if the dataset fails. The audit names the bad samples. Samples that did not converge are no damage, and
+    --repair leaves them as they are.
     """
     from simgen.cli.console import print_findings, run_with_progress
     from simgen.dataset.audit import check, passes, to_repair
     from simgen.dataset.reader import Dataset
 
-    opened = Dataset(dataset)
-    findings = check(opened)
-    print_findings(dataset, findings)
-    _write_findings(findings, json_file)
-    if repair and (shards := to_repair(opened, findings)):
-        address = _address(scheduler, scheduler_file)
-        if run_with_progress(opened.job, dataset, workers, address, opened.attributes["device"], shards):
-            raise typer.Exit(1)
-        findings = check(Dataset(dataset))
+    def audit(opened: Dataset) -> list:
+        findings = check(opened)
         print_findings(dataset, findings)
         _write_findings(findings, json_file)
+        return findings
+
+    opened = Dataset(dataset)
+    findings = audit(opened)
+    if repair and (shards := to_repair(opened, findings)):
+        address = scheduler_address(scheduler, scheduler_file)
+        if run_with_progress(opened.job, dataset, workers, address, opened.attributes["device"], shards):
+            raise typer.Exit(1)
+        findings = audit(Dataset(dataset))
     if not passes(findings):
         raise typer.Exit(1)
 
 
 @app.command()
 def status(dataset: DatasetFolder):
-    """Say how far a run is: presses, failures, who is at work, how fast, how long it will take."""
+    """Show the progress of a run: presses, failures, active workers, speed, time left."""
     from simgen.cli.console import print_status
     from simgen.dataset.layout import checked
     from simgen.dataset.reader import Dataset
@@ -198,13 +200,14 @@ def report(
     dataset: DatasetFolder,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="The page to write.", show_default="<dataset name>.html"),
+        typer.Option("--output", "-o", help="HTML file to write.", show_default="<dataset name>.html"),
     ] = None,
     networks: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="What `simgen train` wrote: shows a press translated by it.")
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Networks that `simgen train` wrote: adds a press that they translate."),
     ] = None,
 ):
-    """Write one HTML page that needs no network: coverage, failures, a press in motion and in 3-D, patches, forces."""
+    """Write a self-contained HTML page: coverage, failures, a press in motion and in 3-D, contact patches, forces."""
     from simgen.dataset.layout import checked
     from simgen.dataset.reader import Dataset
     from simgen.report import write_report
@@ -213,7 +216,7 @@ def report(
     if opened.imported:
         raise InputError(f"{dataset}: imported, without the contacts and certificates of a report; see simgen check")
     checked(opened)
-    page = output or Path(f"{dataset.resolve().name.removesuffix('.zarr')}.html")
+    page = output or named_after(dataset, ".html")
     check_output_file(page)
     more = {}
     if networks is not None:
@@ -226,25 +229,24 @@ def report(
 
 @app.command()
 def validate(
-    listed: Annotated[bool, typer.Option("--list", help="Say which cases there are; run none.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Only the cases that take seconds.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="List the cases; run none.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Run only the cases that take seconds.")] = False,
     case: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="This case or pattern (layer-*); may repeat.", show_default="all but long"),
+        typer.Option(metavar="NAME", help="A case or a pattern (layer-*); repeat for more.",
+                     show_default="all but long"),
     ] = None,
-    device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes.", show_default="one per core, or one GPU")
-    ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write all that was found.")] = None,
+    device: Device = "cpu",
+    workers: Processes = None,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write all results.")] = None,
     html_file: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with plots.")] = None,
     published: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Published meshes and results to compare with.")
+        Path | None, typer.Option(metavar="DIR", help="Folder of published meshes and results to compare with.")
     ] = None,
-):
+):  # fmt: skip
     """Compare the solver with closed forms, independent codes and published data. Exit code 1 if a row fails.
 
-    Cases that need reference data find them in $SIMGEN_REFERENCE, and are skipped without them.
+    Reference data come from the folder $SIMGEN_REFERENCE. Cases that need them are skipped without it.
     """
     from simgen.cli import validate as view
     from simgen.verification.validate import all_cases, runner
@@ -271,15 +273,17 @@ def validate(
 
 @app.command()
 def bench(
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer settings, no other codes: two minutes.")] = False,
-    device: Annotated[str, typer.Option(help="Where to solve: cpu, cuda or cuda:N.")] = "cpu",
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Measure fewer settings and no other codes: two minutes.")
+    ] = False,
+    device: Device = "cpu",
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the results.")] = Path(
         "bench"
     ),
 ):
     """Measure speed against error on this machine: elements, meshes, tolerances, terms, and other codes.
 
-    Writes speed.csv, speed.png and the sentence that says which setting to take for 1, 5 and 20 um.
+    Writes speed.csv, speed.png, and advice.txt with the fastest setting for errors of 1, 5 and 20 um.
     """
     for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy: one core is timed
         os.environ[threads] = "1"
@@ -297,17 +301,6 @@ def _write_findings(findings: list, file: Path | None) -> None:
             file.write_text(as_json(findings), encoding="utf-8")
 
 
-def _address(scheduler: str | None, file: Path | None) -> str | None:
-    """Of the scheduler, from one of the two options."""
-    from simgen.pipeline.workers import scheduler_address
-
-    if file is None:
-        return scheduler
-    if scheduler is not None:
-        raise InputError(f"--scheduler {scheduler} and --scheduler-file {file}: allowed: one of them")
-    return scheduler_address(file)
-
-
 app.command()(exchange.export)
 app.command("import")(exchange.import_)
 app.command()(images.render)
@@ -316,14 +309,15 @@ app.command("calibrate-optics")(images.calibrate_optics)
 
 
 def main() -> None:
-    """Entry point of the console script: bad input is one line and exit code 2, an interrupt 130."""
+    """Run the console script. Bad input prints one line and exits with code 2; an interrupt exits with 130."""
     try:
         app()
     except InputError as error:
-        typer.secho(f"simgen: {error}", fg="red", err=True)
-        sys.exit(2)
+        _refuse(str(error))
     except OSError as error:
-        sentence = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        typer.secho(f"simgen: {sentence}", fg="red", err=True)
-        sys.exit(2)
+        _refuse(f"{error.filename}: {error.strerror}" if error.filename else str(error))
 
+
+def _refuse(sentence: str) -> None:
+    typer.secho(f"simgen: {sentence}", fg="red", err=True)
+    sys.exit(2)

@@ -1,10 +1,10 @@
-"""What the commands print: the dry run, the progress of a run and its status, the audit."""
+"""Console views: dry run, progress and status of a run, audit, export and import."""
 
 import signal
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from rich import box
 from rich.console import Console
@@ -36,17 +36,8 @@ console = Console(highlight=False)
 INTERRUPTED = 130
 
 
-def _redrawn(job: Job, seen: "Preview") -> str:
-    """The share of proposals that leave too little gel, in words; nothing where no contact is drawn again for that."""
-    left = job.trajectories.least_thickness_left
-    if not left or job.stops_early:
-        return ""
-    share = seen.refused / (seen.refused + seen.contacts)
-    bad = f"leave less than {left:g} of the gel or enter the support"
-    return f"; {share:.1%} of the proposals would {bad}, and are drawn again"
-
-
 def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
+    """Print size, time and memory of a job, and the terms of each sensor's scene."""
     sensors = " and ".join(sensor.name for sensor in seen.sensors)
     console.print(f"[bold]{job.name}[/]  job {job.hash[:12]}  ->  {output}")
     console.print(
@@ -55,11 +46,10 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         f"each on {sensors}, in {seen.shards:,} shards"
     )
     some = "all" if seen.contacts == seen.trajectories else f"the first {seen.contacts:,} of"
-    console.print(f"contacts: {some} {seen.trajectories:,} fit{_redrawn(job, seen)}")
+    console.print(f"contacts: {some} {seen.trajectories:,} fit{_replaced(job, seen)}")
     console.print(f"size: about {_size(seen.bytes)} ({seen.bytes_source})")
     device_name = "core" if device == "cpu" else device
-    duration = f"about {_time(seen.seconds)} of one {device_name} ({seen.seconds_source})"
-    console.print(f"time: {duration}")
+    console.print(f"time: about {_time(seen.seconds)} of one {device_name} ({seen.seconds_source})")
     under_way = "one press" if seen.at_once == 1 else f"at most {seen.at_once} presses at once"
     for sensor in seen.sensors:
         material = sensor.material
@@ -77,6 +67,16 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         print_remarks(sensor.remarks)
 
 
+def _replaced(job: Job, seen: "Preview") -> str:
+    """Share of the proposals that the sampler replaces because they leave too little gel; "" if it replaces none."""
+    left = job.trajectories.least_thickness_left
+    if not left or job.stops_early:
+        return ""
+    share = seen.refused / (seen.refused + seen.contacts)
+    bad = f"leave less than {left:g} of the gel or enter the support"
+    return f"; {share:.1%} of the proposals would {bad} and are replaced"
+
+
 def print_remarks(remarks: Iterable[str]) -> None:
     for remark in remarks:
         console.print(f"[yellow]{escape(remark)}[/]", soft_wrap=True)
@@ -85,7 +85,10 @@ def print_remarks(remarks: Iterable[str]) -> None:
 def run_with_progress(
     job: Job, output: Path, workers: int | None, scheduler: str | None, device: str, again: Collection[int] = ()
 ) -> int:
-    """Run a job behind a progress bar; returns the number of shards that could not be written."""
+    """Run a job with a progress bar; return the number of shards that could not be written.
+
+    again : shards to solve again. Raises `SystemExit` with code 130 for an interrupt.
+    """
     from simgen.dataset.growth import finish_growth
     from simgen.dataset.writer import check_output
     from simgen.pipeline.plan import make_plan
@@ -94,29 +97,34 @@ def run_with_progress(
 
     finish_growth(output)
     check_output(output, job)
-    watch = _Watch(job)
+    bar = RunProgress(job)
     try:
         with start_workers(job, device, workers, scheduler) as started:
-            watch.workers = started
-            with console.status("sampling contacts, posing them on every sensor"):
+            bar.workers = started
+            with console.status("sampling contacts and posing them on each sensor"):
                 plan = make_plan(job, device)
             print_remarks(plan.remarks)
-            signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code takes it away
+            signal.signal(signal.SIGINT, signal.getsignal(signal.SIGINT))  # the mesher's native code resets it
             if workers and scheduler not in (None, "sync"):
-                console.print(f"waiting for {workers} workers at {scheduler}, 5 minutes at most", soft_wrap=True)
-            with watch.progress:
-                dataset = run(plan, output, started, watch.on_start, watch.on_report, again=again)
+                console.print(f"waiting for {workers} workers at {scheduler}, at most 5 minutes", soft_wrap=True)
+            with bar.progress:
+                dataset = run(plan, output, started, bar.on_start, bar.on_report, again=again)
     except KeyboardInterrupt:
-        console.print(f"stopped; {output} holds what was finished, the same command goes on from there")
-        raise SystemExit(INTERRUPTED) from None
+        stop(output)
     present = sum(len(dataset.shard_presses(shard)) for shard in dataset.finished())
-    console.print(f"{output}: {present} of {dataset.presses} presses; {watch.failures()}")
+    console.print(f"{output}: {present} of {dataset.presses} presses; {bar.failures()}")
     console.print(f"next: simgen check {output}  and  simgen report {output}")
-    return watch.errors
+    return bar.errors
 
 
-class _Watch:
-    """A bar over presses, with presses per second, time left and failures."""
+def stop(output: Path) -> NoReturn:
+    """End a command that was interrupted. Raises `SystemExit`."""
+    console.print(f"stopped; the same command continues from {output}")
+    raise SystemExit(INTERRUPTED) from None
+
+
+class RunProgress:
+    """A progress bar over presses, with presses per second, time left and failures."""
 
     def __init__(self, job: Job):
         self.progress = Progress(
@@ -136,7 +144,7 @@ class _Watch:
         self.bar = self.progress.add_task(job.name, total=job.presses, rate="starting", failures="")
 
     def on_start(self, already: int) -> None:
-        """The tasks start; `already` presses are there from an earlier run."""
+        """Start the clock; an earlier run has written ``already`` presses."""
         self.done = self.already = already
         self.began = time.monotonic()
         self.progress.update(self.bar, completed=already, rate="no rate yet")
@@ -144,11 +152,10 @@ class _Watch:
             self.progress.console.print(self.workers.about, soft_wrap=True)
 
     def on_report(self, report: "ShardReport") -> None:
+        """Count the presses of a shard that has ended."""
         if report.error:
             self.errors += 1
-            self.progress.console.print(
-                f"[red]shard {report.shard} was not written: {escape(report.error)}[/]"
-            )
+            self.progress.console.print(f"[red]shard {report.shard} was not written: {escape(report.error)}[/]")
         else:
             self.done += report.presses
             self.failed += report.failed
@@ -158,6 +165,7 @@ class _Watch:
         self.progress.update(self.bar, completed=self.done, rate=f"{rate:.3g}/s", failures=self.failures())
 
     def failures(self) -> str:
+        """Counts of failed, inside-out and planned samples, and of unwritten shards."""
         inside_out = f", {self.inside_out} inside out" if self.inside_out else ""
         planned = f", {self.planned} not pressed, as planned" if self.planned else ""
         shards = f", {self.errors} shards not written" if self.errors else ""
@@ -165,6 +173,7 @@ class _Watch:
 
 
 def print_findings(path: Path, findings: list[Finding]) -> None:
+    """Print the audit's table, its notes, and whether the dataset passes."""
     table = Table("", "", "found", "allowed", "", box=box.SIMPLE_HEAD, pad_edge=False)
     stated, ok, fail = "", "[green]ok[/]", "[bold red]FAIL[/]"
     previous = None
@@ -180,21 +189,18 @@ def print_findings(path: Path, findings: list[Finding]) -> None:
         for line in finding.note.splitlines():
             console.print(f"{finding.subject}: {escape(line)}", soft_wrap=True)
     failures = sum(finding.failed for finding in findings)
-    verdict = (
-        "[green]passes[/]"
-        if passes(findings)
-        else f"[bold red]fails[/] in {failures} of {len(findings)} points"
-    )
-    console.print(f"{path} {verdict}")
+    fails = f"[bold red]fails[/] in {failures} of {len(findings)} points"
+    console.print(f"{path} {'[green]passes[/]' if passes(findings) else fails}")
 
 
 def print_status(path: Path, found: RunStatus, outcomes: Mapping[str, int]) -> None:
+    """Print the progress of a run and how many samples have each outcome."""
     share = 100.0 * found.finished / found.presses
     console.print(f"{path}: {found.finished} of {found.presses} presses, {share:.1f} %")
     if found.at_work:
-        console.print(f"at work: {found.at_work}", soft_wrap=True)
+        console.print(f"running: {found.at_work}", soft_wrap=True)
     elif found.finished < found.presses:
-        console.print("nobody is at work; the command that began it goes on from here")
+        console.print("no process is running; the command that began the run continues it")
     if found.last_s is not None:
         rate = f"; {found.rate:.3g} presses a second since the run began" if found.rate else ""
         console.print(f"last shard: {_time(found.last_s)} ago{rate}")
@@ -207,7 +213,7 @@ def print_status(path: Path, found: RunStatus, outcomes: Mapping[str, int]) -> N
 
 
 def tracked(sequence: Sequence, description: str) -> Iterable:
-    """Shows how far a loop is, while it takes."""
+    """The items of a loop, with a progress bar."""
     return track(sequence, description, console=console, transient=True, disable=not console.is_terminal)
 
 
@@ -216,16 +222,16 @@ def print_export(folder: Path, selection: "PressSelection", files: Sequence[Path
     size = _size(sum(file.stat().st_size for file in files))
     console.print(f"{folder}: {len(files)} files, {size}; {there} of {of} samples on {' and '.join(selection.sensors)}")
     if missing := selection.dataset.unfinished():
-        console.print(f"the run is unfinished: {len(missing)} of {selection.dataset.shards} shards are not there yet")
+        console.print(f"the run is unfinished: {len(missing)} of {selection.dataset.shards} shards are missing")
 
 
 def print_import(dataset: "Dataset") -> None:
     left_out = dataset.attributes["source"]["samples_left_out"]
     for sensor in dataset.sensors:
         status = dataset[f"{sensor}/status"]
-        console.print(f"{dataset.path}: {sensor}: {(status == 0).sum()} of {status.size} samples were in the files")
+        console.print(f"{dataset.path}: {sensor}: {(status == 0).sum()} of {status.size} samples came from the files")
     if left_out:
-        console.print(f"{left_out} samples were left out: far from every depth of the dataset, or not the nearest")
+        console.print(f"{left_out} samples were left out: far from each depth of the dataset, or not the nearest")
     console.print(f"next: simgen check {dataset.path}")
 
 

@@ -1,34 +1,37 @@
-"""The commands that write a dataset for other programs and read theirs; see `simgen.cli.app`, which parses them."""
+"""The commands `simgen export` and `simgen import`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from simgen.cli.options import DatasetFolder, Split
+
 
 def export(
-    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="A folder that `simgen run` wrote.")],
+    dataset: DatasetFolder,
     format: Annotated[str, typer.Option(metavar="FORMAT", help="across, biotac_sim, npy or vtk.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="A new folder; it appears whole or not at all.")
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="A new folder. It appears when all is written.")
     ],
     sensor: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A sensor; may repeat.", show_default="all")
+        list[str] | None, typer.Option(metavar="NAME", help="A sensor; repeat for more.", show_default="all")
     ] = None,
     trajectories: Annotated[
         str | None,
-        typer.Option(help="0:10 (the end excluded), or 3,7.", show_default="all; with vtk the first"),
+        typer.Option(help="Trajectory numbers: 0:10 (end excluded) or 3,7.", show_default="all; with vtk the first"),
     ] = None,
-    split: Annotated[str | None, typer.Option(help="train, validation or test.", show_default="all")] = None,
+    split: Split = None,
 ):
     """Write a dataset, or a part of it, for other programs.
 
-    across: HDF5 as the ACROSS framework reads it, with its table of pairs.
-    biotac_sim: HDF5 as biotac_sim writes it, one file per trajectory.
-    npy: arrays to be mapped into memory for training.
+    across: HDF5 in the layout of the ACROSS framework, with its table of pairs.
+    biotac_sim: HDF5 in the layout of biotac_sim, one file per trajectory.
+    npy: memory-mapped arrays for training.
     vtk: time series for ParaView.
 
-    Samples that did not converge are left out; npy and the table hold those that converged on all sensors.
+    Samples that did not converge are left out. npy and the table of pairs hold only samples that converged on all
+    sensors.
     """
     from simgen.cli.console import print_export, tracked
     from simgen.dataset.exchange.exporting import export
@@ -39,17 +42,17 @@ def export(
 
 def import_(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="HDF5 files of ACROSS or biotac_sim.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="The dataset: a new folder.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="A new folder for the dataset.")],
     mesh: Annotated[
         list[str] | None,
-        typer.Option(metavar="SENSOR=FILE", help="Rest mesh (.vtu .tet .msh .mesh, in m); one for each sensor."),
+        typer.Option(metavar="SENSOR=FILE", help="Rest mesh in m (.vtu .tet .msh .mesh); one for each sensor."),
     ] = None,
     name: Annotated[
-        str | None, typer.Option(help="Of the job.", show_default="that of the files or the output")
+        str | None, typer.Option(help="Name of the job.", show_default="from the files, or from --output")
     ] = None,
     depths_mm: Annotated[
         str | None,
-        typer.Option(metavar="FIRST:LAST:COUNT", help="Depths to sort samples into.", show_default="the files' own"),
+        typer.Option(metavar="FIRST:LAST:COUNT", help="Depths of the dataset.", show_default="the files' own"),
     ] = None,
     origin_mm: Annotated[
         list[str] | None,
@@ -58,11 +61,12 @@ def import_(
         ),
     ] = None,
 ):
-    """Make a dataset of the result files of one job of ACROSS or biotac_sim.
+    """Make a dataset from result files of one job of ACROSS or biotac_sim.
 
-    Displacements are coordinates less those of the rest mesh.
-    Depths are those of the files; without them, step j is the j-th of --depths-mm; uneven ones go to the nearest.
-    What files do not say is NaN or missing, and simgen check names it.
+    Displacements are the files' coordinates minus those of the rest mesh.
+    Depths come from the files. Without them, step j has the j-th depth of --depths-mm. With both, a sample goes to the
+    nearest depth.
+    Values that the files lack are NaN or missing, and simgen check names them.
     """
     from simgen.cli.console import print_import, tracked
     from simgen.dataset.exchange.importing import import_results

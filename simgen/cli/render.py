@@ -1,4 +1,4 @@
-"""What `simgen render` prints: how far it is, how fast, and what there is to look at."""
+"""Console view of `simgen render`: progress, speed, and the files to look at."""
 
 import time
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simgen.cli.console import INTERRUPTED, console, tracked
+from simgen.cli.console import console, stop, tracked
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.sensing.camera.images import Images, render, unmade
 from simgen.sensing.camera.montages import STAGES, write_gif, write_montages, write_stages
@@ -15,7 +15,7 @@ from simgen.sensing.camera.renderer import Renderer
 
 
 def render_with_progress(images: Images, selection: PressSelection, workers: int, gif: bool) -> None:
-    """Make what is missing of the images, then the pictures of them. Raises `InputError`."""
+    """Make the missing images, then montages of them. Raises `InputError`."""
     selection.check()
     renderer = Renderer.of_dataset(selection.dataset, images.sensor, images.look, images.device)
     missing = len(unmade(images, selection))
@@ -28,20 +28,19 @@ def render_with_progress(images: Images, selection: PressSelection, workers: int
 
 @contextmanager
 def interruptible(folder: Path) -> Iterator[None]:
-    """Ctrl-C ends the command with a line that says how to go on."""
+    """End the command at Ctrl-C, with a line that says how to continue it."""
     try:
         yield
     except KeyboardInterrupt:
-        console.print(f"stopped; the same command goes on from {folder}")
-        raise SystemExit(INTERRUPTED) from None
+        stop(folder)
 
 
 def print_made(folder: Path, made: Iterator[int], steps: int, samples: int, doing: str) -> None:
-    """Make images, ``steps`` times some, behind a bar; then say how many of ``samples``, and how fast."""
+    """Make images in ``steps`` steps with a progress bar; print how many of ``samples`` were made, and how fast."""
     begin = time.perf_counter()
     count = sum(tracked(_Counted(made, steps), doing))
     rate = f", {count / (time.perf_counter() - begin):.1f} a second" if count else ""
-    console.print(f"{folder}: {count} images made{rate}; {samples - count} were there")
+    console.print(f"{folder}: {count} images made{rate}; {samples - count} existed")
 
 
 def _pictures(images: Images, selection: PressSelection, renderer: Renderer, gif: bool) -> Iterator[Path]:
@@ -60,7 +59,7 @@ def _pictures(images: Images, selection: PressSelection, renderer: Renderer, gif
 
 
 class _Counted:
-    """An iterator whose length is known, for a bar."""
+    """An iterator with a length, for a progress bar."""
 
     def __init__(self, items: Iterator[int], count: int):
         self.items, self.count = items, count

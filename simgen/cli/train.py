@@ -1,4 +1,4 @@
-"""What `simgen train` prints: a bar per network, then the table."""
+"""Console view of `simgen train`: a progress bar for each network, then the table of errors."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from simgen.cli.console import INTERRUPTED, console, tracked
+from simgen.cli.console import console, stop, tracked
 from simgen.errors import InputError
 from simgen.learning.training.checkpoint import NETWORK, read_sidecar
 from simgen.learning.training.evaluation import FIGURE, evaluate
@@ -19,7 +19,7 @@ from simgen.learning.training.table import console_tables
 
 
 def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard: bool) -> None:
-    """Train what is not trained yet, then measure all that is, and write and print the table."""
+    """Train the networks that are not trained yet, measure all, and write and print the table of errors."""
     try:
         run = TrainingRun(job, output, device, tracked)
         for name in job.in_order():
@@ -29,8 +29,7 @@ def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard
     except torch.OutOfMemoryError:
         raise InputError(f"{device}: too little memory for this job; allowed: a smaller batch") from None
     except KeyboardInterrupt:
-        console.print(f"stopped; the same command goes on from {output}")
-        raise SystemExit(INTERRUPTED) from None
+        stop(output)
     console.print(f"wrote {output / 'table.md'}, metrics.json, metrics.csv{f', {FIGURE}' * (output / FIGURE).exists()}")
 
 

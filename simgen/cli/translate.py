@@ -1,4 +1,4 @@
-"""What `simgen translate` prints: how far it is, how fast, how near to the truth, and what there is to look at."""
+"""Console view of `simgen translate`: progress, speed, distance to the true contacts, and the files to look at."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ CHAIN, DPI = "chain.png", 130
 
 
 def translate_presses(images: TranslatedImages, selection: PressSelection, workers: int, gif: bool) -> None:
-    """Make what is missing of the images, then say how good they are and draw some. Raises `InputError`."""
+    """Translate the missing samples of a dataset, print how accurate all are, and draw some. Raises `InputError`."""
     selection.check()
     dataset = selection.dataset
     meshes = images.meshes(dataset)
@@ -59,14 +59,14 @@ def translate_presses(images: TranslatedImages, selection: PressSelection, worke
 def translate_files(
     images: TranslatedImages, selection: PressSelection, paths: Sequence[Path], chosen: range | None, gif: bool
 ) -> None:
-    """The same of recordings; of the dataset come the meshes. Raises `InputError`."""
+    """Translate recordings and draw some samples; the dataset gives the meshes. Raises `InputError`."""
     dataset, job = selection.dataset, read_job(images.networks)
     settings = job.signals.recordings or RecordingFiles(files=("any",))
     recordings = [Recording.read(path, settings, chosen) for path in paths]
     if len({recording.path.stem for recording in recordings}) < len(recordings):
-        raise InputError("--recordings: two files of one name; allowed: different ones, as folders are named by them")
+        raise InputError("--recordings: two files of one name; allowed: different names, as each names a folder")
     if job.signals.recordings is None:
-        console.print(f"{images.networks} learned from synthetic volts: of recordings they make what these would mean")
+        console.print(f"{images.networks} learned from synthetic volts: recordings are read as if they were such volts")
     translator = Translator.load(images.networks, images.way, images.device)
     check_meshes(translator, dataset, job.source, job.target)
     renderer = Renderer.of_dataset(dataset, images.sensor, images.look, images.device)
@@ -89,7 +89,7 @@ def translate_files(
 
 
 def accuracy_table(summary: Mapping[str, Accuracy]) -> Table:
-    """A line for each indenter, and one for all."""
+    """A table with a row for each indenter and one for all."""
     table = Table("indenter", title="translated against true contacts", box=box.SIMPLE_HEAD, pad_edge=False,
                   padding=(0, 1, 0, 0))  # fmt: skip
     for heading in ("samples", f"within {NEAR_MM:g} mm", "median, mm", "in order", "RMSE, um"):
@@ -97,12 +97,12 @@ def accuracy_table(summary: Mapping[str, Accuracy]) -> Table:
     for name, each in summary.items():
         shares = f"{each.near:.1%}", f"{each.off_mm:.2f}", f"{each.in_order:.1%}" if each.followed else "-"
         table.add_row(name, f"{each.samples:,}", *shares, f"{each.rmse_um:.1f}", style="bold" if name == "all" else "")
-    table.caption = "Within: centroids of the contact. In order: deeper than the sample before."
+    table.caption = "Within: distance of the contact's centroids. In order: deeper than the sample before."
     return table
 
 
 def _contact_files(images: TranslatedImages, selection: PressSelection) -> dict[str, list[Path]]:
-    """Indenter -> files of its presses."""
+    """Contact files of the presses, by indenter."""
     dataset = selection.dataset
     indenter, found = dataset["press/indenter"], {name: [] for name in dataset.indenters}
     for press in selection.presses[selection.paired.any(axis=1)].tolist():

@@ -1,4 +1,4 @@
-"""What `simgen validate` prints: a line as each case ends, then one table of all rows."""
+"""Console view of `simgen validate`: a line as each case ends, then one table of all rows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from simgen.verification.validate.case import Case, Context
 from simgen.verification.validate.cells import COLUMNS, cells
 from simgen.verification.validate.runner import Result, run_cases, summary
 
-WIDE = 200  # columns of the table where the output is no terminal
+WIDE = 200  # columns of the table if the output is no terminal
 MARKS = {
     "ok": "[green]ok[/]",
     "skipped": "[yellow]skipped[/]",
@@ -24,6 +24,7 @@ MARKS = {
 
 
 def print_cases(cases: Iterable[Case]) -> None:
+    """Print name, level and title of each case."""
     table = Table("case", "level", "title", box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for case in cases:
         table.add_row(case.name, case.level, case.title)
@@ -31,7 +32,7 @@ def print_cases(cases: Iterable[Case]) -> None:
 
 
 def run_and_print(cases: list[Case], context: Context, workers: int | None) -> list[Result]:
-    """Run the cases; print each as it ends, and the table of them all."""
+    """Run the cases; print a line as each ends, then the table."""
 
     def print_end(result: Result) -> None:
         console.print(f"{MARKS[result.verdict]} {result.case}, {result.seconds:.1f} s")
@@ -43,6 +44,7 @@ def run_and_print(cases: list[Case], context: Context, workers: int | None) -> l
 
 
 def print_results(results: list[Result]) -> None:
+    """Print every row of every case, and the summary."""
     table = Table("case", *COLUMNS, box=box.SIMPLE_HEAD, pad_edge=False)
     for result in results:
         name = result.case

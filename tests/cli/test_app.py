@@ -6,18 +6,14 @@ import re
 import subprocess
 import sys
 
-import fake
 import numpy as np
 import pytest
 
 from simgen import __version__
-from simgen.cli.console import _Watch
 from simgen.config.resources import resource
 from simgen.dataset.loading import load_dataset
 from simgen.dataset.reader import Dataset
 from simgen.fem.nonlinear.status import Status
-from simgen.pipeline.run import run
-from simgen.pipeline.shard import ShardReport
 
 
 def simgen(*arguments, cwd, timeout_s=120) -> subprocess.CompletedProcess:
@@ -26,11 +22,9 @@ def simgen(*arguments, cwd, timeout_s=120) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=timeout_s)
 
 
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    path = tmp_path_factory.mktemp("cli") / "d.zarr"
-    run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser)
-    return path
+@pytest.fixture
+def dataset(fake_dataset):
+    return fake_dataset.path
 
 
 @pytest.mark.parametrize(
@@ -154,15 +148,6 @@ def test_report_writes_one_page_named_after_the_dataset(dataset, tmp_path):
     done = simgen("report", dataset, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "d.html").is_file()
-
-
-def test_a_run_counts_planned_ends_and_samples_inside_out_apart_from_failures():
-    watch = _Watch(fake.make_job())
-    watch.on_report(ShardReport(0, 2))
-    assert watch.failures() == "no samples failed"
-    watch.on_report(ShardReport(1, 2, planned=5, inside_out=1))
-    watch.on_report(ShardReport(2, 2, failed=3, planned=2))
-    assert watch.failures() == "3 samples failed, 1 inside out, 7 not pressed, as planned"
 
 
 def test_the_version_is_that_of_the_package(tmp_path):

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 import simgen
-from simgen.cli.train import train_with_progress
-from simgen.learning.training.evaluation import FIGURE, evaluate
+from simgen.learning.training.evaluation import evaluate
 from simgen.learning.training.run import TrainingRun
 from tests.learning.training import touched
 
@@ -129,12 +128,6 @@ def test_what_is_not_trained_is_left_out(with_electrodes, tmp_path):
     assert [each for each in found if "PCA" not in each[1]] == [
         ("biotac mesh", "MVB"), ("digit mesh", "MVD"), ("digit mesh", "RMD (ours)")
     ]  # fmt: skip
-
-
-def test_a_picture_is_named_where_there_is_one(with_electrodes, tmp_path, capsys):
-    for names, there in ((["svb"], False), (["rmd"], True)):
-        train_with_progress(touched.job(with_electrodes.path, networks=names), tmp_path / names[0], "cpu", False)
-        assert (tmp_path / names[0] / FIGURE).exists() == (FIGURE in capsys.readouterr().out) == there
 
 
 def test_nothing_trained_is_an_empty_table(with_electrodes, tmp_path):

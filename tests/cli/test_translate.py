@@ -1,4 +1,4 @@
-"""`simgen translate`: one good call each way, and what it says of bad input."""
+"""`simgen translate`: one good call each way, and one line for bad input."""
 
 import json
 import shutil
@@ -8,10 +8,10 @@ import fake
 import h5py
 import numpy as np
 import pytest
+from learning.training import touched
 from PIL import Image
 from refusal import check_refusal, contents, rows, simgen
 
-from learning.training import touched
 from simgen.cli import translate as view
 from simgen.dataset.reader import Dataset
 from simgen.learning.translation.accuracy import Accuracy, read_contact
@@ -33,14 +33,14 @@ BAD = [
     ("neither way", "translate none d.zarr",
      "ours lacks s2rm, rmb, rm2rm, rmd; paper lacks svb, s2mpn, mvb, m2mpn, mvd"),
     ("samples of a dataset", f"{TRANSLATE} --samples 0:10",
-     "--samples 0:10: is of --recordings; of a dataset there are "),
+     "--samples 0:10: needs --recordings; allowed for a dataset: "),
     ("samples no range", f"{RECORDED} --samples some", "--samples 'some': write it as 0:200 (the end"),
     ("samples one number", f"{RECORDED} --samples 7", "--samples '7': write it as 0:200 (the end ex"),
     ("samples none", f"{RECORDED} --samples 7:7", "--samples '7:7': write it as 0:200 (the end ex"),
     ("samples without contact", f"{RECORDED} --samples 4:5", "a.h5: --samples 4:5: none of them is"),
-    ("trajectories of a recording", f"{RECORDED} --trajectories 0", "--trajectories 0: is of a dataset's "),
-    ("split of a recording", f"{RECORDED} --split test", "--split test: is of a dataset's presses; of --recordin"),
-    ("workers of a recording", f"{RECORDED} --workers 2", "--workers 2: is of a dataset's presses; of --recordings"),
+    ("trajectories of a recording", f"{RECORDED} --trajectories 0", "--trajectories 0: applies to a dataset; "),
+    ("split of a recording", f"{RECORDED} --split test", "--split test: applies to a dataset; allowed with --rec"),
+    ("workers of a recording", f"{RECORDED} --workers 2", "--workers 2: applies to a dataset; allowed with --rec"),
     ("no recording", f"{TRANSLATE} --recordings gone.h5", "gone.h5: "),
     ("a recording that is none", f"{TRANSLATE} --recordings file", "file: "),
     ("a recording without contact", f"{TRANSLATE} --recordings free.h5", "free.h5: no sample has a force of 0.1 N; "),
@@ -134,7 +134,7 @@ def test_bad_input_is_one_line_and_writes_nothing(folder, world, monkeypatch, ca
 
 def test_an_imported_dataset_is_one_line(folder, monkeypatch, capfd):
     monkeypatch.setattr(Dataset, "imported", True)
-    words = "d.zarr: imported, without what may touch and the sensors' models; allowed: a dataset of `simgen run`"
+    words = "d.zarr: imported, without touchable vertices and the sensors' models; allowed: a dataset that "
     check_refusal(*simgen(TRANSLATE, monkeypatch, capfd), words)
 
 
@@ -156,7 +156,7 @@ def test_presses_from_end_to_end(folder, with_electrodes, monkeypatch, capfd):
     assert about["way"] == "ours" and list(about["groups"]) == [*depths, "all"]
     every = Accuracy.of([read_contact(file) for (file,) in files.values()])
     assert (about["groups"]["all"]["samples"], about["groups"]["all"]["near"]) == (10, every.near)
-    assert "10 images made" in said and "0 were there" in said and "wrote d.translated/chain.png" in said
+    assert "10 images made" in said and "0 existed" in said and "wrote d.translated/chain.png" in said
     (line,) = (line for line in said.splitlines() if line.lstrip().startswith("all"))
     assert line.split()[1:3] == ["10", f"{every.near:.1%}"]
 
@@ -164,7 +164,7 @@ def test_presses_from_end_to_end(folder, with_electrodes, monkeypatch, capfd):
     monkeypatch.setattr(view, "shown_presses", lambda selection: [10])  # the ring alone: less to draw
     code, said, errors = simgen(f"{command} --gif", monkeypatch, capfd)
     assert (
-        code == 0 and "0 images made; 10 were there" in said and "wrote d.translated/t0003_ring_7mm/press.gif" in said
+        code == 0 and "0 images made; 10 existed" in said and "wrote d.translated/t0003_ring_7mm/press.gif" in said
     )
     assert all(path.stat().st_mtime_ns == when for path, when in before.items())
     with Image.open(made / "t0003_ring_7mm" / "press.gif") as gif:
@@ -197,7 +197,7 @@ def test_recordings_from_end_to_end(folder, networks, monkeypatch, capfd):
         np.testing.assert_allclose(steps["signals"], (stored - drift)[[n for n in samples if n >= 100]], rtol=1e-9)
 
     code, said, errors = simgen(f"{command} --samples 90:110", monkeypatch, capfd)
-    assert code == 0 and "0 images made; 16 were there" in said
+    assert code == 0 and "0 images made; 16 existed" in said
     before = contents(out)
     check_refusal(*simgen(command, monkeypatch, capfd), "out: holds other images: samples: [90, 110] -> None; choose")
     other = f"translate networks d.zarr --recordings a.h5 {SMALL} --steps -o out --samples 90:110"

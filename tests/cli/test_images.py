@@ -1,4 +1,4 @@
-"""`simgen render`: how its height maps are smoothed."""
+"""`simgen render`: smoothing of height maps, and bad input."""
 
 import json
 
@@ -12,12 +12,12 @@ SMALL = "--size 48x64 --workers 1 --trajectories 0"
 
 
 @pytest.fixture
-def rendered(seen, tmp_path, monkeypatch, capfd):
+def rendered(fake_dataset, tmp_path, monkeypatch, capfd):
     """Makes images with some options, and returns what is recorded of them and the deepest one."""
     monkeypatch.chdir(tmp_path)
 
     def made(folder: str, options: str):
-        code, _, errors = simgen(f"render {seen.path} {SMALL} -o {folder} {options}", monkeypatch, capfd)
+        code, _, errors = simgen(f"render {fake_dataset.path} {SMALL} -o {folder} {options}", monkeypatch, capfd)
         assert (code, errors) == (0, "")
         deepest = sorted(tmp_path.glob(f"{folder}/t0000_*/03_*.png"))[0]
         return json.loads((tmp_path / folder / "render.json").read_text()), read_image(deepest).astype(int)
@@ -48,7 +48,7 @@ def test_whole_is_the_default(rendered):
         ("--blur across --no-blur", "--no-blur: contradicts --blur across; allowed: one of them"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_is_written(seen, tmp_path, monkeypatch, capfd, options, words):
+def test_bad_input_is_one_line_and_nothing_is_written(fake_dataset, tmp_path, monkeypatch, capfd, options, words):
     monkeypatch.chdir(tmp_path)
-    check_refusal(*simgen(f"render {seen.path} {SMALL} -o out {options}", monkeypatch, capfd), words)
+    check_refusal(*simgen(f"render {fake_dataset.path} {SMALL} -o out {options}", monkeypatch, capfd), words)
     assert not contents(tmp_path)

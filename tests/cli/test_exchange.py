@@ -1,4 +1,4 @@
-"""The commands export and import: what they print, and one line with exit code 2 for whatever is wrong."""
+"""`simgen export` and `simgen import`: what they print, and one line with exit code 2 for bad input."""
 
 import os
 import subprocess
@@ -31,10 +31,10 @@ def simgen(monkeypatch, tmp_path, capsys):
 
 
 @pytest.fixture(scope="module")
-def results(dataset, tmp_path_factory):
+def results(stalled_dataset, tmp_path_factory):
     """An export in the layout of ACROSS, and what is no result file."""
     folder = tmp_path_factory.mktemp("results") / "out"
-    export(dataset, "across", folder)
+    export(stalled_dataset, "across", folder)
     (folder / "empty.hdf5").touch()
     (folder / "text.hdf5").write_text("no HDF5")
     with h5py.File(folder / "electrodes.hdf5", "w") as file:
@@ -46,12 +46,12 @@ def results(dataset, tmp_path_factory):
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_export_and_import_say_what_they_did(dataset, simgen, tmp_path, format):
-    code, said, _ = simgen("export", dataset.path, "--format", format, "--output", "out", "--trajectories", "0:1")
+def test_export_and_import_say_what_they_did(stalled_dataset, simgen, tmp_path, format):
+    code, said, _ = simgen("export", stalled_dataset.path, "--format", format, "-o", "out", "--trajectories", "0:1")
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert code == 0 and f"out: {len(files)} files" in said and "10 of 12 samples on digit and biotac" in said
     if format in ("across", "biotac_sim"):
-        meshes = [f"--mesh={sensor}=out/rest_{sensor}.vtu" for sensor in dataset.sensors]
+        meshes = [f"--mesh={sensor}=out/rest_{sensor}.vtu" for sensor in stalled_dataset.sensors]
         code, said, _ = simgen("import", *(tmp_path / "out").glob("*.hdf5"), *meshes, "-o", "back.zarr")
         assert code == 0 and "biotac: 10 of 12 samples" in said
         assert Dataset("back.zarr").job.name == "fake"
@@ -96,13 +96,13 @@ DIGIT, BIOTAC = "--mesh=digit={results}/rest_digit.vtu", "--mesh=biotac={results
         (["import", "{results}/nan.hdf5", "--output", "out", DIGIT], "env_0: values that are not finite numbers"),
     ],
 )  # fmt: skip
-def test_bad_input_is_one_line_and_leaves_nothing(dataset, results, simgen, tmp_path, arguments, complaint):
+def test_bad_input_is_one_line_and_leaves_nothing(stalled_dataset, results, simgen, tmp_path, arguments, complaint):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken/file").touch()
     (tmp_path / "other.tet").write_text("v 0 0 0\nv .01 0 0\nv 0 .01 0\nv 0 0 .01\nt 0 1 2 3\n")
     fake.BALL.export(tmp_path / "surface.stl")
     before = sorted(tmp_path.rglob("*"))
-    code, _, said = simgen(*(text.format(dataset=dataset.path, results=results) for text in arguments))
+    code, _, said = simgen(*(text.format(dataset=stalled_dataset.path, results=results) for text in arguments))
     assert code == 2, said
     assert said.startswith("simgen: ") and len(said.splitlines()) == 1
     assert complaint in said
@@ -118,12 +118,12 @@ echo "exit code $?, left: $(ls -A /mnt)"
 
 @pytest.mark.parametrize("free_kilobytes", [40, 400])
 @pytest.mark.parametrize("what", [*FORMATS, "import"])
-def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, results, what, free_kilobytes):
+def test_a_full_disk_is_one_line_and_leaves_nothing(stalled_dataset, results, what, free_kilobytes):
     """A file system that is full from the start, or is filled; all that is written needs more than 400 kB."""
     private = ["unshare", "--mount", "--map-root-user", "bash", "-c"]
     if subprocess.run([*private, "mount -t tmpfs tmpfs /mnt"], capture_output=True).returncode:
         pytest.skip("no file system can be mounted here (unshare --mount --map-root-user)")
-    arguments = ["export", dataset.path, "--format", what, "--trajectories", "0:4"]
+    arguments = ["export", stalled_dataset.path, "--format", what, "--trajectories", "0:4"]
     if what == "import":
         arguments = ["import", results / "results_digit_fake.hdf5", f"--mesh=digit={results}/rest_digit.vtu"]
         free_kilobytes //= 2

@@ -1,4 +1,4 @@
-"""`simgen validate` as a user runs it."""
+"""`simgen validate` and the table that it prints."""
 
 import json
 import os
