@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from simgen.cli import app as cli
 from simgen.cli import validate as view
 from simgen.verification.validate import runner
-from tests.verification.validate.fakes import FAKES
+from tests.verification.validate.fakes import FAKES, made_up_results
 
 
 def validate(*arguments, cwd) -> subprocess.CompletedProcess:
@@ -62,3 +62,11 @@ def test_the_exit_code_is_1_if_a_row_fails_or_a_case_ends_by_an_error(monkeypatc
     monkeypatch.setattr(view, "run_cases", lambda cases, context, *_: [runner.run_case(cases[0], context)])
     monkeypatch.delenv("SIMGEN_REFERENCE", raising=False)
     assert CliRunner().invoke(cli.app, ["validate"]).exit_code == code
+
+
+def test_the_table_names_every_row_and_every_reason(tmp_path, capsys):
+    view.print_results(made_up_results(tmp_path))
+    text = " ".join(capsys.readouterr().out.split())
+    for words in ("+0.05 %", "a closed form", "at least 2.8", "+6 %", "set $SIMGEN_REFERENCE", "stalled",
+                  "compared nothing", "4 rows of 6 cases: 1 rows fail", "ended by an error: raises, dies"):  # fmt: skip
+        assert words in text, words

@@ -1,7 +1,7 @@
-"""Speed against error: the same presses with every choice that a user has, in one run on one machine.
+"""Speed against error: the same presses with each setting that a user can choose, on this machine (``simgen bench``).
 
-``settings`` says what is run, ``measure`` times it and measures its error against the finest mesh of the same run,
-``advice`` reads off which setting to take, ``picture`` draws it. `run` does all of that (``simgen bench``).
+``settings`` lists the settings. ``measure`` times them and compares them with the finest mesh. ``advice`` picks the
+fastest ones. ``picture`` draws the plot.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ __all__ = ["run"]
 
 
 def run(quick: bool, device: str, output: Path, say: Callable[[str], None]) -> None:
-    """Measure, and write speed.csv, speed.png and advice.txt into the folder; ``say`` gets a line on each setting.
+    """Measure all settings and write speed.csv, speed.png and advice.txt into the folder ``output``.
 
-    Raises InputError for a device or a folder that cannot be had.
+    ``say`` gets a line for each setting. Raises InputError for a missing device and a folder that cannot be made.
     """
     from simgen.verification.bench.advice import advice
     from simgen.verification.bench.measure import measure_all, write_csv

@@ -1,4 +1,4 @@
-"""One sentence that tells a user which setting to take, read off the rows that were measured."""
+"""A sentence that recommends settings, from the measured rows."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from simgen.verification.bench.measure import Measurement
 from simgen.verification.bench.settings import FRICTION
 
 TARGETS_UM = (20.0, 5.0, 1.0)
-
-
-NO_WORSE = 1.05  # error over that of the default tolerances that still counts as the same
+NO_WORSE = 1.05  # error over the one at default tolerances that still counts as the same
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A setting of simgen's over all layer scenes: its largest error and its longest time."""
+    """A setting of simgen with its largest error and longest time over all layer scenes."""
 
     element: str
     edge_mm: float
@@ -28,7 +26,7 @@ class Choice:
 
 
 def choices(rows: list[Measurement]) -> list[Choice]:
-    """Settings that converged in every layer scene of the run."""
+    """Collect the settings that converged in every layer scene."""
     layers = [row for row in rows if row.scene in FRICTION and row.code == "simgen"]
     scenes = {row.scene for row in layers}
     by_setting: dict[tuple, list[Measurement]] = {}
@@ -43,17 +41,18 @@ def choices(rows: list[Measurement]) -> list[Choice]:
 
 
 def quickest(found: list[Choice]) -> Choice | None:
+    """Return the choice with the shortest time; None for an empty list."""
     return min(found, key=lambda choice: choice.seconds_per_depth, default=None)
 
 
 def take(found: list[Choice], target_um: float) -> str:
-    """The quickest mesh at the default tolerances that meets the target."""
+    """Name the quickest mesh that meets the target with the default tolerances."""
     good = [choice for choice in found if not choice.changed and choice.rmse_um <= target_um]
     return f"for {target_um:g} um take {quickest(good) or 'a finer mesh than any measured'}"
 
 
 def tolerance_to_change(found: list[Choice]) -> list[str]:
-    """The tolerance that saves the most without a larger error, on the mesh where all were tried."""
+    """Name the tolerance that saves the most time at the same error, on the mesh where all were tried."""
     changed = [choice for choice in found if choice.changed]
     default = [c for c in found if changed and (c.element, c.edge_mm, c.changed) == ("P2-P1", changed[0].edge_mm, "")]
     if not default:
@@ -66,12 +65,13 @@ def tolerance_to_change(found: list[Choice]) -> list[str]:
 
 
 def linear_limit(found: list[Choice]) -> list[str]:
+    """Name the smallest error of linear tetrahedra."""
     best = min((choice for choice in found if choice.element == "P1"), key=lambda c: c.rmse_um, default=None)
     return [f"P1 stays above {best.rmse_um:.2g} um"] if best else []
 
 
 def advice(rows: list[Measurement]) -> str:
-    """The sentence: for 20, 5 and 1 um, with and without friction, at 1 mm."""
+    """Recommend settings for errors of 20, 5 and 1 um at 1 mm, with and without friction."""
     found = choices(rows)
     parts = [take(found, target) for target in TARGETS_UM] + tolerance_to_change(found) + linear_limit(found)
     where = "one core" if rows[0].device == "cpu" else rows[0].device

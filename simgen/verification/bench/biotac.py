@@ -1,8 +1,7 @@
-"""What the contact of the BioTac's skin with its core costs while the gap is open, and what leaving it out changes."""
+"""Cost and effect of the contact between the BioTac's skin and core, while the gap is open."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -14,26 +13,24 @@ from simgen.sensors.sensor import Sensor, load_sensor
 from simgen.sensors.sensor_geometry import load_geometry
 from simgen.simulation.press import PressResult, Scene, press
 from simgen.verification.bench.settings import BIOTAC, Setting
-from simgen.verification.validate.sensors import difference_um, place_indenter
+from simgen.verification.validate.peer_scene import timed
+from simgen.verification.validate.sensors import PLACES_MM, difference_um, place_indenter
 
 DEPTHS_M = np.arange(1, 6) * 1e-4
-PAD_MM = -7.5, 0.0  # x along the finger, arc across it
 
 
 def press_pad(sensor: Sensor, device: str) -> tuple[int, float, PressResult]:
-    """Unknowns, seconds and the press of a sphere into the pad."""
+    """Press a sphere into the pad; return unknowns, seconds and the result."""
     scene = Scene(sensor, sensor.materials["solid"], device=device)
-    clock = time.process_time if device == "cpu" else time.perf_counter
-    start = clock()
-    pose = place_indenter(sensor, *PAD_MM)
-    result = press(scene, [load_indenter("sphere_7mm").shape()], pose[None], DEPTHS_M)[0]
-    return scene.unknowns, clock() - start, result
+    pose = place_indenter(sensor, *PLACES_MM["centre"])
+    result, seconds = timed(device, lambda: press(scene, [load_indenter("sphere_7mm").shape()], pose[None], DEPTHS_M))
+    return scene.unknowns, seconds, result[0]
 
 
 def measure_biotac(device: str) -> Iterator[dict]:
-    """Columns of a row for the coarse and the default mesh, with and without the core's contact.
+    """Yield the columns of a row for the coarse and the default mesh, with and without core contact.
 
-    The reference is the default mesh with it: what is left is the error of leaving the term out, or of the mesh.
+    The reference is the default mesh with core contact.
     """
     edges = {name: getattr(load_geometry("biotac").description.meshes, name) for name in ("coarse", "default")}
     sensors = {name: load_sensor("biotac", name) for name in edges}

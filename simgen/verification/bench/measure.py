@@ -1,7 +1,7 @@
-"""Run the settings one after another, each timed by itself, and measure their errors.
+"""Time each setting and measure its error.
 
-Seconds are those of one core (on a GPU, of the clock), from the assembled scene to the last depth, over the depths;
-kernels are compiled before. Errors are those at the last depth against the finest mesh of the same run.
+Times are seconds per depth, of one core on a CPU and of the clock on a GPU. They exclude assembly of the scene and
+compilation of kernels. Errors are taken at the last depth, against the finest mesh of the same run.
 """
 
 from __future__ import annotations
@@ -39,7 +39,10 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Measurement:
-    """One row of the table. rmse_um over the surface that moves by 10 um or more; NaN where it does not apply."""
+    """One row of the table; NaN where a column does not apply.
+
+    rmse_um : over the surface that moves by 10 um or more
+    """
 
     scene: str
     code: str
@@ -65,7 +68,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Origin:
-    """What all rows of a run share."""
+    """Columns that all rows of a run share."""
 
     device: str
     machine: str
@@ -73,6 +76,7 @@ class Origin:
 
 
 def origin(device: str) -> Origin:
+    """Look up the machine and the commit."""
     code = code_version()
     name = machine(device)["processor"]
     if device != "cpu":
@@ -83,7 +87,7 @@ def origin(device: str) -> Origin:
 
 
 def measure_all(quick: bool, device: str, say: Callable[[str], None]) -> list[Measurement]:
-    """All rows of a run; ``say`` gets a line on each."""
+    """Measure all rows of a run; ``say`` gets a line for each."""
     plan, where = QUICK if quick else DEFAULT, origin(device)
     say(f"{where.machine}, {device}; kernels are compiled first")
     rows = []
@@ -97,26 +101,27 @@ def measure_all(quick: bool, device: str, say: Callable[[str], None]) -> list[Me
 
 
 def solve_layer(setting: Setting, device: str) -> PeerSolution:
+    """Solve one setting of a layer scene."""
     size = mesh_size(setting.edge_mm)
     return peers.solve(size, peers.STEPS_MM, device, FRICTION[setting.scene], setting.element, setting.solver)
 
 
 def measure_layer(plan: BenchPlan, scene: str, where: Origin, say: Callable[[str], None]) -> list[Measurement]:
+    """Measure all settings of a layer scene, and the other codes if the scene has no friction."""
     for element in ("P2-P1", "P1"):
         peers.solve(peers.WARM_UP, peers.STEPS_MM[:1], where.device, FRICTION[scene], element)  # compiles
     reference = peers.solve(reference_size(plan), peers.STEPS_MM, where.device, FRICTION[scene])
     known = REFERENCES[SPHERE_MM, FRICTION[scene]].force[DEPTHS_MM.index(peers.STEPS_MM[-1])]
     off = 100.0 * (reference.force[-1] / known - 1.0)
     say(
-        f"{scene}: errors against P2-P1, {plan.reference_edge:g} mm, {reference.unknowns} unknowns, "
-        f"itself {off:+.2f} % in force from the axisymmetric reference"
+        f"{scene}: errors against P2-P1, {plan.reference_edge:g} mm, {reference.unknowns} unknowns; "
+        f"its force is {off:+.2f} % off the axisymmetric reference"
     )
     rows = []
     for setting in layer_settings(plan, scene):
         solution = solve_layer(setting, where.device)
-        if setting.edge_mm == plan.tolerance_edge:  # small savings are looked for: the better of two times
-            again = solve_layer(setting, where.device)
-            solution = min(solution, again, key=lambda s: s.seconds)
+        if setting.edge_mm == plan.tolerance_edge:  # the shorter of two times, to see small savings
+            solution = min(solution, solve_layer(setting, where.device), key=lambda s: s.seconds)
         rows.append(compared(setting, solution, reference, plan, where))
         say(line(rows[-1]))
     if scene == FRICTIONLESS:
@@ -127,7 +132,7 @@ def measure_layer(plan: BenchPlan, scene: str, where: Origin, say: Callable[[str
 
 
 def peer_solutions(plan: BenchPlan, say: Callable[[str], None]):
-    """(Setting, Solution) of every peer that is installed, coarse to fine."""
+    """Yield (setting, solution) of each installed code, from coarse to fine meshes."""
     points = peers.surface_points()
     wanted = {"ngsolve": plan.ngsolve_edges, "felupe": plan.felupe_cells}
     for package, sizes in wanted.items():
@@ -147,13 +152,14 @@ def peer_solutions(plan: BenchPlan, say: Callable[[str], None]):
 
 
 def tolerances(setting: Setting) -> dict:
+    """Columns of the solver's tolerances."""
     return {name: getattr(setting.solver, name) for name in TOLERANCES} | {"changed": setting.changed}
 
 
 def compared(
     setting: Setting, solution: PeerSolution, reference: PeerSolution, plan: BenchPlan, where: Origin
 ) -> Measurement:
-    """The row of a solution; its errors are NaN where it did not converge."""
+    """Compare a solution with the reference; errors are NaN if it did not converge."""
     depths = len(solution.force)
     row = Measurement(
         scene=setting.scene,
@@ -174,16 +180,18 @@ def compared(
     )
     if solution.code == "simgen":
         return row
-    return replace(row, **dict.fromkeys(TOLERANCES, NAN))  # peers have others of their own
+    return replace(row, **dict.fromkeys(TOLERANCES, NAN))  # other codes have other tolerances
 
 
 def line(row: Measurement) -> str:
+    """Format a row for the console."""
     what = f"{row.scene:20} {row.code:8} {row.element:18} {row.edge_mm:5.3g} mm {row.unknowns:6d} unknowns"
     outcome = f"{row.force_error_percent:+8.2f} % {row.rmse_um:7.2f} um" if row.converged else "  did not converge"
     return f"{what} {row.seconds_per_depth:8.3f} s/depth {outcome}  {row.changed or row.terms}"
 
 
 def write_csv(rows: list[Measurement], path: Path) -> None:
+    """Write the rows as CSV, numbers with six digits."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, [f.name for f in fields(Measurement)])
         table.writeheader()

@@ -1,4 +1,4 @@
-"""The picture: error of the surface over seconds per depth, one family of markers for each element and peer."""
+"""Plot of surface error over seconds per depth, with one kind of marker for each element and code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from simgen.verification.bench.advice import TARGETS_UM
 from simgen.verification.bench.measure import Measurement
 from simgen.verification.bench.settings import FRICTION, FRICTIONLESS
 
-# By code and element: marker, colour, where the edges stand beside it, label.
+# By code and element: marker, colour, offset of the edge length beside the marker, label.
 FAMILIES = {
     ("simgen", "P2-P1"): ("o", "#1f6f8b", (-4, -5), "simgen P2-P1 (default)"),
     ("simgen", "P1"): ("s", "#c8553d", (-4, -5), "simgen P1"),
@@ -27,7 +27,7 @@ NOTE = "numbers at the points:\nedges under the contact, mm\n"
 
 
 def draw(rows: list[Measurement], path: Path) -> None:
-    """A PNG. Open markers: with friction; crosses: other tolerances on one of the meshes."""
+    """Write a PNG. Open markers have friction; crosses have other tolerances on one of the meshes."""
     shown = [row for row in rows if row.converged and row.scene in FRICTION]
     figure, axes = plt.subplots(figsize=(9.4, 5.2), layout="constrained")
     for target in TARGETS_UM:
@@ -55,7 +55,7 @@ def draw(rows: list[Measurement], path: Path) -> None:
 
 
 def _family(axes, family: list[Measurement], marker: str, colour: str, beside: tuple, label: str) -> None:
-    """One line from coarse to fine; the edges stand beside the frictionless points."""
+    """Draw one line from coarse to fine, with edge lengths beside the frictionless points."""
     frictionless, own = family[0].scene == FRICTIONLESS, family[0].code == "simgen"
     family = sorted(family, key=lambda row: -row.edge_mm)
     style = {"markerfacecolor": colour if frictionless else "white", "linestyle": "-" if frictionless else "--"}

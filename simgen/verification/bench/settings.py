@@ -1,7 +1,8 @@
-"""What is run: scenes, and for each of them elements, resolutions, tolerances and terms.
+"""Settings of the benchmark: scenes, elements, mesh sizes, tolerances and terms.
 
-``layer`` scenes: a sphere of radius 3.5 mm is pressed 1 mm into a bonded layer of 4 mm (a quarter of it, by symmetry),
-in ten depths. ``biotac``: one of radius 3.5 mm, 0.5 mm into the pad, in five depths, while the gap to the core is open.
+In ``layer`` scenes a sphere of radius 3.5 mm is pressed 1 mm into a bonded layer of 4 mm in ten depths; symmetry leaves
+a quarter of it. In the ``biotac`` scene such a sphere is pressed 0.5 mm into the pad in five depths, and the gap to the
+core stays open.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ FRICTION = {FRICTIONLESS: 0.0, FRICTIONAL: 0.78}
 TOLERANCES = ("residual_tolerance", "contact_tolerance", "linear_tolerance")
 DEFAULTS = SolverSettings()
 REFERENCE_SEGMENTS = 8
-AROUND_MM = 2.5  # segments of a quarter of a ring times the edge: arcs then are about as long as edges, at all radii
+AROUND_MM = 2.5  # segments of a quarter ring times the edge length: makes arcs about as long as edges
 # One tolerance at a time, looser and tighter than the default.
 OTHER_TOLERANCES = [
     ("residual_tolerance", 1e-2), ("residual_tolerance", 1e-6),
@@ -27,7 +28,11 @@ OTHER_TOLERANCES = [
 
 @dataclass(frozen=True)
 class Setting:
-    """One choice. edge_mm: of the elements under the contact; core: whether the core's contact is a term."""
+    """One setting.
+
+    edge_mm : edge length of the elements under the contact
+    core : True if the scene has core contact
+    """
 
     scene: str
     edge_mm: float
@@ -37,31 +42,29 @@ class Setting:
 
     @property
     def terms(self) -> str:
+        """Energy terms of the scene."""
         optional = {"friction": self.scene != FRICTIONLESS, "core contact": self.core}
         return " + ".join(["elasticity", "contact", *(name for name, carried in optional.items() if carried)])
 
     @property
     def changed(self) -> str:
-        """The tolerance that is not the default, "" where all are."""
+        """Solver settings that differ from the defaults; "" if none does."""
         return ", ".join(
             f"{name} {getattr(self.solver, name):g}"
             for name in SolverSettings.model_fields
             if getattr(self.solver, name) != getattr(DEFAULTS, name)
         )
 
-    @property
-    def name(self) -> str:
-        return ", ".join(filter(None, [self.scene, f"{self.element} {self.edge_mm:g} mm", self.terms, self.changed]))
-
 
 @dataclass(frozen=True)
 class BenchPlan:
-    """What a run measures.
+    """Meshes and codes that a run measures.
 
-    edges, linear_edges : of the meshes under test, mm, with P2-P1 and P1 elements
-    tolerance_edge : of the mesh on which tolerances are tried, timed twice; None: on none
-    reference_edge : of the mesh that gives the errors, mm
-    ngsolve_edges, felupe_cells : sizes of the meshes of other codes, see ``peer_ngsolve`` and ``peer_felupe``
+    edges, linear_edges : edge lengths of the meshes with P2-P1 and with P1 elements, mm
+    tolerance_edge : edge length of the mesh on which tolerances are varied, mm; None for no mesh
+    reference_edge : edge length of the reference mesh, mm
+    ngsolve_edges, felupe_cells : mesh sizes of other codes, see ``peer_ngsolve`` and ``peer_felupe``
+    biotac : True to measure the BioTac scene
     """
 
     scenes: tuple[str, ...]
@@ -97,15 +100,15 @@ QUICK = BenchPlan(
 
 
 def mesh_size(edge_mm: float) -> LayerMeshSize:
-    """One family of graded meshes: all edges scale together, around the axis as along it.
+    """Size of a graded mesh whose edges all scale with ``edge_mm``.
 
-    The solution is round, which fewer segments would exploit, but no mesh of a sensor is.
+    Fewer segments would be enough for this round solution, but meshes of sensors cannot exploit that.
     """
     return _size(edge_mm, max(2, round(AROUND_MM / edge_mm)))
 
 
 def reference_size(plan: BenchPlan) -> LayerMeshSize:
-    """The finest mesh: fewer segments are enough there."""
+    """Size of the reference mesh, which has fewer segments."""
     return _size(plan.reference_edge, REFERENCE_SEGMENTS)
 
 
@@ -114,7 +117,7 @@ def _size(edge_mm: float, segments: int) -> LayerMeshSize:
 
 
 def layer_settings(plan: BenchPlan, scene: str) -> list[Setting]:
-    """Resolutions of both elements, then tolerances one by one on one mesh."""
+    """List the settings of a scene: mesh sizes with both elements, then one changed tolerance at a time."""
     sizes = [Setting(scene, edge) for edge in plan.edges]
     linear = [Setting(scene, edge, element="P1") for edge in plan.linear_edges]
     others = [

@@ -1,4 +1,4 @@
-"""What a case is and what it hands back: rows with their verdict, and the evidence beside them."""
+"""Cases and their outcomes: rows with a verdict, and tables, curves and notes as evidence."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ LEVELS = ("quick", "standard", "long")
 
 @dataclass(frozen=True)
 class Row:
-    """One number against another.
+    """Comparison of our value with a reference or a bound.
 
-    quantity, unit : what it is, "force at 1 mm, R = 3.5 mm, frictionless", and its unit, "N", "um" or ""
-    reference : NaN where there is none; the tolerance then bounds ``ours`` itself
+    quantity, unit : such as "force at 1 mm, R = 3.5 mm, frictionless" and "N", "um" or ""
+    reference : NaN for the kinds "at least" and "at most"
     kind : "relative" |ours - reference| <= tolerance |reference|, "absolute" |ours - reference| <= tolerance,
         "at least" ours >= tolerance, "at most" ours <= tolerance
-    origin : where reference and tolerance come from, short
+    origin : source of reference and tolerance, short
     """
 
     quantity: str
@@ -36,14 +36,14 @@ class Row:
 
     @property
     def difference(self) -> float:
-        """Signed, in the measure of the kind: a share of the reference, in the unit, or from the bound."""
+        """Signed difference: relative to the reference, in the unit, or from the bound, as the kind says."""
         if self.kind == "relative":
             return (self.ours - self.reference) / abs(self.reference) if self.reference else math.nan
         return self.ours - (self.reference if self.kind == "absolute" else self.tolerance)
 
     @property
     def passed(self) -> bool:
-        """False where a number that the kind needs is NaN."""
+        """True if the value is within the tolerance; False if a number that the kind needs is NaN."""
         if self.kind == "relative":
             return abs(self.ours - self.reference) <= self.tolerance * abs(self.reference)
         if self.kind == "absolute":
@@ -57,7 +57,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """Evidence beside the rows, in its own columns; cells are text or numbers."""
+    """Table of evidence; cells are text or numbers."""
 
     title: str
     columns: list[str]
@@ -66,7 +66,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a plot; curves with the same ``plot`` share its axes. style: "line", "points" or "dashed"."""
+    """Curve of a plot. Curves with the same ``plot`` share axes. style: "line", "points" or "dashed"."""
 
     plot: str
     label: str
@@ -80,7 +80,7 @@ class Curve:
 
 @dataclass
 class Outcome:
-    """What a case found; ``skipped`` says why it could not be run, and then there are no rows."""
+    """Rows and evidence of a case. ``skipped`` says why a case was not run; it then has no rows."""
 
     rows: list[Row]
     tables: list[Table] = field(default_factory=list)
@@ -91,12 +91,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Context:
-    """Where a case runs.
+    """Device and folders of a run.
 
     device : "cpu", "cuda" or "cuda:N"
     reference : folder of reference data, or None
-    published : folder of published meshes and results that the user gave, or None
-    scratch : a private temporary folder
+    published : folder of published meshes and results, or None
+    scratch : private temporary folder
     """
 
     device: str
@@ -107,7 +107,11 @@ class Context:
 
 @dataclass(frozen=True)
 class Case:
-    """name: stable, as ``--case`` takes it. level: "quick" (in ``--quick`` and pytest), "standard" or "long"."""
+    """Case of the validation.
+
+    name : stable name for ``--case``
+    level : "quick" (run by ``--quick`` and pytest), "standard", or "long" (run only by name)
+    """
 
     name: str
     title: str
@@ -119,7 +123,7 @@ CASES: dict[str, Case] = {}
 
 
 def case(name: str, title: str, level: str) -> Callable[[Callable[[Context], Outcome]], Callable[[Context], Outcome]]:
-    """Register ``solve(context) -> Outcome`` as a case; raises ValueError for a name that is taken."""
+    """Register ``solve(context) -> Outcome`` as a case. Raises ValueError for an unknown level or a taken name."""
     if level not in LEVELS:
         raise ValueError(f"case {name}: level {level!r}, allowed: {', '.join(LEVELS)}")
 

@@ -1,4 +1,4 @@
-"""Rows in words: the same cells for the terminal and for the page."""
+"""Rows as text cells, for the terminal and the HTML page."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 from simgen.verification.validate.case import Row
 
 COLUMNS = ["quantity", "ours", "reference", "difference", "tolerance", "origin", "verdict"]
-IN_PERCENT = 1e-4  # relative tolerances from here on
+IN_PERCENT = 1e-4  # smallest relative tolerance that is shown in percent
 
 
 def cells(row: Row) -> list[str]:
-    """One text for each of `COLUMNS`."""
+    """Format a row: one text for each of `COLUMNS`."""
     unit = f" {row.unit}" if row.unit else ""
     return [
         row.quantity,
@@ -25,7 +25,7 @@ def cells(row: Row) -> list[str]:
 
 
 def number(value: float | str) -> str:
-    """Four digits, or the text itself."""
+    """Format a number with four digits; return text unchanged."""
     return value if isinstance(value, str) else f"{value:.4g}"
 
 

@@ -1,9 +1,8 @@
-"""Cases of the fluid in a cavity: thick-walled spheres with closed forms, and what it does to a BioTac."""
+"""Cases of the fluid in a cavity: thick-walled spheres with closed forms, and presses on a filled BioTac."""
 
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,20 +18,27 @@ from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import Sensor, load_sensor
 from simgen.sensors.sensor_geometry import cavity_faces
 from simgen.simulation.press import PressResult, Scene, press
+from simgen.units import MM
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
 from simgen.verification.validate.equilibrium import DeadLoad, make_body, surface_load
 from simgen.verification.validate.inflation import compressible, incompressible
 from simgen.verification.validate.law import Law
 from simgen.verification.validate.meshes import faces_on, on_plane, sphere_shell
+from simgen.verification.validate.peer_scene import timed
 
-RADII = (1.0, 2.0)  # mm, of the spheres
-OCTANT = math.pi / 6.0  # volume of an eighth of a ball over the cube of its radius
+RADII = (1.0, 2.0)  # inner and outer radius of the spheres, mm
+OCTANT = math.pi / 6.0  # volume of an octant of a ball over the cube of its radius
 EXACT = SolverSettings(residual_tolerance=1e-9, linear_tolerance=1e-4, krylov_size=80)
 
 
 @dataclass(frozen=True)
 class Settled:
-    """A filled sphere in equilibrium: p_c, E; mean radii, mm; largest departure from the inner one, as a share."""
+    """Equilibrium of a filled sphere.
+
+    pressure : of the fluid, in units of E
+    inner_radius, outer_radius : mean radii, mm
+    out_of_round : largest difference to the inner radius, over it
+    """
 
     pressure: float
     inner_radius: float
@@ -42,12 +48,12 @@ class Settled:
 
 
 def inwards(points: np.ndarray) -> np.ndarray:
-    """The stress (..., 3, 3) of unit pressure."""
+    """Return the stress (..., 3, 3) of unit pressure."""
     return np.broadcast_to(-np.eye(3), (*points.shape, 3))
 
 
 class FilledSphere:
-    """An octant of a thick-walled sphere of E = 1 around a fluid, between planes of symmetry."""
+    """Octant of a thick-walled sphere around a fluid, with E = 1 and planes of symmetry."""
 
     def __init__(self, poisson_ratio: float, device: str, around: int = 4, through: int = 4):
         self.mesh = mesh = sphere_shell(around, through, RADII)
@@ -63,9 +69,10 @@ class FilledSphere:
         self.solver = NewtonSolver(body, [self.load], fixed, 1, EXACT, self.cavity)
 
     def settle(self, injected: float = 0.0, outer_pressure: float = 0.0) -> Settled:
-        """Equilibrium after fluid, mm3 in the whole sphere, was injected and the outside put under pressure, E.
+        """Solve for the equilibrium under injected fluid and outer pressure.
 
-        Raises RuntimeError where the sphere does not hold as much as is to be taken out, and where the solver gives up.
+        injected : mm3 in the whole sphere; outer_pressure : in units of E. Raises RuntimeError if more fluid is taken
+        out than the sphere holds, and if the solver does not converge.
         """
         content = 4.0 / 3.0 * np.pi * RADII[0] ** 3
         if injected <= -content:
@@ -85,8 +92,11 @@ class FilledSphere:
 
 @case("fluid-lame", "A filled shell under outer pressure: Lame's closed form", "quick")
 def lame(context: Context) -> Outcome:
-    """The fluid lets no inner wall in: u = a (r - A^3 / r^2) and p_c = P (3 K + 4 mu) / (3 K + 4 mu A^3 / B^3)."""
-    applied, (inner, outer) = 1e-5, RADII  # E: the strains' squares are far below the mesh's error
+    """Compare with u = a (r - A^3 / r^2) and p_c = P (3 K + 4 mu) / (3 K + 4 mu A^3 / B^3).
+
+    The fluid keeps the inner radius A; B is the outer one.
+    """
+    applied, (inner, outer) = 1e-5, RADII  # in units of E; squares of strains are far below the mesh's error
     rows = []
     for nu in (0.3, 0.499, 0.4999):
         mu, bulk = 0.5 / (1.0 + nu), 1.0 / (3.0 * (1.0 - 2.0 * nu))
@@ -98,12 +108,12 @@ def lame(context: Context) -> Outcome:
         sinking = applied / under * (outer - inner**3 / outer**2)
         rows.append(Row(f"outer face moves in by, over P / E, nu = {nu}", "mm", (outer - found.outer_radius) / applied,
                         sinking / applied, 1e-3, "relative", origin))  # fmt: skip
-    return Outcome(rows, notes=["As nu goes to 1/2, fluid and shell share one pressure and nothing moves."])
+    return Outcome(rows, notes=["As nu approaches 1/2, fluid and shell have the same pressure and nothing moves."])
 
 
 @case("fluid-inflation", "Fluid injected into a thick-walled sphere: pressure over its maximum", "quick")
 def inflation(context: Context) -> Outcome:
-    """Volume is given and pressure found, so that the maximum, where pressure control ends, is passed."""
+    """Prescribe the volume and solve for the pressure, which passes its maximum."""
     nu, stretches = 0.499, (1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0)
     law, sphere = Law(nu), FilledSphere(nu, context.device)
     ours = [sphere.settle(injected=8.0 * OCTANT * (stretch**3 - 1.0)) for stretch in stretches]
@@ -127,7 +137,7 @@ def inflation(context: Context) -> Outcome:
         Curve("inflation", "incompressible, closed form", [*map(float, fine)], [*map(float, closed)], *labels),
     ]  # fmt: skip
     mean = np.mean([found.newton_iterations for found in ours])
-    return Outcome(rows, curves=curves, notes=[f"{mean:.1f} Newton iterations for each injection, without sub-steps."])
+    return Outcome(rows, curves=curves, notes=[f"{mean:.1f} Newton iterations per injection, without sub-steps."])
 
 
 DEPTHS_MM = tuple(0.1 * i for i in range(1, 21))
@@ -138,7 +148,10 @@ SCENES = {"solid, none": ("solid", "none"), "solid, incompressible": ("solid", "
 
 @dataclass(frozen=True)
 class FluidPress:
-    """A press on the BioTac; force (d,) N along the axis, pressure (d,) Pa, change of the cavity's volume (d,) mm3."""
+    """Press on the BioTac at d depths.
+
+    force : (d,) N along the axis; pressure : (d,) Pa; volume : (d,) mm3, change of the cavity's volume
+    """
 
     result: PressResult
     force: np.ndarray
@@ -148,28 +161,31 @@ class FluidPress:
 
 
 def press_biotac(sensor: Sensor, indenter: str, material: str, fluid: str, device: str) -> FluidPress:
-    """Press into the middle of the pad, along +y, to every depth of ``DEPTHS_MM``."""
+    """Press into the middle of the pad along +y to all `DEPTHS_MM`."""
     scene = Scene(sensor, sensor.materials[material], device=device, fluid=fluid)
     pose = np.eye(4)[None].copy()
     pose[0, :3, 3] = CENTRE_M
-    begin = time.process_time()
-    result = press(scene, [load_indenter(indenter).shape()], pose, 1e-3 * np.array(DEPTHS_MM))[0]
-    seconds = time.process_time() - begin
+    shape, depths = load_indenter(indenter).shape(), MM * np.array(DEPTHS_MM)
+    (result,), seconds = timed(device, lambda: press(scene, [shape], pose, depths))
     pressure = np.zeros(len(DEPTHS_MM)) if result.cavity_pressure is None else result.cavity_pressure
     volume = 1e9 * cavity_volume_change(sensor, result.displacement)
     return FluidPress(result, result.force[:, 1], pressure, volume, seconds)
 
 
 def cavity_volume_change(sensor: Sensor, displacement: np.ndarray) -> np.ndarray:
-    """m3, by the triangles of the output mesh: independent of the solver's own account. (d, v, 3) m -> (d,)."""
+    """Change (d,) m3 of the cavity's volume for displacements (d, v, 3) m.
+
+    It is computed from triangles of the output mesh, independently of the solver.
+    """
     rest = sensor.output_mesh.vertices
     wall = sensor.output_mesh.surface_triangles
     wall = wall[cavity_faces(trimesh.Trimesh(rest, wall, process=False))]
     return np.array([enclosed_volume(rest, wall) - enclosed_volume(rest + u, wall) for u in displacement])
 
 
-@case("fluid-biotac", "What the fluid does to a BioTac: sphere and ring at the middle of the pad", "standard")
+@case("fluid-biotac", "BioTac with and without fluid: sphere and ring at the middle of the pad", "standard")
 def biotac(context: Context) -> Outcome:
+    """Press with two materials, with and without fluid, and compare forces and shapes."""
     sensor = load_sensor("biotac", "coarse")
     rows, tables, curves, cost, notes = [], [], [], [], []
     for indenter in ("sphere_7mm", "ring_7mm"):
@@ -190,6 +206,7 @@ def biotac(context: Context) -> Outcome:
 
 
 def verdicts(indenter: str, pressed: dict[str, FluidPress]) -> list[Row]:
+    """Check convergence, the fluid's volume, force balance and work."""
     empty, filled = pressed["solid, none"], pressed["solid, incompressible"]
     certificate = filled.result.certificate
     unconverged = sum(int(np.count_nonzero(~has_values(p.result.status))) for p in pressed.values())
@@ -197,24 +214,25 @@ def verdicts(indenter: str, pressed: dict[str, FluidPress]) -> list[Row]:
     work = {name: np.trapezoid(np.append(0.0, p.force), np.append(0.0, DEPTHS_MM)) for name, p in pressed.items()}
     ratio = work["solid, incompressible"] / work["solid, none"]
     return [
-        Row(f"{indenter}: samples not converged", "", unconverged, 0.0, 0.0, "absolute", "the issue: none"),
+        Row(f"{indenter}: samples not converged", "", unconverged, 0.0, 0.0, "absolute", "none"),
         Row(f"{indenter}: change of the fluid's volume over the cavity's, largest", "",
             certificate["liquid_volume_error"].max(), math.nan, 1e-6, "at most", "the audit's bound"),
         Row(f"{indenter}: cavity's change in the output mesh, filled over empty", "", share, math.nan, 0.05, "at most",
             "triangles of 1 mm against quadratic faces of 1.8 mm"),
         Row(f"{indenter}: force balance with the fluid, worst", "", certificate["force_balance"].max(), math.nan, 1e-3,
-            "at most", "the issue's 0.1 %"),
+            "at most", "the project's 0.1 %"),
         Row(f"{indenter}: work to 2 mm, filled over empty", "", ratio, math.nan, 1.0, "at least",
-            "a constraint raises the least energy"),
+            "a constraint raises the minimum of the energy"),
     ]  # fmt: skip
 
 
 def by_depth(indenter: str, pressed: dict[str, FluidPress], touchable: np.ndarray) -> Table:
+    """Tabulate force, pressure, volume and differences of the skin at some depths."""
     filled = pressed["solid, incompressible"]
     columns = {"depth, mm": np.array(DEPTHS_MM)}
     columns |= {f"force, N: {name}": p.force for name, p in pressed.items()}
     columns["pressure of the fluid, kPa"] = filled.pressure / 1e3
-    columns["volume pressed out where there is none, mm3"] = -pressed["solid, none"].volume
+    columns["loss of cavity volume without fluid, mm3"] = -pressed["solid, none"].volume
     for name, p in pressed.items():
         if p is not filled:
             apart = np.linalg.norm(p.result.displacement - filled.result.displacement, axis=2)[:, touchable]
@@ -225,6 +243,7 @@ def by_depth(indenter: str, pressed: dict[str, FluidPress], touchable: np.ndarra
 
 
 def lines(indenter: str, pressed: dict[str, FluidPress]) -> list[Curve]:
+    """Plot force and pressure over depth."""
     depths = [0.0, *DEPTHS_MM]
     force = [Curve(f"{indenter}: force", name, depths, [0.0, *map(float, p.force)], "depth, mm", "force, N",
                    style="dashed" if "effective" in name else "line") for name, p in pressed.items()]  # fmt: skip
@@ -233,6 +252,7 @@ def lines(indenter: str, pressed: dict[str, FluidPress]) -> list[Curve]:
 
 
 def costs(indenter: str, pressed: dict[str, FluidPress]) -> list[list]:
+    """Tabulate the cost of each press."""
     rows = []
     for name, p in pressed.items():
         c = p.result.certificate

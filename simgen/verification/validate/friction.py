@@ -1,6 +1,6 @@
-"""Coulomb friction: a block that slides, stick and slip under a sphere, no drag without friction, balance of moments.
+"""Cases of Coulomb friction: a sliding block, stick and slip under a sphere, no friction, balance of moments.
 
-Bodies have E = 0.539 MPa and nu = 0.499; lengths in mm.
+Bodies have E = 0.539 MPa and nu = 0.499. Lengths are in mm.
 """
 
 from __future__ import annotations
@@ -9,20 +9,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind, RigidShape
-from simgen.sensors.sensor import Material, Sensor
-from simgen.simulation.press import PressResult, Scene, Status, follow
+from simgen.sensors.sensor import Sensor
+from simgen.simulation.press import PressResult, Scene, follow
 from simgen.units import MM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
-from simgen.verification.validate.layer_meshes import graded, make_sensor, round_layer
-from simgen.verification.validate.layer_reference import LINEAR, MODULUS_MPA, POISSON_RATIO
+from simgen.verification.validate.layer_meshes import (
+    fixed_symmetric,
+    graded,
+    make_sensor,
+    points_on_top,
+    round_layer,
+)
+from simgen.verification.validate.layer_press import check_reached, layer_gel
+from simgen.verification.validate.layer_reference import LINEAR, MODULUS_MPA
 from simgen.verification.validate.meshes import box, on_plane, top
 
 NAN = float("nan")
-COULOMB = 1e-3  # the issue's: the threshold to 0.1 %
-TARGET = 0.01  # the project's, of forces
+COULOMB = 1e-3  # tolerance of the friction coefficient
+TARGET = 0.01  # the project's target for forces
 BLOCK = (6.0, 2.0, 6.0)
 PLATE_MM = (30.0, 1.0)  # half width, far beyond the block, and fillet
 
@@ -30,45 +36,42 @@ PLATE_MM = (30.0, 1.0)  # half width, far beyond the block, and fillet
 def slide(
     sensor: Sensor, shape: RigidShape, friction: float, path: np.ndarray, device: str, x: float = 0.0, z: float = 0.0
 ) -> tuple[Scene, PressResult]:
-    """Move a rigid body along a path (k, 3) mm from first touch at (x, z), +y into the gel.
+    """Move a rigid body along a path (k, 3) mm from first touch at (x, z); +y points into the gel.
 
-    Returns the scene in its last state, and the results. Raises RuntimeError where the solver gives up.
+    Returns the scene in its last state, and the result. Raises RuntimeError if a step does not converge.
     """
-    material = Material(
-        youngs_modulus_pa=MODULUS_MPA * 1e6, poisson_ratio=POISSON_RATIO, friction=friction, source="the case's"
-    )
-    scene = Scene(sensor, material, device=device)
+    scene = Scene(sensor, layer_gel(friction), device=device)
     pose = np.eye(4)
     pose[[0, 2], 3] = x / MM_PER_M, z / MM_PER_M
     result = follow(scene, [shape], pose[None], path / MM_PER_M)[0]
-    if not has_values(result.status).all():
-        failed = int(has_values(result.status).argmin())
-        raise RuntimeError(f"point {failed} of the path was not reached: {Status(result.status[failed]).sentence}")
+    check_reached(result.status, lambda i: f"point {i} of the path")
     return scene, result
 
 
 def press_then_shear(depths: list[float], shears: np.ndarray) -> np.ndarray:
-    """Path (k, 3): to each depth, then sideways along x."""
+    """Make a path (k, 3) to each depth, then sideways along x."""
     return np.array([(0.0, depth, 0.0) for depth in depths] + [(shear, depths[-1], 0.0) for shear in shears])
 
 
 def block() -> Sensor:
-    """A rubber block, its bottom held."""
+    """Make a block with a fixed bottom."""
     mesh = box((4, 2, 4), BLOCK)
     return make_sensor(mesh, on_plane(mesh.nodes, 1, BLOCK[1]), top(mesh.nodes, mesh.faces), np.zeros((1, 3)))
 
 
 def plate() -> RigidShape:
+    """Make a plate much wider than the block."""
     return rigid_shape(Kind.CUBE, *PLATE_MM)
 
 
 def tangential_share(result: PressResult) -> np.ndarray:
-    """Tangential over normal force (k,)."""
+    """Return tangential over normal force (k,)."""
     return np.hypot(result.force[:, 0], result.force[:, 2]) / result.force[:, 1]
 
 
 @case("friction-block", "A block under a plate that is dragged sideways: sticks, then slides at mu N", "quick")
 def solve_block(context: Context) -> Outcome:
+    """Drag a plate over a block, with two friction coefficients, until it slides."""
     rows, curves = [], []
     for friction, far in ((0.3, 1.2), (0.78, 3.0)):
         shears = np.linspace(0.0, far, 25)[1:]
@@ -91,7 +94,7 @@ def solve_block(context: Context) -> Outcome:
 
 
 def reactions(scene: Scene) -> np.ndarray:
-    """Forces of the held nodes on the gel (n, 3), N, from the stresses at the present state."""
+    """Return the reactions (n, 3) N of the fixed nodes on the gel, from the stresses in the present state."""
     solver = scene.solver
     n_u = solver.elasticity.n_displacements
     forces = solver.reactions()[:n_u, 0].reshape(-1, 3)
@@ -100,9 +103,9 @@ def reactions(scene: Scene) -> np.ndarray:
 
 @case("friction-balance", "Forces and moments of contact and of reactions, on a block that partly slides", "quick")
 def solve_balance(context: Context) -> Outcome:
-    """Sideways along both axes, by a sphere off the middle, so that no component vanishes.
+    """Shear a block along both axes by a sphere off its middle, so that no component vanishes.
 
-    The contact's resultants are sums over its quadrature points; the reactions come from the stresses in the body.
+    Resultants of the contact are sums over its quadrature points. Reactions come from the stresses in the body.
     """
     path = np.array([(0.0, 0.2, 0.0), (0.0, 0.4, 0.0), (0.1, 0.4, -0.05), (0.2, 0.4, -0.1)])
     sphere = rigid_shape(Kind.SPHERE, 3.5)
@@ -126,7 +129,7 @@ def solve_balance(context: Context) -> Outcome:
 
 @dataclass(frozen=True)
 class Ball:
-    """A sphere on a thick layer, chi = sqrt(R d) / h = 0.1: nearly a half-space. One half of it, z >= 0, is meshed."""
+    """Sphere on a thick layer, nearly a half-space: chi = sqrt(R d) / h = 0.1. The half z >= 0 is meshed."""
 
     radius: float = 7.0
     height: float = 8.0
@@ -135,26 +138,28 @@ class Ball:
 
     @property
     def depth(self) -> float:
+        """Depth of the press, mm."""
         return (self.chi * self.height) ** 2 / self.radius
 
     @property
     def contact_radius(self) -> float:
+        """Contact radius of linear theory, mm."""
         return LINEAR[self.chi][1] * self.chi * self.height
 
     def shape(self) -> RigidShape:
+        """Make the sphere."""
         return rigid_shape(Kind.SPHERE, self.radius)
 
     def layer(self, points: np.ndarray) -> Sensor:
+        """Make half of the layer, with output at points (p, 3) mm."""
         radii = graded(self.height, self.edge, 1.1 * self.contact_radius, 0.35)
         mesh = round_layer(radii, graded(self.height, self.edge, self.edge, 0.35), segments=3, quarters=2)
-        fixed = np.zeros(mesh.nodes.shape, dtype=bool)
-        fixed[on_plane(mesh.nodes, 2, 0.0), 2] = True
-        fixed[on_plane(mesh.nodes, 1, self.height)] = True
-        return make_sensor(mesh, fixed, top(mesh.nodes, mesh.faces), points)
+        return make_sensor(mesh, fixed_symmetric(mesh, (2,), self.height), top(mesh.nodes, mesh.faces), points)
 
 
 @case("friction-none", "No drag on a slide without friction: plate on a block, sphere on a layer", "quick")
 def solve_none(context: Context) -> Outcome:
+    """Drag a plate and a sphere without friction."""
     _, flat = slide(block(), plate(), 0.0, press_then_shear([0.05, 0.1], np.array([0.5, 1.0])), context.device)
     ball = Ball(edge=0.2)
     path = press_then_shear([0.5 * ball.depth, ball.depth], np.array([0.2, 0.4]))
@@ -168,22 +173,21 @@ def solve_none(context: Context) -> Outcome:
     ])  # fmt: skip
 
 
-SLIPS = 0.1  # a point slips in a step if it lags behind the sphere by this share of the step
-SLIPS_ANYWHERE = 0.05  # the most lag well inside the region that sticks
+SLIPS = 0.1  # a point slips in a step if it lags behind the sphere by more than this share of the step
+SLIPS_ANYWHERE = 0.05  # largest lag well inside the stick region
 
 
 @case("friction-sphere", "A pressed sphere is sheared: slip starts at the contact's edge and grows inwards", "standard")
 def solve_sphere(context: Context) -> Outcome:
-    """Cattaneo (1938) and Mindlin (1949): stick inside c = a (1 - Q / (mu P))^(1/3) (Johnson 1985, eq. 7.41).
+    """Compare the stick radius with c = a (1 - Q / (mu P))^(1/3) of Cattaneo (1938) and Mindlin (1949).
 
-    Exact for a half-space of equal or incompressible bodies under small strains; here the layer is nine contact radii
-    thick. A step's slip is measured against the state before; outside of c its share of the step is
-    1 - 2 / pi arcsin(c / r) and passes `SLIPS` at 1.012 c.
+    The formula (Johnson 1985, eq. 7.41) is exact for small strains of a half-space of equal or incompressible bodies.
+    Here the layer is nine contact radii thick. Slip is measured in each step. Outside of c its share of the step is
+    1 - 2 / pi arcsin(c / r), which reaches `SLIPS` at 1.012 c.
     """
     ball, friction, step = Ball(), 0.3, 0.005
     azimuths, radii = np.radians(np.arange(0.0, 181.0, 22.5)), np.arange(0.0, 1.2, 0.01)
-    x, z = np.outer(np.cos(azimuths), radii), np.outer(np.sin(azimuths), radii)
-    points = np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
+    points = points_on_top(azimuths, radii)
     path = press_then_shear([0.5 * ball.depth, ball.depth], step * np.arange(1, 9))
     _, result = slide(ball.layer(points), ball.shape(), friction, path, context.device)
     moved = result.displacement.reshape(len(path), len(azimuths), len(radii), 3)[..., 0].mean(axis=1) * MM_PER_M

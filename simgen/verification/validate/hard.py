@@ -1,6 +1,6 @@
-"""Hard cases: presses that ask for trouble. Each converges with its certificate or is refused with a sentence.
+"""Hard cases: presses that are difficult to solve. Each converges with its certificate or fails with a reason.
 
-The tables show the price of every press in iterations, sub-steps and seconds.
+Tables show iterations, sub-steps and seconds of each press.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import numpy as np
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.simulation.press import Scene, SolverSettings
-from simgen.units import UM_PER_M
+from simgen.units import MM, UM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, case
 from simgen.verification.validate.hard_outcomes import Attempt, attempt, evidence, verdicts
 from simgen.verification.validate.hard_scenes import DIGIT_MM, above_block, block, bundled, down, scene_of, sideways
-from simgen.verification.validate.sensors import place_indenter
+from simgen.verification.validate.sensors import difference_um, place_indenter
 
 RADIUS_MM = 3.5
 SPHERE = rigid_shape(Kind.SPHERE, RADIUS_MM)
@@ -24,11 +24,12 @@ RATIOS = (0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999)
 MODULI_PA = (1e3, 539e3, 1e9)
 FRICTIONS = (0.0, 0.78, 2.0)
 TIGHT = SolverSettings(residual_tolerance=1e-6, contact_tolerance=1e-4)
-TARGET = 0.01  # of a force: the project's
+TARGET = 0.01  # the project's target for forces
 
 
 @case("hard-materials", "Hard: Poisson's ratio up to 0.49999, Young's modulus over six decades", "quick")
 def materials(context: Context) -> Outcome:
+    """Press a block with many Poisson's ratios and Young's moduli."""
     sensor = block()
 
     def pressed(name: str, **changes) -> Attempt:
@@ -38,7 +39,7 @@ def materials(context: Context) -> Outcome:
     by_ratio = [pressed(f"nu = {nu:g}", poisson_ratio=nu) for nu in RATIOS]
     by_modulus = [pressed(f"E = {E:g} Pa", youngs_modulus_pa=E) for E in MODULI_PA]
     force = np.array([a.force[-1] for a in by_ratio])
-    # To first order in the compressibility 1 - 2 nu the force of the last ratio follows from the two before.
+    # To first order in the compressibility 1 - 2 nu, the last force follows from the two before it.
     expected = force[4] + (force[4] - force[3]) * (RATIOS[5] - RATIOS[4]) / (RATIOS[4] - RATIOS[3])
     u = [a.result.displacement for a in by_modulus]
     apart = max(np.abs(other - u[0]).max() for other in u) / np.abs(u[0]).max()
@@ -47,10 +48,10 @@ def materials(context: Context) -> Outcome:
     rows = [
         *verdicts(attempts),
         Row("force grows with nu, least growth", "N", float(np.diff(force).min()), math.nan, 0.0, "at least",
-            "less volume can give way"),
+            "less volume can yield"),
         Row("force at nu = 0.49999 against its first-order limit", "N", float(force[5]), float(expected),
             TIGHT.contact_tolerance, "relative", "linear in 1 - 2 nu from 0.499 and 0.4999; contact tolerance"),
-        Row("shape, E over six decades", "", float(apart), math.nan, 1e-9, "at most", "the issue; displacement-driven"),
+        Row("shape, E over six decades", "", float(apart), math.nan, 1e-9, "at most", "displacement-driven"),
         Row("force over E, E over six decades", "", float(np.ptp(per_modulus, axis=0).max() / per_modulus.max()),
             math.nan, 1e-9, "at most", "the force scales with E"),
     ]  # fmt: skip
@@ -59,12 +60,13 @@ def materials(context: Context) -> Outcome:
 
 @case("hard-friction", "Hard: friction 0, 0.78 and 2, pressed and dragged", "quick")
 def friction(context: Context) -> Outcome:
+    """Press a sphere 1 mm deep and drag it 1 mm sideways."""
     sensor, path = block(), np.concatenate([down(1.0, 5), sideways(1.0, 1.0, 10)])
     attempts = [attempt(f"friction {mu:g}", scene_of(sensor, context.device, friction=mu), SPHERE, above_block(), path)
                 for mu in FRICTIONS]  # fmt: skip
     pressing = [a.force[4] for a in attempts]
     tolerance = attempts[0].settings.contact_tolerance
-    smooth = torque(attempts[0], above_block()) / (RADIUS_MM * 1e-3 * attempts[0].force)
+    smooth = torque(attempts[0], above_block()) / (RADIUS_MM * MM * attempts[0].force)
     rows = [
         *verdicts(attempts),
         Row("friction 0: torque about the sphere's centre / (R F), largest", "", float(smooth.max()),
@@ -78,15 +80,15 @@ def friction(context: Context) -> Outcome:
 
 
 def torque(a: Attempt, pose: np.ndarray) -> np.ndarray:
-    """(d,) N m: torque of a sphere's tractions about its centre; friction alone contributes to it."""
-    at_touch = np.array([0.0, a.result.touch - RADIUS_MM * 1e-3, 0.0])
+    """Return the torque (d,) N m of a sphere's tractions about its centre, which friction alone causes."""
+    at_touch = np.array([0.0, a.result.touch - RADIUS_MM * MM, 0.0])
     centre = pose[:3, 3] + (a.path_m + at_touch) @ pose[:3, :3].T
     return np.linalg.norm(a.result.moment - np.cross(centre, a.result.force), axis=1)
 
 
 @case("hard-steps", "Hard: the same press in ever more steps, and in one", "standard")
 def steps(context: Context) -> Outcome:
-    """Without friction the way does not matter; with friction nothing may get lost from step to step."""
+    """Press in 1 to 20 steps. Without friction the path does not matter; with friction it hardly may."""
     sensor, counts = block(), (1, 5, 10, 20)
     smooth, rough = (
         {k: attempt(f"friction {mu:g}, 1 mm in {k} steps", scene_of(sensor, context.device, TIGHT, friction=mu), SPHERE,
@@ -97,7 +99,7 @@ def steps(context: Context) -> Outcome:
     rows = [
         *verdicts([*smooth.values(), *rough.values()]),
         Row("no friction: force in one step", "N", force[0][0], force[0][-1], TIGHT.contact_tolerance, "relative",
-            "in 20 steps: the way does not matter; contact tolerance"),
+            "in 20 steps: the path does not matter; contact tolerance"),
     ]  # fmt: skip
     rows += [Row(f"friction 0.78: force in {k} steps", "N", f, force[1][-1], TARGET, "relative",
                  "in 20 steps; the project's target") for k, f in zip(counts[:-1], force[1], strict=False)]  # fmt: skip
@@ -106,6 +108,7 @@ def steps(context: Context) -> Outcome:
 
 @case("hard-paths", "Hard: 2 mm at once, unloading and 2 mm of shear on the DIGIT", "standard")
 def paths(context: Context) -> Outcome:
+    """Press at once, press and unload, and shear, with and without friction."""
     rows, attempts, curves = [], [], []
     pushed = np.concatenate([down(1.0, 5), sideways(1.0, 2.0, 20)])
     back = np.concatenate([down(1.0, 5), down(1.0, 5)[-2::-1], np.zeros((1, 3))])
@@ -129,50 +132,49 @@ def paths(context: Context) -> Outcome:
 
 
 def once_rows(what: str, at_once: Attempt, stepwise: Attempt) -> list[Row]:
-    apart = np.linalg.norm(at_once.result.displacement[-1] - stepwise.result.displacement[-1], axis=1)
-    moved = np.linalg.norm(stepwise.result.displacement[-1], axis=1) > 1e-5
+    """Compare one step with twenty."""
     return [
         Row(f"{what}: force at 2 mm in one step", "N", at_once.force[-1], stepwise.force[-1], TARGET, "relative",
             "in 20 steps; the project's target"),
         Row(f"{what}: RMSE of the deformation region, one step", "um",
-            UM_PER_M * float(np.sqrt((apart[moved] ** 2).mean())), math.nan, 5.0, "at most",
+            difference_um(at_once.result.displacement[-1], stepwise.result.displacement[-1]), math.nan, 5.0, "at most",
             "against 20 steps; the project's target"),
     ]  # fmt: skip
 
 
 def unloading_rows(what: str, a: Attempt) -> list[Row]:
-    """What stays when the indenter is back at first touch, and by how much the way back differs from the way there."""
+    """Bound what is left when the indenter is back at first touch, and without friction the hysteresis."""
     left = float(np.linalg.norm(a.result.displacement[-1], axis=1).max() * UM_PER_M)
     there, back = a.force[:4], a.force[4:-1][::-1][:4]
-    rows = [Row(f"{what}: displacement left after unloading", "um", left, math.nan, 0.1, "at most", "the issue"),
+    rows = [Row(f"{what}: displacement left after unloading", "um", left, math.nan, 0.1, "at most", "elastic: zero"),
             Row(f"{what}: force left after unloading", "N", float(a.force[-1]), math.nan, 1e-6, "at most",
                 "the solver's smallest force, 0.5 uN")]  # fmt: skip
     if what == "friction 0":
         apart = float(np.abs(back / there - 1.0).max())
-        rows.append(Row(f"{what}: force on the way back, largest difference", "", apart, math.nan,
+        rows.append(Row(f"{what}: force while unloading, largest difference", "", apart, math.nan,
                         a.settings.contact_tolerance, "at most", "no memory; contact tolerance"))  # fmt: skip
     return rows
 
 
 def tangential(a: Attempt, pose: np.ndarray) -> np.ndarray:
-    """(d,) tangential over normal force, in the indenter's frame."""
+    """Return tangential over normal force (d,), in the indenter's frame."""
     force = a.result.force @ pose[:3, :3]
     return np.hypot(force[:, 0], force[:, 2]) / force[:, 1]
 
 
 def mobilised(scene: Scene, a: Attempt, pose: np.ndarray) -> float:
-    """Share of the normal traction that friction carries at the end of a press with a sphere.
+    """Return friction over pressure at the end of a press with a sphere.
 
-    From the torque about the sphere's centre over its radius and the integral of the contact pressure (of its
-    multipliers: the tractions agree with them in the mean).
+    Friction is the torque about the sphere's centre over its radius. Pressure is the integral of the multipliers, whose
+    mean is that of the tractions.
     """
     contact = scene.indenter_contact
     pressed = contact.weights.numpy() @ contact.surface.normal.numpy()[:, 0] * scene.material.youngs_modulus_pa * 1e-6
-    return float(torque(a, pose)[-1] / (RADIUS_MM * 1e-3 * pressed))
+    return float(torque(a, pose)[-1] / (RADIUS_MM * MM * pressed))
 
 
 def shear_rows(mu: float, ratio: np.ndarray, mobilised: float) -> list[Row]:
-    """ratio (25,): tangential over normal force, 5 depths and then 20 steps of 0.1 mm sideways."""
+    """Bound the ratio (25,) of tangential to normal force over 5 depths, then 20 steps of 0.1 mm sideways."""
     grows = np.diff(ratio[4:])
     return [
         Row("shear: tangential / normal force after 0.1 mm", "", ratio[5], math.nan, mu / 2.0, "at most",

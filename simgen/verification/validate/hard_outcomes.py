@@ -1,4 +1,4 @@
-"""What came of hard presses: rows that hold for each of them whatever the scene, and one table of evidence."""
+"""Outcomes of hard presses: rows that must hold for every press, and a table of evidence."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from simgen.verification.validate.case import Row, Table
 
 GIVEN_UP = (Status.NEWTON_STALLED, Status.INVERTED, Status.LINEAR_SOLVER_STALLED)
 ANY_REFUSAL = tuple(status for status in Status if status.is_failure)
-FORCE_BALANCE = 1e-3  # the issue's 0.1 %
+FORCE_BALANCE = 1e-3  # the project's bound
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A hard press, what was declared to come of it, and what came.
+    """Result of a hard press, and the outcomes that are allowed.
 
     path_m : (d, 3) m from first touch, in the indenter's frame
-    refusals : the outcomes that are right where it has to be refused; empty: it has to converge
-    core : share of the indenter's force that the core carries, and the deepest point in the core, um; NaN without one
+    refusals : allowed statuses of a press that must fail; empty for one that must converge
+    core : share of the indenter's force on the core, and the deepest overlap with it, um; NaN without a core
     """
 
     name: str
@@ -36,6 +36,7 @@ class Attempt:
 
     @property
     def converged(self) -> int:
+        """Number of converged samples."""
         return int(has_values(self.result.status).sum())
 
     @property
@@ -45,28 +46,29 @@ class Attempt:
 
     @property
     def as_declared(self) -> bool:
+        """True if the last status is an allowed one."""
         last = Status(self.result.status[-1])
-        if self.refusals:
-            return last in self.refusals
-        return last.has_values
+        return last in self.refusals if self.refusals else last.has_values
 
     @property
     def outcome(self) -> str:
+        """Outcome in words."""
         last = Status(self.result.status[-1])
         words = "converges" if last.has_values and not self.refusals else f"refused: {last.sentence}"
         return words if self.as_declared else f"NOT AS DECLARED; {words}"
 
     @property
     def force(self) -> np.ndarray:
-        """(d,) N, length of the force."""
+        """Lengths of the forces (d,) N."""
         return np.linalg.norm(self.result.force, axis=1)
 
     def certified(self, key: str) -> np.ndarray:
+        """Return a certificate of the converged samples."""
         return self.result.certificate[key][: self.converged]
 
     @property
     def least_det_F(self) -> float:
-        """Least at an integration point of the samples that are not marked as inside out."""
+        """Least det F at integration points, without samples that are inside out."""
         valid = self.result.status == Status.CONVERGED
         return float(np.min(self.result.certificate["min_det_F"], initial=math.inf, where=valid))
 
@@ -79,13 +81,13 @@ def attempt(
     path_m: np.ndarray,
     refusals: tuple[Status, ...] = (),
 ) -> Attempt:
-    """Follow a path (d, 3) m from a pose (4, 4), and look at what the certificate does not tell."""
+    """Follow a path (d, 3) m from a pose (4, 4), and measure the contact with the core."""
     result = follow(scene, [shape], pose[None], path_m)[0]
     return Attempt(name, result, scene.settings, path_m, refusals, core_contact(scene))
 
 
 def core_contact(scene: Scene) -> tuple[float, float]:
-    """Share of the indenter's force that the core carries, and the deepest point in the core, um."""
+    """Return the share of the indenter's force on the core, and the deepest overlap with it, um."""
     if scene.core_contact is None:
         return math.nan, math.nan
     scene.solver.mark(np.ones(scene.batch, dtype=bool))
@@ -96,7 +98,7 @@ def core_contact(scene: Scene) -> tuple[float, float]:
 
 
 def verdicts(attempts: list[Attempt]) -> list[Row]:
-    """What holds for every hard press, all of the same settings: it ends as declared, what converged is certified."""
+    """Check presses of the same settings: each ends as declared, and converged samples have good certificates."""
     settings = attempts[0].settings
 
     def worst(key: str, pick) -> float:
@@ -104,32 +106,31 @@ def verdicts(attempts: list[Attempt]) -> list[Row]:
 
     nan = sum(int(np.isnan(a.result.displacement[: a.converged]).sum()) for a in attempts)
     rows = [Row("presses that end as declared", "", sum(a.as_declared for a in attempts), len(attempts), 0.0,
-                "absolute", "the issue: converges, or is refused with a sentence"),
-            Row("NaN in converged samples", "", nan, math.nan, 0.0, "at most", "the issue: none")]  # fmt: skip
+                "absolute", "converges, or fails with a reason"),
+            Row("NaN in converged samples", "", nan, math.nan, 0.0, "at most", "none")]  # fmt: skip
     if not any(a.converged for a in attempts):
         return rows
     return [
         *rows,
         Row("least det F at an integration point", "", min(a.least_det_F for a in attempts), math.nan, 0.0, "at least",
-            "an element inverts at zero; samples marked as inside out are left out"),
+            "an element inverts at zero; samples inside out are left out"),
         Row("residual, worst", "", worst("residual", max), math.nan, settings.residual_tolerance, "at most",
             "the solver's tolerance"),
         Row("contact error, worst", "", worst("contact_error", max), math.nan, settings.contact_tolerance, "at most",
             "the solver's tolerance"),
         Row("force balance, worst", "", worst("force_balance", max), math.nan, FORCE_BALANCE, "at most",
-            "the issue's 0.1 %"),
+            "the project's 0.1 %"),
     ]  # fmt: skip
 
 
 COLUMNS = [
     "press", "outcome", "reached, mm", "force, N", "residual", "contact error", "force balance", "least det F",
-    "elements inside out", "deepest overlap, um", "Newton", "Krylov", "samples", "sub-steps",
-    "seconds",
+    "elements inside out", "deepest overlap, um", "Newton", "Krylov", "samples", "sub-steps", "seconds",
 ]  # fmt: skip
 
 
 def evidence(title: str, attempts: list[Attempt]) -> Table:
-    """Outcome, worst certificate and cost of each press; forces and overlap at the last converged sample."""
+    """Tabulate outcome, worst certificates and cost of each press; force and overlap at the last converged sample."""
     return Table(title, COLUMNS, [_line(a) for a in attempts])
 
 

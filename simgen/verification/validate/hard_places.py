@@ -1,4 +1,4 @@
-"""Hard cases on the bundled sensors: every indenter to 2 mm, thin and steep places, and the skin down on its core."""
+"""Hard cases on the bundled sensors: all indenters to 2 mm, thin and steep places, and the skin on its core."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ THROUGH_MM = 3.6
 
 @case("hard-digit", "Hard: nine indenters at 2 mm on the DIGIT; its rim, arch and corner", "standard")
 def digit(context: Context) -> Outcome:
+    """Press all indenters at the centre of the DIGIT, and a sphere at its rim, arch and corner."""
     presses = [("centre", name) for name in indenter_names()]
     presses += [(place, "sphere_7mm") for place in ("rim", "arch", "corner")]
     scene = bundled("digit", context.device)
@@ -47,6 +48,7 @@ def digit(context: Context) -> Outcome:
 
 @case("hard-biotac", "Hard: BioTac's pad, tip and side until the skin lies on the core, and further", "standard")
 def biotac(context: Context) -> Outcome:
+    """Press the BioTac's skin onto its core, and a sphere through skin and core."""
     scene = bundled("biotac", context.device)
     attempts = [to_depth(scene, place, "sphere_7mm", BIOTAC_MM[place], depth, STEP_MM)
                 for place, depth in DEPTH_ON_CORE_MM.items()]  # fmt: skip
@@ -56,16 +58,16 @@ def biotac(context: Context) -> Outcome:
     rows = verdicts([*attempts, flat, through])
     rows.append(Row(f"{through.name}: depth reached", "mm", through.reached, math.nan,
                     depth_of_core(scene, sphere, pose) - MM_PER_M * through.result.touch, "at most",
-                    "there the sphere meets the rigid core, with no skin left between"))  # fmt: skip
+                    "there the sphere would meet the rigid core itself"))  # fmt: skip
     for a in attempts:
         rows.append(Row(f"{a.name}: share of the force that the core carries", "", a.core[0], math.nan, 0.5, "at least",
-                        "the skin lies on the core, which carries most"))  # fmt: skip
+                        "the skin lies on the core, which carries most of the force"))  # fmt: skip
     rows.append(grows([*attempts, flat]))
     return Outcome(rows, [evidence(f"BioTac, coarse mesh of {scene.unknowns} unknowns", [*attempts, flat, through])])
 
 
 def depth_of_core(scene: Scene, shape: RigidShape, pose: np.ndarray) -> float:
-    """Travel, mm, along the indenter's axis from a pose (4, 4) in m until it meets the core itself."""
+    """Return the travel, mm, along the indenter's axis from a pose (4, 4) in m until it meets the core itself."""
     in_mm = pose.copy()
     in_mm[:3, 3] *= MM_PER_M
     core = scene.sensor.core
@@ -73,6 +75,7 @@ def depth_of_core(scene: Scene, shape: RigidShape, pose: np.ndarray) -> float:
 
 
 def to_depth(scene: Scene, place: str, indenter: str, where_mm, depth_mm: float, step_mm: float) -> Attempt:
+    """Press an indenter at a place to a depth in equal steps."""
     name = f"{place} {indenter}, friction {scene.material.friction:g}, steps of {step_mm:g} mm"
     path = down(depth_mm, round(depth_mm / step_mm))
     pose = place_indenter(scene.sensor, *where_mm)
@@ -80,7 +83,7 @@ def to_depth(scene: Scene, place: str, indenter: str, where_mm, depth_mm: float,
 
 
 def grows(attempts: list[Attempt]) -> Row:
-    """The force of a press into a bonded gel grows with depth: a fall would be a jump to another state."""
+    """Check that the force grows with depth. A drop would be a jump to another state."""
     least = min(float(np.diff(a.force[: a.converged], prepend=0.0).min()) for a in attempts)
     return Row("growth of the force from depth to depth, least", "N", least, math.nan, 0.0, "at least",
-               "a bonded gel resists the more the deeper it is pressed")  # fmt: skip
+               "a bonded gel resists more, the deeper it is pressed")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Hard cases of the input: meshes that should not be, indenters where they cannot be, values that have no meaning."""
+"""Hard cases of the input: bad meshes, impossible poses of indenters, and values without meaning."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from simgen.verification.validate.hard_outcomes import GIVEN_UP, Attempt, attemp
 from simgen.verification.validate.hard_scenes import COUNTS, SIZE_MM, above_block, block, down, scene_of
 from simgen.verification.validate.meshes import Mesh, box, perturbed
 
-MEAN_RATIOS = (0.1, 0.01, 1e-3, 1e-4)  # worst mean ratios; the gates let 0.15 pass
+MEAN_RATIOS = (0.1, 0.01, 1e-3, 1e-4)  # worst mean ratios; the quality gates require 0.15
 FINE = (6, 3, 6)
 USER_SENSOR = """
 name: block
@@ -40,6 +40,8 @@ COARSE = ((2, 1, 2), (3, 2, 3), (4, 2, 4))
 
 @case("hard-meshes", "Hard: slivers, coarse meshes, bent edges", "quick")
 def meshes(context: Context) -> Outcome:
+    """Press a block on meshes with slivers, bent edges and few elements."""
+
     def pressed(name: str, mesh: Mesh) -> Attempt:
         scene = scene_of(block(mesh), context.device)
         name = f"{name}, {scene.unknowns} unknowns, mean ratio >= {least_ratio(mesh):.2g}"
@@ -53,22 +55,24 @@ def meshes(context: Context) -> Outcome:
     rows = verdicts([plain, *bad, *coarse])
     rows += [Row(f"{a.name}: force at 1 mm", "N", a.force[-1], plain.force[-1], TARGET, "relative",
                  "the regular mesh; the project's target") for a in bad]  # fmt: skip
-    error = Table("What no certificate tells: the error of a coarse mesh", ["mesh", f"force over {plain.name}"],
+    error = Table("Error of a coarse mesh, which no certificate shows", ["mesh", f"force over {plain.name}"],
                   [[a.name, float(a.force[-1] / plain.force[-1])] for a in coarse])  # fmt: skip
     table = evidence("Meshes of one block of 10 x 4 x 10 mm, a sphere 1 mm deep", [plain, *bad, *coarse])
     return Outcome(rows, [table, error])
 
 
 def cells(counts: tuple[int, int, int]) -> str:
+    """Format the cells of a box."""
     return " x ".join(map(str, counts))
 
 
 def least_ratio(mesh: Mesh) -> float:
+    """Return the least mean ratio of a mesh."""
     return float(mean_ratio(mesh.nodes, mesh.tetrahedra[:, :4]).min())
 
 
 def sliver(mesh: Mesh, ratio: float) -> Mesh:
-    """The mesh with one corner, the nearest inside below the middle of its top, moved until the least mean ratio is so.
+    """Move the inner corner nearest to the middle of the top until the least mean ratio is ``ratio``.
 
     Edges stay straight.
     """
@@ -86,14 +90,15 @@ def sliver(mesh: Mesh, ratio: float) -> Mesh:
     return at(brentq(lambda distance: least_ratio(at(distance)) - ratio, 0.0, far, xtol=1e-12))
 
 
-@case("hard-refusals", "Hard: what is refused, and with which words", "quick")
+@case("hard-refusals", "Hard: bad input and impossible presses, and their messages", "quick")
 def refusals(context: Context) -> Outcome:
+    """Try presses that must fail, and bad input that must be refused."""
     scene = scene_of(block(), context.device)
     cube, pin = load_indenter("cube_14mm").shape(), rigid_shape(Kind.SPHERE, 0.05)
     attempts = [
         attempt("starts inside", scene, cube, above_block(y_mm=12.0), down(0.4, 2), (Status.STARTS_INSIDE,)),
         attempt("never touches", scene, SPHERE, above_block(x_mm=30.0), down(0.4, 2), (Status.NEVER_TOUCHES,)),
-        # Forces may balance, with gel that is inside out below its bond: such a sample is flagged.
+        # This press may converge with elements inside out below the bond. Such a sample is flagged.
         attempt("4.5 mm into a gel of 4 mm", scene, SPHERE, above_block(), down(4.5, 9),
                 (*GIVEN_UP, Status.NOT_RESOLVED, Status.INSIDE_OUT)),
     ]
@@ -105,15 +110,15 @@ def refusals(context: Context) -> Outcome:
     one_line = sum(bool(text) and "\n" not in text for text in refused.values())
     rows = [*verdicts([*attempts, fine]),
             Row(f"{fine.name}: samples that converge without any force", "", silent, math.nan, 0.0, "at most",
-                "a gel that is pressed presses back"),
+                "a pressed gel resists"),
             Row("bad input that is refused in one line", "", one_line, len(said), 0.0, "absolute",
                 "errors.InputError, or ValueError below the job")]  # fmt: skip
-    tables = [evidence("Presses that cannot be", [*attempts, fine]), Table("Bad input", ["what", "said"], said)]
+    tables = [evidence("Impossible presses", [*attempts, fine]), Table("Bad input", ["input", "message"], said)]
     return Outcome(rows, tables)
 
 
 def bad_input(scratch: Path) -> dict[str, str]:
-    """What is said to each bad input; empty where it is taken."""
+    """Try each bad input and return its message; empty if the input is accepted."""
     job = {"name": "hard", "seed": 1, "sensors": {"digit": {"model": "digit", "mesh": "coarse"}},
            "indenters": ["sphere_7mm"], "trajectories": {"count": 1},
            "depths_mm": {"first": 0.1, "last": 1.0, "count": 10}}  # fmt: skip
@@ -145,6 +150,7 @@ def bad_input(scratch: Path) -> dict[str, str]:
 
 
 def words(call: Callable) -> str:
+    """Return the message with which a call is refused; empty if it is not."""
     try:
         call()
     except (InputError, ValueError) as error:
@@ -153,7 +159,7 @@ def words(call: Callable) -> str:
 
 
 def user_sensor(scratch: Path, name: str, mesh: Mesh) -> Path:
-    """The folder of a user's own sensor: the corners of a mesh of the block, its bottom bonded."""
+    """Write the folder of a user's own sensor, with the corners of a mesh of the block."""
     folder = scratch / name
     folder.mkdir()
     (folder / "sensor.yaml").write_text(USER_SENSOR)

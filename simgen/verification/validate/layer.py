@@ -1,7 +1,7 @@
-"""A rigid sphere on a bonded, nearly incompressible layer: an independent axisymmetric code, and linear theory.
+"""Cases of a rigid sphere on a bonded, nearly incompressible layer, against an axisymmetric code and linear theory.
 
-Each case is solved in three dimensions on two meshes of a quarter of the layer. Forces and contact radii are compared
-anywhere, the surface's displacements where the reference data are given.
+Each case is solved in three dimensions on two meshes of a quarter of the layer. Surface displacements are compared if
+the reference data have them; forces and contact radii always.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from simgen.verification.validate.layer_reference import (
     read_profiles,
 )
 
-NAN, UM = float("nan"), 1e3  # um per mm
-TARGET, TARGET_UM = 0.01, 5.0  # the project's: force, surface displacement
+NAN, UM = float("nan"), 1e3  # um in a mm
+TARGET, TARGET_UM = 0.01, 5.0  # the project's targets for force and surface displacement
 STEP_MM = 0.1
-SHOWN_MM = (0.5, 1.0, 2.0)  # surfaces in the plot
-EDGE_RADII_MM = np.arange(0.0, 6.0, 0.02)  # where the contact's edge is looked for
+SHOWN_MM = (0.5, 1.0, 2.0)  # depths of the surfaces in the plot
+EDGE_RADII_MM = np.arange(0.0, 6.0, 0.02)  # radii at which the contact's edge is searched
 SIZES = {
     1.75: LayerMeshSize(0.15, 0.5, 0.15, 0.2),
     3.5: LayerMeshSize(0.2, 0.7, 0.1, 0.22),
@@ -45,15 +45,17 @@ COARSE = f"edges x {COARSER:g}"
 
 
 def named(sphere: float, friction: float) -> str:
+    """Name a sphere and its friction."""
     return f"R = {sphere:g} mm, " + (f"friction {friction:g}" if friction else "frictionless")
 
 
 def origin(sphere: float, friction: float) -> str:
+    """Name the source of a reference."""
     return "NGSolve" + (f", {REFERENCES[sphere, friction].steps} load steps" if friction else "")
 
 
 def increments(deepest: float) -> np.ndarray:
-    """Depths in steps of `STEP_MM`, and those of the reference in between."""
+    """List depths in steps of `STEP_MM`, and the reference's depths between them."""
     steps = np.arange(1, round(deepest / STEP_MM) + 1) * STEP_MM
     return np.unique(np.concatenate([steps, [d for d in DEPTHS_MM if d <= deepest]]).round(9))
 
@@ -61,12 +63,13 @@ def increments(deepest: float) -> np.ndarray:
 def press_as_reference(
     size: LayerMeshSize, sphere: float, friction: float, deepest: float, profiles, device
 ) -> LayerPress:
+    """Press to all depths, with output at the radii of the reference profiles."""
     radii = np.unique(np.concatenate([EDGE_RADII_MM, *(p[:, 0] for p in profiles.values())]).round(9))
     return press_layer(size, sphere, friction, increments(deepest), radii, device)
 
 
 def reference_rows(pressed: LayerPress, friction: float, edge: float, profiles, depths) -> list[Row]:
-    """Force, contact radius and surface at those depths that the reference has."""
+    """Compare force, contact radius and surface at depths of the reference."""
     sphere = pressed.sphere
     reference, source = REFERENCES[sphere, friction], origin(sphere, friction)
     rows = []
@@ -84,7 +87,7 @@ def reference_rows(pressed: LayerPress, friction: float, edge: float, profiles, 
 
 
 def two_mesh_rows(fine: LayerPress, coarse: LayerPress, friction: float) -> list[Row]:
-    """The same at the last depth on both meshes; multipliers that oscillate would swing more on the finer one."""
+    """Compare both meshes at the last depth. Oscillating multipliers would swing more on the finer mesh."""
     sphere = fine.sphere
     reference, where = REFERENCES[sphere, friction], f"at {fine.depths[-1]:g} mm, {named(sphere, friction)}"
     falls = f"that with {COARSE}"
@@ -100,7 +103,7 @@ def two_mesh_rows(fine: LayerPress, coarse: LayerPress, friction: float) -> list
 
 
 def mesh_table(meshes: dict[str, LayerPress], friction: float) -> Table:
-    """Cost and error of each mesh."""
+    """Tabulate cost and error of each mesh."""
     columns = ["mesh", "unknowns", "seconds", "Newton iterations", "increments", "overlap rms, um", "least det F"]
     rows = []
     for name, p in meshes.items():
@@ -115,7 +118,7 @@ def mesh_table(meshes: dict[str, LayerPress], friction: float) -> Table:
 
 
 def curves(meshes: dict[str, LayerPress], friction: float, profiles) -> list[Curve]:
-    """Force against depth, the surface, and the pressure at the end."""
+    """Plot force over depth, the surface, and the pressure at the last depth."""
     fine = next(iter(meshes.values()))
     what, reference = named(fine.sphere, friction), REFERENCES[fine.sphere, friction]
     force = f"force, {what}", ("depth, mm", "force, N")
@@ -137,11 +140,12 @@ def curves(meshes: dict[str, LayerPress], friction: float, profiles) -> list[Cur
 
 
 def without(profiles) -> list[str]:
-    return [] if profiles else ["no displacements of the surface to compare with in the reference data"]
+    """Note that surface displacements are missing."""
+    return [] if profiles else ["the reference data have no surface displacements to compare with"]
 
 
 def solve_layer(context: Context, sphere: float, friction: float) -> Outcome:
-    """One sphere and friction coefficient to 2 mm, on two meshes."""
+    """Press one sphere to 2 mm on two meshes and compare."""
     profiles = read_profiles(context.reference, sphere, friction)
     sizes = {"fine": SIZES[sphere], COARSE: SIZES[sphere].coarser(COARSER)}
     meshes = {
@@ -156,13 +160,13 @@ def solve_layer(context: Context, sphere: float, friction: float) -> Outcome:
 for _sphere, _friction in REFERENCES:
     _name = f"layer-{_sphere:g}mm" + (f"-friction-{_friction:g}" if _friction else "")
     case(_name, f"Sphere on a bonded layer, {named(_sphere, _friction)}, to 2 mm", "standard")(
-        partial(solve_layer, sphere=_sphere, friction=_friction)  # a function that other processes can be handed
+        partial(solve_layer, sphere=_sphere, friction=_friction)  # picklable, for worker processes
     )
 
 
 @case("layer-quick", "Sphere on a bonded layer, R = 3.5 mm, with and without friction, to 1 mm", "quick")
 def solve_quick(context: Context) -> Outcome:
-    """The coarser mesh alone, which meets the target at 0.5 and 1 mm."""
+    """Press on the coarser mesh only; it meets the targets at 0.5 and 1 mm."""
     sphere, size = 3.5, SIZES[3.5].coarser(COARSER)
     rows, profiles = [], {}
     for friction in (0.0, 0.78):
@@ -174,10 +178,10 @@ def solve_quick(context: Context) -> Outcome:
 
 @case("layer-linear", "Small indentation of a wide bonded layer, frictionless, against linear theory", "standard")
 def solve_linear(context: Context) -> Outcome:
-    """A large sphere, so that strains stay below 1 %, on a layer wide enough to count as endless.
+    """Press a large sphere, for strains below 1 %, into a layer so wide that its side does not matter.
 
-    With spheres of 14, 28 and 100 mm the difference to linear theory at chi = 0.25 is -0.5, -0.2 and -0.01 %: finite
-    strain and the sphere's departure from a paraboloid. Layers of 24 and 40 mm radius agree within 0.01 %.
+    The difference to linear theory at chi = 0.25 is -0.5, -0.2 and -0.01 % for spheres of 14, 28 and 100 mm. Its causes
+    are finite strain and the difference between sphere and paraboloid. Radii of 24 and 40 mm agree within 0.01 %.
     """
     sphere, size, wide = 100.0, LayerMeshSize(0.1, 1.2, 0.25, 0.1), 24.0
     depths = {chi: (chi * HEIGHT_MM) ** 2 / sphere for chi in (0.1, 0.2, 0.25)}

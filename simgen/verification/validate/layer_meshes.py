@@ -1,7 +1,7 @@
-"""Round layers in structured, graded, ten-node tetrahedra: rings of triangles around the axis y, extruded.
+"""Structured meshes of round layers: rings of triangles around the axis y, extruded to ten-node tetrahedra.
 
-Edges are fine under the contact and grow steadily outwards and towards the bottom. The mid-edge nodes lie at the mean
-radius of their ends, so that rings and side are round. Lengths in mm.
+Edges are short under the contact and grow outwards and towards the bottom. Mid-edge nodes lie at the mean radius of
+their ends, so that rings and side are round. Lengths are in mm.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import trimesh
 from simgen.geometry.tetrahedra import OutputMesh, SimulationMesh
 from simgen.sensors.sensor import Sensor
 from simgen.units import MM
-from simgen.verification.validate.meshes import Mesh, quadratic, split_prisms
+from simgen.verification.validate.meshes import Mesh, on_plane, quadratic, split_prisms
 
 
 def graded(end: float, edge: float, until: float, growth: float) -> np.ndarray:
-    """Points from 0 to ``end``, spaced by ``edge`` as far as ``until`` and by ``edge + growth (r - until)`` beyond.
+    """Place points from 0 to ``end``, spaced by ``edge`` up to ``until`` and by ``edge + growth (r - until)`` beyond.
 
-    They cut the integral of 1 / spacing into equal parts, so that the spacing changes smoothly and ends at ``end``.
+    The points divide the integral of 1 / spacing into equal parts. So the spacing changes smoothly and fits ``end``.
     """
     r = np.linspace(0.0, end, 10001)
     density = 1.0 / (edge + growth * np.maximum(r - until, 0.0))
@@ -30,10 +30,10 @@ def graded(end: float, edge: float, until: float, growth: float) -> np.ndarray:
 
 
 def rings(radii: np.ndarray, segments: int, quarters: int) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of the sector from +x over ``quarters`` right angles towards +z: points (p, 2), triangles (t, 3).
+    """Triangulate the sector from +x over ``quarters`` right angles towards +z: points (p, 2), triangles (t, 3).
 
-    Counter-clockwise seen from +y. radii: of the rings, 0 first. Ring i has i + 1 segments in each quarter, at most
-    ``segments``. Four right angles make a closed disc.
+    Triangles are counter-clockwise seen from +y. radii: those of the rings, 0 first. Ring i has i + 1 segments in each
+    quarter, at most ``segments``. Four quarters make a closed disc.
     """
     counts = [quarters * min(i + 1, segments) for i in range(1, len(radii))]
     angles = [np.zeros(1), *(np.linspace(0.0, 0.5 * math.pi * quarters, count + 1) for count in counts)]
@@ -45,7 +45,7 @@ def rings(radii: np.ndarray, segments: int, quarters: int) -> tuple[np.ndarray, 
     points, triangles = np.concatenate(points), np.array(triangles)
     if quarters < 4:
         return points, triangles
-    last = first[2:] - 1  # of each ring: it lies on the ring's first point
+    last = first[2:] - 1  # last point of each ring, which lies on its first point
     merged = np.arange(len(points))
     merged[last] = first[1:-1]
     kept = np.setdiff1d(merged, last)
@@ -53,9 +53,9 @@ def rings(radii: np.ndarray, segments: int, quarters: int) -> tuple[np.ndarray, 
 
 
 def _between(inner: np.ndarray, outer: np.ndarray, first_inner: int, first_outer: int) -> list[tuple[int, int, int]]:
-    """Triangles between two rings, by their angles: the edge whose middle comes first makes the next triangle.
+    """Triangulate between two rings, given by their angles: the edge whose middle comes first makes the next triangle.
 
-    Equal rings need a hair's difference of angle, which says how their diagonals turn.
+    Equal rings need a tiny difference of angle, which decides the direction of their diagonals.
     """
     middles = [(0.5 * (a + b), 0, i) for i, (a, b) in enumerate(pairwise(inner))]
     middles += [(0.5 * (a + b), 1, i) for i, (a, b) in enumerate(pairwise(outer))]
@@ -68,7 +68,7 @@ def _between(inner: np.ndarray, outer: np.ndarray, first_inner: int, first_outer
 
 
 def round_layer(radii: np.ndarray, levels: np.ndarray, segments: int, quarters: int = 1) -> Mesh:
-    """A sector of a cylinder, its top at y = levels[0] facing -y. radii and levels in mm; see `rings`."""
+    """Mesh a sector of a cylinder whose top at y = levels[0] faces -y. radii and levels in mm; see `rings`."""
     flat, triangles = rings(radii, segments, quarters)
     corners = [np.column_stack([flat[:, 0], np.full(len(flat), y), flat[:, 1]]) for y in levels]
     prisms = [np.hstack([triangles, triangles + len(flat)]) + i * len(flat) for i in range(len(levels) - 1)]
@@ -80,17 +80,32 @@ def round_layer(radii: np.ndarray, levels: np.ndarray, segments: int, quarters: 
 
 
 def _at_radius(parameters: np.ndarray) -> np.ndarray:
-    """Points (n, 3) in the direction of (x, z), at y and at the radius: parameters (n, 4) are x, y, z, radius."""
+    """Points (n, 3) at y, in the direction (x, z) at the radius; parameters (n, 4) are x, y, z, radius."""
     points = parameters[:, :3].copy()
     length = np.hypot(points[:, 0], points[:, 2])
     points[:, [0, 2]] *= (parameters[:, 3] / np.where(length > 0.0, length, 1.0))[:, None]
     return points
 
 
-def make_sensor(mesh: Mesh, fixed: np.ndarray, touchable: np.ndarray, points: np.ndarray) -> Sensor:
-    """A sensor around a structured mesh, to be pressed like any other; its output are the given points (p, 3) mm.
+def fixed_symmetric(mesh: Mesh, axes: tuple[int, ...], bottom: float) -> np.ndarray:
+    """Mark (n, 3) fixed components: all at y = ``bottom``, the normal one on the planes of symmetry of ``axes``."""
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+    for axis in axes:
+        fixed[on_plane(mesh.nodes, axis, 0.0), axis] = True
+    fixed[on_plane(mesh.nodes, 1, bottom)] = True
+    return fixed
 
-    held (n,) or (n, 3) bool; touchable (f, 6). Its materials are the caller's.
+
+def points_on_top(azimuths: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Place points (azimuths x radii, 3) in the plane y = 0."""
+    x, z = np.outer(np.cos(azimuths), radii), np.outer(np.sin(azimuths), radii)
+    return np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
+
+
+def make_sensor(mesh: Mesh, fixed: np.ndarray, touchable: np.ndarray, points: np.ndarray) -> Sensor:
+    """Make a sensor of a structured mesh, without materials; its output vertices are the points (p, 3) mm.
+
+    fixed : (n,) or (n, 3) bool, nodes or their components; touchable : faces (f, 6)
     """
     no_faces = np.zeros((0, 6), dtype=np.int32)
     body = SimulationMesh(mesh.nodes * MM, mesh.n_corners, mesh.tetrahedra, fixed, touchable, no_faces, hash="")

@@ -1,7 +1,8 @@
-"""A press of a sphere into the quarter of a round layer, and what is measured on it. Lengths in mm."""
+"""Press of a sphere into a quarter of the round layer: force, surface, contact radius, pressure. Lengths in mm."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,23 +12,31 @@ from simgen.geometry.rigid_shape import rigid_shape, signed_distance
 from simgen.geometry.signed_distance import Kind
 from simgen.sensors.sensor import Material, Sensor
 from simgen.simulation.press import PressResult, Scene, Status, press
-from simgen.units import MM_PER_M
-from simgen.verification.validate.layer_meshes import graded, make_sensor, round_layer
+from simgen.units import MM_PER_M, UM_PER_M
+from simgen.verification.validate.layer_meshes import (
+    fixed_symmetric,
+    graded,
+    make_sensor,
+    points_on_top,
+    round_layer,
+)
 from simgen.verification.validate.layer_reference import HEIGHT_MM, MODULUS_MPA, POISSON_RATIO, RADIUS_MM
-from simgen.verification.validate.meshes import on_plane, top
+from simgen.verification.validate.meshes import top
 
-QUARTERS = 4  # of the whole layer: the force on one counts so often
-SEGMENTS = 4  # of a quarter of a ring
+QUARTERS = 4  # quarters of the whole layer
+SEGMENTS = 4  # segments of a quarter ring
 AZIMUTHS = np.radians([0.0, 22.5, 45.0, 67.5, 90.0])
-MOVED_MM = 0.01  # the deformation region: what has moved this far
-APART_MM = 0.003  # a surface further than this from the sphere has left it: a few times the pointwise overlap
+MOVED_MM = 0.01  # displacement from which a point belongs to the deformation region
+APART_MM = 0.003  # gap from which the surface is out of contact: a few times the pointwise overlap
 
 
 @dataclass(frozen=True)
 class LayerMeshSize:
-    """Edges: ``edge`` under the contact, ``growth`` more per mm beyond ``until``; ``top`` of the uppermost layer.
+    """Edge lengths of a mesh of the layer.
 
-    segments : of a quarter of a ring, at most; few are enough for a solution that is round
+    edge, until, growth : edge length up to the radius ``until``, and its increase per mm beyond
+    top : thickness of the uppermost layer of elements
+    segments : largest number in a quarter ring; few are enough for a round solution
     """
 
     edge: float
@@ -37,17 +46,18 @@ class LayerMeshSize:
     segments: int = SEGMENTS
 
     def coarser(self, factor: float) -> LayerMeshSize:
+        """Scale all edges by a factor."""
         return LayerMeshSize(factor * self.edge, self.until, factor * self.growth, factor * self.top, self.segments)
 
 
 @dataclass(frozen=True)
 class LayerPress:
-    """One press on one mesh; d depths, p radii.
+    """Solution of a press on one mesh, at d depths and p radii.
 
     force : (d,) N, on the whole layer
     displacement : (d, azimuths, p, 3) mm: outwards, into the layer, around the axis
-    rings, pressure : rest radii (r,) of the rings of corner nodes; contact multipliers of each, MPa per rest area, at
-        the last depth
+    rings, pressure : rest radii (r,) of the rings of corner nodes, and the contact multipliers of each ring at the last
+        depth, MPa per rest area
     """
 
     unknowns: int
@@ -61,24 +71,34 @@ class LayerPress:
     result: PressResult
 
     def at(self, depth: float) -> int:
+        """Index of the nearest depth."""
         return int(np.abs(self.depths - depth).argmin())
 
     def overlap_um(self) -> float:
-        """Root mean square of the gap over the contact at the last depth."""
-        return float(self.result.certificate["rms_penetration_m"][-1] * 1e6)
+        """Root mean square of the gap in the contact at the last depth, um."""
+        return float(self.result.certificate["rms_penetration_m"][-1] * UM_PER_M)
 
 
 def quarter_layer(size: LayerMeshSize, radii: np.ndarray, radius: float = RADIUS_MM) -> Sensor:
-    """The layer between two planes of symmetry; its output are surface points at all radii and `AZIMUTHS`."""
+    """Make the quarter of the layer; its output vertices are surface points at all radii and `AZIMUTHS`."""
     levels = graded(HEIGHT_MM, size.top, size.top, 0.25)
     mesh = round_layer(graded(radius, size.edge, size.until, size.growth), levels, size.segments)
-    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
-    for axis in (0, 2):
-        fixed[on_plane(mesh.nodes, axis, 0.0), axis] = True
-    fixed[on_plane(mesh.nodes, 1, HEIGHT_MM)] = True
-    x, z = np.outer(np.cos(AZIMUTHS), radii), np.outer(np.sin(AZIMUTHS), radii)
-    points = np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
-    return make_sensor(mesh, fixed, top(mesh.nodes, mesh.faces), points)
+    fixed = fixed_symmetric(mesh, (0, 2), HEIGHT_MM)
+    return make_sensor(mesh, fixed, top(mesh.nodes, mesh.faces), points_on_top(AZIMUTHS, radii))
+
+
+def layer_gel(friction: float) -> Material:
+    """Material of the reference layer."""
+    return Material(
+        youngs_modulus_pa=MODULUS_MPA * 1e6, poisson_ratio=POISSON_RATIO, friction=friction, source="the reference's"
+    )
+
+
+def check_reached(status: np.ndarray, name: Callable[[int], str]) -> None:
+    """Raise RuntimeError for the first step that did not converge, by its ``name`` and the reason."""
+    if not has_values(status).all():
+        failed = int(has_values(status).argmin())
+        raise RuntimeError(f"{name(failed)} was not reached: {Status(status[failed]).sentence}")
 
 
 def press_layer(
@@ -90,15 +110,10 @@ def press_layer(
     device: str,
     radius: float = RADIUS_MM,
 ) -> LayerPress:
-    """Press a sphere through all depths; see `quarter_layer`. Raises RuntimeError where the solver gives up."""
-    material = Material(
-        youngs_modulus_pa=MODULUS_MPA * 1e6, poisson_ratio=POISSON_RATIO, friction=friction, source="the reference's"
-    )
-    scene = Scene(quarter_layer(size, radii, radius), material, device=device)
+    """Press a sphere to all depths. Raises RuntimeError if a depth does not converge."""
+    scene = Scene(quarter_layer(size, radii, radius), layer_gel(friction), device=device)
     result = press(scene, [rigid_shape(Kind.SPHERE, sphere)], np.eye(4)[None], np.asarray(depths) / MM_PER_M)[0]
-    if not has_values(result.status).all():
-        failed = int(has_values(result.status).argmin())
-        raise RuntimeError(f"{depths[failed]:g} mm was not reached: {Status(result.status[failed]).sentence}")
+    check_reached(result.status, lambda i: f"{depths[i]:g} mm")
     moved = result.displacement.reshape(len(depths), len(AZIMUTHS), len(radii), 3) * MM_PER_M
     rings, pressure = ring_pressures(scene)
     return LayerPress(
@@ -115,14 +130,14 @@ def press_layer(
 
 
 def _around_axis(moved: np.ndarray) -> np.ndarray:
-    """(..., azimuths, p, 3) from x, y, z to outwards, along y, around y."""
+    """Components (..., azimuths, p, 3) outwards, along y, around y, from x, y, z."""
     cos, sin = np.cos(AZIMUTHS)[:, None], np.sin(AZIMUTHS)[:, None]
     x, y, z = np.moveaxis(moved, -1, 0)
     return np.stack([x * cos + z * sin, y, z * cos - x * sin], axis=-1)
 
 
 def ring_pressures(scene: Scene) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Contact multipliers of the present state, MPa, for each ring of corner nodes: rest radii and values."""
+    """Group the present contact multipliers, MPa, by rings of corner nodes: rest radii and values."""
     contact = scene.indenter_contact
     corners = scene.nodes[np.unique(contact.host_faces[:, :3])]  # the order of the multipliers
     values = contact.surface.normal.numpy()[:, 0] * MODULUS_MPA
@@ -131,7 +146,7 @@ def ring_pressures(scene: Scene) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def contact_radius(pressed: LayerPress, depth: float, apart: float = APART_MM) -> float:
-    """Deformed radius up to which the surface (mean over the azimuths) lies within ``apart`` of the sphere."""
+    """Largest deformed radius at which the surface, averaged over azimuths, lies within ``apart`` of the sphere."""
     u = pressed.displacement[pressed.at(depth)]
     radius = pressed.radii + u[..., 0]
     points = np.stack([radius, u[..., 1] - depth, u[..., 2]], axis=-1)
@@ -141,10 +156,10 @@ def contact_radius(pressed: LayerPress, depth: float, apart: float = APART_MM) -
 
 
 def surface_error(pressed: LayerPress, depth: float, profile: np.ndarray) -> float:
-    """Root mean square, over the deformation region, of the difference to a profile (k, 3): r, u_r, u_y.
+    """Root mean square of the difference to a profile (k, 3) of r, u_r, u_y, over the deformation region.
 
-    Each radius weighs as the annulus between the middles to its neighbours, all azimuths the same; a displacement
-    around the axis is all error.
+    The weight of a radius is the area of its annulus, which reaches half-way to the neighbours. All azimuths weigh the
+    same. The profile has no displacement around the axis.
     """
     r, expected = profile[:, 0], np.insert(profile[:, 1:], 2, 0.0, axis=1)
     ours = pressed.displacement[pressed.at(depth)][:, np.searchsorted(pressed.radii, r - 1e-9)]
@@ -156,9 +171,9 @@ def surface_error(pressed: LayerPress, depth: float, profile: np.ndarray) -> flo
 
 
 def pressure_swing(pressed: LayerPress) -> float:
-    """How far multipliers lie from the line between the two rings beside their own: rms, over that in the centre.
+    """Area-weighted rms distance of multipliers from the line between the neighbouring rings, over the centre's value.
 
-    Weighted by area. The contact's last ring is left out: its multipliers are a mean over what touches and what not.
+    The contact's last ring is left out, because its multipliers average points in and out of contact.
     """
     mean = np.array([values.mean() for values in pressed.pressure])
     last = int(np.flatnonzero(mean > 0.1 * mean[0])[-1])

@@ -1,4 +1,4 @@
-"""Structured meshes of ten-node tetrahedra, made without a mesher: the same on every machine and in every run."""
+"""Structured meshes of ten-node tetrahedra, made without a mesher and thus the same on all machines."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from simgen.geometry.tetrahedra import TET_EDGES, boundary_triangles, sizing_grid
 
 QUADRATIC_FACES = np.array([[1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6], [0, 1, 3, 4, 8, 7], [0, 2, 1, 6, 5, 4]])  # outward
-ON = 1e-9  # mm: a node this near to a plane is on it
+ON = 1e-9  # mm, distance up to which a node is on a plane
 
 
 class Mesh(NamedTuple):
-    """A body in rest, as the solver takes it.
+    """Mesh of a body at rest.
 
     nodes : (n, 3) mm, corners first
     tetrahedra : (e, 10) int32, VTK's order, positive volume
@@ -34,9 +34,9 @@ def quadratic(
     place: Callable[[np.ndarray], np.ndarray] = lambda parameters: parameters,
     straight: bool = False,
 ) -> Mesh:
-    """Ten-node tetrahedra from linear ones (e, 4) in a space of parameters (n, k) that ``place`` maps to mm.
+    """Make ten-node tetrahedra from linear ones (e, 4) whose parameters (n, k) are mapped to mm by ``place``.
 
-    A mid-edge node lies where ``place`` puts the middle of its edge, or half-way between its corners if ``straight``.
+    ``place`` maps the middles of edges, too. If ``straight``, mid-edge nodes lie half-way between their corners.
     """
     ends = np.sort(tetrahedra[:, TET_EDGES].reshape(-1, 2), axis=1)
     edges, edge_of = np.unique(ends, axis=0, return_inverse=True)
@@ -49,37 +49,37 @@ def quadratic(
 
 
 def box(counts=(3, 2, 3), size=(6.0, 4.0, 6.0)) -> Mesh:
-    """Kuhn's six tetrahedra per cell, centred in x and z; the top y = 0 faces -y, the bottom is at y = size[1]."""
+    """Mesh a box by Kuhn's six tetrahedra per cell. It is centred in x and z, from the top y = 0 to y = size[1]."""
     points, tetrahedra = sizing_grid(np.zeros(3), np.array(counts, dtype=float), 1.0)
     size = np.array(size, dtype=float)
     return quadratic(points / counts * size - [size[0] / 2.0, 0.0, size[2] / 2.0], tetrahedra)
 
 
 def on_plane(nodes: np.ndarray, axis: int, at: float) -> np.ndarray:
-    """(n,) bool: nodes on the plane where coordinate ``axis`` is ``at`` mm."""
+    """Mark the nodes (n,) whose coordinate ``axis`` is ``at`` mm."""
     return np.abs(nodes[:, axis] - at) < ON
 
 
 def faces_on(faces: np.ndarray, on: np.ndarray) -> np.ndarray:
-    """The faces of which all nodes are marked in ``on`` (n,) bool."""
+    """Return the faces whose nodes are all marked by ``on`` (n,) bool."""
     return faces[on[faces].all(axis=1)]
 
 
 def faces_on_sphere(mesh: Mesh, radius: float) -> np.ndarray:
-    """The boundary faces whose corners lie on the sphere about the origin, straight or curved."""
+    """Return the boundary faces whose corners lie on a sphere about the origin."""
     corners = np.linalg.norm(mesh.nodes[mesh.faces[:, :3]], axis=2)
     return mesh.faces[(np.abs(corners - radius) < ON).all(axis=1)]
 
 
 def top(nodes: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The faces in the plane y = 0."""
+    """Return the faces in the plane y = 0."""
     return faces_on(faces, on_plane(nodes, 1, 0.0))
 
 
 def perturbed(mesh: Mesh, shift: float, bend: float, inside_only: bool = False) -> Mesh:
-    """The mesh with its corners moved by up to ``shift`` mm along each axis, and its edges bent by up to ``bend``.
+    """Move corners at random by up to ``shift`` mm along each axis, and bend edges by up to ``bend`` mm.
 
-    Always by the same random numbers. ``inside_only`` leaves the boundary as it is.
+    The random numbers are always the same. ``inside_only`` keeps the boundary.
     """
     random = np.random.default_rng(0)
     movable = np.ones((len(mesh.nodes), 1))
@@ -92,9 +92,11 @@ def perturbed(mesh: Mesh, shift: float, bend: float, inside_only: bool = False) 
 
 
 def sphere_shell(around: int, through: int, radii: tuple[float, float], straight: bool = False) -> Mesh:
-    """The octant x, y, z >= 0 of a thick-walled sphere; edges curved with the sphere unless ``straight``.
+    """Mesh the octant x, y, z >= 0 of a thick-walled sphere, with curved edges unless ``straight``.
 
-    around : edges along a quarter of a great circle; through : layers; radii : inner and outer, mm
+    around : edges along a quarter of a great circle
+    through : layers of elements
+    radii : inner and outer, mm
     """
     triangle = [(i, j) for i in range(around + 1) for j in range(around + 1 - i)]
     number = {pair: n for n, pair in enumerate(triangle)}
@@ -114,10 +116,11 @@ def sphere_shell(around: int, through: int, radii: tuple[float, float], straight
 
 
 def split_prisms(prisms: np.ndarray) -> np.ndarray:
-    """Three tetrahedra (3 n, 4) for each prism (n, 6): a triangle, counter-clockwise from above, and the one above it.
+    """Split each prism (n, 6) into three tetrahedra (3 n, 4).
 
-    A side's diagonal starts at the smaller of its two lower vertices, so that neighbours agree (Dompierre et al., "How
-    to subdivide pyramids, prisms and hexahedra into tetrahedra", 8th Int. Meshing Roundtable, 1999).
+    A prism is a triangle, counter-clockwise from above, and the triangle above it. A side's diagonal starts at the
+    smaller of its two lower vertices, so that neighbours agree (Dompierre et al., "How to subdivide pyramids, prisms
+    and hexahedra into tetrahedra", 8th Int. Meshing Roundtable, 1999).
     """
     order = np.argsort(prisms[:, :3], axis=1)
     a, b, c = np.take_along_axis(prisms[:, :3], order, axis=1).T

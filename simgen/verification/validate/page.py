@@ -1,4 +1,4 @@
-"""The validation as one self-contained HTML page: every row with its origin, the plots and the tables beside it."""
+"""Validation report: one self-contained HTML page with rows, plots and tables of each case."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLOTS_PER_ROW = 3
 
 
 def write_validation(results: list[Result], device: str, output: Path) -> None:
-    """Write the page."""
+    """Write the HTML page of all results."""
     write_page("simgen validate", _lines(results, device), output)
 
 
@@ -63,7 +63,7 @@ def _mark(verdict: str) -> str:
 
 
 def draw_curves(curves: list[Curve]) -> Figure:
-    """One pair of axes for each plot, in the order of the curves."""
+    """Draw one pair of axes for each plot, in the order of the curves."""
     plots = list(dict.fromkeys(curve.plot for curve in curves))
     columns = min(PLOTS_PER_ROW, len(plots))
     rows = -(-len(plots) // columns)

@@ -1,7 +1,7 @@
-"""The layer in FElupe: hexahedra with displacement, pressure and volume ratio, contact as an item of its own.
+"""The layer solved by FElupe: hexahedra with displacement, pressure and volume ratio.
 
-FElupe's triquadratic hexahedra (27 points), its mixed (u, p, J) neo-Hookean solid and its Newton-Raphson method; the
-rigid sphere is an item that integrates the contact pressure over the top faces. Linear systems by SciPy's SuperLU.
+Uses FElupe's triquadratic hexahedra (27 points), mixed (u, p, J) neo-Hookean solid and Newton-Raphson method. The rigid
+sphere is an item that integrates the contact pressure over the top faces. SciPy's SuperLU solves the linear systems.
 """
 
 from __future__ import annotations
@@ -19,39 +19,39 @@ from simgen.verification.validate.layer_reference import HEIGHT_MM, RADIUS_MM
 from simgen.verification.validate.peer_scene import LAME_MPA, SHEAR_MPA, SPHERE_MM, PeerSolution
 
 CODE = "FElupe"
-POINTWISE_MPA = 3.0 * SHEAR_MPA  # of LAME_MPA, at the quadrature points (as ln^2 J); without it deep presses stall
+POINTWISE_MPA = 3.0 * SHEAR_MPA  # part of LAME_MPA at quadrature points (as ln^2 J); deep presses stall without it
 CONTACT_MPA_PER_MM = 27.0
-EXTRAPOLATION = 0.9  # share of the last step that a new one starts from
-UPDATES = 1  # of the multipliers at a depth; one more changes the force at 1 mm by 0.05 %
-TOLERANCE = 1e-6  # of the forces, as FElupe measures them
+EXTRAPOLATION = 0.9  # share of the last step that the next one starts with
+UPDATES = 1  # multiplier updates at a depth; one more changes the force at 1 mm by 0.05 %
+TOLERANCE = 1e-6  # relative force residual, as FElupe defines it
 ON = 1e-9  # mm
-TOUCHABLE_MM = 4.0  # radius within which the top can meet the sphere
+TOUCHABLE_MM = 4.0  # radius of the part of the top that can meet the sphere
 
 
 def edge_mm(cells: int, layers: int, fine: float) -> float:
-    """Of the hexahedra at the axis; the embedded square of FElupe's disc is half a radius wide."""
+    """Edge length of the hexahedra at the axis; the square inside FElupe's disc is half a radius wide."""
     return 0.5 * RADIUS_MM * fine / cells
 
 
 def make_mesh(cells: int, layers: int, fine: float) -> fem.Mesh:
-    """The quarter x, z >= 0 of the layer: 3 cells^2 quadrilaterals, extruded.
+    """Mesh the quarter x, z >= 0 of the layer by 3 cells^2 extruded quadrilaterals.
 
-    ``fine``: edge at the axis over that of a uniform mesh.
+    ``fine``: edge length at the axis over that of a uniform mesh.
     """
     disc = fem.mesh.Circle(n=cells + 1, sections=[0])
     mesh = disc.expand(n=layers + 1, z=1.0).add_midpoints_edges().add_midpoints_faces().add_midpoints_volumes()
     flat, level = mesh.points[:, :2].copy(), mesh.points[:, 2]
     r = np.linalg.norm(flat, axis=1)
-    rim = np.cos(np.pi / (8 * cells)) - ON  # middles of the outer edges lie on their chords
+    rim = np.cos(np.pi / (8 * cells)) - ON  # mid-edge nodes of the outer edges lie on chords
     flat[r > rim] /= r[r > rim, None]
     flat *= RADIUS_MM * (fine + (1.0 - fine) * np.where(r > rim, 1.0, r) ** 2)[:, None]
     depth = HEIGHT_MM * (0.5 * level + 0.5 * level**2)
-    points = np.column_stack([flat[:, 1], depth, flat[:, 0]])  # z to y, by turning
+    points = np.column_stack([flat[:, 1], depth, flat[:, 0]])  # turn z to y
     return fem.Mesh(points, mesh.cells, mesh.cell_type)
 
 
 class RigidSphere:
-    """An item of FElupe: t = max(0, lambda - k g) per rest area at the quadrature points of the top."""
+    """FElupe item with the contact pressure t = max(0, lambda - k g) per rest area at quadrature points of the top."""
 
     def __init__(self, mesh: fem.Mesh):
         touchable = (mesh.points[:, 1] < ON) & (np.hypot(mesh.points[:, 0], mesh.points[:, 2]) < TOUCHABLE_MM)
@@ -63,7 +63,7 @@ class RigidSphere:
         self.results, self.assemble = Results(), Assemble(vector=self._vector, matrix=self._matrix)
 
     def traction(self):
-        """Distance to the sphere's centre, normal and t at the quadrature points."""
+        """Return distance to the sphere's centre, normal and t at the quadrature points."""
         centre = np.array([0.0, self.depth - SPHERE_MM, 0.0])[:, None, None]
         arm = self.rest + self.field[0].interpolate() - centre
         length = np.linalg.norm(arm, axis=0)
@@ -87,15 +87,17 @@ class RigidSphere:
         return self.results.stiffness
 
     def update_multiplier(self):
+        """Set the multipliers to the tractions."""
         self.multiplier = self.traction()[2]
 
     def force(self) -> float:
-        """Along the axis on the whole layer, N."""
+        """Return the axial force on the whole layer, N."""
         _, n, t = self.traction()
         return QUARTERS * float((t * n[1] * self.region.dV).sum())
 
 
 def boundaries(u: fem.Field) -> dict[str, fem.Boundary]:
+    """Fix the bottom, and the normal displacement on the planes of symmetry."""
     x, y, z = np.abs(u.region.mesh.points.T)
     return {
         "bottom": fem.Boundary(u, mask=y > HEIGHT_MM - ON),
@@ -105,14 +107,14 @@ def boundaries(u: fem.Field) -> dict[str, fem.Boundary]:
 
 
 def factor_and_solve(matrix, right):
-    """SuperLU, symmetric and without pivots of its own; one refinement makes up for those."""
+    """Solve by SuperLU without pivoting, and refine once to make up for that."""
     factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     x = factors.solve(right)
     return x + factors.solve(right - matrix @ x)
 
 
 def solve(cells: int, layers: int, fine: float, depths_mm: np.ndarray, points_mm: np.ndarray) -> PeerSolution:
-    """Press to all depths on the mesh of `make_mesh`; raises felupe's NewtonConvergenceError where it stalls."""
+    """Press to all depths on the mesh of `make_mesh`. Raises felupe's NewtonConvergenceError if it stalls."""
     mesh = make_mesh(cells, layers, fine)
     start = time.process_time()
     field = fem.FieldsMixed(fem.RegionTriQuadraticHexahedron(mesh), n=3, disconnect=False)

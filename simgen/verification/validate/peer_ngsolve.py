@@ -1,8 +1,8 @@
-"""The layer in NGSolve: Taylor-Hood tetrahedra of Netgen's own mesh, contact as an augmented-Lagrangian energy.
+"""The layer solved by NGSolve: Taylor-Hood tetrahedra of Netgen's own mesh.
 
-Everything derives from one energy, which NGSolve differentiates symbolically: the law with its volumetric part shared
-between a pressure field and the points of quadrature, and (t^2 - lambda^2) / 2k over the top, t = max(0, lambda - k g).
-Newton's method with NGSolve's sparse LDL^T factors.
+NGSolve differentiates one energy symbolically. It has the material law, whose volumetric part is split between a
+pressure field and the quadrature points, and the augmented-Lagrangian contact energy (t^2 - lambda^2) / 2k over the
+top, with t = max(0, lambda - k g). Newton's method uses NGSolve's sparse LDL^T factors.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from simgen.verification.validate.layer_reference import HEIGHT_MM, RADIUS_MM
 from simgen.verification.validate.peer_scene import LAME_MPA, SHEAR_MPA, SPHERE_MM, PeerSolution
 
 CODE = "NGSolve"
-ORDER = 2  # of the displacement; the pressure has one less
-POINTWISE_MPA = 3.0 * SHEAR_MPA  # of LAME_MPA, at the quadrature points; without it deep presses stall
+ORDER = 2  # order of the displacement; the pressure has one less
+POINTWISE_MPA = 3.0 * SHEAR_MPA  # part of LAME_MPA at quadrature points; deep presses stall without it
 CONTACT_MPA_PER_MM = 27.0
-FINE_RADIUS_MM = 2.6  # the contact's at 1 mm, and a little more
-EXTRAPOLATION = 0.9  # share of the last step that a new one starts from
-UPDATES = 1  # of the multipliers at a depth; five more change the force at 1 mm by 0.03 %
-TOLERANCE = 1e-7  # N, of the out-of-balance forces
+FINE_RADIUS_MM = 2.6  # slightly more than the contact radius at 1 mm
+EXTRAPOLATION = 0.9  # share of the last step that the next one starts with
+UPDATES = 1  # multiplier updates at a depth; five more change the force at 1 mm by 0.03 %
+TOLERANCE = 1e-7  # N, norm of the residual
 MOST_ITERATIONS = 25
 
 
 def make_mesh(fine_mm: float, coarse_mm: float) -> ng.Mesh:
-    """The quarter x, z >= 0 of the layer 0 <= y <= height, fine under the sphere."""
+    """Mesh the quarter x, z >= 0 of the layer 0 <= y <= height, fine under the sphere."""
     whole = Cylinder(Pnt(0, 0, 0), gp_Dir(0, 1, 0), r=RADIUS_MM, h=HEIGHT_MM)
     quarter = whole * Box(Pnt(0, 0, 0), Pnt(2 * RADIUS_MM, HEIGHT_MM, 2 * RADIUS_MM))
     planes = {"top": ("y", 0.0), "bottom": ("y", HEIGHT_MM), "x0": ("x", 0.0), "z0": ("z", 0.0)}
@@ -77,24 +77,25 @@ class Layer:
         self.energy += ng.Variation((t * t / (2.0 * CONTACT_MPA_PER_MM)).Compile() * ng.ds("top"))
 
     def to_sphere(self, u):
-        """From the sphere's centre to the moved point."""
+        """Return the vector from the sphere's centre to the moved point."""
         return ng.CF((ng.x, ng.y, ng.z)) + u - ng.CF((0.0, self.depth - SPHERE_MM, 0.0))
 
     def traction(self, u):
-        """Contact pressure per rest area."""
+        """Return the contact pressure per rest area."""
         gap = ng.Norm(self.to_sphere(u)) - SPHERE_MM
         t = self.multiplier - CONTACT_MPA_PER_MM * gap
         return ng.IfPos(t, t, 0.0)
 
-    def out_of_balance(self, vector) -> float:
+    def residual(self, vector) -> float:
+        """Write the residual into a vector and return its norm over the free unknowns, N."""
         self.energy.Apply(self.state.vec, vector)
         return float(np.linalg.norm(vector.FV().NumPy()[self.free]))
 
     def equilibrium(self):
-        """Newton's method at the present depth and multipliers; raises RuntimeError where it stalls."""
+        """Solve by Newton's method at the present depth and multipliers. Raises RuntimeError if it stalls."""
         vec = self.state.vec
         r, step, start = vec.CreateVector(), vec.CreateVector(), vec.CreateVector()
-        size = self.out_of_balance(r)
+        size = self.residual(r)
         for _ in range(MOST_ITERATIONS):
             if size < TOLERANCE:
                 return
@@ -103,20 +104,20 @@ class Layer:
             start.data = vec
             for halvings in range(8):
                 vec.data = start - 0.5**halvings * step
-                now = self.out_of_balance(r)
-                if now < 2.0 * size:  # contact lets it rise a little; never for NaN
+                now = self.residual(r)
+                if now < 2.0 * size:  # contact may raise it a little; False for NaN
                     break
             size = now
             self.newton_iterations += 1
         raise RuntimeError(f"NGSolve: no equilibrium at {self.depth.Get():g} mm")
 
     def update_multipliers(self):
-        """Move the multipliers to the projected tractions."""
+        """Set the multipliers to the projected tractions."""
         self._projected.Set(self.traction(self.state.components[0]), definedon=self.top)
         self.multiplier.vec.data = self._projected.vec
 
     def force(self) -> float:
-        """Along the axis on the whole layer, N."""
+        """Return the axial force on the whole layer, N."""
         u = self.state.components[0]
         arm = self.to_sphere(u)
         pressure = self.traction(u) * arm[1] / ng.Norm(arm)
@@ -124,7 +125,7 @@ class Layer:
 
 
 def solve(fine_mm: float, coarse_mm: float, depths_mm: np.ndarray, points_mm: np.ndarray) -> PeerSolution:
-    """Press to all depths; edges of ``fine_mm`` under the sphere and ``coarse_mm`` at most elsewhere."""
+    """Press to all depths, with edges of ``fine_mm`` under the sphere and at most ``coarse_mm`` elsewhere."""
     mesh = make_mesh(fine_mm, coarse_mm)
     start = time.process_time()
     layer = Layer(mesh)

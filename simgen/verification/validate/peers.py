@@ -1,12 +1,11 @@
-"""Independent codes, live: the same press solved by well-kept finite element libraries in the same run.
+"""Comparison with independent codes, NGSolve and FElupe, which solve the same press in the same run.
 
-NGSolve and FElupe (the ``dev`` extra installs them) press a sphere of radius 3.5 mm to 1 mm into a quarter of the
-bonded layer: three-dimensional, nu = 0.499, without friction. What they share with simgen is in ``peer_scene``.
+A sphere of radius 3.5 mm is pressed 1 mm into a quarter of the bonded layer, in three dimensions, with nu = 0.499 and
+without friction (`peer_scene`). The ``dev`` extra installs both codes.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from importlib.util import find_spec
 
@@ -14,30 +13,36 @@ import numpy as np
 
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
-from simgen.sensors.sensor import Material
 from simgen.simulation.press import Scene, SolverSettings, press
 from simgen.units import MM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
-from simgen.verification.validate.layer_press import AZIMUTHS, MOVED_MM, QUARTERS, LayerMeshSize, quarter_layer
+from simgen.verification.validate.layer_meshes import points_on_top
+from simgen.verification.validate.layer_press import (
+    AZIMUTHS,
+    MOVED_MM,
+    QUARTERS,
+    LayerMeshSize,
+    layer_gel,
+    quarter_layer,
+)
 from simgen.verification.validate.layer_reference import DEPTHS_MM as REFERENCE_DEPTHS_MM
-from simgen.verification.validate.layer_reference import MODULUS_MPA, POISSON_RATIO, REFERENCES
-from simgen.verification.validate.peer_scene import SPHERE_MM, PeerSolution
+from simgen.verification.validate.layer_reference import REFERENCES
+from simgen.verification.validate.peer_scene import SPHERE_MM, PeerSolution, timed
 
 STEPS_MM = np.arange(1, 11) / 10.0
 REPORTED_MM = (0.5, 1.0)
-RADII_MM = np.arange(0.1, 9.6, 0.2)  # of the surface points that are compared
+RADII_MM = np.arange(0.1, 9.6, 0.2)  # radii of the surface points that are compared
 WANTED_FORCE, WANTED_UM = 0.01, 5.0
 SIZE = LayerMeshSize(0.35, 0.7, 0.175, 0.385, segments=7)  # as fine around the axis as along it
 WARM_UP = LayerMeshSize(1.2, 0.7, 1.0, 1.5)
-# With twice the unknowns they themselves move, at 1 mm, by -0.13 % and 0.5 um (NGSolve), +0.37 % and 2.1 um (FElupe).
+# Twice the unknowns change their results at 1 mm by -0.13 % and 0.5 um (NGSolve), +0.37 % and 2.1 um (FElupe).
 NGSOLVE_EDGES_MM = 0.25, 1.5
 FELUPE_CELLS = 4, 4, 0.5
 
 
 def surface_points() -> np.ndarray:
-    """Points (azimuths x radii, 3) mm of the top at rest."""
-    x, z = np.outer(np.cos(AZIMUTHS), RADII_MM), np.outer(np.sin(AZIMUTHS), RADII_MM)
-    return np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
+    """Return points (azimuths x radii, 3) mm on the top at rest."""
+    return points_on_top(AZIMUTHS, RADII_MM)
 
 
 def solve(
@@ -48,30 +53,25 @@ def solve(
     element: str = "P2-P1",
     settings: SolverSettings | None = None,
 ) -> PeerSolution:
-    """The same press by simgen."""
-    material = Material(
-        youngs_modulus_pa=MODULUS_MPA * 1e6, poisson_ratio=POISSON_RATIO, friction=friction, source="the reference's"
-    )
+    """Solve the press with simgen."""
     settings = (settings or SolverSettings()).model_copy(update={"element": element})
-    scene = Scene(quarter_layer(size, RADII_MM), material, device, settings=settings)
-    clock = time.process_time if device == "cpu" else time.perf_counter
-    start = clock()
-    result = press(scene, [rigid_shape(Kind.SPHERE, SPHERE_MM)], np.eye(4)[None], np.asarray(depths_mm) / MM_PER_M)[0]
-    seconds = clock() - start
+    scene = Scene(quarter_layer(size, RADII_MM), layer_gel(friction), device, settings=settings)
+    sphere, depths = rigid_shape(Kind.SPHERE, SPHERE_MM), np.asarray(depths_mm) / MM_PER_M
+    (result,), seconds = timed(device, lambda: press(scene, [sphere], np.eye(4)[None], depths))
     newton, krylov = (int(np.nansum(result.certificate[f"{name}_iterations"])) for name in ("newton", "krylov"))
     return PeerSolution("simgen", scene.unknowns, seconds, newton, krylov, QUARTERS * result.force[:, 1],
                     result.displacement * MM_PER_M)  # fmt: skip
 
 
 def surface_rmse_um(u: np.ndarray, reference: np.ndarray) -> float:
-    """Root mean square, um, of u - reference, both (azimuths x radii, 3) mm, over the area that moves by 10 um."""
+    """Root mean square of u - reference, um, over the area that moves by 10 um; both (azimuths x radii, 3) mm."""
     moved = np.linalg.norm(reference, axis=1) >= MOVED_MM
     weight = np.tile(RADII_MM, len(AZIMUTHS)) * moved
     return float(MM_PER_M * np.sqrt((weight * ((u - reference) ** 2).sum(axis=1)).sum() / weight.sum()))
 
 
 def compare(peer: PeerSolution, ours: PeerSolution) -> Outcome:
-    """Rows against the peer, and both codes with their times and errors against the axisymmetric reference."""
+    """Compare our solution with the peer's, and tabulate times and forces of both."""
     rows, table = [], []
     origin = f"{peer.code}, live; the project's target"
     converged = REFERENCES[SPHERE_MM, 0.0].force
@@ -99,21 +99,23 @@ def compare(peer: PeerSolution, ours: PeerSolution) -> Outcome:
 
 
 def against(package: str, solve_peer: Callable[[np.ndarray, np.ndarray], PeerSolution], device: str) -> Outcome:
-    """Both codes through the same depths; skipped where the package is not installed."""
+    """Solve with both codes and compare; skipped if the package is not installed."""
     if not find_spec(package):
         return Outcome([], skipped=f'{package} is not installed (pip install "simgen[dev]")')
     peer = solve_peer(STEPS_MM, surface_points())
-    solve(WARM_UP, STEPS_MM[:1], device)  # compiles kernels
+    solve(WARM_UP, STEPS_MM[:1], device)  # compile kernels
     return compare(peer, solve(SIZE, STEPS_MM, device))
 
 
 def ngsolve_layer(depths_mm: np.ndarray, points_mm: np.ndarray) -> PeerSolution:
+    """Solve the press with NGSolve."""
     from simgen.verification.validate.peer_ngsolve import solve
 
     return solve(*NGSOLVE_EDGES_MM, depths_mm, points_mm)
 
 
 def felupe_layer(depths_mm: np.ndarray, points_mm: np.ndarray) -> PeerSolution:
+    """Solve the press with FElupe."""
     from simgen.verification.validate.peer_felupe import solve
 
     return solve(*FELUPE_CELLS, depths_mm, points_mm)

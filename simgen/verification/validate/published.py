@@ -1,4 +1,4 @@
-"""Cases on published data, below the folder that ``--published`` names: meshes, presses into them, and result files."""
+"""Cases with published data from the folder of ``--published``: meshes, presses into them, and result files."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from simgen.verification.validate.published_sensors import (
     published_surface,
 )
 
-MEAN, MOST = 0.10, 0.40  # mm, between touchable surfaces; the mean also of thickness
-TIP = 0.05  # mm, of the vertices of an indenter's tip
+MEAN, MOST = 0.10, 0.40  # mm, allowed distance of touchable surfaces; MEAN also of thickness
+TIP = 0.05  # mm, allowed distance of vertices of an indenter's tip
 VOLUME = 0.01  # a mean distance of 0.02 mm over the DIGIT's 600 mm2 is 1 % of its gel
 BOUND = "the project's bound on its parametric bodies"
 THICKNESS = {"digit": ("thickness of the gel", gel_thickness), "biotac": ("wall of the skin", wall_thickness)}
@@ -32,16 +32,17 @@ NO_FOLDER = "no --published DIR: the data belong to others and are not part of s
 
 
 def _missing(context: Context, names: tuple[str, ...]) -> str:
-    """Why a case on the published meshes of some sensors cannot be run; empty if it can."""
+    """Reason why a case with published meshes cannot run; empty if it can."""
     if context.published is None:
         return NO_FOLDER
     wanted = [files[name] for name in names for files in (GEL, CORE) if name in files]
     there = set(names) <= set(published_sensors(context.published))
-    return "" if there else f"{context.published}: not all there: {', '.join(wanted)}"
+    return "" if there else f"{context.published}: lacks some of {', '.join(wanted)}"
 
 
 @case("published-geometry", "Our sensors and indenters against the published meshes", "standard")
 def geometry(context: Context) -> Outcome:
+    """Compare surfaces, thickness and volume of the sensors, and tips of the indenters."""
     if skipped := _missing(context, tuple(GEL)):
         return Outcome([], skipped=skipped)
     rows, table = [], []
@@ -68,7 +69,7 @@ def geometry(context: Context) -> Outcome:
 
 
 def _presses(context: Context, presses: dict[str, tuple[str, ...]], depths_mm: list[float]) -> Outcome:
-    """Press indenters into the published meshes of some sensors and into ours."""
+    """Press indenters into published meshes of some sensors and into ours."""
     if skipped := _missing(context, tuple(presses)):
         return Outcome([], skipped=skipped)
     whole = Outcome([])
@@ -81,23 +82,26 @@ def _presses(context: Context, presses: dict[str, tuple[str, ...]], depths_mm: l
 
 @case("published-digit", "The same presses on the published DIGIT mesh and on ours", "standard")
 def presses_digit(context: Context) -> Outcome:
+    """Press a sphere and a ring to 1 mm."""
     return _presses(context, {"digit": ("sphere_7mm", "ring_7mm")}, [0.5, 1.0])
 
 
 @case("published-biotac", "The same press on the published BioTac mesh and on ours", "standard")
 def presses_biotac(context: Context) -> Outcome:
-    """The published BioTac has 86,000 unknowns as P2-P1: one sphere to 1 mm."""
+    """Press one sphere to 1 mm: the published mesh has 86,000 unknowns with P2-P1."""
     return _presses(context, {"biotac": ("sphere_7mm",)}, [0.5, 1.0])
 
 
 @case("published-deep", "A sphere and the ring to 2 mm on the published meshes and on ours", "long")
 def presses_deep(context: Context) -> Outcome:
+    """Press a sphere and a ring to 2 mm into both sensors."""
     both = ("sphere_7mm", "ring_7mm")
     return _presses(context, {"digit": both, "biotac": both}, [0.5, 1.0, 1.5, 2.0])
 
 
 @case("published-results", "Result files in the ACROSS or biotac_sim layout, press by press", "standard")
 def results(context: Context) -> Outcome:
+    """Solve presses of result files again and compare."""
     if context.published is None:
         return Outcome([], skipped=NO_FOLDER)
     if not result_files(context.published):

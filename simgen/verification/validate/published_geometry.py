@@ -1,4 +1,4 @@
-"""Distances between our parametric bodies and published meshes, mm."""
+"""Distances between our parametric bodies and published meshes, in mm."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from simgen.geometry.surface import ClosestPoint
 from simgen.sensors.sensor_geometry import SensorGeometry
 from simgen.units import MM
 
-TIP_MM = 3.0  # how much of an indenter can touch
+TIP_MM = 3.0  # height of the part of an indenter that can touch
 
 
 def touchable_distances(ours: SensorGeometry, published: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
-    """From our touchable surface to the published one (faces,), and back (points,).
+    """Measure distances from our touchable surface to the published one (faces,), and back (points,).
 
-    Back: from those vertices and face centres that are nearest to our touchable surface.
+    The points are those published vertices and face centres that are nearest to our touchable surface.
     """
     free = ours.true.region == FREE
     there = ClosestPoint(published.vertices, published.faces)(ours.true.surface.triangles_center[free])[1]
@@ -27,7 +27,7 @@ def touchable_distances(ours: SensorGeometry, published: trimesh.Trimesh) -> tup
 
 
 def wall_thickness(ours: SensorGeometry, published: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
-    """Wall of the skin in both bodies, at the face centres of the published outer surface."""
+    """Measure the skin's wall in both bodies, at face centres of the published outer surface."""
     inner = ours.true.region == CORE
     _, _, face = ours.true.closest(published.triangles_center)
     points = published.triangles_center[~inner[face]]
@@ -41,7 +41,7 @@ def wall_thickness(ours: SensorGeometry, published: trimesh.Trimesh) -> tuple[np
 
 
 def gel_thickness(ours: SensorGeometry, published: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
-    """Thickness of both DIGIT gels above their backs, on a grid of (x, z), 1 mm and more inside the outline."""
+    """Measure the thickness of both DIGIT gels on a grid of (x, z), at least 1 mm inside the outline."""
     grid = np.stack(np.meshgrid(np.arange(-19, 4, 0.5), np.arange(-8, 8.1, 0.5)), axis=-1).reshape(-1, 2)
     grid = grid[(grid[:, 0] > -10.86) | (np.hypot(grid[:, 0] + 10.86, grid[:, 1]) < 8.2)]
     return _thickness(ours.true.surface, grid), _thickness(published, grid)
@@ -52,7 +52,7 @@ def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _thickness(surface: trimesh.Trimesh, grid: np.ndarray) -> np.ndarray:
-    """From the lowest y of a surface at (x, z), by its triangles seen along y, to its flat back."""
+    """Distance from the lowest y of a surface at (x, z) to its flat back, by triangles seen along y."""
     corners = surface.triangles[surface.face_normals[:, 1] < -0.05] / MM
     a, b, c = (corners[:, k][:, [0, 2]] for k in range(3))
     area = _cross(b - a, c - a)
@@ -65,6 +65,6 @@ def _thickness(surface: trimesh.Trimesh, grid: np.ndarray) -> np.ndarray:
 
 
 def tip_distances(shape: RigidShape, published: trimesh.Trimesh) -> np.ndarray:
-    """Signed distances of the published vertices of an indenter's tip from our shape."""
+    """Measure signed distances of published vertices of an indenter's tip from our shape."""
     vertices = published.vertices / MM
     return signed_distance(shape, vertices[vertices[:, 1] > -TIP_MM])[0]

@@ -1,7 +1,7 @@
 """The same press on a published mesh and on ours, compared at the published vertices.
 
-The indenter comes to the same poses in both: the depths count from first touch on the published mesh, whose facets may
-stand out by tens of micrometres. What remains is the discretisation of either mesh and the distance of the surfaces.
+The indenter takes the same poses in both meshes. Depths count from first touch on the published mesh, whose facets may
+protrude by tens of micrometres. The two results differ by discretisation errors and by the distance of the surfaces.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from simgen.simulation.press import PressResult, Scene, SolverSettings, press
 from simgen.verification.validate.case import Curve, Outcome, Row, Table
 from simgen.verification.validate.published_geometry import touchable_distances
 from simgen.verification.validate.published_sensors import published_sensor, published_surface, seen_at
+from simgen.verification.validate.sensors import distances_um
 
 PLACE_MM = (-7.5, 0.0)  # x along the finger and z of the contact: over the middle of either pad, along +y
-DEFORMED = 1e-5  # m: a vertex that has moved this far is in the deformation region, as published
-FORCE, RMSE_UM = 0.02, 10.0  # the project's 1 % and 5 um, for either mesh
+FORCE, RMSE_UM = 0.02, 10.0  # the project's 1 % and 5 um, for each mesh
 OURS, THEIRS, LINEAR = "our mesh, P2-P1", "published tetrahedra, P2-P1", "published tetrahedra, linear"
 
 
 @dataclass(frozen=True)
 class PublishedSolution:
-    """One press on one mesh."""
+    """Result of a press on one mesh."""
 
     unknowns: int
     result: PressResult
 
     @property
     def force(self) -> np.ndarray:
-        """(d,) N."""
+        """Lengths of the forces (d,) N."""
         return np.linalg.norm(self.result.force, axis=1)
 
 
 def touch_travel(scene: Scene, shape: RigidShape, pose: np.ndarray) -> float:
-    """Travel (m) along the shape's +y axis from a pose (4, 4) in m to first touch on a scene's sensor."""
+    """Return the travel, m, along the shape's +y axis from a pose (4, 4) in m to first touch on a scene's sensor."""
     in_mm = np.array(pose)
     in_mm[:3, 3] *= 1e3
     faces = scene.indenter_contact.host_faces
@@ -50,7 +50,7 @@ def touch_travel(scene: Scene, shape: RigidShape, pose: np.ndarray) -> float:
 
 
 def place_indenter(sensor: Sensor) -> np.ndarray:
-    """Pose (4, 4) at `PLACE_MM`, the tip at the height of the sensor's lowest point, pressing along +y."""
+    """Return a pose (4, 4) that presses along +y at `PLACE_MM`, its tip as low as the sensor's lowest point."""
     pose = np.eye(4)
     pose[:3, 3] = 1e-3 * PLACE_MM[0], sensor.surface.bounds[0, 1], 1e-3 * PLACE_MM[1]
     return pose
@@ -63,27 +63,12 @@ def solve(scene: Scene, indenter: str, pose: np.ndarray, travels_m: np.ndarray) 
     return PublishedSolution(scene.unknowns, press(scene, [shape], pose[None], depths)[0])
 
 
-def distances_um(a: np.ndarray, b: np.ndarray, moved: np.ndarray | None = None) -> tuple[float, float]:
-    """Root mean square and mean of the Euclidean distance (um) of positions or displacements (v, 3) m.
-
-    Over all vertices, or over the deformation region: where ``moved`` (v, 3) m is 10 um or longer. The figures of
-    the ACROSS framework take the root mean square over coordinates, which is smaller by the root of three.
-    NaN where a press did not get there.
-    """
-    away = 1e6 * np.linalg.norm(a - b, axis=1)
-    if np.isnan(away).any():
-        return np.nan, np.nan
-    if moved is not None:
-        away = away[np.linalg.norm(moved, axis=1) >= DEFORMED]
-    return (float(np.sqrt((away**2).mean())), float(away.mean())) if len(away) else (0.0, 0.0)
-
-
 def compare_presses(
     published: Path, name: str, indenters: Sequence[str], depths_mm: list[float], device: str, scratch: Path
 ) -> Outcome:
-    """Press indenters, material "solid", into the published mesh with both elements and into ours.
+    """Press indenters into the published mesh with both elements, and into ours, with the material "solid".
 
-    depths_mm: two or more, from first touch on the published mesh. Its P2-P1 solution is the measure of the other two.
+    depths_mm : two or more, from first touch on the published mesh. Its P2-P1 solution is the reference.
     """
     theirs = published_sensor(published, name, scratch)
     sensors = {THEIRS: (theirs, "P2-P1"), OURS: (seen_at(name, theirs.output_mesh), "P2-P1"), LINEAR: (theirs, "P1")}
@@ -105,10 +90,9 @@ def compare_presses(
 def _add(
     outcome: Outcome, title: str, solutions: dict[str, PublishedSolution], depths_mm: np.ndarray, apart_mm: float
 ) -> None:
-    """Rows, table and curves of one indenter.
+    """Add rows, table and curves of one indenter.
 
-    Surfaces that are ``apart_mm`` make as much difference as a depth that is known to no better, and the force goes
-    with a power of the depth.
+    A distance ``apart_mm`` of the surfaces acts like an error of the depth. The force follows a power of the depth.
     """
     reference = solutions[THEIRS]
     power = np.gradient(np.log(reference.force), np.log(depths_mm))

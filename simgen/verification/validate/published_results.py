@@ -1,8 +1,8 @@
-"""Result files against our solver, press by press: the same indenter at the same poses, compared vertex by vertex.
+"""Comparison of result files with our solver: the same indenter at the same poses, vertex by vertex.
 
-A file of simgen names its job, indenters and poses. Files of others say none of that: the frame then comes from the
-vertices that are held, the indenter from the published order of the environments, the pose from the deformed mesh
-(`simgen.verification.validate.recovery`), the material from the publication.
+A file of simgen names its job, indenters and poses. Files of other programs do not. Their frame comes from the held
+vertices, their indenter from the published order of environments, their pose from the deformed mesh
+(`simgen.verification.validate.recovery`), and their material from the publication.
 """
 
 from __future__ import annotations
@@ -23,38 +23,43 @@ from simgen.pipeline.plan import chosen_fluid, chosen_material, chosen_sensor
 from simgen.sensors.indenter import Indenter, chosen_indenter, indenter_names, load_indenter
 from simgen.simulation.press import PressResult, Scene, follow
 from simgen.verification.validate.case import Outcome, Row, Table
-from simgen.verification.validate.published_presses import DEFORMED, distances_um, touch_travel
+from simgen.verification.validate.published_presses import touch_travel
 from simgen.verification.validate.published_sensors import GEL, mesh_with, seen_at
 from simgen.verification.validate.recovery import pose_difference, recover
+from simgen.verification.validate.sensors import DEFORMED, distances_um
 
 PUBLISHED_MATERIAL = {"digit": "solid", "biotac": "effective"}
-PRESSES, STEPS = 4, 3  # compared at most: presses in all files, steps of each
-SHALLOWEST = 1e-4  # m: a step is compared when a vertex has moved as far as the published samples go down to
-LEAST_TOUCHED = 6  # vertices, for a pose that is to be solved at
+PRESSES, STEPS = 4, 3  # largest numbers of presses in all files, and of steps of each press
+SHALLOWEST = 1e-4  # m, largest displacement from which a step is compared; published samples begin there
+LEAST_TOUCHED = 6  # touched vertices that determine a pose
 FORCE, RMSE_UM = 0.01, 5.0
 OWN = "simgen wrote the file from the same job; the project's bounds"
 
 
 @dataclass(frozen=True)
 class PublishedPress:
-    """The steps of one press that have deformed the mesh, in the frame of the sensor; there may be none."""
+    """Steps of one press that deform the mesh, in the sensor's frame.
+
+    held_um : root mean square distance of the held vertices from rest
+    """
 
     label: str
     samples: list[Sample]
-    held_um: float  # how far the held vertices are from rest, root mean square
+    held_um: float
 
     @property
     def compared(self) -> list[int]:
-        """Which samples are compared: spread over the press, the deepest always."""
+        """Numbers of the samples to compare: spread over the press, with the deepest."""
         return np.unique(np.linspace(len(self.samples) - 1, 0, STEPS).round().astype(int)).tolist()
 
 
 def result_files(published: Path) -> list[Path]:
+    """Find the result files below a folder."""
     return [path for path in sorted(published.rglob("*.hdf5")) if is_result_file(path)]
 
 
 def compare_results(published: Path, device: str) -> Outcome:
-    """Compare presses spread over all result files below a folder."""
+    """Compare some presses of all result files below a folder."""
     found = []
     for path in result_files(published):
         with ResultFile(path) as file:
@@ -76,9 +81,9 @@ def compare_results(published: Path, device: str) -> Outcome:
 
 
 def scene_of(file: ResultFile, published: Path, device: str) -> tuple[Scene, Job | None]:
-    """What to solve the presses of a file with: the sensor, mesh and material of its job, or of the publication.
+    """Make the scene for the presses of a file, from its job or from the publication.
 
-    Raises InputError where the vertices are those of no known mesh.
+    Raises InputError if the vertices belong to no known mesh.
     """
     (trial, env), steps = next(iter(file.presses().items()))
     vertices = len(file.sample(trial, env, steps[0]).nodal_coordinates)
@@ -99,7 +104,7 @@ def scene_of(file: ResultFile, published: Path, device: str) -> tuple[Scene, Job
 
 
 def read_press(file: ResultFile, press: tuple[int, int], mesh: OutputMesh) -> PublishedPress:
-    """A press, moved into the frame of the sensor by the vertices that are held."""
+    """Read a press and move it into the sensor's frame by its held vertices."""
     samples, fixed = [], []
     for step in file.presses()[press]:
         sample, off = to_sensor_frame(file.sample(*press, step), mesh)
@@ -111,9 +116,9 @@ def read_press(file: ResultFile, press: tuple[int, int], mesh: OutputMesh) -> Pu
 
 
 def to_sensor_frame(sample: Sample, mesh: OutputMesh) -> tuple[Sample, float]:
-    """A sample moved rigidly so that its held vertices are at rest, and by how much (um, rms) they then miss it.
+    """Move a sample rigidly so that its held vertices are at rest; return it and their remaining distance, um rms.
 
-    Published coordinates carry the place of the sensor in its simulated world (biotac_sim: 50 mm along y).
+    Published coordinates include the sensor's place in its simulated world (biotac_sim: 50 mm along y).
     """
     theirs, rest = sample.nodal_coordinates[mesh.held], mesh.vertices[mesh.held]
     turn, _ = Rotation.align_vectors(rest - rest.mean(axis=0), theirs - theirs.mean(axis=0))
@@ -130,7 +135,10 @@ def to_sensor_frame(sample: Sample, mesh: OutputMesh) -> tuple[Sample, float]:
 
 
 def indenter_of(sample: Sample, job: Job | None) -> Indenter:
-    """By its name in the file (a path starts at the job's folder), else by the published order."""
+    """Find the indenter by its name in the file, else by the published order.
+
+    Relative paths start at the job's folder. Raises InputError for an environment beyond the published order.
+    """
     if sample.indenter is not None and job is not None:
         return chosen_indenter(job, job.indenter_names.index(sample.indenter))
     names = indenter_names()
@@ -140,13 +148,13 @@ def indenter_of(sample: Sample, job: Job | None) -> Indenter:
 
 
 def _compare(outcome: Outcome, file: ResultFile, key: tuple[int, int], scene: Scene, job: Job | None) -> None:
-    """Solve one press of a file and add what was found."""
+    """Solve one press of a file and add rows and tables."""
     mesh = scene.sensor.output_mesh
     press = read_press(file, key, mesh)
     outcome.rows.append(Row(f"held vertices, from rest: {press.label}", "um", press.held_um, np.nan, 1e6 * DEFORMED,
                             "at most", "less counts as not deformed"))  # fmt: skip
     if not press.samples or press.held_um > 1e6 * DEFORMED:
-        outcome.notes.append(f"{press.label}: not solved, no step deforms this mesh where it is free")
+        outcome.notes.append(f"{press.label}: not solved, no step deforms the free part of this mesh")
         return
     indenter = indenter_of(press.samples[0], job)
     moved = np.stack([sample.nodal_coordinates - mesh.vertices for sample in press.samples])
@@ -157,7 +165,7 @@ def _compare(outcome: Outcome, file: ResultFile, key: tuple[int, int], scene: Sc
         off = list(pose_difference(found.poses[-1], poses[-1], indenter))
     outcome.tables[1].rows.append([press.label, *off, found.touched, found.misfit_um])
     if not known and found.touched < LEAST_TOUCHED:
-        outcome.notes.append(f"{press.label}: not solved, {found.touched} touched vertices do not tell a pose")
+        outcome.notes.append(f"{press.label}: not solved, {found.touched} touched vertices do not determine a pose")
         return
     result = solve_at(scene, indenter, poses)
     from_last = (poses[:, :3, 3] - poses[-1, :3, 3]) @ poses[-1, :3, 1]
@@ -180,7 +188,7 @@ def _compare(outcome: Outcome, file: ResultFile, key: tuple[int, int], scene: Sc
 
 
 def solve_at(scene: Scene, indenter: Indenter, poses: np.ndarray) -> PressResult:
-    """Bring the indenter from first touch to each pose (k, 4, 4) m in order, turned as in the last one."""
+    """Move the indenter from first touch through poses (k, 4, 4) m in order, with the orientation of the last one."""
     shape, last = indenter.shape(), poses[-1]
     touch = last[:3, 3] + touch_travel(scene, shape, last) * last[:3, 1]
     path = (poses[:, :3, 3] - touch) @ last[:3, :3]

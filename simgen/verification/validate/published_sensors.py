@@ -1,10 +1,10 @@
-"""The published meshes as sensors: our descriptions of the two sensors, with their gel and core in place of ours.
+"""Published meshes as sensors: our descriptions of the two sensors with the published gel and core.
 
-What is held, the materials and the friction are then the same, so that two presses differ in their meshes alone. The
-published simulation of the BioTac held, besides the plates, 15 vertices of the inner skin that touch the core.
+Held regions, materials and friction are ours, so that two presses differ only in their meshes. The published simulation
+of the BioTac also held 15 vertices of the inner skin that touch the core.
 
-A folder of published data is laid out as their repositories: ``biotac/`` (NVlabs/biotac_sim), ``digit/``
-(wzaielamri/across_framework), ``indenters/`` (both); result files (``*.hdf5``) lie anywhere below.
+A folder of published data has the layout of the repositories: ``biotac/`` (NVlabs/biotac_sim), ``digit/``
+(wzaielamri/across_framework) and ``indenters/`` (both). Result files (``*.hdf5``) may lie anywhere below it.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from simgen.sensors.sensor_meshes import output_of
 
 GEL = {"digit": "digit/digit_gel.mesh", "biotac": "biotac/int_ext_skin_combined_ftw.tet"}
 CORE = {"biotac": "biotac/top_side_core_bc.obj"}
-UNIT = "m"  # of all published meshes
+UNIT = "m"  # unit of all published meshes
 
 
 def published_sensors(published: Path) -> list[str]:
-    """Names of the sensors whose published meshes are there."""
+    """List the sensors whose published meshes exist."""
     return [name for name in GEL if all((published / files[name]).is_file() for files in (GEL, CORE) if name in files)]
 
 
 def published_indenters(published: Path) -> dict[str, trimesh.Trimesh]:
-    """Published shapes by the names that we give them, m, in our frame."""
+    """Load the published indenters by our names, in m and in our frame."""
     files = {name: published / "indenters" / f"{name.replace('.5', '-5')}.obj" for name in indenter_names()}
     return {name: trimesh.load(file, force="mesh") for name, file in files.items() if file.is_file()}
 
 
 def published_surface(published: Path, name: str) -> trimesh.Trimesh:
-    """Closed surface of a published gel, m."""
+    """Read the closed surface of a published gel, m."""
     return read_mesh(published / GEL[name], UNIT)[0]
 
 
 def published_sensor(published: Path, name: str, scratch: Path) -> Sensor:
-    """A published gel and core as a sensor on its own tetrahedra (mid-edge nodes on straight edges).
+    """Load a published gel and core as a sensor on its own tetrahedra, with straight edges.
 
-    Its description is written into ``scratch``, as a user would. Raises InputError for a mesh that fails the gates.
+    Writes a description of the sensor into ``scratch``. Raises InputError for a mesh that fails the quality gates.
     """
     folder = scratch / f"published_{name}"
     folder.mkdir(exist_ok=True)
@@ -64,20 +64,20 @@ def published_sensor(published: Path, name: str, scratch: Path) -> Sensor:
 
 
 def _copied(path: Path, folder: Path) -> dict[str, str]:
-    """The ``mesh`` key for a mesh file that is copied into the folder of a ``sensor.yaml``."""
+    """Copy a mesh file into a sensor's folder; return its ``mesh`` key."""
     shutil.copy(path, folder)
     return {"file": path.name, "unit": UNIT}
 
 
 def seen_at(name: str, vertices: OutputMesh, mesh: str = "default") -> Sensor:
-    """Our sensor, solved on its own mesh, its displacement stored at the vertices of another one."""
+    """Load our sensor on its own mesh, with output at the vertices of another mesh."""
     return replace(load_sensor(name, mesh), output_mesh=vertices)
 
 
 def mesh_with(name: str, vertices: int, published: Path) -> OutputMesh:
-    """The mesh of so many vertices: the bundled output mesh of sensor ``name``, or a tetrahedral file below a folder.
+    """Find the mesh with this number of vertices: our output mesh of the sensor, or a tetrahedral file below a folder.
 
-    Regions are those of our sensor, in whose frame the file must be. Raises InputError where there is no such mesh.
+    The file must be in the frame of our sensor, which gives the regions. Raises InputError if there is no such mesh.
     """
     bundled = load_sensor(name).output_mesh
     if len(bundled.vertices) == vertices:

@@ -1,4 +1,4 @@
-"""The results as JSON: with the code and the machine that they come from."""
+"""Results as JSON, with the code, packages and machine they come from."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from simgen.dataset.provenance import code_version, package_versions
-from simgen.verification.validate.runner import Result, cores
+from simgen.pipeline.workers import cores
+from simgen.verification.validate.runner import Result
 
 
 def machine(device: str) -> dict[str, Any]:
-    """Model of the processor, its cores, and where was solved."""
+    """Describe the processor, its cores, the device and the operating system."""
     model = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.is_file():
@@ -24,7 +25,7 @@ def machine(device: str) -> dict[str, Any]:
 
 
 def record(results: list[Result], device: str) -> dict[str, Any]:
-    """Everything that was found, ready for JSON: numbers that are not finite become null."""
+    """Collect all results for JSON; numbers that are not finite become null."""
     return _finite({
         "code": code_version(),
         "packages": package_versions(),
@@ -35,6 +36,7 @@ def record(results: list[Result], device: str) -> dict[str, Any]:
 
 
 def write_json(results: list[Result], device: str, output: Path) -> None:
+    """Write the record of all results."""
     output.write_text(json.dumps(record(results, device), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
@@ -51,6 +53,6 @@ def _finite(value: Any) -> Any:
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
-    if hasattr(value, "item"):  # a number or a flag of numpy's
+    if hasattr(value, "item"):  # a number or flag of numpy
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,9 +1,9 @@
-"""Where was the indenter? Its pose from a deformed mesh alone.
+"""Recovery of an indenter's pose from deformed meshes.
 
-Vertices that an indenter carries along move as it does: between two steps of a press the displacements of those that
-stick to it change by the very same vector, the indenter's travel, and of the vertices that are pushed inwards no others
-agree as well. That tells the press axis, the travel, and which vertices are touched. The pose then follows by least
-squares: the touched vertices lie on the indenter, and no vertex of the surface lies in it.
+Vertices that stick to the indenter move with it. Between two steps of a press their displacements change by one vector,
+the indenter's travel. Other vertices that are pushed inwards agree less with each other. So the vector that most pushed
+vertices share gives the press axis and the travel, and the vertices that share it are touched. A least-squares fit then
+gives the pose: touched vertices lie on the indenter, and no vertex lies inside.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from simgen.geometry.signed_distance import RigidShape
 from simgen.geometry.tetrahedra import OutputMesh
 from simgen.sensors.indenter import Indenter
 
-SAME = 0.05  # of the travel: displacements that differ by less moved together
-PUSHED = 0.8  # of the largest displacement inwards: what is pushed less is not touched
-TILT = 0.1  # rad: how far the fit may turn the axis away from the travel
-PRIOR = np.array([0.3, 0.0, 0.3, 0.01, 0.01, 0.01])  # mm per rad, mm per mm: what the fit does not tell stays
-TOUCHED_MM = 0.03  # nearer than this a vertex is touched
-ROUNDS = 4  # of fitting the pose and finding the touched vertices
-SPINS_DEG = range(0, 180, 30)  # tried about the axis, but for bodies of revolution
+SAME = 0.05  # share of the travel by which displacements that moved together differ at most
+PUSHED = 0.8  # share of the largest inward displacement from which a vertex may be touched
+TILT = 0.1  # rad, largest angle between the fitted axis and the travel
+PRIOR = np.array([0.3, 0.0, 0.3, 0.01, 0.01, 0.01])  # mm per rad, mm per mm: holds what the contact leaves open
+TOUCHED_MM = 0.03  # largest distance of a touched vertex
+ROUNDS = 4  # rounds of fitting the pose and finding the touched vertices
+SPINS_DEG = range(0, 180, 30)  # initial angles about the axis, if the indenter is no body of revolution
 REVOLVED = ("sphere", "ring")
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """What the mesh tells of an indenter.
+    """Recovered poses of an indenter.
 
     poses : (k, 4, 4) m, indenter frame -> frame of the mesh, at each step
-    touched : vertices that it touches at the deepest step; six numbers make a pose, so fewer do not tell it
-    misfit_um : how far the touched vertices are from it, root mean square
+    touched : number of vertices that it touches at the deepest step; fewer than six do not determine a pose
+    misfit_um : root mean square distance of the touched vertices
     """
 
     poses: np.ndarray
@@ -46,10 +46,10 @@ class Recovery:
 
 
 def recover(indenter: Indenter, mesh: OutputMesh, moved: np.ndarray) -> Recovery:
-    """The indenter at the steps of one press, from displacements (k, v, 3) m, deepest last.
+    """Recover the poses of an indenter in one press from displacements (k, v, 3) m, deepest last.
 
-    With a single step the travel from rest stands in, which vertices reached later share less well. What the contact
-    does not tell means nothing: the spin of a body of revolution, the place of a flat face along itself.
+    A single step uses the travel from rest, which vertices touched later do not share. Some components of a pose stay
+    arbitrary: the spin of a body of revolution, and the position of a flat face within its plane.
     """
     shape = indenter.shape()
     normals = _normals(mesh)[mesh.touchable]
@@ -72,9 +72,9 @@ def recover(indenter: Indenter, mesh: OutputMesh, moved: np.ndarray) -> Recovery
 
 
 def pose_difference(found: np.ndarray, known: np.ndarray, indenter: Indenter) -> tuple[float, float]:
-    """How far two poses are apart: the tip in um, the press axis in degrees.
+    """Return the distance of two poses' tips, um, and the angle between their axes, degrees.
 
-    For the tip of a hemisphere its centre is taken: turned about it, the sphere touches the same.
+    The tip of a sphere is its centre, because a turn about the centre does not change the contact.
     """
     radius = 1e-3 * indenter.spec.radius_mm if indenter.spec.kind == "sphere" else 0.0
     tips = [pose[:3, 3] - radius * pose[:3, 1] for pose in (found, known)]
@@ -83,13 +83,13 @@ def pose_difference(found: np.ndarray, known: np.ndarray, indenter: Indenter) ->
 
 
 def _normals(mesh: OutputMesh) -> np.ndarray:
-    """Outward unit normals (v, 3) of the rest surface, zero inside."""
+    """Outward unit normals (v, 3) of the rest surface; zero at inner vertices."""
     surface = trimesh.Trimesh(mesh.vertices, mesh.surface_triangles, process=False)
     return np.asarray(surface.vertex_normals)
 
 
 def _travel(change: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The change (3,) of displacement that most of the pushed vertices share, and which ones (v,) do."""
+    """Change (3,) of displacement that most pushed vertices share, and a mask (v,) of these vertices."""
     inwards = -np.einsum("vi,vi->v", change, normals)
     pushed = np.flatnonzero(inwards >= PUSHED * inwards.max())
     near = cKDTree(change[pushed]).query_ball_point(change[pushed], SAME * np.linalg.norm(change[pushed], axis=1))
@@ -100,7 +100,7 @@ def _travel(change: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _start(touched: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Pose (4, 4) mm along an axis whose tip plane touches the points (t, 3) at the furthest, over their centre."""
+    """Pose (4, 4) mm along an axis, over the centre of points (t, 3), with its tip at the furthest of them."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.align_vectors([axis], [[0.0, 1.0, 0.0]])[0].as_matrix()
     centre = touched.mean(axis=0)
@@ -109,7 +109,7 @@ def _start(touched: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _fit(shape: RigidShape, points: np.ndarray, touched: np.ndarray, start: np.ndarray):
-    """Pose (4, 4) mm, the touched vertices (v,), and the misfit (rms over the touched, mm) from one start."""
+    """Fit from one start: pose (4, 4) mm, mask of the touched vertices (v,), rms misfit over them, mm."""
 
     def pose_of(x: np.ndarray) -> np.ndarray:
         pose = np.array(start)
@@ -138,7 +138,7 @@ def _distances(shape: RigidShape, points: np.ndarray, pose: np.ndarray) -> np.nd
 
 
 def _spun(angle: float) -> np.ndarray:
-    """A turn about the press axis."""
+    """Rotation (4, 4) about the press axis."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
     return pose

@@ -1,4 +1,4 @@
-"""Run cases in processes of their own: whatever goes wrong in one is its result, never the end of the others."""
+"""Run cases in worker processes, so that a crash ends only its own case."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from pathlib import Path
 
 from simgen.config.warp_device import check_device, start_warp
 from simgen.errors import InputError
+from simgen.pipeline.workers import cores
 from simgen.verification.validate import all_cases
 from simgen.verification.validate.case import Case, Context, Outcome
 
-DIED = "the process that ran it died: killed from outside, out of memory, or a crash in native code"
+DIED = "its process died: killed from outside, out of memory, or a crash in native code"
 
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one case; ``error`` is the exception that ended it, or empty."""
+    """Outcome and time of one case; ``error`` describes the exception that ended it, or is empty."""
 
     case: str
     title: str
@@ -37,7 +38,7 @@ class Result:
 
     @property
     def verdict(self) -> str:
-        """One of "error", "skipped", "FAIL" and "ok"; a case that compares nothing fails."""
+        """"error", "skipped", "FAIL" or "ok". A case without rows fails."""
         if self.error:
             return "error"
         if self.outcome.skipped:
@@ -50,9 +51,9 @@ class Result:
 
 
 def choose(names: list[str], quick: bool) -> list[Case]:
-    """The cases called for by name or pattern (``sensors-*``), or the quick ones, or all but the long ones.
+    """Choose cases by name or pattern (``sensors-*``); without names the quick ones, or all but the long ones.
 
-    Raises `InputError` for a name that is no case.
+    Raises `InputError` for an unknown name.
     """
     cases = all_cases()
     chosen: dict[str, Case] = {}
@@ -68,9 +69,9 @@ def choose(names: list[str], quick: bool) -> list[Case]:
 
 
 def make_context(device: str, published: Path | None) -> Context:
-    """The user's choices, and reference data from ``$SIMGEN_REFERENCE``.
+    """Make the context of a run, with reference data from ``$SIMGEN_REFERENCE``.
 
-    Raises `InputError` for a device that this machine has not, and for folders that are none.
+    Raises `InputError` for a missing device or folder.
     """
     check_device(device)
     reference = Path(os.environ["SIMGEN_REFERENCE"]) if os.environ.get("SIMGEN_REFERENCE") else None
@@ -80,21 +81,15 @@ def make_context(device: str, published: Path | None) -> Context:
     return Context(device, reference, published, Path(tempfile.gettempdir()))
 
 
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def run_cases(
     cases: list[Case],
     context: Context,
     workers: int | None = None,
     on_result: Callable[[Result], None] = lambda result: None,
 ) -> list[Result]:
-    """Run cases in ``workers`` processes (default: one per core, or one for a GPU).
+    """Run cases in ``workers`` processes (default: one per core, or one for a GPU); return results in their order.
 
-    Every case gets a folder of its own in ``context.scratch``. Returns the results in the order of the cases and tells
-    ``on_result`` of each as it ends.
+    Each case gets its own folder in ``context.scratch``. ``on_result`` gets each result as its case ends.
     """
     workers = workers or (cores() if context.device == "cpu" else 1)
     results = {}
@@ -106,7 +101,7 @@ def run_cases(
 
 
 def _finished(cases: list[Case], context: Context, workers: int) -> Iterator[Result]:
-    """Results as they come. One process that dies takes the whole pool along: the rest then runs one by one."""
+    """Yield results as cases end. A process that dies breaks the pool; the remaining cases then run one by one."""
     again = []
     with _pool(workers, context.device) as pool:
         running = {pool.submit(run_case, case, context): case for case in cases}
@@ -126,9 +121,9 @@ def _finished(cases: list[Case], context: Context, workers: int) -> Iterator[Res
 
 @contextmanager
 def _pool(workers: int, device: str) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes. Each keeps its libraries to one core, unless the environment says how many they may use."""
+    """Start worker processes whose libraries use one core each, unless the environment sets another number."""
     unset = {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"} - os.environ.keys()
-    os.environ.update(dict.fromkeys(unset, "1"))  # which the workers inherit
+    os.environ.update(dict.fromkeys(unset, "1"))  # the workers inherit it
     try:
         with ProcessPoolExecutor(workers, get_context("spawn"), initializer=_prepare, initargs=(device,)) as pool:
             yield pool
@@ -138,7 +133,7 @@ def _pool(workers: int, device: str) -> Iterator[ProcessPoolExecutor]:
 
 
 def _prepare(device: str) -> None:
-    """Load the kernels, so that no case's time holds their compilation; an interrupt ends the process silently."""
+    """Load the kernels before any case is timed; let an interrupt end the process silently."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     start_warp()
     import warp as wp
@@ -149,7 +144,7 @@ def _prepare(device: str) -> None:
 
 
 def run_case(case: Case, context: Context) -> Result:
-    """Run one case in this very process; an exception becomes the result's ``error``."""
+    """Run one case in this process; an exception becomes the result's ``error``."""
     begin = time.perf_counter()
     own = replace(context, scratch=Path(tempfile.mkdtemp(prefix=case.name, dir=context.scratch)))
     try:
@@ -165,7 +160,7 @@ def _result(case: Case, outcome: Outcome, begin: float, error: str = "") -> Resu
 
 
 def summary(results: list[Result]) -> str:
-    """One sentence: how many rows and cases, and what did not pass."""
+    """Summarise the results in one sentence: rows, cases, and cases that did not pass."""
     rows = [row for result in results for row in result.outcome.rows]
     failed = sum(not row.passed for row in rows)
     words = [f"{len(rows)} rows of {len(results)} cases: {failed or 'no'} rows fail"]

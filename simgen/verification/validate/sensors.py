@@ -1,11 +1,11 @@
-"""Discretisation error of the bundled sensors: the same press on the coarse, the default and the fine mesh.
+"""Cases of the bundled sensors' discretisation error: the same press on the coarse, default and fine mesh.
 
-A case is one indenter at one place of one sensor, to 2 mm. What the default mesh gives is compared with the value to
-which the three meshes converge (Richardson's extrapolation): for an error C h^p, with h the mean element size by the
-number of unknowns N, h = N^(-1/3), the default mesh is off by 1 / (1 - (h_fine / h_default)^p) times its difference to
-the fine mesh. p is measured on the three forces and kept within what P2-P1 elements in contact can show, 1.5 to 3.
+A case presses one indenter at one place of one sensor, to 2 mm. It compares the default mesh with Richardson's
+extrapolation of the three meshes. For an error C h^p, with the mean element size h = N^(-1/3) of N unknowns, the
+default mesh is off by 1 / (1 - (h_fine / h_default)^p) times its difference to the fine mesh. The forces give p, within
+the range of P2-P1 elements in contact, 1.5 to 3.
 
-The fine meshes take minutes for a press, so these cases are "long": name them, or a pattern of their names.
+A press on the fine mesh takes minutes, so these cases are "long" and are run only by name.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from simgen.sensors.indenter import indenter_names, load_indenter
 from simgen.sensors.pairing import Contacts, indenter_poses
 from simgen.sensors.sensor import Sensor, load_sensor
 from simgen.simulation.press import PressResult, Scene, press
+from simgen.units import MM, UM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
 
 SENSORS = ("digit", "biotac")
 PLACES_MM = {"centre": (-7.5, 0.0), "side": (-7.5, 5.5), "tip": (-15.5, 0.0)}  # x along the finger, arc across it
 MESHES = ("coarse", "default", "fine")
-DEPTHS_MM = np.array([0.5, 1.0, 1.5, 2.0])  # a step from each to the next, on all meshes alike
+DEPTHS_MM = np.array([0.5, 1.0, 1.5, 2.0])  # the load steps of all meshes
 REPORTED = (0, 1, 3)
-DEFORMED = 1e-5  # m: a vertex that has moved this far is in the deformation region
+DEFORMED = 1e-5  # m, displacement from which a vertex belongs to the deformation region, as published
 ORDERS = np.linspace(1.5, 3.0, 151)
 WANTED_FORCE, WANTED_UM = 0.01, 5.0
 ORIGIN = "the project's target; reference: three meshes extrapolated"
@@ -36,7 +37,7 @@ ORIGIN = "the project's target; reference: three meshes extrapolated"
 
 @dataclass(frozen=True)
 class MeshSolution:
-    """A press on one mesh: its name, hash and unknowns, and what came of it."""
+    """Result of a press on one mesh, with the mesh's name, hash and unknowns."""
 
     mesh: str
     hash: str
@@ -45,13 +46,13 @@ class MeshSolution:
 
     @property
     def force(self) -> np.ndarray:
-        """(d,) N."""
+        """Lengths of the forces (d,) N."""
         return np.linalg.norm(self.result.force, axis=1)
 
 
 def place_indenter(sensor: Sensor, x_mm: float, arc_mm: float) -> np.ndarray:
-    """Pose (4, 4): the tip on the skin at (x, arc), pressing against the outward normal there."""
-    point, normal = Skin(sensor.surface).point(x_mm * 1e-3, arc_mm * 1e-3)
+    """Return the pose (4, 4) of an indenter that touches the skin at (x, arc) and presses against its normal."""
+    point, normal = Skin(sensor.surface).point(x_mm * MM, arc_mm * MM)
     one = np.zeros(1)
     return indenter_poses(Contacts(point[None], normal[None], -normal[None], one, one))[0]
 
@@ -59,7 +60,7 @@ def place_indenter(sensor: Sensor, x_mm: float, arc_mm: float) -> np.ndarray:
 def solve(model: str, mesh: str, indenter: str, place: str, device: str) -> MeshSolution:
     """Press one indenter at one place to all depths on the named mesh of a sensor.
 
-    A GPU takes the presses of all indenters at all places together, once for each mesh.
+    A GPU solves the presses of all indenters at all places together, once for each mesh.
     """
     if device == "cpu":
         return _solve(model, mesh, ((indenter, place),), device)[indenter, place]
@@ -73,26 +74,35 @@ def _solve(model: str, mesh: str, presses: tuple[tuple[str, str], ...], device: 
     scene = Scene(sensor, sensor.materials["solid"], device=device, batch=len(presses))
     shapes = {indenter: load_indenter(indenter).shape() for indenter, _ in presses}
     poses = np.stack([place_indenter(sensor, *PLACES_MM[place]) for _, place in presses])
-    results = press(scene, [shapes[indenter] for indenter, _ in presses], poses, DEPTHS_MM * 1e-3)
+    results = press(scene, [shapes[indenter] for indenter, _ in presses], poses, DEPTHS_MM * MM)
     found = (MeshSolution(mesh, sensor.simulation_mesh.hash, scene.unknowns, result) for result in results)
     return dict(zip(presses, found, strict=True))
 
 
-def difference_um(a: np.ndarray, b: np.ndarray) -> float:
-    """RMSE (Euclidean distance) of displacements a, b (v, 3) m over the vertices that b moves by 10 um or more.
+def distances_um(a: np.ndarray, b: np.ndarray, moved: np.ndarray | None = None) -> tuple[float, float]:
+    """Return root mean square and mean of the Euclidean distance, um, of positions or displacements (v, 3) m.
 
-    NaN where one of them is missing, as not every press gets to the end.
+    Averages over all vertices, or over the deformation region: the vertices where ``moved`` (v, 3) m is at least 10 um.
+    The ACROSS framework takes the root mean square over coordinates, which is smaller by the root of three. NaN if a
+    press did not reach this depth.
     """
-    if np.isnan(a).any() or np.isnan(b).any():
-        return np.nan
-    moved = np.linalg.norm(b, axis=1) >= DEFORMED
-    return float(1e6 * np.sqrt(((a - b)[moved] ** 2).sum(axis=1).mean())) if moved.any() else 0.0
+    away = UM_PER_M * np.linalg.norm(a - b, axis=1)
+    if np.isnan(away).any():
+        return np.nan, np.nan
+    if moved is not None:
+        away = away[np.linalg.norm(moved, axis=1) >= DEFORMED]
+    return (float(np.sqrt((away**2).mean())), float(away.mean())) if len(away) else (0.0, 0.0)
+
+
+def difference_um(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the RMSE, um, of displacements a, b (v, 3) m over the vertices that b moves by 10 um or more."""
+    return distances_um(a, b, b)[0]
 
 
 def order(values, sizes) -> float:
-    """The p within `ORDERS` with which three values on meshes of sizes h, coarse to fine, differ as C h^p does.
+    """Fit p within `ORDERS` to three values with errors C h^p on meshes of sizes h, coarse to fine.
 
-    The least one, which is the careful choice, where they do not approach a limit from one side.
+    The smallest p, a cautious choice, if the values do not approach their limit from one side.
     """
     first, second = values[0] - values[1], values[1] - values[2]
     if first * second <= 0.0:
@@ -104,7 +114,7 @@ def order(values, sizes) -> float:
 
 
 def compare(name: str, solutions: list[MeshSolution]) -> Outcome:
-    """Rows and tables of one press on three meshes, coarse to fine."""
+    """Compare one press on three meshes, coarse to fine."""
     sizes = [solution.unknowns ** (-1.0 / 3.0) for solution in solutions]
     rows, table = [], []
     for i in REPORTED:
@@ -130,13 +140,12 @@ def compare(name: str, solutions: list[MeshSolution]) -> Outcome:
         Table(f"{name}: the same press on three meshes", columns, table),
         Table(f"{name}: meshes", ["mesh", "hash", "unknowns", "s per depth", "not converged", "least det F"], meshes),
     ]
-    curves = [
-        Curve(name, s.mesh, DEPTHS_MM.tolist(), s.force.tolist(), "depth, mm", "force, N") for s in solutions
-    ]
+    curves = [Curve(name, s.mesh, DEPTHS_MM.tolist(), s.force.tolist(), "depth, mm", "force, N") for s in solutions]
     return Outcome(rows, tables, curves)
 
 
 def against_fine(model: str, place: str, indenter: str, context: Context) -> Outcome:
+    """Press on all meshes and compare."""
     solutions = [solve(model, mesh, indenter, place, context.device) for mesh in MESHES]
     return compare(f"{model}, {place}, {indenter}", solutions)
 

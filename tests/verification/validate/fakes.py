@@ -2,7 +2,9 @@
 
 import math
 import os
+from pathlib import Path
 
+from simgen.verification.validate import all_cases, runner
 from simgen.verification.validate.case import Case, Context, Curve, Outcome, Row, Table
 
 
@@ -10,6 +12,18 @@ def good_row(**changed) -> Row:
     values = {"quantity": "force at 1 mm", "unit": "N", "ours": 3.21, "reference": 3.2084, "tolerance": 0.01,
               "kind": "relative", "origin": "a closed form; the project's target"}  # fmt: skip
     return Row(**values | changed)
+
+
+def outcome_of(name: str, published: Path | None, scratch: Path) -> Outcome:
+    """Outcome of a real case."""
+    return all_cases()[name].solve(Context("cpu", None, published, scratch))
+
+
+def made_up_results(scratch: Path) -> list[runner.Result]:
+    """Results of all cases below, without worker processes."""
+    context = Context("cpu", None, None, scratch)
+    dead = runner.Result("dies", "dies", "quick", Outcome([]), 0.1, runner.DIED)
+    return [dead if name == "dies" else runner.run_case(case, context) for name, case in FAKES.items()]
 
 
 def passes(context: Context) -> Outcome:

@@ -18,6 +18,7 @@ from simgen.verification.validate.sensors import (
     MeshSolution,
     compare,
     difference_um,
+    distances_um,
     order,
     place_indenter,
 )
@@ -41,6 +42,16 @@ def test_differences_count_where_the_reference_moves():
     assert difference_um(a, b) == pytest.approx(5.0)
     a[0] = np.nan
     assert np.isnan(difference_um(a, b))  # a press that did not get there must not look exact
+
+
+def test_distances():
+    a = np.zeros((4, 3))
+    b = 1e-6 * np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0], [0, 0, 12.0]])
+    rms, mean = distances_um(a, b)
+    assert (rms, mean) == pytest.approx((6.5, 4.75))
+    rms, mean = distances_um(a, b, moved=np.array([[1, 0, 0], [9e-6, 0, 0], [1e-5, 0, 0], [0, 0, 0]]))
+    assert (rms, mean) == pytest.approx((np.sqrt(8.0), 2.0))  # the first and the third have moved by 10 um
+    assert np.isnan(distances_um(a, np.full((4, 3), np.nan), a)).all()
 
 
 def fake(mesh: str, unknowns: int, error: float) -> MeshSolution:
