@@ -55,6 +55,16 @@ class Row:
         return "ok" if self.passed else "FAIL"
 
 
+def at_most(quantity: str, unit: str, ours: float, bound: float, origin: str) -> Row:
+    """Make a row that passes if ours <= bound."""
+    return Row(quantity, unit, ours, math.nan, bound, "at most", origin)
+
+
+def at_least(quantity: str, unit: str, ours: float, bound: float, origin: str) -> Row:
+    """Make a row that passes if ours >= bound."""
+    return Row(quantity, unit, ours, math.nan, bound, "at least", origin)
+
+
 @dataclass(frozen=True)
 class Table:
     """Table of evidence; cells are text or numbers."""

@@ -19,7 +19,7 @@ from simgen.sensors.sensor import Sensor, load_sensor
 from simgen.sensors.sensor_geometry import cavity_faces
 from simgen.simulation.press import PressResult, Scene, press
 from simgen.units import MM
-from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
+from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, at_least, at_most, case
 from simgen.verification.validate.equilibrium import DeadLoad, make_body, surface_load
 from simgen.verification.validate.inflation import compressible, incompressible
 from simgen.verification.validate.law import Law
@@ -126,8 +126,8 @@ def inflation(context: Context) -> Outcome:
             Row(f"cavity pressure {at}", "E", found.pressure, own.pressure, 3e-3, "relative", origin),
             Row(f"outer radius {at}", "mm", found.outer_radius, own.outer_radius, 3e-4, "relative", origin),
         ]
-    rows.append(Row("inner face out of round, largest", "", max(found.out_of_round for found in ours), math.nan, 3e-3,
-                    "at most", "a sphere stays one; quadratic faces, 4 on a quarter of a circle"))  # fmt: skip
+    rows.append(at_most("inner face out of round, largest", "", max(found.out_of_round for found in ours), 3e-3,
+                        "a sphere stays one; quadratic faces, 4 on a quarter of a circle"))  # fmt: skip
     fine = np.linspace(1.01, stretches[-1], 60)
     labels = ("width of the cavity / at rest", "pressure of the fluid / E")
     closed = [incompressible(law.mu, RADII, stretch).pressure for stretch in fine]
@@ -215,14 +215,14 @@ def verdicts(indenter: str, pressed: dict[str, FluidPress]) -> list[Row]:
     ratio = work["solid, incompressible"] / work["solid, none"]
     return [
         Row(f"{indenter}: samples not converged", "", unconverged, 0.0, 0.0, "absolute", "none"),
-        Row(f"{indenter}: change of the fluid's volume over the cavity's, largest", "",
-            certificate["liquid_volume_error"].max(), math.nan, 1e-6, "at most", "the audit's bound"),
-        Row(f"{indenter}: cavity's change in the output mesh, filled over empty", "", share, math.nan, 0.05, "at most",
-            "triangles of 1 mm against quadratic faces of 1.8 mm"),
-        Row(f"{indenter}: force balance with the fluid, worst", "", certificate["force_balance"].max(), math.nan, 1e-3,
-            "at most", "the project's 0.1 %"),
-        Row(f"{indenter}: work to 2 mm, filled over empty", "", ratio, math.nan, 1.0, "at least",
-            "a constraint raises the minimum of the energy"),
+        at_most(f"{indenter}: change of the fluid's volume over the cavity's, largest", "",
+                certificate["liquid_volume_error"].max(), 1e-6, "the audit's bound"),
+        at_most(f"{indenter}: cavity's change in the output mesh, filled over empty", "", share, 0.05,
+                "triangles of 1 mm against quadratic faces of 1.8 mm"),
+        at_most(f"{indenter}: force balance with the fluid, worst", "", certificate["force_balance"].max(), 1e-3,
+                "the project's 0.1 %"),
+        at_least(f"{indenter}: work to 2 mm, filled over empty", "", ratio, 1.0,
+                 "a constraint raises the minimum of the energy"),
     ]  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from simgen.geometry.signed_distance import Kind, RigidShape
 from simgen.sensors.sensor import Sensor
 from simgen.simulation.press import PressResult, Scene, follow
 from simgen.units import MM_PER_M
-from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
+from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, at_most, case
 from simgen.verification.validate.layer_meshes import (
     fixed_symmetric,
     graded,
@@ -26,7 +26,6 @@ from simgen.verification.validate.layer_press import check_reached, layer_gel
 from simgen.verification.validate.layer_reference import LINEAR, MODULUS_MPA
 from simgen.verification.validate.meshes import box, on_plane, top
 
-NAN = float("nan")
 COULOMB = 1e-3  # tolerance of the friction coefficient
 TARGET = 0.01  # the project's target for forces
 BLOCK = (6.0, 2.0, 6.0)
@@ -79,8 +78,8 @@ def solve_block(context: Context) -> Outcome:
         share = tangential_share(result)
         rows.append(Row(f"tangential over normal force, sliding, mu = {friction:g}", "", float(share[-1]), friction,
                         COULOMB, "relative", "Coulomb's law; the target of the project"))  # fmt: skip
-        rows.append(Row(f"largest share on the way, mu = {friction:g}", "", float(share.max()), NAN,
-                        friction * (1.0 + COULOMB), "at most", "Coulomb's law"))  # fmt: skip
+        rows.append(at_most(f"largest share on the way, mu = {friction:g}", "", float(share.max()),
+                            friction * (1.0 + COULOMB), "Coulomb's law"))  # fmt: skip
         curves.append(Curve("a dragged block", f"mu = {friction:g}", [0.0, *shears], [*share[1:]], "plate, mm",
                             "tangential over normal force"))  # fmt: skip
     force = {}
@@ -117,8 +116,8 @@ def solve_balance(context: Context) -> Outcome:
         "moments": np.linalg.norm(result.moment[-1] + moment) / np.linalg.norm(result.moment[-1]),
     }
     tolerance = 10.0 * scene.settings.residual_tolerance
-    rows = [Row(f"{name} of contact and reactions, sum over one of them", "", float(value), NAN, tolerance, "at most",
-                "zero; 10 x the solver's residual tolerance") for name, value in out.items()]  # fmt: skip
+    rows = [at_most(f"{name} of contact and reactions, sum over one of them", "", float(value), tolerance,
+                    "zero; 10 x the solver's residual tolerance") for name, value in out.items()]  # fmt: skip
     axes = [*"xyz"]
     table = Table("Resultants on the block, N and N mm", ["of", *axes, *(f"moment about {a}" for a in axes)], [
         ["contact", *map(float, result.force[-1]), *map(float, MM_PER_M * result.moment[-1])],
@@ -166,10 +165,10 @@ def solve_none(context: Context) -> Outcome:
     _, round_ = slide(ball.layer(np.zeros((1, 3))), ball.shape(), 0.0, path, context.device)
     drag = float(np.abs(round_.force[2:, 0] / round_.force[2:, 1]).max())
     return Outcome([
-        Row("drag over normal force, plate on a block, mu = 0", "", float(tangential_share(flat)[-1]), NAN, 1e-9,
-            "at most", "zero: all normals are the plate's"),
-        Row("drag over normal force, sphere on a layer, mu = 0", "", drag, NAN, TARGET, "at most",
-            "zero by symmetry, to the mesh; the project's target of forces"),
+        at_most("drag over normal force, plate on a block, mu = 0", "", float(tangential_share(flat)[-1]), 1e-9,
+                "zero: all normals are the plate's"),
+        at_most("drag over normal force, sphere on a layer, mu = 0", "", drag, TARGET,
+                "zero by symmetry, to the mesh; the project's target of forces"),
     ])  # fmt: skip
 
 
@@ -202,10 +201,10 @@ def solve_sphere(context: Context) -> Outcome:
         for q, c, theory in zip(share, stick, expected, strict=True)
     ]
     rows += [
-        Row("largest growth of that radius in a step", "mm", float(np.diff(stick).max()), NAN, 0.0, "at most",
-            "slip grows inwards"),
-        Row("slip inside half of that radius, over the sphere's", "", float(inside), NAN, SLIPS_ANYWHERE, "at most",
-            "zero; half of what counts as slip"),
+        at_most("largest growth of that radius in a step", "mm", float(np.diff(stick).max()), 0.0,
+                "slip grows inwards"),
+        at_most("slip inside half of that radius, over the sphere's", "", float(inside), SLIPS_ANYWHERE,
+                "zero; half of what counts as slip"),
     ]  # fmt: skip
     what = "slip in a step of shear under a sphere"
     curves = [Curve(what, f"Q = {q:.2f} mu P", [*radii], [*row], "radius, mm", "slip over the sphere's motion")

@@ -5,15 +5,13 @@ Tables show iterations, sub-steps and seconds of each press.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.simulation.press import Scene, SolverSettings
 from simgen.units import MM, UM_PER_M
-from simgen.verification.validate.case import Context, Curve, Outcome, Row, case
+from simgen.verification.validate.case import Context, Curve, Outcome, Row, at_least, at_most, case
 from simgen.verification.validate.hard_outcomes import Attempt, attempt, evidence, verdicts
 from simgen.verification.validate.hard_scenes import DIGIT_MM, above_block, block, bundled, down, scene_of, sideways
 from simgen.verification.validate.sensors import difference_um, place_indenter
@@ -47,13 +45,12 @@ def materials(context: Context) -> Outcome:
     attempts = by_ratio + by_modulus
     rows = [
         *verdicts(attempts),
-        Row("force grows with nu, least growth", "N", float(np.diff(force).min()), math.nan, 0.0, "at least",
-            "less volume can yield"),
+        at_least("force grows with nu, least growth", "N", float(np.diff(force).min()), 0.0, "less volume can yield"),
         Row("force at nu = 0.49999 against its first-order limit", "N", float(force[5]), float(expected),
             TIGHT.contact_tolerance, "relative", "linear in 1 - 2 nu from 0.499 and 0.4999; contact tolerance"),
-        Row("shape, E over six decades", "", float(apart), math.nan, 1e-9, "at most", "displacement-driven"),
-        Row("force over E, E over six decades", "", float(np.ptp(per_modulus, axis=0).max() / per_modulus.max()),
-            math.nan, 1e-9, "at most", "the force scales with E"),
+        at_most("shape, E over six decades", "", float(apart), 1e-9, "displacement-driven"),
+        at_most("force over E, E over six decades", "", float(np.ptp(per_modulus, axis=0).max() / per_modulus.max()),
+                1e-9, "the force scales with E"),
     ]  # fmt: skip
     return Outcome(rows, [evidence("Materials: a sphere 1 mm deep in a block of 4 mm, in 5 steps", attempts)])
 
@@ -69,12 +66,11 @@ def friction(context: Context) -> Outcome:
     smooth = torque(attempts[0], above_block()) / (RADIUS_MM * MM * attempts[0].force)
     rows = [
         *verdicts(attempts),
-        Row("friction 0: torque about the sphere's centre / (R F), largest", "", float(smooth.max()),
-            math.nan, 1e-9, "at most", "every normal of a sphere goes through its centre"),
-        Row("force at 1 mm, friction 0.78 over none", "", pressing[1] / pressing[0], math.nan, 1.0, "at least",
-            "a constraint stiffens"),
-        Row("force at 1 mm, friction 2 over 0.78", "", pressing[2] / pressing[1], math.nan, 1.0 - tolerance, "at least",
-            "a constraint stiffens; contact tolerance"),
+        at_most("friction 0: torque about the sphere's centre / (R F), largest", "", float(smooth.max()), 1e-9,
+                "every normal of a sphere goes through its centre"),
+        at_least("force at 1 mm, friction 0.78 over none", "", pressing[1] / pressing[0], 1.0, "a constraint stiffens"),
+        at_least("force at 1 mm, friction 2 over 0.78", "", pressing[2] / pressing[1], 1.0 - tolerance,
+                 "a constraint stiffens; contact tolerance"),
     ]  # fmt: skip
     return Outcome(rows, [evidence("Friction: 1 mm deep, then 1 mm sideways", attempts)])
 
@@ -136,9 +132,9 @@ def once_rows(what: str, at_once: Attempt, stepwise: Attempt) -> list[Row]:
     return [
         Row(f"{what}: force at 2 mm in one step", "N", at_once.force[-1], stepwise.force[-1], TARGET, "relative",
             "in 20 steps; the project's target"),
-        Row(f"{what}: RMSE of the deformation region, one step", "um",
-            difference_um(at_once.result.displacement[-1], stepwise.result.displacement[-1]), math.nan, 5.0, "at most",
-            "against 20 steps; the project's target"),
+        at_most(f"{what}: RMSE of the deformation region, one step", "um",
+                difference_um(at_once.result.displacement[-1], stepwise.result.displacement[-1]), 5.0,
+                "against 20 steps; the project's target"),
     ]  # fmt: skip
 
 
@@ -146,13 +142,13 @@ def unloading_rows(what: str, a: Attempt) -> list[Row]:
     """Bound what is left when the indenter is back at first touch, and without friction the hysteresis."""
     left = float(np.linalg.norm(a.result.displacement[-1], axis=1).max() * UM_PER_M)
     there, back = a.force[:4], a.force[4:-1][::-1][:4]
-    rows = [Row(f"{what}: displacement left after unloading", "um", left, math.nan, 0.1, "at most", "elastic: zero"),
-            Row(f"{what}: force left after unloading", "N", float(a.force[-1]), math.nan, 1e-6, "at most",
-                "the solver's smallest force, 0.5 uN")]  # fmt: skip
+    rows = [at_most(f"{what}: displacement left after unloading", "um", left, 0.1, "elastic: zero"),
+            at_most(f"{what}: force left after unloading", "N", float(a.force[-1]), 1e-6,
+                    "the solver's smallest force, 0.5 uN")]  # fmt: skip
     if what == "friction 0":
         apart = float(np.abs(back / there - 1.0).max())
-        rows.append(Row(f"{what}: force while unloading, largest difference", "", apart, math.nan,
-                        a.settings.contact_tolerance, "at most", "no memory; contact tolerance"))  # fmt: skip
+        rows.append(at_most(f"{what}: force while unloading, largest difference", "", apart,
+                            a.settings.contact_tolerance, "no memory; contact tolerance"))  # fmt: skip
     return rows
 
 
@@ -177,10 +173,9 @@ def shear_rows(mu: float, ratio: np.ndarray, mobilised: float) -> list[Row]:
     """Bound the ratio (25,) of tangential to normal force over 5 depths, then 20 steps of 0.1 mm sideways."""
     grows = np.diff(ratio[4:])
     return [
-        Row("shear: tangential / normal force after 0.1 mm", "", ratio[5], math.nan, mu / 2.0, "at most",
-            "it still sticks"),
-        Row("shear: growth of that ratio, least", "", grows.min(), math.nan, 0.0, "at least", "stick turns into slip"),
-        Row("shear: growth over the last 0.5 mm over that over the first", "", grows[-5:].sum() / grows[:5].sum(),
-            math.nan, 0.5, "at most", "slip limits it"),
-        Row("shear: friction over pressure after 2 mm", "", mobilised, math.nan, mu, "at most", "Coulomb's law"),
+        at_most("shear: tangential / normal force after 0.1 mm", "", ratio[5], mu / 2.0, "it still sticks"),
+        at_least("shear: growth of that ratio, least", "", grows.min(), 0.0, "stick turns into slip"),
+        at_most("shear: growth over the last 0.5 mm over that over the first", "", grows[-5:].sum() / grows[:5].sum(),
+                0.5, "slip limits it"),
+        at_most("shear: friction over pressure after 2 mm", "", mobilised, mu, "Coulomb's law"),
     ]  # fmt: skip

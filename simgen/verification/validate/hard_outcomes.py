@@ -11,7 +11,7 @@ from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.signed_distance import RigidShape
 from simgen.simulation.press import PressResult, Scene, SolverSettings, Status, follow
 from simgen.units import MM_PER_M, UM_PER_M
-from simgen.verification.validate.case import Row, Table
+from simgen.verification.validate.case import Row, Table, at_least, at_most
 
 GIVEN_UP = (Status.NEWTON_STALLED, Status.INVERTED, Status.LINEAR_SOLVER_STALLED)
 ANY_REFUSAL = tuple(status for status in Status if status.is_failure)
@@ -107,19 +107,17 @@ def verdicts(attempts: list[Attempt]) -> list[Row]:
     nan = sum(int(np.isnan(a.result.displacement[: a.converged]).sum()) for a in attempts)
     rows = [Row("presses that end as declared", "", sum(a.as_declared for a in attempts), len(attempts), 0.0,
                 "absolute", "converges, or fails with a reason"),
-            Row("NaN in converged samples", "", nan, math.nan, 0.0, "at most", "none")]  # fmt: skip
+            at_most("NaN in converged samples", "", nan, 0.0, "none")]  # fmt: skip
     if not any(a.converged for a in attempts):
         return rows
     return [
         *rows,
-        Row("least det F at an integration point", "", min(a.least_det_F for a in attempts), math.nan, 0.0, "at least",
-            "an element inverts at zero; samples inside out are left out"),
-        Row("residual, worst", "", worst("residual", max), math.nan, settings.residual_tolerance, "at most",
-            "the solver's tolerance"),
-        Row("contact error, worst", "", worst("contact_error", max), math.nan, settings.contact_tolerance, "at most",
-            "the solver's tolerance"),
-        Row("force balance, worst", "", worst("force_balance", max), math.nan, FORCE_BALANCE, "at most",
-            "the project's 0.1 %"),
+        at_least("least det F at an integration point", "", min(a.least_det_F for a in attempts), 0.0,
+                 "an element inverts at zero; samples inside out are left out"),
+        at_most("residual, worst", "", worst("residual", max), settings.residual_tolerance, "the solver's tolerance"),
+        at_most("contact error, worst", "", worst("contact_error", max), settings.contact_tolerance,
+                "the solver's tolerance"),
+        at_most("force balance, worst", "", worst("force_balance", max), FORCE_BALANCE, "the project's 0.1 %"),
     ]  # fmt: skip
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from simgen.geometry.signed_distance import RigidShape
@@ -11,7 +9,7 @@ from simgen.sensors.indenter import indenter_names, load_indenter
 from simgen.simulation.first_touch import first_touch
 from simgen.simulation.press import Scene
 from simgen.units import MM_PER_M
-from simgen.verification.validate.case import Context, Curve, Outcome, Row, case
+from simgen.verification.validate.case import Context, Curve, Outcome, Row, at_least, at_most, case
 from simgen.verification.validate.hard import TARGET
 from simgen.verification.validate.hard_outcomes import ANY_REFUSAL, Attempt, attempt, evidence, verdicts
 from simgen.verification.validate.hard_scenes import BIOTAC_MM, DIGIT_MM, bundled, down
@@ -56,12 +54,12 @@ def biotac(context: Context) -> Outcome:
     sphere, pose = load_indenter("sphere_7mm").shape(), place_indenter(scene.sensor, *BIOTAC_MM["pad"])
     through = attempt("pad sphere_7mm, through skin and core", scene, sphere, pose, down(THROUGH_MM, 9), ANY_REFUSAL)
     rows = verdicts([*attempts, flat, through])
-    rows.append(Row(f"{through.name}: depth reached", "mm", through.reached, math.nan,
-                    depth_of_core(scene, sphere, pose) - MM_PER_M * through.result.touch, "at most",
-                    "there the sphere would meet the rigid core itself"))  # fmt: skip
+    rows.append(at_most(f"{through.name}: depth reached", "mm", through.reached,
+                        depth_of_core(scene, sphere, pose) - MM_PER_M * through.result.touch,
+                        "there the sphere would meet the rigid core itself"))  # fmt: skip
     for a in attempts:
-        rows.append(Row(f"{a.name}: share of the force that the core carries", "", a.core[0], math.nan, 0.5, "at least",
-                        "the skin lies on the core, which carries most of the force"))  # fmt: skip
+        rows.append(at_least(f"{a.name}: share of the force that the core carries", "", a.core[0], 0.5,
+                             "the skin lies on the core, which carries most of the force"))  # fmt: skip
     rows.append(grows([*attempts, flat]))
     return Outcome(rows, [evidence(f"BioTac, coarse mesh of {scene.unknowns} unknowns", [*attempts, flat, through])])
 
@@ -85,5 +83,5 @@ def to_depth(scene: Scene, place: str, indenter: str, where_mm, depth_mm: float,
 def grows(attempts: list[Attempt]) -> Row:
     """Check that the force grows with depth. A drop would be a jump to another state."""
     least = min(float(np.diff(a.force[: a.converged], prepend=0.0).min()) for a in attempts)
-    return Row("growth of the force from depth to depth, least", "N", least, math.nan, 0.0, "at least",
-               "a bonded gel resists more, the deeper it is pressed")  # fmt: skip
+    return at_least("growth of the force from depth to depth, least", "N", least, 0.0,
+                    "a bonded gel resists more, the deeper it is pressed")  # fmt: skip

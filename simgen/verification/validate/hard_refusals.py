@@ -20,7 +20,7 @@ from simgen.geometry.signed_distance import Kind
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.press import Status
-from simgen.verification.validate.case import Context, Outcome, Row, Table, case
+from simgen.verification.validate.case import Context, Outcome, Row, Table, at_most, case
 from simgen.verification.validate.hard import SPHERE, TARGET
 from simgen.verification.validate.hard_outcomes import GIVEN_UP, Attempt, attempt, evidence, verdicts
 from simgen.verification.validate.hard_scenes import COUNTS, SIZE_MM, above_block, block, down, scene_of
@@ -109,8 +109,7 @@ def refusals(context: Context) -> Outcome:
     said = [[name, text or "TAKEN"] for name, text in refused.items()]
     one_line = sum(bool(text) and "\n" not in text for text in refused.values())
     rows = [*verdicts([*attempts, fine]),
-            Row(f"{fine.name}: samples that converge without any force", "", silent, math.nan, 0.0, "at most",
-                "a pressed gel resists"),
+            at_most(f"{fine.name}: samples that converge without any force", "", silent, 0.0, "a pressed gel resists"),
             Row("bad input that is refused in one line", "", one_line, len(said), 0.0, "absolute",
                 "errors.InputError, or ValueError below the job")]  # fmt: skip
     tables = [evidence("Impossible presses", [*attempts, fine]), Table("Bad input", ["input", "message"], said)]

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
+from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, at_most, case
 from simgen.verification.validate.layer_press import (
     LayerMeshSize,
     LayerPress,
@@ -30,7 +30,7 @@ from simgen.verification.validate.layer_reference import (
     read_profiles,
 )
 
-NAN, UM = float("nan"), 1e3  # um in a mm
+UM = 1e3  # um in a mm
 TARGET, TARGET_UM = 0.01, 5.0  # the project's targets for force and surface displacement
 STEP_MM = 0.1
 SHOWN_MM = (0.5, 1.0, 2.0)  # depths of the surfaces in the plot
@@ -80,9 +80,9 @@ def reference_rows(pressed: LayerPress, friction: float, edge: float, profiles, 
         rows.append(Row(f"contact radius {where}", "mm", contact_radius(pressed, depth), reference.contact_radius[i],
                         edge, "absolute", f"{source}; one element's edge"))  # fmt: skip
         if depth in profiles:
-            rows.append(Row(f"surface displacement RMSE {where}", "um",
-                            UM * surface_error(pressed, depth, profiles[depth]), NAN, TARGET_UM, "at most",
-                            f"{source}; the project's target; deformation region, weighted by area"))  # fmt: skip
+            rows.append(at_most(f"surface displacement RMSE {where}", "um",
+                                UM * surface_error(pressed, depth, profiles[depth]), TARGET_UM,
+                                f"{source}; the project's target; deformation region, weighted by area"))  # fmt: skip
     return rows
 
 
@@ -96,9 +96,9 @@ def two_mesh_rows(fine: LayerPress, coarse: LayerPress, friction: float) -> list
             f"{origin(sphere, friction)}; the project's target"),
         Row(f"pressure in the centre {where}", "MPa", float(fine.pressure[0].mean()), reference.pressure,
             PRESSURE_SCATTER, "relative", "NGSolve; scatter of its orders 2 and 3"),
-        Row(f"pressure swing between neighbours {where}", "of centre", pressure_swing(fine), NAN,
-            pressure_swing(coarse), "at most", falls),
-        Row(f"overlap rms {where}", "um", fine.overlap_um(), NAN, coarse.overlap_um(), "at most", falls),
+        at_most(f"pressure swing between neighbours {where}", "of centre", pressure_swing(fine), pressure_swing(coarse),
+                falls),
+        at_most(f"overlap rms {where}", "um", fine.overlap_um(), coarse.overlap_um(), falls),
     ]  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor_geometry import load_geometry
-from simgen.verification.validate.case import Context, Outcome, Row, Table, case
+from simgen.verification.validate.case import Context, Outcome, Row, Table, at_most, case
 from simgen.verification.validate.published_geometry import (
     gel_thickness,
     tip_distances,
@@ -51,19 +51,19 @@ def geometry(context: Context) -> Outcome:
         for way, distance in zip(("to", "from"), touchable_distances(ours, published), strict=True):
             what = f"touchable surface, {way} the published {name}"
             rows += [
-                Row(f"{what}, mean", "mm", float(distance.mean()), np.nan, MEAN, "at most", BOUND),
-                Row(f"{what}, largest", "mm", float(distance.max()), np.nan, MOST, "at most", BOUND),
+                at_most(f"{what}, mean", "mm", float(distance.mean()), MEAN, BOUND),
+                at_most(f"{what}, largest", "mm", float(distance.max()), MOST, BOUND),
             ]
         what, both = THICKNESS[name]
         own, theirs = both(ours, published)
         apart = np.abs(own - theirs)
-        rows.append(Row(f"{what}, mean difference", "mm", float(apart.mean()), np.nan, MEAN, "at most", BOUND))
+        rows.append(at_most(f"{what}, mean difference", "mm", float(apart.mean()), MEAN, BOUND))
         table.append([what, float(own.mean()), float(theirs.mean()), float(apart.max())])
         volumes = [1e9 * float(surface.volume) for surface in (ours.true.surface, published)]
         rows.append(Row(f"volume of the {name}", "mm3", *volumes, VOLUME, "relative", BOUND))
     for name, published in published_indenters(context.published).items():
         off = float(np.abs(tip_distances(load_indenter(name).shape(), published)).max())
-        rows.append(Row(f"vertices of the tip of {name}, largest distance", "mm", off, np.nan, TIP, "at most", BOUND))
+        rows.append(at_most(f"vertices of the tip of {name}, largest distance", "mm", off, TIP, BOUND))
     columns = ["", "ours, mean mm", "published, mean mm", "largest difference, mm"]
     return Outcome(rows, [Table("Thickness, at points of the published surface", columns, table)])
 

@@ -22,7 +22,7 @@ from simgen.geometry.tetrahedra import OutputMesh
 from simgen.pipeline.plan import chosen_fluid, chosen_material, chosen_sensor
 from simgen.sensors.indenter import Indenter, chosen_indenter, indenter_names, load_indenter
 from simgen.simulation.press import PressResult, Scene, follow
-from simgen.verification.validate.case import Outcome, Row, Table
+from simgen.verification.validate.case import Outcome, Row, Table, at_most
 from simgen.verification.validate.published_presses import touch_travel
 from simgen.verification.validate.published_sensors import GEL, mesh_with, seen_at
 from simgen.verification.validate.recovery import pose_difference, recover
@@ -151,8 +151,8 @@ def _compare(outcome: Outcome, file: ResultFile, key: tuple[int, int], scene: Sc
     """Solve one press of a file and add rows and tables."""
     mesh = scene.sensor.output_mesh
     press = read_press(file, key, mesh)
-    outcome.rows.append(Row(f"held vertices, from rest: {press.label}", "um", press.held_um, np.nan, 1e6 * DEFORMED,
-                            "at most", "less counts as not deformed"))  # fmt: skip
+    outcome.rows.append(at_most(f"held vertices, from rest: {press.label}", "um", press.held_um, 1e6 * DEFORMED,
+                                "less counts as not deformed"))  # fmt: skip
     if not press.samples or press.held_um > 1e6 * DEFORMED:
         outcome.notes.append(f"{press.label}: not solved, no step deforms the free part of this mesh")
         return
@@ -183,7 +183,7 @@ def _compare(outcome: Outcome, file: ResultFile, key: tuple[int, int], scene: Sc
             where = f"{press.label}, step {sample.step}"
             outcome.rows += [
                 Row(f"force: {where}", "N", force, wanted, FORCE, "relative", OWN),
-                Row(f"RMSE of the deformation region: {where}", "um", region[0], np.nan, RMSE_UM, "at most", OWN),
+                at_most(f"RMSE of the deformation region: {where}", "um", region[0], RMSE_UM, OWN),
             ]
 
 

@@ -22,7 +22,7 @@ from simgen.sensors.pairing import Contacts, indenter_poses
 from simgen.sensors.sensor import Sensor, load_sensor
 from simgen.simulation.press import PressResult, Scene, press
 from simgen.units import MM, UM_PER_M
-from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, case
+from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, at_most, case
 
 SENSORS = ("digit", "biotac")
 PLACES_MM = {"centre": (-7.5, 0.0), "side": (-7.5, 5.5), "tip": (-15.5, 0.0)}  # x along the finger, arc across it
@@ -126,8 +126,8 @@ def compare(name: str, solutions: list[MeshSolution]) -> Outcome:
         away = [difference_um(each, moved[2]) for each in moved[:2]]
         rows += [
             Row(f"{name}: force at {depth:g} mm", "N", force[1], limit, WANTED_FORCE, "relative", ORIGIN),
-            Row(f"{name}: RMSE of the deformation region at {depth:g} mm", "um", factor * away[1], np.nan, WANTED_UM,
-                "at most", ORIGIN),
+            at_most(f"{name}: RMSE of the deformation region at {depth:g} mm", "um", factor * away[1], WANTED_UM,
+                    ORIGIN),
         ]  # fmt: skip
         table.append([depth, *force, limit, 100.0 * (force[1] / limit - 1.0), 100.0 * (force[1] / force[2] - 1.0),
                       *away, factor * away[1], p])  # fmt: skip
