@@ -1,22 +1,19 @@
-"""How many converged solves a second, by the number of presses that are under way at once? And where does time go?
+"""Measure converged depths per second for several batch sizes, and the time of each phase of the solver.
 
     python benchmarks/batch.py --sensor digit --mesh default --device cuda --batches 32 128 256 --output batch.json
 
-Presses of the full paired job, all nine indenters, to 2 mm in 20 depths. ``--profile`` waits for the device before and
-after every phase of the solver, which costs some speed, and says how long each one took.
+Presses are those of the full paired job: nine indenters, 20 depths to 2 mm. ``--profile`` times the phases. It waits
+for the device before and after each phase, which slows the run.
 """
 
-import argparse
 import time
 from collections import defaultdict
 from collections.abc import Iterator
-from pathlib import Path
 
 import warp as wp
 from presses import paired_presses, summary
-from record import write
+from record import sensor_arguments, write
 
-from simgen.config.warp_device import start_warp
 from simgen.simulation.press import press
 from simgen.simulation.state_sampler import StateSampler
 
@@ -28,7 +25,8 @@ PHASES = {  # name: attributes of the solver, method
 }
 
 
-def watch(thing, method: str, name: str, spent: dict[str, float]):
+def watch(thing, method: str, name: str, spent: dict[str, float]) -> None:
+    """Replace a method by one that adds its seconds to ``spent[name]``."""
     plain = getattr(thing, method)
 
     def timed(*arguments, **keywords):
@@ -45,23 +43,18 @@ def watch(thing, method: str, name: str, spent: dict[str, float]):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sensor", default="digit")
-    parser.add_argument("--mesh", default="default")
+    parser = sensor_arguments(__doc__, "batch.json")
     parser.add_argument("--batches", nargs="+", type=int, default=[1])
-    parser.add_argument("--rounds", type=float, default=2.0, help="presses, over those that are under way at once")
+    parser.add_argument("--rounds", type=float, default=2.0, help="number of presses over the batch size")
     parser.add_argument("--trajectories", type=int, default=30)
-    parser.add_argument("--device", default="cpu")
     parser.add_argument("--profile", action="store_true")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="keys of the job to replace")
-    parser.add_argument("--output", type=Path, default=Path("batch.json"))
     asked = parser.parse_args()
-    start_warp()
     rows = []
     for batch in asked.batches:
         set_up = paired_presses(asked.sensor, asked.mesh, asked.trajectories, batch, asked.device, asked.set)
         scene, shapes, poses, depths = set_up.some(max(1, round(asked.rounds * batch)))
-        press(scene, shapes[:1], poses[:1], depths[:1])  # loads kernels
+        press(scene, shapes[:1], poses[:1], depths[:1])  # compile kernels
         spent: dict[str, float] = defaultdict(float)
         if asked.profile:
             for name, (part, method) in PHASES.items():
@@ -74,8 +67,7 @@ def main():
         phases = {name: round(seconds, 3) for name, seconds in spent.items()}
         rows.append({"batch": batch, "unknowns": scene.unknowns, **found, "phases": phases})
         print(rows[-1], flush=True)
-    plain = {name: str(value) for name, value in vars(asked).items()}
-    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
+    write(asked, rows)
 
 
 if __name__ == "__main__":

@@ -1,18 +1,16 @@
-"""How many contacts do the translations between the sensors need?
+"""Measure the accuracy of the translation between the sensors over the number of training contacts.
 
     simgen run jobs/paired.yaml trajectories.count=2580 --device cuda -o many.zarr
     python benchmarks/contacts.py training.networks many.zarr --device cuda --contacts 215 430 860 1720 2480
 
-The models of the meshes (RMB, RMD) of a folder that `simgen train` wrote stay as they are. S2RM and RM2RM learn anew
-from the first contacts of a dataset, of which every tenth validates, and are tested on its last ones: these should be
-beyond what the models of the meshes have seen. Contacts are a sequence, so a dataset of the networks' own seed begins
-with the contacts that they were trained with. The first row is of the networks' own S2RM and RM2RM, and of the target's
-mesh there and back.
+The mesh models RMB and RMD of a trained folder stay as they are. S2RM and RM2RM are trained again with the first
+contacts of a dataset; every tenth contact validates. They are tested on the last contacts, which the mesh models must
+not have seen. Contacts are a sequence: a dataset with the networks' seed begins with their training contacts. The first
+row has the networks' own S2RM and RM2RM, and the target's mesh encoded and decoded.
 
-Errors are weighed as the networks' job says, or by each of --powers (`power` of docs/training_job.md).
+The training weights errors as the networks' job says, or by each of --powers (`power` in docs/training_job.md).
 """
 
-import argparse
 import tempfile
 import time
 from functools import cache
@@ -20,8 +18,8 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-import record
 import torch
+from record import arguments, write
 from torch import Tensor
 
 from simgen.learning.training.chain import make_chain
@@ -42,7 +40,7 @@ AT_ONCE = 512
 
 
 class Comparison:
-    """The data, what both translations go from and to, and how they are tested."""
+    """Data, inputs and outputs of both translations, and their test."""
 
     def __init__(self, networks: Path, dataset: Path, tested: int, device: str):
         self.job, self.device = read_job(networks), torch_device(device)
@@ -66,7 +64,7 @@ class Comparison:
         return torch.from_numpy(np.flatnonzero(chosen)).to(self.device)
 
     def of_first(self, contacts: int) -> tuple[Tensor, Tensor]:
-        """Rows that train, and that validate."""
+        """Rows for training and for validation."""
         own, validates = self.data.trajectory < contacts, self.data.trajectory % ONE_IN == 0
         return self.rows(own & ~validates), self.rows(own & validates)
 
@@ -88,7 +86,7 @@ class Comparison:
         return network
 
     def measure(self, predict) -> dict[str, float]:
-        """Errors of the mesh and of the contact's centroid, and what share of each indenter's centroids is near."""
+        """Errors of mesh and contact centroid, and the share of near centroids for each indenter."""
         off = 1e3 * np.linalg.norm(self.centroids(predict) - self.truth, axis=1)
         near = off <= NEAR_MM
         indenter, depth = (each[self.tested.cpu().numpy()] for each in (self.data.indenter, self.data.depth))
@@ -115,7 +113,7 @@ class Comparison:
         return {"contacts": "as trained", **own, "target": there_and_back}
 
     def measured(self, networks: dict[str, torch.nn.Module]) -> dict:
-        """Of S2RM and RM2RM, by what goes in: signals, or the true mesh of the source."""
+        """Errors of S2RM and RM2RM from signals, and of RM2RM from the true mesh of the source."""
         found = networks | {name: self.trained(name) for name in ("rmb", "rmd")}
         mesh, both = (make_chain(names, found.__getitem__) for names in (("rm2rm",), ("s2rm", "rm2rm")))
         signals, source = self.inputs.signals.values, self.inputs.source
@@ -126,26 +124,23 @@ class Comparison:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, "contacts.json")
     parser.add_argument("networks", type=Path)
     parser.add_argument("dataset", type=Path)
-    parser.add_argument("--contacts", type=int, nargs="*", default=[], help="of training and validation, each time")
-    parser.add_argument("--powers", type=float, nargs="+", default=[None], help="of the weights; else the job's")
-    parser.add_argument("--tested", type=int, default=TESTED, help="contacts, the last ones")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--output", type=Path, default=Path("contacts.json"))
+    parser.add_argument("--contacts", type=int, nargs="*", default=[], help="numbers of contacts to train with")
+    parser.add_argument("--powers", type=float, nargs="+", default=[None], help="powers of the weights")
+    parser.add_argument("--tested", type=int, default=TESTED, help="number of last contacts that test")
     asked = parser.parse_args()
 
     compared = Comparison(asked.networks, asked.dataset, asked.tested, asked.device)
     if max(asked.contacts, default=0) > compared.first_tested:
-        parser.error(f"--contacts {max(asked.contacts)}: allowed: at most {compared.first_tested}, the rest is tested")
+        parser.error(f"--contacts {max(asked.contacts)}: allowed: at most {compared.first_tested}, the others test")
     rows = [compared.as_trained()]
     print(rows[-1], flush=True)
     for contacts, power in product(asked.contacts, asked.powers):
         rows.append(compared.after_training(contacts, power))
         print(rows[-1], flush=True)
-    plain = {name: str(value) for name, value in vars(asked).items() if name != "output"}
-    record.write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
+    write(asked, rows)
 
 
 if __name__ == "__main__":

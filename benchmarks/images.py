@@ -1,9 +1,9 @@
-"""How many images a second does `simgen render` make, and where does the time go?
+"""Measure images per second of `simgen render`, and the time of each stage.
 
     python benchmarks/images.py DATASET --device cpu --processes 2 --output images.json
 
-Images of 480 x 640 pixels of a dataset's own samples by the sensor's own table, the same ones in every turn. Stages are
-timed one by one in one process; then all of them, with PNG files written and without, in as many processes as asked.
+Renders samples of a dataset at 480 x 640 pixels with the sensor's own table, the same samples in each round. One
+process times each stage. Then all processes render, with and without writing PNG files.
 """
 
 import argparse
@@ -17,8 +17,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import record
 import warp as wp
+from record import arguments, write
 
 from simgen.dataset.reader import Dataset
 from simgen.fem.nonlinear.status import is_valid
@@ -26,7 +26,7 @@ from simgen.sensing.camera.image_files import write_image
 from simgen.sensing.camera.renderer import Look, Renderer
 
 LOOK = Look(height=640, width=480)
-TURNS = 5
+ROUNDS = 5
 
 
 def samples(dataset: Dataset, sensor: str, count: int) -> np.ndarray:
@@ -41,24 +41,24 @@ def samples(dataset: Dataset, sensor: str, count: int) -> np.ndarray:
 
 
 def seconds(function: Callable[[], object], device: str) -> float:
-    """The median of some turns."""
+    """Median seconds of a call."""
     spent = []
-    for turn in range(TURNS + 1):
+    for round_ in range(ROUNDS + 1):
         begin = time.perf_counter()
         function()
         wp.synchronize_device(device)
-        if turn:  # the first one compiles and allocates
+        if round_:  # the first one compiles and allocates
             spent.append(time.perf_counter() - begin)
     return float(np.median(spent))
 
 
 def stages(renderer: Renderer, displacement: np.ndarray, shadows: Renderer) -> dict[str, float]:
-    """Milliseconds an image."""
+    """Milliseconds per image of each stage."""
     device = renderer.device
     moved = wp.array(displacement, dtype=wp.vec3f, device=device)
     height = renderer.blur(renderer.heights(moved))
     image = renderer.image(height)
-    few = max(len(displacement) // 10, 1)  # images with shadows, which take long
+    few = max(len(displacement) // 10, 1)  # shadows are slow
     some = [wp.array(each.numpy()[:few], dtype=each.dtype, device=device) for each in (image, height)]
     with tempfile.TemporaryDirectory() as folder:
         host = image.numpy()
@@ -74,8 +74,8 @@ def stages(renderer: Renderer, displacement: np.ndarray, shadows: Renderer) -> d
     return {name: 1e3 * each / len(displacement) for name, each in found.items()}
 
 
-def work(asked: argparse.Namespace, number: int, write: bool) -> float:
-    """Seconds that this process takes for its images, when all have begun."""
+def work(asked: argparse.Namespace, number: int, with_png: bool) -> float:
+    """Seconds of this process for its images."""
     cv2.setNumThreads(1)
     dataset = Dataset(asked.dataset)
     renderer = Renderer.of_dataset(dataset, asked.sensor, LOOK, asked.device)
@@ -87,20 +87,18 @@ def work(asked: argparse.Namespace, number: int, write: bool) -> float:
         for first in range(0, len(displacement), asked.batch):
             images = renderer(displacement[first : first + asked.batch])
             files = [Path(folder, f"{number}_{first + i}.png") for i in range(len(images))]
-            for _ in pool.map(write_image, files, images) if write else ():
+            for _ in pool.map(write_image, files, images) if with_png else ():
                 pass
         return time.perf_counter() - begin
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, "images.json")
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--sensor", default="digit")
-    parser.add_argument("--device", default="cpu")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--images", type=int, default=60, help="of each process")
     parser.add_argument("--batch", type=int, default=20)
-    parser.add_argument("--output", type=Path, default=Path("images.json"))
     asked = parser.parse_args()
 
     cv2.setNumThreads(1)
@@ -108,14 +106,13 @@ def main() -> None:
     own, dark = (Renderer.of_dataset(dataset, asked.sensor, look, asked.device)
                  for look in (LOOK, Look(height=640, width=480, shadows=True)))  # fmt: skip
     rows = {"ms_per_image": stages(own, samples(dataset, asked.sensor, asked.batch), dark)}
-    for name, write in (("images_per_second", False), ("images_per_second_with_png", True)):
+    for name, with_png in (("images_per_second", False), ("images_per_second_with_png", True)):
         with ProcessPoolExecutor(asked.processes, get_context("spawn")) as processes:
-            begun = [processes.submit(work, asked, number, write) for number in range(asked.processes)]
+            begun = [processes.submit(work, asked, number, with_png) for number in range(asked.processes)]
             spent = [each.result() for each in begun]
         rows[name] = asked.processes * asked.images / max(spent)
-    plain = {name: str(value) for name, value in vars(asked).items() if name != "output"}
     print(rows)
-    record.write(asked.output, __doc__.splitlines()[0], asked.device, plain, [rows])
+    write(asked, [rows])
 
 
 if __name__ == "__main__":

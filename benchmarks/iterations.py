@@ -1,18 +1,16 @@
-"""Does the number of Krylov iterations depend on mesh size, depth or Poisson's ratio?
+"""Count Newton and Krylov iterations over mesh size, depth and Poisson's ratio.
 
     python benchmarks/iterations.py --sensor digit --meshes coarse default --output iterations.json
 
-A sphere of R = 3.5 mm is pressed 2 mm into the middle of a sensor in 20 steps, with its friction, on several meshes and
-at several Poisson's ratios. Reported at some depths: Newton iterations of that step, Krylov iterations of each.
+A sphere of R = 3.5 mm is pressed 2 mm into the middle of a sensor in 20 steps, with friction, on several meshes and
+with several Poisson's ratios. At some depths it reports Newton iterations of the step and Krylov iterations per Newton
+step.
 """
 
-import argparse
-from pathlib import Path
 
 import numpy as np
-from record import write
+from record import arguments, write
 
-from simgen.config.warp_device import start_warp
 from simgen.fem.nonlinear.status import has_values
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
@@ -45,29 +43,24 @@ def measure(sensor, nu: float, indenter: str, settings: SolverSettings, device: 
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, "iterations.json")
     parser.add_argument("--sensor", default="digit")
     parser.add_argument("--meshes", nargs="+", default=["coarse", "default", "fine"])
     parser.add_argument("--nu", nargs="+", type=float, default=[0.45, 0.49, 0.499, 0.4999])
     parser.add_argument("--indenter", default="sphere_7mm")
     parser.add_argument("--linear-tolerance", type=float, default=SolverSettings().linear_tolerance)
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--output", type=Path, default=Path("iterations.json"))
-    arguments = parser.parse_args()
-    start_warp()
-    settings = SolverSettings(linear_tolerance=arguments.linear_tolerance)
+    asked = parser.parse_args()
+    settings = SolverSettings(linear_tolerance=asked.linear_tolerance)
     rows = []
-    for mesh in arguments.meshes:
-        sensor = load_sensor(arguments.sensor, mesh)
-        for nu in arguments.nu:
-            found = measure(sensor, nu, arguments.indenter, settings, arguments.device)
+    for mesh in asked.meshes:
+        sensor = load_sensor(asked.sensor, mesh)
+        for nu in asked.nu:
+            found = measure(sensor, nu, asked.indenter, settings, asked.device)
             rows.append({"mesh": mesh, "hash": sensor.simulation_mesh.hash[:12], "nu": nu, **found})
             print(f"{mesh:8s} {found['unknowns']:7d} unknowns  nu {nu:<7g} Newton a depth {found['newton']}  "
                   f"Krylov a Newton {found['krylov_per_newton']}  {found['converged']}/{found['of']} converged, "
                   f"{found['seconds']} s", flush=True)  # fmt: skip
-    asked = {"sensor": arguments.sensor, "indenter": arguments.indenter, "device": arguments.device,
-             "linear_tolerance": arguments.linear_tolerance}  # fmt: skip
-    write(arguments.output, __doc__.splitlines()[0], arguments.device, asked, rows)
+    write(asked, rows)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,18 @@
-"""How near are the solver's kernels to what the device can do?
+"""Compare the solver's kernels with the peak speed of the device.
 
     python benchmarks/kernels.py --sensor digit --mesh default --device cuda --batches 64 256 --output kernels.json
 
-Ceilings are measured in the same run: bytes a second of a copy, and floating-point operations a second of independent
-multiply-adds, in single and in double precision. Bytes of a kernel are the fewest: every vector of the batch once, mesh
-data once for all environments. Operations are counted by hand from the formulas, per element.
+Peaks are measured in the same run: bytes per second of a copy, and operations per second of independent multiply-adds
+in single and double precision. Bytes of a kernel are a lower bound: each vector of the batch once, mesh data once for
+all environments. Operations per element are counted by hand from the formulas.
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 import warp as wp
-from record import write
+from record import sensor_arguments, write
 
-from simgen.config.warp_device import start_warp
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.press import Scene, press
@@ -23,10 +20,10 @@ from simgen.verification.validate.sensors import PLACES_MM, place_indenter
 
 wp.set_module_options({"enable_backward": False})
 
-ADDS = 256  # multiply-adds of a thread, in each of eight chains
+ADDS = 256  # multiply-adds of each of a thread's eight chains
 Chains, DoubleChains = (wp.types.vector(length=8, dtype=dtype) for dtype in (wp.float32, wp.float64))
-# Operations of a P2-P1 element with 8 points: derivatives at the corners 130, nodal forces 150, and at each point an
-# interpolation 63, det and cofactor 45, stress 70, increment of the stress 190, sums at the corners 80.
+# Operations of a P2-P1 element with 8 points: 130 for derivatives at corners, 150 for nodal forces. At each point: 63
+# for interpolation, 45 for det and cofactor, 70 for stress, 190 for its increment, 80 for sums at corners.
 OPERATIONS = {"tangent": 2 * 130 + 150 + 8 * (2 * 63 + 45 + 190 + 80),
               "rough tangent": 2 * 130 + 150 + 4 * (2 * 63 + 45 + 190 + 80),
               "forces": 130 + 150 + 8 * (63 + 45 + 70 + 80)}  # fmt: skip
@@ -53,7 +50,7 @@ def double_kernel(x: wp.array(dtype=wp.float64)):
 
 
 def seconds(action, repeats: int = 20) -> float:
-    """Median of a call that is waited for."""
+    """Median seconds of a call, with the wait for the device."""
     action()
     wp.synchronize()
     spent = []
@@ -66,7 +63,7 @@ def seconds(action, repeats: int = 20) -> float:
 
 
 def ceilings(device: str) -> dict[str, float]:
-    """Bytes and operations a second that plain kernels reach."""
+    """Peak bytes and operations per second of simple kernels."""
     large = (1 << 30 if device != "cpu" else 1 << 26) // 4
     a, b = (wp.zeros(large, dtype=wp.float32, device=device) for _ in range(2))
     found = {"bytes_per_second": 2.0 * 4.0 * large / seconds(lambda: wp.copy(b, a))}
@@ -79,6 +76,7 @@ def ceilings(device: str) -> dict[str, float]:
 
 
 def measure(sensor, batch: int, device: str, limits: dict[str, float]) -> list[dict]:
+    """Time each kernel with a batch of presses at 0.5 mm."""
     scene = Scene(sensor, sensor.materials["solid"], device=device, batch=batch)
     pose = np.tile(place_indenter(sensor, *PLACES_MM["centre"]), (batch, 1, 1))
     press(scene, [load_indenter("sphere_7mm").shape()] * batch, pose, np.array([0.5e-3]))
@@ -116,20 +114,14 @@ def measure(sensor, batch: int, device: str, limits: dict[str, float]) -> list[d
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sensor", default="digit")
-    parser.add_argument("--mesh", default="default")
+    parser = sensor_arguments(__doc__, "kernels.json")
     parser.add_argument("--batches", nargs="+", type=int, default=[1])
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--output", type=Path, default=Path("kernels.json"))
     asked = parser.parse_args()
-    start_warp()
     limits = ceilings(asked.device)
     print(limits, flush=True)
     sensor = load_sensor(asked.sensor, asked.mesh)
     rows = [row for batch in asked.batches for row in measure(sensor, batch, asked.device, limits)]
-    plain = {name: str(value) for name, value in vars(asked).items()}
-    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, ceilings=limits)
+    write(asked, rows, ceilings=limits)
 
 
 if __name__ == "__main__":

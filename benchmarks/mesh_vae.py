@@ -1,54 +1,51 @@
-"""How much faster than with torch-geometric does the mesh beta-VAE train?
+"""Compare the training speed of the mesh beta-VAE with torch-geometric.
 
     python benchmarks/mesh_vae.py --sensor digit --device cuda --batch 128 --output mesh_vae.json
 
-Every variant takes the same samples and starts at the same weights. First they are held against each other, loss and
-gradients, in float64, where no rounding decides on which side of a ReLU a number falls; then steps in float32 are timed
-in turns. "torch-geometric" is `ChebConv` as the library has it; "known weights" spares it the Laplacian's weights in
-every call, as the published ports of CoMA do; "graph" is ours as a CUDA graph, "TF32" with products of that precision,
-which is how `simgen train` has it. Samples lie on the device, and their number is all that matters: they are normal.
+All variants have the same samples and initial weights. First their losses and gradients are compared in float64, so
+that rounding does not flip a ReLU. Then training steps in float32 are timed in rounds. "torch-geometric" is the
+library's `ChebConv`. "known weights" computes the Laplacian's weights once, as the published ports of CoMA do. "graph"
+is ours as a CUDA graph. "TF32" also has products of that precision, as `simgen train` does. Samples are random normal
+numbers on the device.
 """
 
 import argparse
-import json
 import math
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+from record import arguments, write
 from scipy.sparse import csr_array, eye_array, vstack
 from torch import Tensor, nn
 from torch_geometric.nn import ChebConv
 
 from simgen.config.resources import resource
-from simgen.dataset.provenance import code_version
 from simgen.learning.training.chebyshev import ChebyshevConvolution, scaled_laplacian
 from simgen.learning.training.hierarchy import Hierarchy, build_hierarchy
 from simgen.learning.training.mesh_vae import DECODER, ENCODER, HIDDEN, LATENT, ORDER, MeshVAE
 from simgen.learning.training.step import coarse_products
 
-SAMPLES = 123_000  # of an epoch: the training split of jobs/paired.yaml
+SAMPLES = 123_000  # samples of an epoch: the training split of jobs/paired.yaml
 BETA = 0.005
-COMPARED = 8  # samples that are held against each other in float64
-WARM_UP, STEPS = 3, 5  # steps of one turn
-ROUNDING = 1e-9  # of a loss or a gradient in float64, relative
+COMPARED = 8  # samples that are compared in float64
+WARM_UP, STEPS = 3, 5  # steps of the first round, and of the others
+ROUNDING = 1e-9  # allowed relative difference of losses and gradients in float64
 
 
 class KnownWeights(ChebConv):
-    """With the weights of the scaled Laplacian given as those of the edges."""
+    """`ChebConv` whose edge weights are those of the scaled Laplacian."""
 
     def __norm__(self, edge_index, num_nodes, edge_weight, *_, **__):
         return edge_index, edge_weight
 
 
 class Pool(nn.Module):
-    """A sparse matrix times features (sample, vertex, feature), as a sum over its entries."""
+    """Sparse matrix times features (sample, vertex, feature), as a sum over its entries."""
 
     def __init__(self, matrix: csr_array):
         super().__init__()
@@ -64,7 +61,7 @@ class Pool(nn.Module):
 
 
 class GeometricVAE(nn.Module):
-    """The same network from torch-geometric's layers: normalised (sample, vertex, 3) in the hierarchy's order."""
+    """The same network with torch-geometric's layers; takes normalised (sample, vertex, 3) in the hierarchy's order."""
 
     def __init__(self, hierarchy: Hierarchy, known_weights: bool):
         super().__init__()
@@ -119,7 +116,7 @@ class GeometricVAE(nn.Module):
                 mine.load_state_dict(module.state_dict())
 
     def gradients(self) -> dict[str, Tensor]:
-        """By the names of `MeshVAE`."""
+        """Gradients by the names of `MeshVAE`."""
         found = {name: value.grad for name, value in self.named_parameters() if ".lins." not in name
                  and not name.startswith("lins.")}  # fmt: skip
         for name, module in self.named_modules():
@@ -129,7 +126,7 @@ class GeometricVAE(nn.Module):
 
 
 def step_of(network: nn.Module, samples: Tensor) -> Callable[[], None]:
-    """A training step on samples that stay where they are."""
+    """Make a training step on fixed samples."""
     on_gpu = samples.is_cuda
     optimizer = torch.optim.Adam(network.parameters(), 1e-3, fused=on_gpu, capturable=on_gpu)
 
@@ -142,7 +139,7 @@ def step_of(network: nn.Module, samples: Tensor) -> Callable[[], None]:
 
 
 def recorded(step: Callable[[], None]) -> Callable[[], None]:
-    """The step as a CUDA graph."""
+    """Record a step as a CUDA graph."""
     stream = torch.cuda.Stream()
     stream.wait_stream(torch.cuda.current_stream())
     with torch.cuda.stream(stream):
@@ -153,7 +150,7 @@ def recorded(step: Callable[[], None]) -> Callable[[], None]:
     with torch.cuda.graph(graph):
         step()
 
-    def replay(of: Callable[[], None] = step) -> None:  # a graph keeps alive neither moments nor weights
+    def replay(of: Callable[[], None] = step) -> None:  # keeps moments and weights alive
         graph.replay()
 
     return replay
@@ -161,7 +158,7 @@ def recorded(step: Callable[[], None]) -> Callable[[], None]:
 
 @dataclass
 class Variants:
-    """The networks, with samples as each takes them."""
+    """Networks, and the samples in the order that each takes."""
 
     ours: MeshVAE
     samples: Tensor
@@ -183,9 +180,9 @@ def make(hierarchy: Hierarchy, batch: int, device: str, dtype: torch.dtype) -> V
 
 
 def differences(variants: Variants) -> dict[str, dict[str, float]]:
-    """Of the loss, and of the gradients: the largest, relative to the largest entry of the same parameter.
+    """Compare losses and gradients; a gradient's difference is relative to the parameter's largest entry.
 
-    Raises `SystemExit` if the networks are not the same.
+    Raises `SystemExit` if the networks differ.
     """
     loss = loss_of(variants.ours, variants.samples)
     found = {}
@@ -204,7 +201,7 @@ def differences(variants: Variants) -> dict[str, dict[str, float]]:
 
 
 def loss_of(network: nn.Module, samples: Tensor) -> float:
-    """With gradients; the latents that are drawn are the same in every call."""
+    """Compute the loss and its gradients, with the same random latents in each call."""
     torch.manual_seed(1)
     loss = network.loss(samples, BETA)[0]
     loss.backward()
@@ -218,12 +215,10 @@ def waited(device: str) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, "mesh_vae.json")
     parser.add_argument("--sensor", default="digit", choices=["digit", "biotac"])
-    parser.add_argument("--device", default="cpu")
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--output", type=Path, default=Path("mesh_vae.json"))
     asked = parser.parse_args()
 
     with np.load(resource("sensor_models") / asked.sensor / "output.npz") as mesh:
@@ -237,24 +232,21 @@ def main() -> None:
         with coarse_products():  # as `simgen train` has it
             steps["ours, graph, TF32"] = recorded(step_of(variants.ours, variants.samples))
     rows = timed(steps, asked)
-    plain = {name: str(value) for name, value in vars(asked).items()}
-    written = {"question": __doc__.splitlines()[0], "code": code_version(), "packages": versions(),
-               "machine": machine(asked.device), "asked": plain, "differences": found, "rows": rows}  # fmt: skip
-    asked.output.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
-    print(f"wrote {asked.output}")
+    versions = {name: metadata.version(name) for name in ("torch", "torch-geometric")}
+    write(asked, rows, differences=found, versions=versions, threads=torch.get_num_threads())
 
 
 def timed(steps: dict[str, Callable[[], None]], asked: argparse.Namespace) -> list[dict]:
-    """Median over turns of the time of a step, and the largest memory of each."""
+    """Median time of a step over rounds, and the peak memory, of each variant."""
     spent, memory = {name: [] for name in steps}, dict.fromkeys(steps, 0.0)
-    for turn in range(asked.repeats + 1):
+    for round_ in range(asked.repeats + 1):
         for name, step in steps.items():
             if asked.device != "cpu":
                 torch.cuda.reset_peak_memory_stats()
             begin = waited(asked.device)
-            for _ in range(WARM_UP if turn == 0 else STEPS):
+            for _ in range(STEPS if round_ else WARM_UP):
                 step()
-            if turn:
+            if round_:
                 spent[name].append((waited(asked.device) - begin) / STEPS)
             if asked.device != "cpu":
                 memory[name] = torch.cuda.max_memory_allocated() / 2**30
@@ -265,20 +257,10 @@ def timed(steps: dict[str, Callable[[], None]], asked: argparse.Namespace) -> li
                "ms_most": 1e3 * max(seconds), "s_per_epoch": step * math.ceil(SAMPLES / asked.batch),
                "times_as_fast_as_torch_geometric": float(np.median(spent["torch-geometric"])) / step}  # fmt: skip
         if memory[name]:
-            row["peak_memory_gib"] = memory[name]  # of all that lies on the device meanwhile
+            row["peak_memory_gib"] = memory[name]  # with all that is on the device
         rows.append({key: round(value, 3) if isinstance(value, float) else value for key, value in row.items()})
         print(rows[-1], flush=True)
     return rows
-
-
-def versions() -> dict[str, str]:
-    return {name: metadata.version(name) for name in ("torch", "torch-geometric", "numpy", "scipy")}
-
-
-def machine(device: str) -> dict[str, str | int]:
-    gpu = {} if device == "cpu" else {"gpu": torch.cuda.get_device_name(device)}
-    return {"processor": platform.processor() or platform.machine(), "threads": torch.get_num_threads(),
-            "device": device, "system": platform.platform(), **gpu}  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Cost of long edges of the output mesh in images.
+"""Measure the effect of long edges of the output mesh on images.
 
     python benchmarks/output_edges.py
 
-One press of each sphere into a slab of 20 x 4 x 20 mm before the DIGIT's camera, at its middle and beside it, stored on
-output meshes of several edge lengths. The last column compares each image with that on the shortest edges: the mean
-difference in the contact (pixels that change by 10 grey levels or more), over the mean change there.
+Spheres press a slab of 20 x 4 x 20 mm in front of the DIGIT's camera, at its middle and beside it. The result is stored
+on output meshes of several edge lengths. The last column compares an image with that of the shortest edges: the mean
+difference over the mean change, in pixels that the contact changes by at least 10 grey levels.
 """
 
 import argparse
@@ -35,7 +35,7 @@ PLACES_M = {"middle": (0.0, 0.0), "beside": (0.4e-3, 0.3e-3)}
 
 
 def describe(folder: Path) -> None:
-    """A slab with the DIGIT's material and camera, its face to be touched at y = -2 mm."""
+    """Write a slab with the DIGIT's material and camera, whose touchable face is at y = -2 mm."""
     trimesh.creation.box([20.0, 4.0, 20.0]).export(folder / "slab.stl")
     digit = yaml.safe_load((sensor_folder("digit") / "sensor.yaml").read_text())
     about = {
@@ -50,7 +50,7 @@ def describe(folder: Path) -> None:
 
 
 def image_change(sensor: Sensor, indenter: str, place: tuple[float, float], depth_m: float) -> np.ndarray:
-    """(height, width, 3) grey levels by which the image of a press differs from that of nothing."""
+    """Difference (height, width, 3) in grey levels between the images with and without a press."""
     pose = np.eye(4)
     pose[:3, 3] = place[0], -2e-3, place[1]
     depths = np.linspace(0.0, depth_m, 5)[1:]
@@ -59,7 +59,7 @@ def image_change(sensor: Sensor, indenter: str, place: tuple[float, float], dept
     pinhole, folder = Pinhole.of(sensor.camera, None, None), sensor_folder("digit")
     look = Response.load(folder / TABLE), read_image(folder / BACKGROUND), scaled_kernels(pinhole.width)
     render = Renderer(sensor.output_mesh.vertices, sensor.output_mesh.surface_triangles, pinhole, *look)
-    return (render(displacement)[0].astype(float) - render(np.zeros_like(displacement))[0])
+    return render(displacement)[0].astype(float) - render(np.zeros_like(displacement))[0]
 
 
 def main():

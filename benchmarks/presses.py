@@ -1,4 +1,4 @@
-"""The presses that benchmarks solve: contacts of the full paired job, all nine indenters, posed on a sensor."""
+"""Presses for the benchmarks: contacts of the full paired job with nine indenters on one sensor."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from simgen.simulation.press import PressResult, Scene
 
 @dataclass(frozen=True)
 class Presses:
-    """Presses of one sensor: shapes and poses (b, 4, 4) m, and the depths (d,) m of all of them."""
+    """Presses of one sensor: shapes, poses (b, 4, 4) m, and common depths (d,) m."""
 
     scene: Scene
     shapes: list[RigidShape]
@@ -23,13 +23,13 @@ class Presses:
     depths_m: np.ndarray
 
     def some(self, count: int) -> tuple:
-        """Arguments of ``press.press`` for the first of them, again from the first on where there are fewer."""
-        of = np.arange(count) % len(self.shapes)
-        return self.scene, [self.shapes[i] for i in of], self.poses[of], self.depths_m
+        """Arguments of ``press.press`` for ``count`` presses, which repeat if there are fewer."""
+        chosen = np.arange(count) % len(self.shapes)
+        return self.scene, [self.shapes[i] for i in chosen], self.poses[chosen], self.depths_m
 
 
 def paired_presses(sensor: str, mesh: str, trajectories: int, batch: int, device: str, overrides=()) -> Presses:
-    """The first contacts of jobs/paired.yaml on one of its sensors, in an order that mixes indenters."""
+    """Make presses of the first contacts of jobs/paired.yaml on one sensor, in random order."""
     job = load_job("paired", [f"trajectories.count={trajectories}", f"sensors.{sensor}.mesh={mesh}", *overrides])
     plan = make_plan(job)
     scene = job_scene(job, sensor, batch, device)
@@ -40,14 +40,14 @@ def paired_presses(sensor: str, mesh: str, trajectories: int, batch: int, device
 
 
 def job_scene(job: Job, sensor: str, batch: int, device: str) -> Scene:
-    """As `simgen run` makes it."""
+    """Make the scene of a sensor as `simgen run` does."""
     model = chosen_sensor(job, sensor)
     material, outputs = chosen_material(job, sensor, model), job.surface_outputs(sensor)
     return Scene(model, material, device=device, batch=batch, settings=job.solver, outputs=outputs)
 
 
 def summary(results: list[PressResult], seconds: float) -> dict:
-    """Solves a second, what converged, and iterations of a solve."""
+    """Count converged depths, their speed and their iterations."""
     status = np.stack([result.status for result in results])
     converged = int(has_values(status).sum())
     newton, krylov = (

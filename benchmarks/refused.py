@@ -1,4 +1,4 @@
-"""The cost of `trajectories.least_thickness_left`: contacts drawn again, and touchable area without contacts.
+"""Measure the cost of `trajectories.least_thickness_left`: replaced contacts, and area without contacts.
 
     python benchmarks/refused.py [JOB]     # the tables of docs/design.md; 2 minutes on a core
 """
@@ -20,7 +20,7 @@ SHARES = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3)
 
 
 def presses_table(name: str) -> None:
-    """Print how many presses of each indenter leave too little without the rule, of the job's default share."""
+    """Print, without the rule, the share of each indenter's presses that leave too little gel."""
     job = load_job(name)
     sensors, indenters = {sensor: chosen_sensor(job, sensor) for sensor in job.sensors}, chosen_indenters(job)
     contacts = first_contacts(job, sensors, job.trajectories.count, {}).kept
@@ -41,7 +41,7 @@ def presses_table(name: str) -> None:
 
 
 def refused_table(name: str) -> None:
-    """Print how many contacts are drawn again, and the area of those that are kept, at some shares."""
+    """Print, for several limits, the number of replaced contacts and the area near kept contacts."""
     print("| share left, at least | drawn again | of all that fit otherwise | area of all | of the kept | plan |")
     print("|---|---|---|---|---|---|")
     for share in SHARES:

@@ -1,19 +1,17 @@
-"""Measure where the time of a GPU run goes: by presses at work, by phase of an iteration, by kernel.
+"""Measure the time of a GPU run by number of active presses, by phase of an iteration, and by kernel.
 
     python benchmarks/rounds.py --trajectories 216 --device cuda --output rounds.json
 
 Runs the first trajectories of the paired job in this process, as a worker of `simgen run` does, into a folder that is
-removed. A round is one call of `LoadStepping.go_on`: an iteration, or a trial of a line search, of all presses of a
-sensor that are under way. A phase's time is its own, without that of phases inside it. The device works on while
-Python goes on, so a phase also waits for kernels that earlier ones have started; `--wait` waits after each phase
-instead, and slows the run. Kernels are timed in some rounds at each number of presses; these rounds run without CUDA
-graphs.
+removed. A round is one call of `LoadStepping.go_on`: an iteration, or a trial of a line search, of all active presses
+of a sensor. The time of a phase excludes phases inside it. The device works asynchronously, so a phase may wait for
+kernels of earlier phases. `--wait` waits after each phase instead, which slows the run. Kernels are timed in some
+rounds at each number of presses, without CUDA graphs.
 
-One thread feeds the device. With `--crew 2` there are two, as in `simgen run`: rounds of the two sensors overlap, so
-only they are timed, and neither phases nor kernels.
+One thread feeds the device. `--crew 2` uses two threads, as `simgen run` does. Rounds of the two sensors then overlap,
+so only rounds are timed, not phases or kernels.
 """
 
-import argparse
 import tempfile
 import time
 from collections import defaultdict
@@ -21,10 +19,9 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 import warp as wp
-from record import write
+from record import arguments, write
 
 from simgen.config.job import load_job
-from simgen.config.warp_device import start_warp
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver.krylov import ConjugateResiduals
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
@@ -48,17 +45,18 @@ PHASES = {
     Elasticity: ("stabilise", "linearize", "damp", "expect"),
 }
 AT_WORK = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)  # lower bounds of the rows
-# Presses at work, rounds of that kind before the first that is timed by kernel, and how many are.
+# Least and most active presses, rounds to skip, rounds whose kernels are timed.
 KERNELS = {"few": (1, 2, 40, 30), "some": (16, 64, 20, 30), "full": (500, 512, 150, 4)}
 
 
 class Stopwatch:
-    """Own time and calls of phases, which may lie in each other; of one thread at a time."""
+    """Time and calls of nested phases, without inner phases; for one thread at a time."""
 
     def __init__(self, wait: bool):
         self.seconds, self.calls, self._inside, self._wait = defaultdict(float), defaultdict(int), [], wait
 
     def timed(self, name: str, function):
+        """Wrap a function to time it."""
         def call(*args, **more):
             begin, _ = time.perf_counter(), self._inside.append(0.0)
             try:
@@ -75,13 +73,14 @@ class Stopwatch:
         return call
 
     def watch(self):
+        """Time all `PHASES`."""
         for owner, names in PHASES.items():
             for name in names:
                 setattr(owner, name, self.timed(f"{owner.__name__}.{name}", getattr(owner, name)))
 
 
 class Rounds:
-    """Every round's sensor, presses at work and time; and kernels of some."""
+    """Sensor, active presses and time of each round, and kernel times of some."""
 
     def __init__(self, stopwatch: Stopwatch, device: str, of_kernels: bool):
         self.found, self.kernels, self._seen = [], defaultdict(lambda: defaultdict(float)), defaultdict(int)
@@ -133,7 +132,7 @@ class Rounds:
 
 
 class Threads(Workers):
-    """The threads of one worker process, in this process."""
+    """Threads of a worker, in this process."""
 
     def map(self, function, arguments):
         with ThreadPoolExecutor(self.tasks_at_once) as threads:
@@ -143,15 +142,12 @@ class Threads(Workers):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, "rounds.json")
     parser.add_argument("--trajectories", type=int, default=216)
-    parser.add_argument("--device", default="cpu")
     parser.add_argument("--crew", type=int, choices=(1, 2), default=1, help="threads that feed the device")
-    parser.add_argument("--wait", action="store_true", help="for the device, after each phase")
+    parser.add_argument("--wait", action="store_true", help="wait for the device after each phase")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="keys of the job to replace")
-    parser.add_argument("--output", type=Path, default=Path("rounds.json"))
     asked = parser.parse_args()
-    start_warp()
     pool.CREW = pool.Crew(asked.crew)
     stopwatch = Stopwatch(asked.wait)
     if asked.crew == 1:
@@ -170,9 +166,8 @@ def main():
     kernels = {kind: {name: round(value, 3) for name, value in sorted(own.items(), key=lambda each: -each[1])}
                for kind, own in rounds.kernels.items()}  # fmt: skip
     counts = {key: sum(getattr(report, key) for report in reports) for key in ("presses", "failed", "inside_out")}
-    plain = {name: str(value) for name, value in vars(asked).items()}
     rows, measured = rounds.rows(), {"seconds": round(seconds, 1), "phases": phases, "kernels": kernels}
-    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, **counts, **measured)
+    write(asked, rows, **counts, **measured)
     for row in rows:
         print(row)
 

@@ -1,11 +1,11 @@
-"""Draw the inside of the gel under an edge: a cube pressed into the DIGIT, in section.
+"""Draw a section of the gel under an edge: a cube pressed into the DIGIT.
 
     python benchmarks/section.py solve after.npz                     # 5 minutes on a core
     python benchmarks/section.py draw docs/images/section.png before.npz after.npz
 
-`before.npz` comes from the same script in a checkout of an earlier commit. The section lies in the plane of the press
-axis and the lateral axis. Colours say det F, the local volume ratio: 1 is right for a gel that keeps its volume, and
-elements below 0 are inside out.
+`before.npz` comes from this script in a checkout of an earlier commit. The section's plane has the press axis and the
+lateral axis. Colours show det F, the local volume ratio: 1 for a gel that keeps its volume, below 0 for elements inside
+out.
 """
 
 import argparse
@@ -32,11 +32,11 @@ CONTACT_MM = (-9.2379, -8.0671, -2.9699)  # contact 1 of jobs/paired.yaml, seed 
 AXES = ((0.92772227, 0.05493822, -0.36920616), (-0.10300636, 0.98838257, -0.11175684),
         (0.35877721, 0.14170989, 0.9226035))  # fmt: skip
 COLOURS = LinearSegmentedColormap.from_list("det F", ["#b3001b", "#f2b34c", "#e9e4d8", "#7fa8c9", "#1d4e79"])
-BACK_MM, PLATE_MM = -4.2365, 2.8  # the bonded back, and how far its plate goes on
+BACK_MM = -4.2365  # height of the bonded back
 
 
 def solve(file: Path) -> None:
-    """Press to 2 mm and keep the state (depth, node, 3) mm at every depth that converged."""
+    """Press to 2 mm and save the state (depth, node, 3) mm at each converged depth."""
     start_warp()
     job = load_job("paired")
     scene = job_scene(job, "digit", 1, "cpu")
@@ -55,7 +55,7 @@ def solve(file: Path) -> None:
 
 
 def parts(divisions: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 4) in barycentric coordinates and tetrahedra (m, 4) that divide an element."""
+    """Divide an element: points (n, 4) in barycentric coordinates, tetrahedra (m, 4)."""
     grid = np.array([(i, j, k) for i in range(divisions + 1) for j in range(divisions + 1 - i)
                      for k in range(divisions + 1 - i - j)]) / divisions  # fmt: skip
     points = np.column_stack([1.0 - grid.sum(axis=1), grid])
@@ -64,7 +64,7 @@ def parts(divisions: int = 4) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cut(positions: np.ndarray, rest: np.ndarray, tetrahedra: np.ndarray, pose: np.ndarray):
-    """Triangles (m, 3, 2) mm in the plane (lateral, along the axis), det F (m,), and edges of elements (n, 2, 2)."""
+    """Cut the gel: triangles (m, 3, 2) mm in (lateral, axial) coordinates, det F (m,), element edges (n, 2, 2)."""
     points, cells = parts()
     elements = np.einsum("pn,eni->epi", shape_functions(points), positions[tetrahedra])
     here = (elements.reshape(-1, 3) - pose[:3, 3]) @ pose[:3, :3]
@@ -80,9 +80,7 @@ def cut(positions: np.ndarray, rest: np.ndarray, tetrahedra: np.ndarray, pose: n
 
 
 def outlines(corners: np.ndarray, element: np.ndarray) -> np.ndarray:
-    """Edges (n, 2, 2) of triangles (m, 3, 2) that are the outline of an ``element`` (m,): only one of its triangles has
-    them.
-    """
+    """Outline each ``element`` (m,): edges (n, 2, 2) of triangles (m, 3, 2) that only one of its triangles has."""
     edges = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
     ends = np.round(edges * 1e5).astype(np.int64) @ np.array([1 << 32, 1])
     keys = np.column_stack([np.sort(ends, axis=1), np.tile(element, 3)])
@@ -91,7 +89,7 @@ def outlines(corners: np.ndarray, element: np.ndarray) -> np.ndarray:
 
 
 def draw_state(axes: Axes, state: dict[str, np.ndarray], depth: int, title: str) -> PolyCollection:
-    """Draw the gel at one depth with the indenter, the bonded back and its plate."""
+    """Draw the gel at one depth, with the indenter and the bonded back."""
     pose = state["pose"].copy()
     pose[:3, 3] = 1e3 * pose[:3, 3] + (1e3 * (state["touch"] + state["depths"][depth])) * pose[:3, 1]
     corners, det, edges = cut(state["nodes"] + state["u"][depth], state["nodes"], state["tetrahedra"], pose)
@@ -112,7 +110,7 @@ def draw_state(axes: Axes, state: dict[str, np.ndarray], depth: int, title: str)
 
 
 def draw(file: Path, before: Path, after: Path) -> None:
-    """Draw three panels: before and after at the last depth that converged before, and after at 2 mm."""
+    """Draw three panels: both states at the last depth that converged before, and the later state at 2 mm."""
     start_warp()
     old, new = np.load(before), np.load(after)
     last = len(old["u"]) - 1

@@ -1,20 +1,17 @@
-"""What does the size of the steps change, and what does it cost? With friction a press depends on its path.
+"""Measure the effect of the load steps' size on accuracy and time. With friction a press depends on its path.
 
     python benchmarks/steps.py --sensor digit --mesh default --output steps.json
 
-The same press in steps of several sizes, against the smallest: force (positive: too high) and RMSE of the surface that
-moves, at the depths that all of them store.
+The same press in steps of several sizes is compared with the smallest: force (positive is too high), and RMSE of the
+surface that moves, at depths that all of them store.
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 from presses import summary
-from record import write
+from record import sensor_arguments, write
 
-from simgen.config.warp_device import start_warp
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.press import Scene, press
@@ -24,21 +21,16 @@ COMPARED_M = np.array([0.5e-3, 1e-3])
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sensor", default="digit")
-    parser.add_argument("--mesh", default="default")
+    parser = sensor_arguments(__doc__, "steps.json")
     parser.add_argument("--indenters", nargs="+", default=["sphere_3.5mm", "ring_7mm"])
     parser.add_argument("--steps", nargs="+", type=float, default=[0.025, 0.05, 0.1, 0.25, 0.5], help="mm, rising")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--output", type=Path, default=Path("steps.json"))
     asked = parser.parse_args()
-    start_warp()
     sensor, rows = load_sensor(asked.sensor, asked.mesh), []
     scene = Scene(sensor, sensor.materials["solid"], device=asked.device)
     pose = place_indenter(sensor, *PLACES_MM["centre"])[None]
     for indenter in asked.indenters:
         shapes, smallest = [load_indenter(indenter).shape()], None
-        press(scene, shapes, pose, COMPARED_M[:1])  # loads kernels
+        press(scene, shapes, pose, COMPARED_M[:1])  # compile kernels
         for step in asked.steps:
             depths = np.arange(1, round(COMPARED_M[-1] / (step * 1e-3)) + 1) * step * 1e-3
             begin = time.perf_counter()
@@ -54,8 +46,7 @@ def main():
                              "force_percent": float(percent), "surface_um": surface, **found})  # fmt: skip
                 print(f"{indenter:14s} steps of {step:5.3f} mm, at {1e3 * depth:.1f} mm: force {percent:+.2f} %, "
                       f"surface {surface:.2f} um, {found['seconds']:.1f} s", flush=True)  # fmt: skip
-    plain = {name: str(value) for name, value in vars(asked).items()}
-    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
+    write(asked, rows)
 
 
 if __name__ == "__main__":

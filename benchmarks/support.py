@@ -1,9 +1,9 @@
-"""Changes that the plate makes on which the DIGIT's gel rests.
+"""Measure the effect of the plate under the DIGIT's gel.
 
     python benchmarks/support.py docs/images/support.png --mesh coarse
 
-Nine indenters press six places to 2 mm, with the plate and without it. The table says how much forces and surfaces
-change, how far gel bulges and hangs, and what it costs. The picture shows a cube at the rim in section.
+Nine indenters press six places to 2 mm, with and without the plate. The table shows changes of force and surface, how
+far the gel bulges and hangs, and the time. The picture shows a section of a cube's press at the rim.
 """
 
 import argparse
@@ -39,7 +39,7 @@ QUADRATIC_TETRAHEDRON = 24  # VTK's number
 
 
 class Pressed(NamedTuple):
-    """A press, its state where it ended, (n, 3) mm, and the seconds of a core that it took."""
+    """Result of a press, its last nodes (n, 3) mm, and its seconds of one core."""
 
     result: PressResult
     nodes: np.ndarray
@@ -58,7 +58,7 @@ def pressed(scene: Scene, shape: RigidShape, pose: np.ndarray, depths: np.ndarra
 
 
 def compare(scenes: tuple[Scene, Scene]) -> None:
-    """Print a row for each press, then the whole."""
+    """Print a row for each press, then a summary."""
     without, plate = scenes[0].sensor, scenes[1].sensor.support.body
     changes, depths, seconds = {"centre": [], "elsewhere": []}, np.zeros(2, int), np.zeros(2)
     print("indenter, x, arc mm: depths without, with; force, surface um at the last; bulge, hang mm without, with")
@@ -86,7 +86,7 @@ def compare(scenes: tuple[Scene, Scene]) -> None:
 
 
 def draw(scenes: tuple[Scene, Scene], path: Path) -> None:
-    """A PNG of the shown press at the rim in section, without and with the plate, side by side."""
+    """Draw a section of the press at the rim, without and with the plate."""
     sensor, plate = scenes[1].sensor, scenes[1].sensor.support.body
     shape, pose = load_indenter(SHOWN).shape(), place_indenter(sensor, *SHOWN_MM)
     figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.6), sharey=True, layout="constrained")
@@ -114,7 +114,7 @@ def draw(scenes: tuple[Scene, Scene], path: Path) -> None:
 
 
 def section(scene: Scene, nodes: np.ndarray) -> list[np.ndarray]:
-    """The gel's elements where the shown plane cuts them: polygons (k, 2) of z and -y, mm."""
+    """Cut the gel's elements by the plane of the picture: polygons (k, 2) of z and -y, mm."""
     tetrahedra = scene.mesh.tetrahedra
     cells = np.hstack([np.full((len(tetrahedra), 1), 10), tetrahedra])
     grid = pyvista.UnstructuredGrid(cells, np.full(len(tetrahedra), QUADRATIC_TETRAHEDRON), nodes)

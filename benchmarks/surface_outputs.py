@@ -1,4 +1,4 @@
-"""Cost of stress and traction at the surface: the same presses with and without them, in turns.
+"""Measure the cost of surface stress and traction: the same presses with and without them, in rounds.
 
     python benchmarks/surface_outputs.py --device cuda --presses 512 --rounds 3
 """

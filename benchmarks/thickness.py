@@ -1,23 +1,20 @@
-"""Completeness and accuracy of presses by the share of the gel's thickness that they leave.
+"""Measure completeness and accuracy of presses over the share of the gel's thickness that they leave.
 
     python benchmarks/thickness.py --device cuda --output thickness.json
 
-Contacts are drawn without `trajectories.least_thickness_left`. Presses of the widest indenters are chosen by the share
-that they leave at the last depth on one sensor. Some are pressed on a finer mesh too. Reported by share: how many
-complete, how many samples have an element inside out, and how far force and surface are from the finer mesh at some
+Contacts are sampled without `trajectories.least_thickness_left`. Presses of the widest indenters are chosen by the
+share of gel that they leave at the last depth on one sensor. Some are also solved on a finer mesh. For each range of
+shares it reports complete presses, samples with an element inside out, and differences to the finer mesh at some
 depths.
 """
 
-import argparse
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from presses import job_scene
-from record import write
+from record import sensor_arguments, write
 
 from simgen.config.job import load_job
-from simgen.config.warp_device import start_warp
 from simgen.fem.nonlinear.status import Status, has_values
 from simgen.pipeline.plan import chosen_sensor, make_plan
 from simgen.sensors.indenter import chosen_indenters
@@ -83,24 +80,18 @@ def row(name: str, bounds: tuple[float, float], own: list) -> dict:
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sensor", default="digit")
-    parser.add_argument("--mesh", default="default")
+    parser = sensor_arguments(__doc__, "thickness.json")
     parser.add_argument("--finer", default="fine")
     parser.add_argument("--indenters", nargs="+", default=["cylinder_long_7mm", "cube_14mm", "ring_7mm"])
     parser.add_argument("--count", type=int, default=8, help="presses of an indenter for each range of shares")
-    parser.add_argument("--finer-count", type=int, default=2, help="of these, on the finer mesh; 0: none")
-    parser.add_argument("--least-share", type=float, default=BOUNDS[0], help="leave out ranges below this share")
-    parser.add_argument("--trajectories", type=int, default=400, help="contacts from which they are chosen")
+    parser.add_argument("--finer-count", type=int, default=2, help="presses that are also solved on the finer mesh")
+    parser.add_argument("--least-share", type=float, default=BOUNDS[0], help="smallest share of the ranges")
+    parser.add_argument("--trajectories", type=int, default=400, help="number of contacts to choose from")
     parser.add_argument("--batch", type=int, default=1)
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--output", type=Path, default=Path("thickness.json"))
     asked = parser.parse_args()
-    start_warp()
     job = load_job("paired", [f"trajectories.count={asked.trajectories}", "trajectories.least_thickness_left=0"])
     ranges = [bounds for bounds in pairwise(BOUNDS) if bounds[0] >= asked.least_share]
     chosen = choose(job, asked.sensor, asked.indenters, ranges, asked.count)
-    plain = {name: str(value) for name, value in vars(asked).items()}
     results, scene = solve(job, asked.sensor, asked.mesh, chosen, asked.device, asked.batch)
     rows, members = [], []
     for name in asked.indenters:
@@ -110,11 +101,8 @@ def main():
                 rows.append(row(name, bounds, [results[i] for i in own]))
                 members.append(own[: asked.finer_count])
 
-    def keep():
-        write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, shown_mm=SHOWN_MM,
-              unknowns=scene.unknowns)  # fmt: skip
-
-    keep()  # the finer mesh may take ten times as long, or longer than anybody waits
+    more = {"shown_mm": SHOWN_MM, "unknowns": scene.unknowns}
+    write(asked, rows, **more)  # before the finer mesh, which may take ten times as long
     if asked.finer_count:
         some = [i for own in members for i in own]
         finer, _ = solve(job, asked.sensor, asked.finer, [chosen[i] for i in some], asked.device, asked.batch)
@@ -123,7 +111,7 @@ def main():
         shown = [int(np.abs(job.depths_m * 1e3 - depth).argmin()) for depth in SHOWN_MM]
         for each, own in zip(rows, members, strict=True):
             each |= differences([(results[i], found[i]) for i in own], shown, surface)
-        keep()
+        write(asked, rows, **more)
     for each in rows:
         print(each)
 

@@ -1,21 +1,20 @@
-"""How long does a dataset take, written and audited, and how does that scale with the number of workers or GPUs?
+"""Time a whole dataset, written and audited, over the number of workers or GPUs.
 
     python benchmarks/throughput.py --device cuda --workers 1 2 4 --trajectories 860 --output throughput.json
 
-Runs the full paired job, or its first trajectories, from the command that a user gives, into a folder that is removed
-afterwards. Solves are converged samples of both sensors; set-up, kernels that must be loaded, writing and the audit
-are in the time. ``seconds_of_solving_by_sensor`` are those of one worker, on average, with what is loaded at its first
-press and without writing and audit; no more workers than GPUs and shards.
+Runs the full paired job, or its first trajectories, into a folder that is removed afterwards. Solves are converged
+samples of both sensors. The time includes set-up, loading of kernels, writing and the audit.
+``seconds_of_solving_by_sensor`` is the average of the workers. It includes loading at the first press, and excludes
+writing and the audit. Give no more workers than GPUs and shards.
 """
 
-import argparse
 import shutil
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-from record import write
+from record import arguments, write
 
 from simgen.config.job import load_job
 from simgen.dataset.audit import check, passes
@@ -26,6 +25,7 @@ from simgen.pipeline.workers import start_workers
 
 
 def measure(job, device: str, workers: int, folder: Path) -> dict:
+    """Run and audit the job once."""
     begin, reports = time.perf_counter(), []
     with start_workers(job, device, workers) as started:
         plan = make_plan(job, device)
@@ -58,12 +58,10 @@ def measure(job, device: str, workers: int, folder: Path) -> dict:
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, "throughput.json")
     parser.add_argument("--trajectories", type=int, default=860)
     parser.add_argument("--workers", nargs="+", type=int, default=[1])
-    parser.add_argument("--device", default="cpu")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="keys of the job to replace")
-    parser.add_argument("--output", type=Path, default=Path("throughput.json"))
     asked = parser.parse_args()
     job = load_job("paired", [f"trajectories.count={asked.trajectories}", *asked.set])
     rows = []
@@ -72,8 +70,7 @@ def main():
         rows.append(measure(job, asked.device, workers, folder))
         shutil.rmtree(folder.parent)
         print(rows[-1], flush=True)
-    plain = {name: str(value) for name, value in vars(asked).items()}
-    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
+    write(asked, rows)
 
 
 if __name__ == "__main__":

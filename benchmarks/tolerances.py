@@ -1,21 +1,18 @@
-"""What do the solver's tolerances cost in accuracy, and what do they save?
+"""Measure the effect of the solver's tolerances on accuracy and time.
 
     python benchmarks/tolerances.py --sensor digit --mesh default --output tolerances.json
 
-The same press with several tolerances, against one with a contact tolerance of 1e-4 and a residual tolerance of 1e-6:
-differences of the force and of the surface that moves, at the depth where they are largest. On the same mesh: the error
-of the mesh is another matter (`simgen validate --case "sensors-*"`).
+The same press with several tolerances is compared with one that has a contact tolerance of 1e-4 and a residual
+tolerance of 1e-6: largest differences of force and of the surface that moves, over all depths. The mesh is the same;
+its error is measured by `simgen validate --case "sensors-*"`.
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 from presses import summary
-from record import write
+from record import sensor_arguments, write
 
-from simgen.config.warp_device import start_warp
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.press import Scene, SolverSettings, press
@@ -37,22 +34,17 @@ SETTINGS = {
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sensor", default="digit")
-    parser.add_argument("--mesh", default="default")
+    parser = sensor_arguments(__doc__, "tolerances.json")
     parser.add_argument("--indenters", nargs="+", default=["sphere_7mm", "ring_7mm"])
-    parser.add_argument("--depths", type=int, default=6, help="of 0.1 mm")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--output", type=Path, default=Path("tolerances.json"))
+    parser.add_argument("--depths", type=int, default=6, help="number of depths, 0.1 mm apart")
     asked = parser.parse_args()
-    start_warp()
     sensor, rows = load_sensor(asked.sensor, asked.mesh), []
     pose, depths = place_indenter(sensor, *PLACES_MM["centre"])[None], np.arange(1, asked.depths + 1) * 1e-4
     for indenter in asked.indenters:
         tight = None
         for name, settings in {"tight": TIGHT, **SETTINGS}.items():
             scene = Scene(sensor, sensor.materials["solid"], device=asked.device, settings=settings)
-            press(scene, [load_indenter(indenter).shape()], pose, depths[:1])  # loads kernels
+            press(scene, [load_indenter(indenter).shape()], pose, depths[:1])  # compile kernels
             begin = time.perf_counter()
             result = press(scene, [load_indenter(indenter).shape()], pose, depths)[0]
             found = summary([result], time.perf_counter() - begin)
@@ -65,8 +57,7 @@ def main():
             print(f"{indenter:12s} {name:42s} force {of_force.max():.3f} %  surface {max(of_surface):.3f} um  "
                   f"{found['newton_per_solve']} Newton, {found['krylov_per_newton']} Krylov each, "
                   f"{found['seconds'] / len(depths):.2f} s a depth", flush=True)  # fmt: skip
-    plain = {name: str(value) for name, value in vars(asked).items()}
-    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows)
+    write(asked, rows)
 
 
 if __name__ == "__main__":

@@ -1,29 +1,26 @@
-"""Where nobody can tell from one sensor how the other is touched: twins, presses that the BioTac feels alike.
+"""Find ambiguous contacts: presses that deform the BioTac alike but touch the DIGIT at different places.
 
     python benchmarks/twins.py --contacts 40 --pressed 40
 
-A flat face that is slid along itself makes the same dent in a round finger, as long as its edges stay away from it.
-Contacts are pressed up to some degrees off the normal, so beside each of them there are others at which the face lies
-in the same plane of the BioTac. On the DIGIT, which is flatter, they are elsewhere.
+A flat face that slides within its plane makes the same dent in a round finger, as long as its edges do not touch. Press
+axes tilt by some degrees, so a contact has twins: contacts at which the face lies in the same plane of the BioTac. On
+the flatter DIGIT twins are elsewhere.
 
-Twins of a contact are looked for on a grid around it, among all that the job allows. They are as likely as itself:
-contacts are spread evenly over the developed skin, axes over the cap around the normal. A guess is one of their places
-on the DIGIT; the best one has the most of them near. A contact without twins is known. By geometry: what a face cuts
-off undeformed surfaces stands for what it touches, and must lie within its edges on the BioTac, where more is cut off
-than is touched. The twins that are farthest apart are then pressed into both sensors.
+Twins are searched on a grid around a contact, among all that the job allows. All twins are equally likely, because
+contacts are uniform over the developed skin and axes over the cap around the normal. A guess is the place of one twin
+on the DIGIT; the best guess has the most twins near it. The search uses geometry: the part of an undeformed surface
+that a face cuts off stands for its contact. It is larger than the contact, and must lie within the face's edges on the
+BioTac. The two twins that are farthest apart are then pressed into both sensors.
 """
 
-import argparse
-from pathlib import Path
 
 import numpy as np
-import record
 from presses import job_scene
+from record import arguments, write
 from scipy.spatial.distance import cdist
 
 from simgen.config.job import load_job
 from simgen.config.job_schema import Job
-from simgen.config.warp_device import start_warp
 from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.developed_skin import Skin
 from simgen.learning.translation.accuracy import NEAR_MM
@@ -37,13 +34,13 @@ from simgen.simulation.press import press
 INDENTER, HALF_M = "cube_14mm", 7e-3
 DEPTHS_M = np.array([1e-4, 2e-4, 3e-4, 5e-4])
 FINE_M = 0.3e-3  # edges of surfaces that are cut
-GRID_M = np.linspace(-6e-3, 6e-3, 49)  # around a contact; slid by so much a face is at its edges
-ITSELF_M = 1e-6  # the middle of the grid
-SEED = 99  # not that of the job: contacts that networks do not know
+GRID_M = np.linspace(-6e-3, 6e-3, 49)  # around a contact, nearly as far as the face reaches
+ITSELF_M = 1e-6  # distance within which a contact is no twin
+SEED = 99  # contacts that the networks have not seen
 
 
 class Twins:
-    """Contacts of the first sensor (the DIGIT) at which the other one, the BioTac, feels the same flat face."""
+    """Contacts of the DIGIT at which the BioTac feels the same flat face."""
 
     def __init__(self, job: Job):
         sensors = {name: chosen_sensor(job, name) for name in ("digit", "biotac")}
@@ -58,7 +55,7 @@ class Twins:
         self.surfaces = [finely(sensor) for sensor in (self.digit, self.biotac)]
 
     def of(self, contact: int) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 4, 4) of the face and of the BioTac, in the shared frame; the first is the contact itself."""
+        """Poses (n, 4, 4) of the face and of the BioTac in the shared frame; the contact itself is first."""
         face = np.linalg.inv(self.unfolded[contact]) @ self.poses[contact]  # in the BioTac's frame
         near = self.room.keep(self.around(self.contacts.points[contact, 0], self.contacts.arcs[contact]))
         sensor = unfold(self.digit, self.biotac, near)
@@ -75,7 +72,7 @@ class Twins:
                 np.concatenate([self.unfolded[[contact]], sensor[enough]]))  # fmt: skip
 
     def around(self, x: float, arc: float) -> Contacts:
-        """A grid of the developed skin, axes left open."""
+        """Contacts on a grid of the developed skin, with axes along the normals."""
         arcs = np.tile(arc + GRID_M, len(GRID_M))
         found = [place for along in x + GRID_M for place in self.skin.points(along, arc + GRID_M)]
         on_skin = np.array([place is not None for place in found])
@@ -83,7 +80,7 @@ class Twins:
         return Contacts(points, normals, -normals, np.zeros(len(points)), arcs[on_skin])
 
     def edges_are_felt(self, poses: np.ndarray, sensors: np.ndarray, depth: float) -> np.ndarray:
-        """(n,) bool, by what a plane in the place of the face cuts off the undeformed BioTac."""
+        """True (n,) where the cut of the undeformed BioTac reaches the face's edges."""
         faces = np.linalg.inv(sensors) @ poses
         axes = faces[0, :3, :3]  # of all twins
         local = self.surfaces[1] @ axes
@@ -93,7 +90,7 @@ class Twins:
         return outside > HALF_M
 
     def touched(self, pose: np.ndarray, depth: float) -> np.ndarray:
-        """(3,) m: centroid of what a face cuts off the undeformed DIGIT."""
+        """Centroid (3,) m of the part of the undeformed DIGIT that a face cuts off."""
         x, y, z = ((self.surfaces[0] - pose[:3, 3]) @ pose[:3, :3]).T
         below = (np.abs(x) <= HALF_M) & (np.abs(z) <= HALF_M)
         cut = np.maximum(y[below].min() + depth - y[below], 0.0)
@@ -105,7 +102,7 @@ def finely(sensor: Sensor) -> np.ndarray:
 
 
 def by_geometry(twins: Twins, poses: np.ndarray, sensors: np.ndarray, depth: float) -> tuple[dict, np.ndarray]:
-    """What can be known of the first of some twins at a depth, and which two without edges are farthest apart."""
+    """Best guess for a contact at a depth, and its two twins that are farthest apart."""
     alike = np.flatnonzero(~twins.edges_are_felt(poses, sensors, depth))
     if 0 not in alike or len(alike) == 1:
         return {"depth_mm": 1e3 * depth, "twins": 0, "near_best_guess": 1.0, "farthest_mm": 0.0}, alike[:0]
@@ -117,7 +114,7 @@ def by_geometry(twins: Twins, poses: np.ndarray, sensors: np.ndarray, depth: flo
 
 
 def pressed(twins: Twins, gauge: ContactGauge, poses: np.ndarray, sensors: np.ndarray, scenes: dict) -> list[dict]:
-    """Two twins in both sensors: how far apart their meshes are, and where they touch the DIGIT, at each depth."""
+    """Press two twins into both sensors; compare BioTac meshes and places on the DIGIT at each depth."""
     shapes = [load_indenter(INDENTER).shape()] * 2
     digit, biotac = (press(scenes[name], shapes, own, DEPTHS_M)
                      for name, own in (("digit", poses), ("biotac", np.linalg.inv(sensors) @ poses)))  # fmt: skip
@@ -137,13 +134,10 @@ def pressed(twins: Twins, gauge: ContactGauge, poses: np.ndarray, sensors: np.nd
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, "twins.json")
     parser.add_argument("--contacts", type=int, default=40)
-    parser.add_argument("--pressed", type=int, default=3, help="of them, whose farthest twins are pressed")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--output", type=Path, default=Path("twins.json"))
+    parser.add_argument("--pressed", type=int, default=3, help="contacts whose farthest twins are pressed")
     asked = parser.parse_args()
-    start_warp()
 
     job = load_job("paired", [f"trajectories.count={asked.contacts}", f"seed={SEED}", f"indenters=[{INDENTER}]"])
     twins, gauge = Twins(job), ContactGauge.of_dataset(make_plan(job).arrays, "digit")
@@ -154,15 +148,14 @@ def main() -> None:
         found = [by_geometry(twins, poses, sensors, float(depth)) for depth in DEPTHS_M]
         pairs = [pair for _, pair in found if len(pair)]
         row = {"contact": contact, "by_geometry": [each for each, _ in found], "pressed": []}
-        if contact < asked.pressed and pairs:  # those that are twins to the greatest depth
+        if contact < asked.pressed and pairs:  # twins to the greatest depth
             row["pressed"] = pressed(twins, gauge, poses[pairs[-1]], sensors[pairs[-1]], scenes)
         rows.append(row)
         print(row, flush=True)
     known = {f"{1e3 * depth:g} mm": float(np.mean([row["by_geometry"][i]["near_best_guess"] for row in rows]))
              for i, depth in enumerate(DEPTHS_M)}  # fmt: skip
     print(f"within {NEAR_MM:g} mm of the best guess, mean of the contacts:", known)
-    plain = {name: str(value) for name, value in vars(asked).items() if name != "output"}
-    record.write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, near_best_guess=known)
+    write(asked, rows, near_best_guess=known)
 
 
 if __name__ == "__main__":

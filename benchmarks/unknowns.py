@@ -1,20 +1,17 @@
-"""How does the time of a solve grow with the number of unknowns?
+"""Measure the time of a depth over the number of unknowns.
 
     python benchmarks/unknowns.py --meshes coarse default fine --output unknowns.json
 
-A sphere of R = 3.5 mm is pressed into the middle of a sensor with its friction, on meshes of which each halves the
-edges where it is touched. The exponent is the slope between the first and the last, of the time of a depth.
+A sphere of R = 3.5 mm is pressed into the middle of a sensor, with friction, on meshes that each halve the edges under
+the contact. The exponent is the slope of log time over log unknowns, between the first and the last mesh.
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 from presses import summary
-from record import write
+from record import arguments, write
 
-from simgen.config.warp_device import start_warp
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.press import Scene, press
@@ -22,16 +19,13 @@ from simgen.verification.validate.sensors import PLACES_MM, place_indenter
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, "unknowns.json")
     parser.add_argument("--sensor", default="digit")
     parser.add_argument("--meshes", nargs="+", default=["coarse", "default", "fine"])
     parser.add_argument("--indenter", default="sphere_7mm")
-    parser.add_argument("--depths", type=int, default=5, help="of 0.1 mm")
-    parser.add_argument("--batch", type=int, default=1, help="presses at once, all the same")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--output", type=Path, default=Path("unknowns.json"))
+    parser.add_argument("--depths", type=int, default=5, help="number of depths, 0.1 mm apart")
+    parser.add_argument("--batch", type=int, default=1, help="number of equal presses solved together")
     asked = parser.parse_args()
-    start_warp()
     rows = []
     depths = np.arange(1, asked.depths + 1) * 1e-4
     for mesh in asked.meshes:
@@ -39,7 +33,7 @@ def main():
         scene = Scene(sensor, sensor.materials["solid"], device=asked.device, batch=asked.batch)
         shapes = [load_indenter(asked.indenter).shape()] * asked.batch
         poses = np.tile(place_indenter(sensor, *PLACES_MM["centre"]), (asked.batch, 1, 1))
-        press(scene, shapes[:1], poses[:1], depths[:1])  # loads kernels
+        press(scene, shapes[:1], poses[:1], depths[:1])  # compile kernels
         begin = time.perf_counter()
         found = summary(press(scene, shapes, poses, depths), time.perf_counter() - begin)
         rows.append({"mesh": mesh, "unknowns": scene.unknowns, **found})
@@ -48,8 +42,7 @@ def main():
     slower = first["solves_per_second"] / last["solves_per_second"]
     exponent = float(np.log(slower) / np.log(last["unknowns"] / first["unknowns"]))
     print(f"exponent {exponent:.2f}")
-    plain = {name: str(value) for name, value in vars(asked).items()}
-    write(asked.output, __doc__.splitlines()[0], asked.device, plain, rows, exponent=exponent)
+    write(asked, rows, exponent=exponent)
 
 
 if __name__ == "__main__":
