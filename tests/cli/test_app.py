@@ -88,7 +88,7 @@ def test_a_dry_run_says_how_many_contacts_leave_too_little_gel(tmp_path):
 
 
 def test_presses_that_would_leave_too_little_gel_end_as_planned(tmp_path):
-    """Geometry alone says after which step. Here some presses end before the first step, others never."""
+    """Geometry determines the last step. Here some presses end before the first step, and others never end."""
     thin = ["trajectories.too_thin=stop", "trajectories.least_thickness_left=0.925"]
     depths = "depths_mm={first: 0.2, last: 0.8, count: 4}"
     done = simgen("run", "smoke", *thin, depths, "indenters=[sphere_7mm, ring_7mm]", cwd=tmp_path, timeout_s=600)

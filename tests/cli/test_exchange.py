@@ -17,7 +17,7 @@ from simgen.dataset.reader import Dataset
 
 @pytest.fixture
 def simgen(monkeypatch, tmp_path, capsys):
-    """Runs the command line in a folder of its own; returns exit code, what it printed, and its complaint."""
+    """Run the command line in an empty folder; return exit code, output and error output."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
@@ -32,7 +32,7 @@ def simgen(monkeypatch, tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def results(stalled_dataset, tmp_path_factory):
-    """An export in the layout of ACROSS, and what is no result file."""
+    """An export in the layout of ACROSS, and files that are no result files."""
     folder = tmp_path_factory.mktemp("results") / "out"
     export(stalled_dataset, "across", folder)
     (folder / "empty.hdf5").touch()
@@ -119,7 +119,7 @@ echo "exit code $?, left: $(ls -A /mnt)"
 @pytest.mark.parametrize("free_kilobytes", [40, 400])
 @pytest.mark.parametrize("what", [*FORMATS, "import"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(stalled_dataset, results, what, free_kilobytes):
-    """A file system that is full from the start, or is filled; all that is written needs more than 400 kB."""
+    """The file system is full from the start, or fills up: each command writes more than 400 kB."""
     private = ["unshare", "--mount", "--map-root-user", "bash", "-c"]
     if subprocess.run([*private, "mount -t tmpfs tmpfs /mnt"], capture_output=True).returncode:
         pytest.skip("no file system can be mounted here (unshare --mount --map-root-user)")

@@ -13,7 +13,7 @@ SMALL = "--size 48x64 --workers 1 --trajectories 0"
 
 @pytest.fixture
 def rendered(fake_dataset, tmp_path, monkeypatch, capfd):
-    """Makes images with some options, and returns what is recorded of them and the deepest one."""
+    """Render with some options; return the record and the deepest image."""
     monkeypatch.chdir(tmp_path)
 
     def made(folder: str, options: str):

@@ -75,7 +75,7 @@ BAD = [
 
 @pytest.fixture(scope="module")
 def world(with_electrodes, networks, tmp_path_factory) -> Path:
-    """Datasets, networks and recordings, of which some are no good."""
+    """Datasets, networks and recordings, some of them bad."""
     folder = tmp_path_factory.mktemp("world")
     (folder / "d.zarr").symlink_to(with_electrodes.path)
     (folder / "networks").symlink_to(networks)
@@ -109,7 +109,7 @@ def world(with_electrodes, networks, tmp_path_factory) -> Path:
 
 
 def recorded(networks: Path, folder: Path, **settings) -> None:
-    """The same networks, as if they had been trained on recordings."""
+    """Copy networks as if they had been trained on recordings."""
     shutil.copytree(networks, folder)
     record = json.loads((folder / "training.json").read_text())
     record["job"]["signals"] = {"recordings": {"files": ["a.h5"], **settings}}
@@ -118,7 +118,7 @@ def recorded(networks: Path, folder: Path, **settings) -> None:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch, world) -> Path:
-    """The current folder, in which all of that seems to be."""
+    """The current folder, with links to all of the world."""
     for path in world.iterdir():
         (tmp_path / path.name).symlink_to(path)
     monkeypatch.chdir(tmp_path)
@@ -139,7 +139,7 @@ def test_an_imported_dataset_is_one_line(folder, monkeypatch, capfd):
 
 
 def test_presses_from_end_to_end(folder, with_electrodes, monkeypatch, capfd):
-    """10 samples of 3 presses: images, what lies between, GIFs, how near they are, and the figure."""
+    """10 samples of 3 presses: images, intermediate results, GIFs, accuracy and the figure."""
     command = f"{TRANSLATE} {SMALL} --trajectories 3 --steps --workers 1"
     code, said, errors = simgen(command, monkeypatch, capfd)
     assert code == 0, errors
@@ -180,7 +180,7 @@ def test_by_default_the_test_split_is_translated(folder, with_electrodes, monkey
 
 
 def test_recordings_from_end_to_end(folder, networks, monkeypatch, capfd):
-    """With drift taken off, as the job of these networks says; 96 of 120 samples are in contact."""
+    """The job of these networks removes drift. 96 of 120 samples are in contact."""
     command = f"translate recorded d.zarr --recordings a.h5 {SMALL} --steps -o out"
     code, said, errors = simgen(f"{command} --samples 90:110", monkeypatch, capfd)
     assert code == 0, errors

@@ -39,7 +39,7 @@ def layer(tmp_path_factory):
     cylinder.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2.0, [1.0, 0.0, 0.0]))
     cylinder.apply_translation([0.0, 2.0, 0.0])
     vertices, tetrahedra = tetrahedralize(cylinder, edge_length, envelope=0.02, cell=1.0)
-    for level in (0.0, 4.0):  # the mesher may leave flat faces by its envelope
+    for level in (0.0, 4.0):  # the mesher may move flat faces within its envelope
         vertices[np.abs(vertices[:, 1] - level) < 0.025, 1] = level
     meshio.Mesh(vertices, [("tetra", tetrahedra)]).write(folder / "layer.vtu")
     return load_sensor(folder)
@@ -74,7 +74,7 @@ def test_force_without_friction_within_one_percent(layer, reference):
 def test_force_with_friction_within_one_percent(layer, reference):
     depths = np.linspace(0.1, 1.0, 10)
     result = press_centre(layer, 0.78, depths)
-    # The reference falls by 0.7 % as its load step goes from 0.1 to 0.0125 mm, as it counts slip from the start of a
-    # step; ours counts it from the point's entry and is to meet the finest steps, with the same target of 1 %.
+    # The reference counts slip from the start of a step. So its force falls by 0.7 % as its load step goes from 0.1 to
+    # 0.0125 mm. Ours counts slip from the point's entry, and must meet the smallest steps, with the same target of 1 %.
     expected = forces(reference, 0.78, 160, [0.5, 1.0])
     np.testing.assert_allclose(result.force[[4, 9], 1], expected, rtol=0.01)

@@ -27,7 +27,7 @@ def test_a_twisted_cylinder_carries_the_torque_of_torsion():
     """A flat face that sticks to the whole end of a cylinder twists it: M = G (pi a^4 / 2) angle / height.
 
     The formula is exact for a neo-Hookean cylinder of any twist (Rivlin, Phil. Trans. R. Soc. A 241, 1948). The press
-    before it is 0.5 % of the height. The tolerance is for what it changes.
+    before it is 0.5 % of the height. The tolerance covers its effect.
     """
     radius, height, angle = 2.0, 4.0, np.radians(1.0)
     scene = cylinder(radius, height, edge=1.0, friction=2.0, poisson_ratio=0.3)

@@ -7,7 +7,6 @@ protrude by tens of micrometres. The two results differ by discretisation errors
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,50 +16,39 @@ from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import Sensor
 from simgen.sensors.sensor_geometry import load_geometry
 from simgen.simulation.first_touch import first_touch
-from simgen.simulation.press import PressResult, Scene, SolverSettings, press
+from simgen.simulation.press import Scene, SolverSettings, press
+from simgen.units import MM, MM_PER_M
 from simgen.verification.validate.case import Curve, Outcome, Row, Table, at_most
 from simgen.verification.validate.published_geometry import touchable_distances
 from simgen.verification.validate.published_sensors import published_sensor, published_surface, seen_at
-from simgen.verification.validate.sensors import distances_um
+from simgen.verification.validate.sensors import MeshSolution, distances_um
 
 PLACE_MM = (-7.5, 0.0)  # x along the finger and z of the contact: over the middle of either pad, along +y
 FORCE, RMSE_UM = 0.02, 10.0  # the project's 1 % and 5 um, for each mesh
 OURS, THEIRS, LINEAR = "our mesh, P2-P1", "published tetrahedra, P2-P1", "published tetrahedra, linear"
 
 
-@dataclass(frozen=True)
-class PublishedSolution:
-    """Result of a press on one mesh."""
-
-    unknowns: int
-    result: PressResult
-
-    @property
-    def force(self) -> np.ndarray:
-        """Lengths of the forces (d,) N."""
-        return np.linalg.norm(self.result.force, axis=1)
-
-
 def touch_travel(scene: Scene, shape: RigidShape, pose: np.ndarray) -> float:
     """Return the travel, m, along the shape's +y axis from a pose (4, 4) in m to first touch on a scene's sensor."""
     in_mm = np.array(pose)
-    in_mm[:3, 3] *= 1e3
+    in_mm[:3, 3] *= MM_PER_M
     faces = scene.indenter_contact.host_faces
-    return 1e-3 * float(first_touch(scene.nodes, faces, [shape], in_mm[None])[0][0])
+    return MM * float(first_touch(scene.nodes, faces, [shape], in_mm[None])[0][0])
 
 
 def place_indenter(sensor: Sensor) -> np.ndarray:
     """Return a pose (4, 4) that presses along +y at `PLACE_MM`, its tip as low as the sensor's lowest point."""
     pose = np.eye(4)
-    pose[:3, 3] = 1e-3 * PLACE_MM[0], sensor.surface.bounds[0, 1], 1e-3 * PLACE_MM[1]
+    pose[:3, 3] = MM * PLACE_MM[0], sensor.surface.bounds[0, 1], MM * PLACE_MM[1]
     return pose
 
 
-def solve(scene: Scene, indenter: str, pose: np.ndarray, travels_m: np.ndarray) -> PublishedSolution:
+def solve(label: str, scene: Scene, indenter: str, pose: np.ndarray, travels_m: np.ndarray) -> MeshSolution:
     """Press from a pose (4, 4) by travels (d,) m along the indenter's axis."""
     shape = load_indenter(indenter).shape()
     depths = travels_m - touch_travel(scene, shape, pose)
-    return PublishedSolution(scene.unknowns, press(scene, [shape], pose[None], depths)[0])
+    result = press(scene, [shape], pose[None], depths)[0]
+    return MeshSolution(label, scene.sensor.simulation_mesh.hash, scene.unknowns, result)
 
 
 def compare_presses(
@@ -81,14 +69,14 @@ def compare_presses(
     outcome = Outcome([], notes=[f"{name}: the two touchable surfaces are {1e3 * apart:.0f} um apart on average"])
     for indenter in indenters:
         touch = touch_travel(scenes[THEIRS], load_indenter(indenter).shape(), pose)
-        travels = touch + 1e-3 * np.asarray(depths_mm)
-        solutions = {label: solve(scene, indenter, pose, travels) for label, scene in scenes.items()}
+        travels = touch + MM * np.asarray(depths_mm)
+        solutions = {label: solve(label, scene, indenter, pose, travels) for label, scene in scenes.items()}
         _add(outcome, f"{name}, {indenter}", solutions, np.asarray(depths_mm), apart)
     return outcome
 
 
 def _add(
-    outcome: Outcome, title: str, solutions: dict[str, PublishedSolution], depths_mm: np.ndarray, apart_mm: float
+    outcome: Outcome, title: str, solutions: dict[str, MeshSolution], depths_mm: np.ndarray, apart_mm: float
 ) -> None:
     """Add rows, table and curves of one indenter.
 

@@ -37,7 +37,7 @@ ORIGIN = "the project's target; reference: three meshes extrapolated"
 
 @dataclass(frozen=True)
 class MeshSolution:
-    """Result of a press on one mesh, with the mesh's name, hash and unknowns."""
+    """Result of a press on one mesh, with a name and hash of the mesh."""
 
     mesh: str
     hash: str

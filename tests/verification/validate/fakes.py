@@ -1,4 +1,4 @@
-"""Cases that do what a test needs, in a file that worker processes can import."""
+"""Simple cases for tests, in a file that worker processes can import."""
 
 import math
 import os

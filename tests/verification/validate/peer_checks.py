@@ -18,7 +18,7 @@ def press_coarse(peer_solve, *size) -> PeerSolution:
 
 
 def check_coarse(solution: PeerSolution):
-    """A coarse mesh of any code is within some percent of a coarse mesh of ours; locking would be a factor."""
+    """Compare coarse meshes of both codes: they agree within some percent, but locking would be a factor."""
     ours = peers.solve(peers.LayerMeshSize(0.6, 0.7, 0.3, 0.66), DEPTHS_MM, "cpu")
     assert solution.force[-1] == pytest.approx(ours.force[-1], rel=0.05)
     assert peers.surface_rmse_um(solution.displacement[-1], ours.displacement[-1]) < 5.0

@@ -1,4 +1,4 @@
-"""Rows judge themselves, by their kind."""
+"""Rows pass or fail by their kind, and cases need a known level and a new name."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The cases of the fluid: spheres that settle or say why not, and the tables of presses."""
+"""The cases of the fluid: equilibria of filled spheres, and rows and tables of presses."""
 
 from types import SimpleNamespace
 
@@ -27,7 +27,7 @@ def sphere() -> FilledSphere:
 def test_a_filled_sphere_at_rest_is_at_rest(sphere):
     settled = sphere.settle()
     assert abs(settled.pressure) < 1e-15 and (settled.inner_radius, settled.outer_radius) == pytest.approx(RADII)
-    assert settled.newton_iterations <= 1  # what is left of the forces there, 1e-15, is what is asked for
+    assert settled.newton_iterations <= 1  # the residual there, 1e-15, is near the tolerance
 
 
 def test_fluid_taken_out_pulls_and_put_back_leaves_nothing(sphere):
@@ -37,13 +37,13 @@ def test_fluid_taken_out_pulls_and_put_back_leaves_nothing(sphere):
 
 
 def test_a_sphere_that_cannot_give_what_is_asked_says_so():
-    """The inner wall does not touch itself: the solver would find a state in which its sides have crossed."""
+    """The inner wall has no contact with itself, so the solver would find a state whose sides have crossed."""
     with pytest.raises(RuntimeError, match=r"^-12 mm3: the sphere holds 4\.19 mm3$"):
         FilledSphere(0.499, "cpu", around=2, through=2).settle(injected=-12.0)
 
 
 def test_cavity_volume_of_a_shell_of_triangles():
-    """A ball inside a ball: what widens by a tenth grows by 1.1^3 - 1 of its volume; the outside does not count."""
+    """A ball inside a ball: widening by a tenth adds 1.1^3 - 1 of the volume, and the outside does not count."""
     outer, inner = (trimesh.creation.icosphere(subdivisions=2, radius=r) for r in (2.0, 1.0))
     volume = inner.volume
     inner.invert()

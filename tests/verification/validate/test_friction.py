@@ -1,4 +1,4 @@
-"""The friction cases of `simgen validate`: the parts that they are made of."""
+"""The friction cases: paths, bodies, reactions and errors."""
 
 from types import SimpleNamespace
 

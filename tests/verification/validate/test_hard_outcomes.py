@@ -16,7 +16,7 @@ def pressed() -> Attempt:
 
 
 def ending(a: Attempt, status: Status, **changes) -> Attempt:
-    """The attempt as if its last sample had been refused."""
+    """Copy an attempt with another status of its last sample."""
     codes = a.result.status.copy()
     codes[-1] = status
     return replace(a, result=replace(a.result, status=codes), **changes)
@@ -33,7 +33,7 @@ def test_what_is_declared_decides(pressed):
     assert not ending(pressed, Status.INVERTED).as_declared
     assert ending(pressed, Status.INVERTED, refusals=GIVEN_UP).as_declared
     assert not ending(pressed, Status.NEVER_TOUCHES, refusals=GIVEN_UP).as_declared
-    assert not replace(pressed, refusals=GIVEN_UP).as_declared  # it was to be refused, and converges
+    assert not replace(pressed, refusals=GIVEN_UP).as_declared  # it converges, but should fail
     ended = ending(pressed, Status.INVERTED)
     assert ended.reached == pytest.approx(0.2)
     assert ended.outcome.startswith("NOT AS DECLARED") and Status.INVERTED.sentence in ended.outcome

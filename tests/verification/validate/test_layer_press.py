@@ -25,7 +25,7 @@ COARSE = LayerMeshSize(edge=0.8, until=1.0, growth=0.5, top=0.8)
 
 
 def indented(sphere, depth, radii) -> LayerPress:
-    """A surface that lies on the sphere as far as 1 mm and is flat beyond."""
+    """Make a surface that lies on the sphere up to a radius of 1 mm and is flat beyond."""
     u = np.zeros((1, len(AZIMUTHS), len(radii), 3))
     u[..., 1] = depth - sphere + np.sqrt(sphere**2 - np.minimum(radii, 1.0) ** 2)
     return LayerPress(0, sphere, np.array([depth]), radii, np.ones(1), u, np.zeros(0), [], SimpleNamespace())
@@ -44,7 +44,7 @@ def test_surface_error_weighs_by_area_within_the_deformation_region():
     profile[:, 2] += 0.02  # now all radii have moved
     assert surface_error(pressed, 0.4, profile) == pytest.approx(0.02, rel=1e-12)
     profile[:, 2] = [0.3, 0.0, 0.0, 0.0]
-    profile[2:, 2] = 0.004  # below what counts as moved
+    profile[2:, 2] = 0.004  # below the limit of the deformation region
     moved = pressed.displacement[0, 0, :, 1]
     assert surface_error(pressed, 0.4, profile) == pytest.approx(abs(0.3 - moved[0]), rel=1e-12)
     turned = pressed.displacement.copy()

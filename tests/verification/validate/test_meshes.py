@@ -1,4 +1,4 @@
-"""The structured meshes: volumes, areas and which way their faces look."""
+"""The structured meshes: volumes, areas and orientation of faces."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from simgen.verification.validate.meshes import box, faces_on, faces_on_sphere, 
 
 
 def flux_of_position(mesh):
-    """Volume by the divergence theorem from the boundary's corners alone: outward faces make it positive."""
+    """Volume by the divergence theorem from the boundary's corners; positive for outward faces."""
     corners = mesh.nodes[mesh.faces[:, :3]]
     return np.linalg.det(corners).sum() / 6.0
 

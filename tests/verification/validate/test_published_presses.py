@@ -8,7 +8,7 @@ from simgen.verification.validate.published_presses import compare_presses
 
 @pytest.mark.slow
 def test_the_same_press_on_published_tetrahedra(reference, tmp_path):
-    """Ours agrees with theirs as P2-P1, and linear tetrahedra lock: numerics.md has 3 to 10 times the force."""
+    """Our mesh agrees with theirs with P2-P1. Linear tetrahedra lock, with 3 to 10 times the force."""
     start_warp()
     outcome = compare_presses(reference, "digit", ["sphere_7mm"], [0.2, 0.4], "cpu", tmp_path)
     assert len(outcome.rows) == 4

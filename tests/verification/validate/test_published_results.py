@@ -41,7 +41,7 @@ def dataset(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["across", "biotac_sim"])
 def test_an_own_file_is_reproduced(dataset, layout, tmp_path):
-    """The same job, the same poses: what is left is how coordinates are stored, 0.1 um and float32."""
+    """The same job and poses: only the stored precision differs, 0.1 um and float32."""
     export(dataset, layout, tmp_path / "own", ["digit"], "0")
     outcome = outcome_of("published-results", tmp_path, tmp_path)
     assert len(outcome.rows) == 1 + 2 * 2
@@ -56,7 +56,7 @@ def test_an_own_file_is_reproduced(dataset, layout, tmp_path):
 
 
 def anonymous(source: Path, target: Path) -> None:
-    """The file as others write it: no names, no poses, no job, and the sensor elsewhere in its world."""
+    """Write the file as other programs do: no names, poses or job, and the sensor at another place."""
     motion, world = Rotation.from_euler("xyz", [10.0, -20.0, 30.0], degrees=True), np.array([0.0, 0.05, 0.0])
     with ResultFile(source) as file:
         samples = [
@@ -70,7 +70,7 @@ def anonymous(source: Path, target: Path) -> None:
 
 @pytest.mark.slow
 def test_a_file_of_others_is_placed_and_its_pose_recovered(dataset, tmp_path):
-    """The press at the recovered pose is as near as the project lets a mesh err."""
+    """The press at the recovered pose is within the errors that the project allows a mesh."""
     export(dataset, "across", tmp_path / "own", ["digit"], "0")
     own = tmp_path / "own" / f"results_digit_{dataset.job.name}.hdf5"
     published = tmp_path / "published"
@@ -111,7 +111,7 @@ def test_a_rigid_motion_is_undone():
 
 
 def test_vertices_in_another_order_are_found_out(tmp_path):
-    """They would be compared with the wrong ones: the held vertices of the file are not at rest then."""
+    """Vertices would be compared with wrong ones, and the held vertices of the file are not at rest."""
     mesh = load_sensor("digit").output_mesh
     shuffled = mesh.vertices[np.random.default_rng(1).permutation(len(mesh.vertices))]
     write(tmp_path / "results.hdf5", "across", "digit", [Sample(0, 0, 0, shuffled, np.ones(3))], {})

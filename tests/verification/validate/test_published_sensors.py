@@ -7,7 +7,7 @@ from simgen.verification.validate.published_sensors import mesh_with, published_
 
 
 def test_published_meshes_are_sensors(reference, tmp_path):
-    """With the vertices of their files, and those held that ours hold: the flat back; nail plate and rear face."""
+    """They have the files' vertices and our held regions: the flat back, nail plate and rear face."""
     assert published_sensors(reference) == ["digit", "biotac"]
     digit, biotac = (published_sensor(reference, name, tmp_path) for name in ("digit", "biotac"))
     assert (len(digit.output_mesh.vertices), len(biotac.output_mesh.vertices)) == (1834, 4246)

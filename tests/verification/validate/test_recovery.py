@@ -1,4 +1,4 @@
-"""The pose of an indenter from the vertices that it has moved: made-up displacements, so that the truth is known."""
+"""Recovery of an indenter's pose from displacements made for a known pose."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ SPACING_MM = 0.5
 
 @pytest.fixture(scope="module")
 def plate():
-    """A bumpy bowl of 20 mm, touched from -y, all of it touchable; no face of an indenter is flush with it."""
+    """A bumpy bowl of 20 mm, touchable from -y. No face of an indenter fits it."""
     x, z = np.meshgrid(*2 * [np.arange(-10.0, 10.1, SPACING_MM)], indexing="ij")
     y = 0.01 * (x**2 + z**2) + 0.1 * np.sin(x) * np.cos(1.3 * z)
     vertices = 1e-3 * np.stack([x, y, z], axis=-1).reshape(-1, 3)
@@ -30,7 +30,7 @@ def plate():
 
 
 def pushed(mesh: OutputMesh, indenter, pose: np.ndarray) -> np.ndarray:
-    """Displacements (v, 3) m: every vertex that the indenter reaches goes along its axis until it lies on it."""
+    """Displacements (v, 3) m: each vertex that the indenter reaches moves along its axis until it lies on it."""
     local = (1e3 * mesh.vertices - 1e3 * pose[:3, 3]) @ pose[:3, :3]
     low, high = np.zeros(len(local)), np.full(len(local), 5.0)
     reached = signed_distance(indenter.shape(), local)[0] < 0.0
@@ -67,7 +67,7 @@ def test_the_pose_comes_back(plate, name, steps):
 
 
 def test_few_vertices_are_said_to_be_few(plate):
-    """A sphere that just reaches the plate moves too few vertices to tell a pose."""
+    """A sphere that just reaches the plate moves too few vertices to determine a pose."""
     indenter = load_indenter("sphere_3.5mm")
     pose = np.eye(4)
     pose[1, 3] = 1e-5  # m, past the vertex in the middle of the plate

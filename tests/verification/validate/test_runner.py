@@ -21,7 +21,7 @@ def results(tmp_path_factory):
     results = runner.run_cases(list(FAKES.values()), context, 2, lambda result: told.append(result.case))
     assert sorted(told) == sorted(FAKES)
     assert not list(context.scratch.iterdir())  # the cases' own folders are gone
-    assert dict(os.environ) == environment  # what keeps the workers to one core is not for those that come later
+    assert dict(os.environ) == environment  # the workers' limit of one core is undone
     return results
 
 

@@ -1,4 +1,4 @@
-"""The accuracy table of the bundled sensors: its arithmetic, and that what is stored belongs to today's meshes."""
+"""The accuracy of the bundled sensors: extrapolation, error measures, and a stored table of the present meshes."""
 
 import json
 import pickle
@@ -55,7 +55,7 @@ def test_distances():
 
 
 def fake(mesh: str, unknowns: int, error: float) -> MeshSolution:
-    """A press whose force and displacements are too large by ``error``."""
+    """Make a press whose force and displacements are too large by ``error``."""
     u = np.zeros((4, 5, 3))
     u[:, :, 1] = DEPTHS_MM[:, None] * 1e-3
     force = np.zeros((4, 3))
@@ -67,7 +67,7 @@ def fake(mesh: str, unknowns: int, error: float) -> MeshSolution:
 
 
 def test_extrapolation_finds_the_exact_values():
-    """With an error of 0.3 h^2 in everything, the default mesh is found to be off by just that."""
+    """With an error of 0.3 h^2 in all values, the default mesh's error is found to be that."""
     unknowns = (8_000, 27_000, 125_000)
     errors = [0.3 * n ** (-2.0 / 3.0) for n in unknowns]
     outcome = compare("x", [fake(*each) for each in zip(MESHES, unknowns, errors, strict=True)])
