@@ -1,7 +1,5 @@
 """Console view of `simgen validate`: a line as each case ends, then one table of all rows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from rich import box

@@ -4,8 +4,6 @@
 fastest ones. ``picture`` draws the plot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A sentence that recommends settings, from the measured rows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from simgen.verification.bench.measure import Measurement

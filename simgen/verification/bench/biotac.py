@@ -1,7 +1,5 @@
 """Cost and effect of the contact between the BioTac's skin and core, while the gap is open."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

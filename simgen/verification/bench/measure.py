@@ -4,8 +4,6 @@ Times are seconds per depth, of one core on a CPU and of the clock on a GPU. The
 compilation of kernels. Errors are taken at the last depth, against the finest mesh of the same run.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace

@@ -1,7 +1,5 @@
 """Plot of surface error over seconds per depth, with one kind of marker for each element and code."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import matplotlib

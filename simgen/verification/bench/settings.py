@@ -5,8 +5,6 @@ a quarter of it. In the ``biotac`` scene such a sphere is pressed 0.5 mm into th
 core stays open.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from simgen.simulation.press import SolverSettings

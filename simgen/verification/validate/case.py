@@ -1,7 +1,5 @@
 """Cases and their outcomes: rows with a verdict, and tables, curves and notes as evidence."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

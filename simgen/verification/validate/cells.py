@@ -1,7 +1,5 @@
 """Rows as text cells, for the terminal and the HTML page."""
 
-from __future__ import annotations
-
 import math
 
 from simgen.verification.validate.case import Row

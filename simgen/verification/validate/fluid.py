@@ -1,7 +1,5 @@
 """Cases of the fluid in a cavity: thick-walled spheres with closed forms, and presses on a filled BioTac."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

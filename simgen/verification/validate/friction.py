@@ -3,8 +3,6 @@
 Bodies have E = 0.539 MPa and nu = 0.499. Lengths are in mm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

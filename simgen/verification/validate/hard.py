@@ -3,8 +3,6 @@
 Tables show iterations, sub-steps and seconds of each press.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from simgen.geometry.rigid_shape import rigid_shape

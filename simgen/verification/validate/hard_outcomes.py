@@ -1,7 +1,5 @@
 """Outcomes of hard presses: rows that must hold for every press, and a table of evidence."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Hard cases on the bundled sensors: all indenters to 2 mm, thin and steep places, and the skin on its core."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from simgen.geometry.signed_distance import RigidShape

@@ -1,7 +1,5 @@
 """Hard cases of the input: bad meshes, impossible poses of indenters, and values without meaning."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenes and paths of the hard cases: a small bonded block, and places on the bundled sensors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from simgen.sensors.sensor import Material, Sensor, load_sensor

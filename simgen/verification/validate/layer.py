@@ -4,8 +4,6 @@ Each case is solved in three dimensions on two meshes of a quarter of the layer.
 the reference data have them; forces and contact radii always.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

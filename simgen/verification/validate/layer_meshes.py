@@ -4,8 +4,6 @@ Edges are short under the contact and grow outwards and towards the bottom. Mid-
 their ends, so that rings and side are round. Lengths are in mm.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

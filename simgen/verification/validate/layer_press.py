@@ -1,7 +1,5 @@
 """Press of a sphere into a quarter of the round layer: force, surface, contact radius, pressure. Lengths in mm."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -45,7 +43,7 @@ class LayerMeshSize:
     top: float
     segments: int = SEGMENTS
 
-    def coarser(self, factor: float) -> LayerMeshSize:
+    def coarser(self, factor: float) -> "LayerMeshSize":
         """Scale all edges by a factor."""
         return LayerMeshSize(factor * self.edge, self.until, factor * self.growth, factor * self.top, self.segments)
 

@@ -6,8 +6,6 @@ the contact. The order is 2 with friction 0.3, and with friction 0.78 in 160 ste
 without and 0.7 % with friction. ``axisymmetric/profile.csv`` of the reference data has the surface.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Structured meshes of ten-node tetrahedra, made without a mesher and thus the same on all machines."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

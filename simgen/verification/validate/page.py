@@ -1,7 +1,5 @@
 """Validation report: one self-contained HTML page with rows, plots and tables of each case."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ Uses FElupe's triquadratic hexahedra (27 points), mixed (u, p, J) neo-Hookean so
 sphere is an item that integrates the contact pressure over the top faces. SciPy's SuperLU solves the linear systems.
 """
 
-from __future__ import annotations
-
 import time
 
 import felupe as fem

@@ -5,8 +5,6 @@ pressure field and the quadrature points, and the augmented-Lagrangian contact e
 top, with t = max(0, lambda - k g). Newton's method uses NGSolve's sparse LDL^T factors.
 """
 
-from __future__ import annotations
-
 import time
 
 import netgen.meshing

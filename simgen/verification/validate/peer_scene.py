@@ -4,8 +4,6 @@ A sphere is pressed into a quarter of the round layer of ``layer_reference``, wi
 material, pose and depths. Each has its own mesh, elements, contact and solver.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A sphere of radius 3.5 mm is pressed 1 mm into a quarter of the bonded layer, in
 without friction (`peer_scene`). The ``dev`` extra installs both codes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.util import find_spec
 

@@ -1,7 +1,5 @@
 """Cases with published data from the folder of ``--published``: meshes, presses into them, and result files."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from simgen.sensors.indenter import load_indenter

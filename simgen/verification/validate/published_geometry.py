@@ -1,7 +1,5 @@
 """Distances between our parametric bodies and published meshes, in mm."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 

@@ -4,8 +4,6 @@ The indenter takes the same poses in both meshes. Depths count from first touch 
 protrude by tens of micrometres. The two results differ by discretisation errors and by the distance of the surfaces.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

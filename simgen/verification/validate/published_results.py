@@ -5,8 +5,6 @@ vertices, their indenter from the published order of environments, their pose fr
 (`simgen.verification.validate.recovery`), and their material from the publication.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path

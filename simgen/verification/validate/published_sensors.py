@@ -7,8 +7,6 @@ A folder of published data has the layout of the repositories: ``biotac/`` (NVla
 (wzaielamri/across_framework) and ``indenters/`` (both). Result files (``*.hdf5``) may lie anywhere below it.
 """
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Results as JSON, with the code, packages and machine they come from."""
 
-from __future__ import annotations
-
 import json
 import math
 import platform

@@ -6,8 +6,6 @@ vertices share gives the press axis and the travel, and the vertices that share 
 gives the pose: touched vertices lie on the indenter, and no vertex lies inside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

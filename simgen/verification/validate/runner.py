@@ -1,7 +1,5 @@
 """Run cases in worker processes, so that a crash ends only its own case."""
 
-from __future__ import annotations
-
 import fnmatch
 import os
 import signal

@@ -8,8 +8,6 @@ the range of P2-P1 elements in contact, 1.5 to 3.
 A press on the fine mesh takes minutes, so these cases are "long" and are run only by name.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
