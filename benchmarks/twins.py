@@ -25,7 +25,7 @@ from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.developed_skin import Skin
 from simgen.learning.translation.accuracy import NEAR_MM
 from simgen.learning.translation.contact import ContactGauge
-from simgen.pipeline.plan import chosen_sensor, contact_settings, first_contacts, gel_under_indenters, make_plan
+from simgen.pipeline.plan import chosen_sensor, first_contacts, gel_under_indenters, make_plan
 from simgen.sensors.indenter import chosen_indenters, load_indenter
 from simgen.sensors.pairing import Contacts, Room, indenter_poses, unfold
 from simgen.sensors.sensor import Sensor
@@ -45,7 +45,7 @@ class Twins:
     def __init__(self, job: Job):
         sensors = {name: chosen_sensor(job, name) for name in ("digit", "biotac")}
         self.digit, self.biotac = sensors.values()
-        self.settings, deepest = contact_settings(job), float(job.depths_m[-1])
+        self.settings, deepest = job.trajectories, float(job.depths_m[-1])
         self.gel = gel_under_indenters(job, sensors, chosen_indenters(job))
         self.contacts = first_contacts(job, sensors, job.trajectories.count, self.gel).kept
         self.poses = indenter_poses(self.contacts)
