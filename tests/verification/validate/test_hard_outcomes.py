@@ -19,7 +19,7 @@ def ending(a: Attempt, status: Status, **changes) -> Attempt:
     """Copy an attempt with another status of its last sample."""
     codes = a.result.status.copy()
     codes[-1] = status
-    return replace(a, result=replace(a.result, status=codes), **changes)
+    return replace(a, result=replace(a.result, outputs=a.result.outputs | {"status": codes}), **changes)
 
 
 def test_a_press_that_converges(pressed):
