@@ -22,7 +22,9 @@ from simgen.geometry import mesh_quality
 from simgen.pipeline.run import run
 from simgen.sensors import indenter, sensor_schema
 
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "sensor_models" / "README.md", *sorted(DOCS.glob("*.md"))]
+TASKS = sorted((DOCS / "tasks").glob("*.md"))
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "sensor_models" / "README.md", *sorted(DOCS.glob("*.md")),
+         *TASKS]  # fmt: skip
 page = pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
 
 
@@ -76,6 +78,11 @@ def test_commits_that_are_named_exist(page):
 
 def test_the_front_page_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 120
+
+
+@pytest.mark.parametrize("page", TASKS, ids=lambda path: path.stem)
+def test_a_task_for_a_newcomer_leads_to_three_files_at_most(page):
+    assert 1 <= len({target for target in re.findall(r"\]\((\S+\.py)\)", prose(page))}) <= 3
 
 
 # The dataset
