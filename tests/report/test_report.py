@@ -6,17 +6,11 @@ import fake
 import numpy as np
 import pytest
 import trimesh
-from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touchable import touchable_surface
 from simgen.pipeline.run import run
-from simgen.plotting.surface_plot import camera, draw_points, draw_surface
 from simgen.report import SECTIONS, write_report
-from simgen.report.choice import furthest_press
-from simgen.report.meshes import draw_press
-from simgen.report.refused import Draws, areas
 
 ALWAYS = [title for title in SECTIONS if title not in ("Cavity pressure against depth", "Forces along the path")]
 
@@ -105,28 +99,6 @@ def test_failures_are_shown(tmp_path):
     assert pictures(page, "share of presses that reach each depth on") == 2
 
 
-def test_contacts_that_were_drawn_again_are_counted_and_shown(tmp_path):
-    plan = fake.make_plan(fake.make_job())
-    normals = np.array([[0.0, -1.0, 0.0], [np.sqrt(0.75), -0.5, 0.0]])
-    plan.arrays |= {"refused/points": fake.RADIUS_M * normals, "refused/normals": normals}
-    run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
-    write_report(Dataset(tmp_path / "d.zarr"), tmp_path / "d.html")
-    page = (tmp_path / "d.html").read_text()
-    assert "At 2 of 6 places that fit otherwise (33.3%) an indenter would leave less than 0.15" in page
-    assert pictures(page, "contacts drawn again on digit") == 1
-
-
-def test_the_area_without_contacts_is_that_around_the_refused_ones():
-    """On a ball, 2 pi r h of a cap whose points are that far, as chords, from a lone contact at its middle."""
-    plan = fake.make_plan(fake.make_job())
-    surface = touchable_surface(plan.arrays, "digit")
-    side = np.array([[0.0, -0.6, 0.8], [0.0, -0.6, -0.8]])
-    near = 3e-3
-    found = areas(surface, Draws((7e-3 * side[:1], side[:1]), (7e-3 * side, side)), near)
-    cap = np.pi * near**2
-    np.testing.assert_allclose(found, [2.0 * cap, cap], rtol=0.1)  # vertices are 1 mm apart
-
-
 def test_without_any_shard_there_is_a_page_too(tmp_path):
     page = page_of(tmp_path, fake.overflowing_presser)
     assert sections(page) == ALWAYS
@@ -167,40 +139,3 @@ def test_an_indenter_that_is_gone_costs_only_what_needs_it(tmp_path):
     page = (tmp_path / "d.html").read_text()
     assert "<p>Not looked at: " in page and "pin.stl: no such file" in page
     assert page.count("data:image/gif") == 1 and pictures(page, "deformed by pin") == 1
-
-
-def test_a_press_is_drawn_to_the_depth_that_it_reached(tmp_path):
-    plan = fake.make_plan(fake.make_job())
-    dataset = run(plan, tmp_path / "d.zarr", build=fake.failing_presser)
-    press, reached = furthest_press(dataset, indenter=1)
-    assert (press, reached) == (1, 2)
-    titles = [axes.get_title() for axes in draw_press(dataset, press, reached).axes]
-    assert titles[:4] == ["digit, 0.1 mm", "digit, 0.2 mm", "biotac, 0.1 mm", "biotac, 0.2 mm"]
-
-
-def test_the_camera_is_a_rotation_that_looks_where_it_is_told():
-    out = np.array([-1.0, -2.0, 3.0])
-    free, upright = camera(out), camera(out, up=np.array([0.0, -1.0, 0.0]))
-    for view in (free, upright):
-        np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-15)
-        assert np.linalg.det(view) == pytest.approx(1.0)
-        np.testing.assert_allclose(view[2], out / np.linalg.norm(out), atol=1e-15)
-    assert free[0, 0] > 0
-    assert upright[0, 1] == pytest.approx(0.0, abs=1e-15) and upright[1, 1] < 0
-
-
-def test_a_ball_shows_its_near_half_and_its_colours():
-    """Half of the faces of a ball look at the viewer; each takes the colour of its own vertices."""
-    values = (fake.VERTICES[:, 1] < 0).astype(float)
-    axes = Figure().subplots()
-    faces = draw_surface(axes, fake.VERTICES, fake.BALL.faces, values, largest=1.0)
-    drawn = len(faces.get_paths())
-    assert abs(drawn / len(fake.BALL.faces) - 0.5) < 0.02
-    assert len(np.unique(faces.get_facecolor().round(2), axis=0)) > 2
-
-
-def test_points_behind_the_surface_are_not_drawn():
-    axes = Figure().subplots()
-    ends = np.array([[0.0, 0.0, 7e-3], [0.0, 0.0, -7e-3]])
-    draw_points(axes, ends, ends, np.zeros((2, 3)), view=camera(np.array([0.3, 0.0, 1.0])))
-    assert len(axes.collections[0].get_offsets()) == 1

@@ -5,18 +5,14 @@ import hashlib
 import numpy as np
 import pytest
 import trimesh
-import warp as wp
 
 from simgen.errors import InputError
-from simgen.geometry.rigid_shape import lateral_reach, shape_array
-from simgen.geometry.signed_distance import RigidShape, distance
 from simgen.sensors.indenter import (
     Kind,
     indenter_names,
     load_indenter,
     mesh_distance,
     rigid_shape,
-    sampled_shape,
     signed_distance,
 )
 from simgen.verification.validate.published_geometry import tip_distances
@@ -35,15 +31,6 @@ def near_surface(name: str, count: int = 20000) -> tuple[np.ndarray, ...]:
     return shape, points[kept], distance[kept], normal[kept], curvature[kept]
 
 
-def central_difference(shape, points, step):
-    """Gradient (n, 3) of the distance and derivative (n, 3, 3) of the normal."""
-    offsets = step * np.eye(3)
-    sides = [[signed_distance(shape, points + sign * offset) for sign in (1, -1)] for offset in offsets]
-    gradient = np.stack([(a[0] - b[0]) / (2 * step) for a, b in sides], axis=-1)
-    hessian = np.stack([(a[1] - b[1]) / (2 * step) for a, b in sides], axis=-1)
-    return gradient, hessian
-
-
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_tip_matches_published_shape(name, reference):
     """Every vertex of the published tip (3 mm) lies within 0.05 mm, the bound that the project set.
@@ -58,33 +45,6 @@ def test_tip_matches_published_shape(name, reference):
     distance = signed_distance(shape, points[points[:, 1] > -3.0])[0]
     assert distance.max() < 0.05
     assert np.abs(distance).mean() < 0.05
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_normal_is_a_unit_vector_that_curvature_leaves_unchanged(name):
-    """Eikonal equation |n| = 1, and its derivative H n = 0, to round-off."""
-    _, _, _, normal, curvature = near_surface(name)
-    assert np.abs(np.linalg.norm(normal, axis=1) - 1.0).max() < 1e-14
-    assert np.abs(np.einsum("nij,nj->ni", curvature, normal)).max() < 1e-13
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_normal_and_curvature_are_the_derivatives(name):
-    """Central differences converge with the square of the step, away from kinks of the curvature."""
-    shape, points, _, normal, curvature = near_surface(name)
-    errors = {}
-    for step in (1e-2, 1e-3, 1e-4):
-        gradient, hessian = central_difference(shape, points, step)
-        curved = np.abs(curvature).max(axis=(1, 2)) > 0.0
-        errors[step] = [
-            np.abs(gradient - normal).max(axis=1)[curved],
-            np.abs(hessian - curvature).max(axis=(1, 2))[curved],
-        ]
-    for coarse, fine, finest in zip(*errors.values(), strict=True):
-        assert np.median(coarse) > 1e-8  # else the next line could not fail
-        assert np.median(fine) < 0.02 * np.median(coarse)
-        # Few differences of 1e-4 mm straddle a seam between two parts of the shape, where curvature jumps.
-        assert np.quantile(finest, 0.995) < 1e-6
 
 
 def test_distance_is_the_distance_to_the_drawn_surface():
@@ -102,72 +62,6 @@ def test_tip_lies_in_the_tip_plane():
     for name in NAMES:
         top = load_indenter(name).extent[1, 1]
         assert top == pytest.approx(0.0, abs=1e-12), name
-
-
-@pytest.fixture(scope="module")
-def sampled_sphere():
-    return sampled_shape(trimesh.creation.icosphere(subdivisions=5, radius=3.5e-3), 0.2, 2.0)
-
-
-def test_sampled_sphere_matches_the_exact_one(sampled_sphere):
-    """The facets (edges of 0.14 mm) sag by 0.0009 mm; the spline follows them, which roughens curvature."""
-    rng = np.random.default_rng(1)
-    direction = rng.normal(size=(4000, 3))
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    radius = 3.5 + rng.uniform(-0.5, 1.5, 4000)
-    distance, normal, curvature = signed_distance(sampled_sphere, radius[:, None] * direction)
-    assert np.abs(distance - (radius - 3.5)).max() < 0.002
-    assert np.abs(normal - direction).max() < 0.02
-    exact = (np.eye(3) - direction[:, :, None] * direction[:, None, :]) / radius[:, None, None]
-    assert np.sqrt(((curvature - exact) ** 2).mean()) < 0.03
-
-
-def test_sampled_derivatives(sampled_sphere):
-    """The spline's own derivatives, inside the grid and outside it, where its boundary value is extended."""
-    points = np.random.default_rng(2).uniform(-9.0, 9.0, (4000, 3))
-    points = points[np.abs(np.abs(points) - 5.5).min(axis=1) > 0.3]  # the boundary of the grid is a kink
-    _, normal, curvature = signed_distance(sampled_sphere, points)
-    gradient, hessian = central_difference(sampled_sphere, points, 1e-4)
-    assert np.abs(gradient - normal).max() < 1e-6
-    # The third derivative of a cubic spline jumps from cell to cell, so a difference is first order there.
-    assert np.quantile(np.abs(hessian - curvature).max(axis=(1, 2)), 0.99) < 1e-5
-
-
-def test_far_points_are_outside(sampled_sphere):
-    directions = np.random.default_rng(3).normal(size=(1000, 3))
-    points = 100.0 * directions / np.linalg.norm(directions, axis=1)[:, None]
-    distance = signed_distance(sampled_sphere, points)[0]
-    # Clamping to the box overestimates by no more than the box's half diagonal.
-    assert (np.abs(distance - 96.5) < 5.7 * np.sqrt(3.0)).all()
-
-
-@wp.kernel
-def distance_kernel(shapes: wp.array(dtype=RigidShape), points: wp.array(dtype=wp.vec3d),
-                    distance_out: wp.array(dtype=wp.float64)):  # fmt: skip
-    i = wp.tid()
-    distance_out[i] = distance(shapes[0], points[i])
-
-
-@pytest.mark.parametrize("name", [*NAMES, "sampled"])
-def test_the_distance_alone_is_the_probe_s(name, sampled_sphere):
-    shape = sampled_sphere if name == "sampled" else load_indenter(name).shape()
-    points = np.random.default_rng(4).uniform(-9.0, 9.0, (4000, 3))  # the grid of the sampled one ends at 5.5
-    found = wp.zeros(len(points), dtype=wp.float64, device="cpu")
-    inputs = [shape_array([shape], "cpu"), wp.array(points, dtype=wp.vec3d, device="cpu")]
-    wp.launch(distance_kernel, dim=len(points), inputs=inputs, outputs=[found], device="cpu")
-    np.testing.assert_allclose(found.numpy(), signed_distance(shape, points)[0], rtol=0.0, atol=1e-13)
-
-
-def test_mixed_shapes_in_one_kernel(sampled_sphere):
-    """One shape per environment: each point is answered by its own shape, nested coefficients included."""
-    other = sampled_shape(trimesh.creation.box(extents=[4e-3, 4e-3, 4e-3]), 0.25, 1.0)
-    shapes = [*(load_indenter(name).shape() for name in NAMES), sampled_sphere, other]
-    points = np.random.default_rng(4).uniform(-4.0, 4.0, (50 * len(shapes), 3))
-    together = signed_distance(shapes, points)
-    for index, shape in enumerate(shapes):
-        alone = signed_distance(shape, points[index :: len(shapes)])
-        for a, b in zip(together, alone, strict=True):
-            np.testing.assert_array_equal(a[index :: len(shapes)], b)
 
 
 def test_a_closed_mesh_is_an_indenter(tmp_path):
@@ -261,15 +155,3 @@ def test_an_indenter_is_known_by_its_sizes_or_its_file(tmp_path):
     assert load_indenter(file).identity() == {
         "kind": "mesh", "unit": "m", "spacing_mm": 0.2, "sha256": expected,
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_no_shape_reaches_further_than_it_says(name):
-    """Beside its reach there is nothing of it, and nearer there is."""
-    shape = load_indenter(name).shape()
-    reach, angles = lateral_reach(shape), np.linspace(0.0, 2.0 * np.pi, 73)
-    ring = np.stack([np.cos(angles), np.zeros_like(angles), np.sin(angles)], axis=1)
-    heights = np.linspace(-9.0, 0.0, 19)[:, None, None] * [0.0, 1.0, 0.0]
-    beyond, within = ((heights + share * reach * ring).reshape(-1, 3) for share in (1.001, 0.9))
-    assert signed_distance(shape, beyond)[0].min() > 0.0
-    assert signed_distance(shape, within)[0].min() < 0.0

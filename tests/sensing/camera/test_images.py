@@ -3,11 +3,9 @@
 import json
 import shutil
 
-import cv2
 import fake
 import numpy as np
 import pytest
-from PIL import Image
 
 from simgen.dataset.exchange.selection import select
 from simgen.dataset.folder_lock import locked
@@ -16,7 +14,6 @@ from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
 from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.images import Images, StoredMeshes, render, unmade
-from simgen.sensing.camera.montages import write_gif, write_montages, write_stages
 from simgen.sensing.camera.renderer import Look, Renderer
 
 SMALL = Look(height=64, width=48)
@@ -112,24 +109,3 @@ def test_the_record_says_what_decides_the_images(seen, images, renderer):
     record = json.loads((images.folder / "render.json").read_text())
     assert record["dataset"] == seen.attributes["job_hash"] and record["size"] == [48, 64]
     assert record["kernels"] == list(renderer.blur.sizes) and record["response"] == renderer.shading.response.hash
-
-
-def test_a_montage_of_each_indenter(images, chosen):
-    files = list(write_montages(images, chosen))
-    assert [file.name for file in files] == [f"montage_{name}.png" for name in chosen.dataset.indenters]
-    assert read_image(files[0]).shape == (3 * 64, 5 * 48, 3)
-
-
-def test_a_press_in_motion(seen, images, renderer):
-    folder = images.of_press(seen, 2)
-    file = write_gif(folder, renderer.background)
-    with Image.open(file) as gif:
-        assert (gif.n_frames, gif.size) == (5, (48, 64))
-    before = file.read_bytes()
-    assert write_gif(folder, 255 - renderer.background) == file and file.read_bytes() == before
-    assert write_gif(images.folder / "nothing", renderer.background) is None
-
-
-def test_stages_of_an_image(seen, renderer, tmp_path):
-    write_stages(tmp_path / "stages.png", renderer, seen.displacement("digit", 0)[-1], "a press")
-    assert cv2.imread(str(tmp_path / "stages.png")).shape[0] > 800

@@ -9,7 +9,6 @@ import warp as wp
 
 from simgen.errors import InputError
 from simgen.pipeline.run import run
-from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.renderer import Look, Renderer, camera_of, coat
 from simgen.sensing.camera.response import Response
 from tests.sensing.camera import scenes
@@ -96,12 +95,6 @@ def test_bad_input_is_one_line(seen, sensor, look, complaint):
     with pytest.raises(InputError, match=complaint) as raised:
         Renderer.of_dataset(seen, sensor, look)
     assert "\n" not in str(raised.value)
-
-
-def test_an_empty_file_is_no_image(tmp_path):
-    (tmp_path / "empty.png").touch()
-    with pytest.raises(InputError, match=r"empty\.png: not an image"):
-        read_image(tmp_path / "empty.png")
 
 
 def test_gel_out_of_sight_is_one_line(tmp_path):

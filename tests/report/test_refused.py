@@ -1,0 +1,29 @@
+"""Contacts that the plan refused, and the area that they cost."""
+
+import fake
+import numpy as np
+
+from simgen.dataset.touchable import touchable_surface
+from simgen.pipeline.run import run
+from simgen.report.refused import Draws, areas, refused_lines
+
+
+def test_contacts_that_were_drawn_again_are_counted_and_shown(tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    normals = np.array([[0.0, -1.0, 0.0], [np.sqrt(0.75), -0.5, 0.0]])
+    plan.arrays |= {"refused/points": fake.RADIUS_M * normals, "refused/normals": normals}
+    dataset = run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
+    page = "".join(refused_lines(dataset, touchable_surface(dataset, "digit")))
+    assert "At 2 of 6 places that fit otherwise (33.3%) an indenter would leave less than 0.15" in page
+    assert page.count("<img alt='contacts drawn again on digit'") == 1
+
+
+def test_the_area_without_contacts_is_that_around_the_refused_ones():
+    """On a ball, 2 pi r h of a cap whose points are that far, as chords, from a lone contact at its middle."""
+    plan = fake.make_plan(fake.make_job())
+    surface = touchable_surface(plan.arrays, "digit")
+    side = np.array([[0.0, -0.6, 0.8], [0.0, -0.6, -0.8]])
+    near = 3e-3
+    found = areas(surface, Draws((7e-3 * side[:1], side[:1]), (7e-3 * side, side)), near)
+    cap = np.pi * near**2
+    np.testing.assert_allclose(found, [2.0 * cap, cap], rtol=0.1)  # vertices are 1 mm apart

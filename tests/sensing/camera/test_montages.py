@@ -1,0 +1,54 @@
+"""Montages, animations and stages made of a dataset's images."""
+
+import cv2
+import pytest
+from PIL import Image
+
+from simgen.dataset.exchange.selection import select
+from simgen.sensing.camera.image_files import read_image
+from simgen.sensing.camera.images import Images, render
+from simgen.sensing.camera.montages import write_gif, write_montages, write_stages
+from simgen.sensing.camera.renderer import Look, Renderer
+
+SMALL = Look(height=64, width=48)
+
+
+@pytest.fixture(scope="module")
+def images(seen, tmp_path_factory):
+    return Images(seen.path, "digit", tmp_path_factory.mktemp("images") / "seen.images", SMALL)
+
+
+@pytest.fixture(scope="module")
+def chosen(seen):
+    return select(seen, ("digit",))
+
+
+@pytest.fixture(scope="module")
+def renderer(seen):
+    return Renderer.of_dataset(seen, "digit", SMALL)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def made(images, chosen, renderer):
+    return list(render(images, chosen, renderer, workers=1))
+
+
+def test_a_montage_of_each_indenter(images, chosen):
+    files = list(write_montages(images, chosen))
+    assert [file.name for file in files] == [f"montage_{name}.png" for name in chosen.dataset.indenters]
+    assert read_image(files[0]).shape == (3 * 64, 5 * 48, 3)
+
+
+def test_a_press_in_motion(seen, images, renderer):
+    folder = images.of_press(seen, 2)
+    file = write_gif(folder, renderer.background)
+    with Image.open(file) as gif:
+        assert (gif.n_frames, gif.size) == (5, (48, 64))
+    before = file.read_bytes()
+    assert write_gif(folder, 255 - renderer.background) == file and file.read_bytes() == before
+    assert write_gif(images.folder / "nothing", renderer.background) is None
+
+
+def test_stages_of_an_image(seen, renderer, tmp_path):
+    write_stages(tmp_path / "stages.png", renderer, seen.displacement("digit", 0)[-1], "a press")
+    assert cv2.imread(str(tmp_path / "stages.png")).shape[0] > 800
