@@ -196,7 +196,7 @@ def calibrate_optics(
 
     Without pictures: the model renders spheres on the sensor's surface. Writes optics.npz and background.png.
     """
-    from simgen.sensing.camera.fitting import calibrate
+    from simgen.sensing.camera.calibrate_optics import calibrate
 
     for line in calibrate(pictures or [], background, radius_mm, sensor, circles, output):
         typer.echo(line)

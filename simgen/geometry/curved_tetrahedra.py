@@ -1,8 +1,8 @@
-"""Curved quadratic tetrahedra: corner and mid-edge nodes of the boundary are moved onto the true surface.
+"""Curved quadratic tetrahedra, whose boundary nodes lie on the true surface of the gel.
 
-Each boundary face belongs to the smooth patch of the true surface that is nearest to its centre, and each
-boundary node to the patches of its faces. A node of two or three patches (an edge or a corner of the body) is
-projected onto them in turn until it lies on all (von Neumann's alternating projections), so that sharp edges
+Each boundary face belongs to the smooth patch of the true surface that is nearest to the face's centre. A boundary node
+belongs to the patches of its faces. A node of two or three patches lies on an edge or a corner of the body. It is
+projected onto its patches in turn until it lies on all of them (von Neumann's alternating projections). So sharp edges
 stay sharp.
 """
 
@@ -17,11 +17,11 @@ from simgen.geometry.surface import ClosestPoint, patches_at, smooth_patches
 from simgen.geometry.tetrahedra import TET_FACES, TRIANGLE_EDGES, boundary_triangles, signed_volumes
 
 FREE, HELD, CORE = 0, 1, 2  # regions of the true surface: touchable, held, facing the rigid core
-ROUNDS = 30  # of alternating projections
+ROUNDS = 30  # alternating projections
 
 
 def _determinant_points() -> np.ndarray:
-    """Barycentric points where the geometry map is checked: corners, mid-edges, face centres, 15 inside."""
+    """Corners, mid-edges, face centres and 15 points inside, in barycentric coordinates."""
     corners = np.eye(4)
     middles = corners[TET_EDGES].mean(axis=1)
     centres = corners[TET_FACES].mean(axis=1)
@@ -29,46 +29,50 @@ def _determinant_points() -> np.ndarray:
     return np.concatenate([corners, middles, centres, inner, [[0.25] * 4]])
 
 
-DETERMINANT_POINTS = _determinant_points()
+DETERMINANT_POINTS = _determinant_points()  # (29, 4): where the geometry map is checked
 
 
 class LabelledSurface:
-    """The true surface of a gel: a closed triangulation whose faces carry a region, FREE, HELD or CORE."""
+    """The true surface of a gel: closed triangles, each of the region FREE, HELD or CORE.
+
+    ``patch`` (f,) labels smooth patches, which end at creases and where regions end.
+    """
 
     def __init__(self, surface: trimesh.Trimesh, region: np.ndarray):
         self.surface = surface
         self.region = region
-        self.patch = smooth_patches(surface, region)  # those that nodes are moved onto: they end at regions, too
+        self.patch = smooth_patches(surface, region)
         self._smooth = smooth_patches(surface)
         self.closest = ClosestPoint(surface.vertices, surface.faces)
         self._on_patch: dict[int, ClosestPoint] = {}
 
     def on_patch(self, patch: int) -> ClosestPoint:
         if patch not in self._on_patch:
-            self._on_patch[patch] = ClosestPoint(
-                self.surface.vertices, self.surface.faces[self.patch == patch]
-            )
+            self._on_patch[patch] = ClosestPoint(self.surface.vertices, self.surface.faces[self.patch == patch])
         return self._on_patch[patch]
 
     def part(self, region: int) -> ClosestPoint | None:
-        """Closest points on the faces of one region; None where the surface has no such face."""
+        """Closest points on the faces of one region; None if the surface has no such face."""
         faces = self.surface.faces[self.region == region]
         return ClosestPoint(self.surface.vertices, faces) if len(faces) else None
 
     def is_held(self, points: np.ndarray) -> np.ndarray:
-        """Whether the nearest point of the surface is held, (n,) bool."""
+        """True for points whose nearest face is held: (n, 3) m to (n,) bool."""
         return self.region[self.closest(points)[2]] == HELD
 
     def patches_at(self, vertices: np.ndarray, faces: np.ndarray) -> list[set[int]]:
-        """Smooth patches that meet at each vertex of a boundary (f, 3) near this surface: two on a crease."""
+        """Labels of the smooth patches at each vertex of a nearby boundary (f, 3): two or more on a crease."""
         nearest = self.closest(vertices[faces].mean(axis=1))[2]
         return patches_at(len(vertices), faces, self._smooth[nearest])
 
     def area(self, region: int) -> float:
+        """Area of a region, m2."""
         return float(self.surface.area_faces[self.region == region].sum())
 
     def project(self, points: np.ndarray, patches: list[tuple[int, ...]], limit: float) -> np.ndarray:
-        """Each point onto all of its patches; where that is further than ``limit``, onto the nearest face."""
+        """Points (n, 3) projected onto all of their patches; where that moves one by more than ``limit`` (m), onto the
+        nearest face.
+        """
         on = np.array(points)
         members = defaultdict(list)
         for i, own in enumerate(patches):
@@ -89,6 +93,8 @@ class LabelledSurface:
 
 @dataclass(frozen=True)
 class CurvedMesh:
+    """Ten-node tetrahedra whose boundary follows the true surface."""
+
     nodes: np.ndarray  # (n, 3) m, corners first
     n_corners: int
     tetrahedra: np.ndarray  # (e, 10) int32
@@ -98,15 +104,13 @@ class CurvedMesh:
 
 
 def determinants(nodes: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
-    """Determinant of the geometry map, by that of the straight element, at `DETERMINANT_POINTS`: (e, d)."""
+    """Determinant (e, d) of the geometry map at `DETERMINANT_POINTS`, relative to the straight element's."""
     det = np.linalg.det(geometry_jacobian(nodes[tetrahedra][:, None], DETERMINANT_POINTS[None]))
     return det / (6.0 * signed_volumes(nodes, tetrahedra))[:, None]
 
 
-def face_regions(
-    vertices: np.ndarray, faces: np.ndarray, true: LabelledSurface
-) -> tuple[np.ndarray, np.ndarray]:
-    """Region (f,) and smooth patch (f,) of boundary triangles: the true surface's, nearest their centre."""
+def face_regions(vertices: np.ndarray, faces: np.ndarray, true: LabelledSurface) -> tuple[np.ndarray, np.ndarray]:
+    """Region (f,) and smooth patch (f,) of the true surface nearest the centre of each boundary triangle (f, 3)."""
     nearest = true.closest(vertices[faces].mean(axis=1))[2]
     return true.region[nearest], true.patch[nearest]
 
@@ -114,10 +118,10 @@ def face_regions(
 def make_quadratic(
     vertices: np.ndarray, tetrahedra: np.ndarray, true: LabelledSurface, limit: float, least_det: float = 0.2
 ) -> CurvedMesh:
-    """Ten-node tetrahedra with their boundary nodes on the true surface.
+    """Make ten-node tetrahedra with their boundary nodes on the true surface.
 
-    limit: the furthest that a node is moved along its patches, m.
-    least_det: an element keeps straight edges if its determinant falls below this part of the straight one.
+    limit: largest move of a node along its patches, m.
+    least_det: an element whose relative determinant falls below this keeps straight edges.
     """
     faces, _, _ = boundary_triangles(tetrahedra)
     region, patch = face_regions(vertices, faces, true)
@@ -166,8 +170,7 @@ def _edge_numbers(edges: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def _project_corners(vertices, tetrahedra, faces, patch, true, limit) -> np.ndarray:
-    """Boundary corners on the true surface, as far as the tetrahedra around them keep half of their volume.
-    """
+    """Move boundary corners onto the true surface, as far as each tetrahedron keeps half of its volume."""
     on_corner, outer = patches_at(len(vertices), faces, patch), np.unique(faces)
     move = np.zeros_like(vertices)
     move[outer] = true.project(vertices[outer], [tuple(on_corner[c]) for c in outer], limit) - vertices[outer]

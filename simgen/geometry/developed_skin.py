@@ -1,7 +1,7 @@
-"""The developed (unrolled) skin of a sensor: its surface by position along the finger and lateral arc length.
+"""The developed (unrolled) skin of a sensor: points by position along the finger and lateral arc length.
 
-Shared frame, metres: x along the finger, pad side -y, z lateral. The centre line is where the plane z = 0
-meets the pad side; the arc length counts from it along the cross-section x = const, positive towards +z.
+Shared frame, in metres: x along the finger, pad side -y, z lateral. The plane z = 0 meets the pad side in the centre
+line. The arc length counts from there along the cross-section x = const, positive towards +z.
 """
 
 from collections.abc import Iterable
@@ -9,11 +9,11 @@ from collections.abc import Iterable
 import numpy as np
 import trimesh
 
-CREASE_DEG = 30.0  # faces that meet at a larger angle keep their own normals
+CREASE_DEG = 30.0  # normals are not averaged over edges that are sharper
 
 
 def corner_normals(surface: trimesh.Trimesh) -> np.ndarray:
-    """Unit normals (f, 3, 3) at the corners of faces, angle-weighted over the faces around up to a crease."""
+    """Unit normals (f, 3, 3) at the corners of faces: angle-weighted means of the faces around, up to a crease."""
     corners = surface.faces.ravel()
     order = np.argsort(corners, kind="stable")
     valence = np.bincount(corners, minlength=len(surface.vertices))
@@ -49,14 +49,14 @@ class Skin:
         self._longest = np.ptp(x, axis=1).max() * (1.0 + 1e-9)
 
     def point(self, x: float, arc: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """The point (3,) at arc length ``arc`` of the cross-section at ``x`` (m), and its unit normal (3,).
+        """The point (3,) at arc length ``arc`` of the cross-section at ``x`` (both m), and its unit normal (3,).
 
-        None where there is no such section, or where the arc would pass z = 0 again, opposite the pad.
+        None if there is no such section, or if the arc would pass z = 0 again, opposite the pad.
         """
         return self.points(x, (arc,))[0]
 
     def points(self, x: float, arcs: Iterable[float]) -> list[tuple[np.ndarray, np.ndarray] | None]:
-        """The same at many arc lengths of one cross-section, which is found once."""
+        """Points and normals, as by `point`, at many arc lengths of one cross-section. The section is cut once."""
         ends, points, normals = self._section(x)
         start = _centre(points)
         if start is None:
@@ -70,21 +70,21 @@ class Skin:
         return found
 
     def _section(self, x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Segments of the plane's cut: ids (s, 2) of the edges that each joins, points and normals (s, 2, 3).
+        """Segments of a cut: ids (s, 2) of the edges that each joins, end points and normals (s, 2, 3).
 
-        A vertex in the plane counts as above it, so every cut face is crossed at exactly two edges and, the
-        surface being closed, the segments form closed loops.
+        A vertex in the plane counts as above it. So the plane crosses exactly two edges of every cut face, and the
+        segments form closed loops.
         """
         near = slice(*np.searchsorted(self._first_x, [x - self._longest, x]))
         cut = self._order[near][self._last_x[near] >= x]
         above = self._vertices[self._faces[cut], 0] >= x
-        # The lone corner is the one on its own side; the cut runs over the two edges that leave it.
+        # The lone corner is alone on its side of the plane; the cut crosses its two edges.
         lone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(axis=1)
         faces, rows = self._faces[cut], np.arange(len(cut))
         ends, points, normals = [], [], []
         for step in (1, 2):
             other = (lone + step) % 3
-            # One order of an edge's vertices, whichever face asks: neighbours meet at the very same point.
+            # Both faces of an edge use the same order of its vertices: they meet at the very same point.
             swap = faces[rows, lone] > faces[rows, other]
             low, high = np.where(swap, other, lone), np.where(swap, lone, other)
             a, b = faces[rows, low], faces[rows, high]
@@ -96,7 +96,7 @@ class Skin:
 
 
 def _centre(points: np.ndarray) -> tuple[int, float] | None:
-    """The segment of ``points`` (s, 2, 3) that crosses z = 0 on the pad side, and the fraction there."""
+    """The segment of ``points`` (s, 2, 3) that crosses z = 0 on the pad side, and the fraction along it."""
     z = points[:, :, 2]
     crossing = np.flatnonzero((z[:, 0] >= 0.0) != (z[:, 1] >= 0.0))
     if len(crossing) == 0:
@@ -110,9 +110,9 @@ def _centre(points: np.ndarray) -> tuple[int, float] | None:
 def _walk(
     arc: float, segment: int, fraction: float, points: np.ndarray, length: np.ndarray, neighbour: np.ndarray
 ) -> tuple[int, float] | None:
-    """Segment and fraction at an arc length from those of the centre; None if z = 0 is passed opposite the pad."""
+    """Segment and fraction at an arc length from the centre; None if the arc passes z = 0 opposite the pad."""
     side = int((points[segment, 1, 2] > points[segment, 0, 2]) == (arc >= 0.0))
-    # The walk starts inside a segment: count from that segment's near end.
+    # Count from the near end of the first segment.
     target = abs(arc) + length[segment] * (fraction if side == 1 else 1.0 - fraction)
     first = segment
     while target > length[segment]:
@@ -132,7 +132,7 @@ def _between(segment: int, t: float, points: np.ndarray, normals: np.ndarray) ->
 
 
 def _neighbours(ends: np.ndarray) -> np.ndarray:
-    """(s, 2, 2): segment and side that meet each side of each segment. Each id in ``ends`` is there twice."""
+    """(s, 2, 2): the segment and its side that meet each side of each segment. ``ends`` has each id twice."""
     order = np.argsort(ends.ravel(), kind="stable").reshape(-1, 2)
     partner = np.empty(ends.size, dtype=np.int64)
     partner[order[:, 0]], partner[order[:, 1]] = order[:, 1], order[:, 0]

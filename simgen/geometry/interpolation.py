@@ -1,4 +1,4 @@
-"""Values of a quadratic field anywhere in a curved tetrahedral mesh.
+"""Shape functions of ten-node tetrahedra, and interpolation of nodal fields at any point.
 
 Local coordinates are barycentric, (l0, l1, l2, l3) with sum 1.
 """
@@ -9,15 +9,15 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
-INSIDE = 1e-12  # of the mesh's size: a point this near to an element's point is in the element
 FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-STEPS = 12  # to the nearest place in a curved element
-SETTLED = 1e-13  # change of barycentric coordinates at which that place is found
-FEW = 6  # elements with the nearest centroids: they hold nearly all points inside
+INSIDE = 1e-12  # distance to an element, relative to the mesh's size, at which a point counts as inside
+STEPS = 12  # most Gauss-Newton steps to the nearest point of a curved element
+CONVERGED = 1e-13  # change of barycentric coordinates that ends these steps
+CANDIDATES = 6  # elements with the nearest centroids: they contain nearly all points inside
 
 
 def shape_functions(barycentric: np.ndarray) -> np.ndarray:
-    """The ten quadratic shape functions: (..., 4) -> (..., 10); corners l (2 l - 1), middles 4 l_i l_j."""
+    """The ten quadratic shape functions: (..., 4) -> (..., 10); corners l (2 l - 1), mid-edges 4 l_i l_j."""
     corner = barycentric * (2.0 * barycentric - 1.0)
     middle = 4.0 * barycentric[..., TET_EDGES[:, 0]] * barycentric[..., TET_EDGES[:, 1]]
     return np.concatenate([corner, middle], axis=-1)
@@ -40,10 +40,10 @@ def geometry_jacobian(element_nodes: np.ndarray, barycentric: np.ndarray) -> np.
 
 
 def _nearest_inside(element_nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates (m, 4) of the place in each element (m, 10, 3) that is nearest to its point (m, 3).
+    """Barycentric coordinates (m, 4) of the point of each element (m, 10, 3) that is nearest to ``points`` (m, 3).
 
-    Each step replaces the element by the straight tetrahedron that touches it where the last step ended (Gauss and
-    Newton), and takes the place nearest to the point there. Straight elements need one step.
+    A Gauss-Newton step replaces the element by the straight tetrahedron that is tangent to it at the last iterate, and
+    takes the nearest point of that. Straight elements need one step.
     """
     barycentric = np.full((len(points), 4), 0.25)
     best, least = barycentric.copy(), np.full(len(points), np.inf)
@@ -59,12 +59,12 @@ def _nearest_inside(element_nodes: np.ndarray, points: np.ndarray) -> np.ndarray
         distance = np.linalg.norm(reached - points[moving], axis=1)
         nearer = distance < least[moving]
         best[moving[nearer]], least[moving[nearer]] = barycentric[moving[nearer]], distance[nearer]
-        moving = moving[np.abs(barycentric[moving] - now).max(axis=1) > SETTLED]
+        moving = moving[np.abs(barycentric[moving] - now).max(axis=1) > CONVERGED]
     return best
 
 
 def _nearest_in_straight(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates (m, 4) of the place in each straight tetrahedron (m, 4, 3) nearest to a point (m, 3)."""
+    """As `_nearest_inside`, for straight tetrahedra with corners (m, 4, 3)."""
     edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
     volume, size = np.linalg.det(edges), np.abs(edges).max(axis=(1, 2))
     flat = np.abs(volume) < 1e-9 * size**3
@@ -74,7 +74,7 @@ def _nearest_in_straight(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     outside = np.flatnonzero(flat | (barycentric < 0.0).any(axis=1))
     if not len(outside):
         return barycentric
-    # In units of the tetrahedron, as trimesh has absolute tolerances.
+    # Scaled to the size of the tetrahedron, because trimesh has absolute tolerances.
     middle, size = corners[outside].mean(axis=1), size[outside, None]
     corners, points = (corners[outside] - middle[:, None]) / size[..., None], (points[outside] - middle) / size
     least = np.full(len(outside), np.inf)
@@ -92,16 +92,18 @@ def _nearest_in_straight(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
-    """Element (m,), barycentric coordinates (m, 4) and distance (m,) of the mesh's point nearest each point.
+    """Find the point of the mesh nearest to each of ``points`` (m, 3).
 
-    The distance is zero (to rounding) for points inside. It has the unit of the nodes.
+    Returns its element (m,), its barycentric coordinates (m, 4) and its distance (m,) in the unit of the nodes. The
+    distance is zero (to rounding) for points inside.
     """
     element_nodes = nodes[tetrahedra]
-    few = min(FEW, len(tetrahedra))
+    few = min(CANDIDATES, len(tetrahedra))
     _, near = cKDTree(element_nodes[:, :4].mean(axis=1)).query(points, k=range(1, few + 1))
     point = np.repeat(np.arange(len(points)), few)
     element, barycentric, distance = _nearest(element_nodes, points, point, near.ravel())
-    # Beside a large element the centroids of many small ones may be nearer. What is nearer has a nearer box, too.
+    # Beside a large element the centroids of many small ones may be nearer. So a point outside tries every element
+    # whose bounding box is nearer than the best candidate.
     least, most = element_nodes.min(axis=1), element_nodes.max(axis=1)
     pairs = [np.zeros((2, 0), dtype=np.int64)]
     for i in np.flatnonzero(distance > INSIDE * np.ptp(nodes)):
@@ -116,7 +118,7 @@ def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
 
 
 def _nearest(element_nodes, points, point, element) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The best of the pairs of a ``point`` and an ``element`` (pairs,), for each point of them, as by `locate`."""
+    """As `locate`, for pairs of a ``point`` and an ``element``, both (pair,) indices: the best pair of each point."""
     target = points[point]
     barycentric = _nearest_inside(element_nodes[element], target)
     reached = np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes[element])
@@ -127,9 +129,9 @@ def _nearest(element_nodes, points, point, element) -> tuple[np.ndarray, np.ndar
 
 
 def interpolation_matrix(simulation, points: np.ndarray) -> csr_matrix:
-    """Quadratic shape functions as a matrix (p, n): nodal values of a `SimulationMesh` to points (p, 3), m.
+    """Matrix (p, n) of shape functions, from nodal values of a `SimulationMesh` to values at points (p, 3), m.
 
-    Points outside the mesh get the value of the nearest element; `locate` says how far they had to be moved.
+    A point outside takes the value at the nearest point of the mesh; `locate` gives the distance.
     """
     element, barycentric, _ = locate(simulation.nodes, simulation.tetrahedra, np.asarray(points, dtype=float))
     rows = np.repeat(np.arange(len(points)), 10)

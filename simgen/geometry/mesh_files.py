@@ -1,4 +1,4 @@
-"""Mesh files: those that users bring, and our own compact one. Everything is metres once it is read."""
+"""Mesh files: users' meshes in many formats, and simgen's own .npz. Every mesh is in metres once it is read."""
 
 import contextlib
 import hashlib
@@ -21,23 +21,23 @@ UNITS = {"m": 1.0, "mm": 1e-3}
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply")
 MESHIO_FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".mesh": "medit"}
 TET_SUFFIXES = (*MESHIO_FORMATS, ".tet")
-SMALLEST, LARGEST = 1e-4, 0.5  # m, of a gel, a core or an indenter: across, along its longest axis
+SMALLEST, LARGEST = 1e-4, 0.5  # m, longest side of the bounding box of a gel, a core or an indenter
 
 
 def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
-    """A user's mesh: its closed outward surface; vertices and tetrahedra where the file has them.
+    """Read a user's mesh: its closed outward surface, its vertices (v, 3) m and tetrahedra (t, 4), or None twice.
 
     .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio) tetrahedra or triangles, .tet lines ``v x y z`` and
-    ``t a b c d``. Second-order cells count by their corners, joined by straight edges.
+    ``t a b c d``. Second-order cells are read as straight ones.
 
-    Raises InputError where the file is missing, unknown, open or has tetrahedra of both signs.
+    Raises InputError if the file is missing, of an unknown format, open or has tetrahedra of both signs.
     """
     suffix = path.suffix.lower()
     if suffix not in SURFACE_SUFFIXES + TET_SUFFIXES:
         raise InputError(
             f"{path}: unknown kind of mesh {suffix!r}, allowed {' '.join(SURFACE_SUFFIXES + TET_SUFFIXES)}"
         )
-    if not os.path.isfile(path):  # which is no error of a name that is too long
+    if not os.path.isfile(path):  # unlike Path.is_file, accepts a name that is too long
         raise InputError(f"{path}: no such mesh file")
     with parsing(path, suffix):
         points, cells = _read_tet(path) if suffix == ".tet" else _read_any(path, suffix)
@@ -51,7 +51,7 @@ def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None
 
 
 def check_mesh(path: Path, points: np.ndarray, cells: np.ndarray) -> None:
-    """Raises InputError unless ``cells`` (c, 3 or 4), at least one, name finite ``points`` (p, 3)."""
+    """Raises InputError unless there are ``cells`` (c, 3 or 4), all of finite ``points`` (p, 3)."""
     if not len(cells):
         raise InputError(f"{path}: no triangle and no tetrahedron in it")
     if points.ndim != 2 or points.shape[1] != 3 or cells.ndim != 2 or cells.shape[1] not in (3, 4):
@@ -63,7 +63,7 @@ def check_mesh(path: Path, points: np.ndarray, cells: np.ndarray) -> None:
 
 
 def check_body(path: Path, surface: trimesh.Trimesh) -> None:
-    """Raises InputError unless a surface that was made of numbers is a closed body of a fingertip's size."""
+    """Raises InputError unless a generated surface is a closed body of a fingertip's size."""
     check_mesh(path, surface.vertices, surface.faces)
     check_size(path, surface.vertices)
     if not surface.is_watertight or not surface.volume > 0.0:
@@ -71,7 +71,7 @@ def check_body(path: Path, surface: trimesh.Trimesh) -> None:
 
 
 def check_size(path: Path, points: np.ndarray) -> None:
-    """Raises InputError where a body of points (..., 3) in m is no fingertip's size: mm for m, most often."""
+    """Raises InputError unless points (..., 3), m, are of a fingertip's size. The usual cause is mm taken for m."""
     largest = float(np.ptp(points.reshape(-1, 3), axis=0).max())
     if not SMALLEST < largest < LARGEST:
         allowed = f"allowed: {SMALLEST:g}..{LARGEST:g} m; is its unit m or mm?"
@@ -100,38 +100,34 @@ def _read_any(path: Path, suffix: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _oriented(points: np.ndarray, tetrahedra: np.ndarray, path: Path) -> np.ndarray:
-    """The tetrahedra with positive volume; a file that orders them all the other way round is fine."""
+    """Tetrahedra of positive volume. A file may order all of them the other way round."""
     volume = signed_volumes(points, tetrahedra)
     if (volume < 0).all():
         return tetrahedra[:, [0, 2, 1, 3]].astype(np.int32)
     if (volume <= 0).any():
-        raise InputError(
-            f"{path}: {(volume <= 0).sum()} of {len(volume)} tetrahedra are inverted or flat, allowed 0"
-        )
+        raise InputError(f"{path}: {(volume <= 0).sum()} of {len(volume)} tetrahedra are inverted or flat, allowed 0")
     return tetrahedra.astype(np.int32)
 
 
 def closed_surface(points: np.ndarray, faces: np.ndarray, path: Path) -> trimesh.Trimesh:
-    """A watertight surface with its normals outwards. Raises InputError where it is open."""
+    """Make a watertight surface with outward normals. Raises InputError if it is open."""
     surface = trimesh.Trimesh(points, faces, process=False)
     surface.merge_vertices(merge_norm=True, merge_tex=True)
     surface.remove_unreferenced_vertices()
     if not surface.is_watertight:
-        raise InputError(
-            f"{path}: the surface is open (an edge joins other than two faces), it must be closed"
-        )
+        raise InputError(f"{path}: the surface is open (an edge joins other than two faces), it must be closed")
     if not surface.is_winding_consistent or enclosed_volume(surface.vertices, surface.faces) < 0:
         surface.fix_normals(multibody=True)
     return surface
 
 
 def bodies(surface: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """The closed bodies of a surface, largest first."""
+    """Closed bodies of a surface, largest first."""
     return sorted(surface.split(only_watertight=False), key=lambda body: -abs(body.volume))
 
 
 def array_hash(source: str, arrays: dict[str, np.ndarray]) -> str:
-    """SHA-256 of what a mesh was made from and of its arrays."""
+    """SHA-256 of a mesh: of its arrays and of ``source``, the hash of the geometry and settings."""
     digest = hashlib.sha256(source.encode())
     for name in sorted(arrays):
         digest.update(name.encode())
@@ -140,8 +136,7 @@ def array_hash(source: str, arrays: dict[str, np.ndarray]) -> str:
 
 
 def save_mesh(path: Path, mesh: SimulationMesh | OutputMesh, source: str) -> None:
-    """Write a mesh as .npz, with the hash of what it was made from. An existing file is never half replaced.
-    """
+    """Write a mesh and its ``source`` as .npz. The file is replaced in one step."""
     arrays = {name: value for name, value in vars(mesh).items() if name != "hash"}
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
@@ -151,8 +146,9 @@ def save_mesh(path: Path, mesh: SimulationMesh | OutputMesh, source: str) -> Non
 
 
 def load_mesh(path: Path, kind: type, source: str):
-    """A mesh that `save_mesh` wrote, of class ``kind``; None where there is none. Raises InputError on a
-    stale one.
+    """Read a mesh of class ``kind`` that `save_mesh` wrote; None if there is no file.
+
+    Raises InputError if it was made from another ``source``.
     """
     if not path.is_file():
         return None
@@ -161,14 +157,12 @@ def load_mesh(path: Path, kind: type, source: str):
             stored = str(file["source"])
             arrays = {name: file[name] for name in file.files if name != "source"}
         if stored != source:
-            raise InputError(
-                f"{path}: made from other geometry or settings than sensor.yaml now says: run simgen mesh"
-            )
+            raise InputError(f"{path}: made from other geometry or settings than sensor.yaml now says: run simgen mesh")
         return with_hash(kind, source, arrays)
 
 
 def with_hash(kind: type, source: str, arrays: dict[str, np.ndarray]):
-    """A SimulationMesh or OutputMesh from its arrays."""
+    """Make a SimulationMesh or OutputMesh of its arrays and their hash."""
     values = dict(arrays)
     if "n_corners" in values:
         values["n_corners"] = int(values["n_corners"])
@@ -176,9 +170,9 @@ def with_hash(kind: type, source: str, arrays: dict[str, np.ndarray]):
 
 
 def cached(source: str, kind: type, make):
-    """The mesh made from ``source`` before, else ``make()``, kept in the user's cache.
+    """The mesh of this ``source`` in the user's cache, or else ``make()``, which is then cached.
 
-    Meshing differs from run to run: whoever comes first stays, so that all processes use one mesh.
+    Meshing differs from run to run. The first mesh stays, so that all processes use the same one.
     """
     folder = Path(os.environ.get("SIMGEN_CACHE") or platformdirs.user_cache_dir("simgen")) / "meshes"
     path = folder / f"{source}.npz"

@@ -1,10 +1,9 @@
-"""Gates that a mesh has to pass before anything is pressed into it. They fail loudly, with numbers.
+"""Measures of a mesh's quality, and the gates that a mesh must pass before it is used.
 
-The measure of a straight tetrahedron is its mean ratio, eta = 12 (3 V)^(2/3) / sum of squared edges (Liu and
-Joe, BIT 34, 1994): 1 for the regular one, 0 for a flat one. It is 3 / (AMIPS energy), and fTetWild works
-until no element has an energy above 10, which is eta = 0.3. The gate stands at 0.15: room for the move of
-boundary nodes onto the true surface, and far from the slivers that ruin the conditioning of the stiffness,
-whose largest eigenvalue grows as 1 / eta^(3/2) per element.
+A straight tetrahedron is judged by its mean ratio, eta = 12 (3 V)^(2/3) / sum of squared edges (Liu and Joe, BIT 34,
+1994): 1 if regular, 0 if flat. It is 3 / (AMIPS energy). fTetWild works until no element has an energy above 10, which
+is eta = 0.3. The gate stands at 0.15. That leaves room for moving boundary nodes onto the true surface. It is far from
+slivers, which ruin the conditioning: the largest eigenvalue of an element's stiffness grows as 1 / eta^(3/2).
 """
 
 from dataclasses import dataclass
@@ -20,14 +19,14 @@ from simgen.geometry.surface import enclosed_volume
 from simgen.geometry.tetrahedra import TET_FACES, boundary_triangles, signed_volumes
 
 LEAST_MEAN_RATIO = 0.15
-LEAST_DETERMINANT = 0.2  # of the geometry map, by that of the straight element
+LEAST_DETERMINANT = 0.2  # of the geometry map, relative to the straight element's
 VOLUME_TOLERANCE = 0.02  # of the true volume
-HELD_AREA_TOLERANCE = 0.2  # of the true held area: on a user's own tetrahedra a patch may have a jagged rim
+HELD_AREA_TOLERANCE = 0.2  # of the true held area: a held patch of a user's own tetrahedra may have a jagged rim
 
 
 @dataclass(frozen=True)
 class MeshQuality:
-    """The numbers that the gates look at. Lengths in m, volumes in m3."""
+    """The numbers that the gates check. Volumes in m3."""
 
     nodes: int
     tetrahedra: int
@@ -59,17 +58,17 @@ def mean_ratio(vertices: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
 
 
 def curved_volume(nodes: np.ndarray, tetrahedra: np.ndarray) -> float:
-    """Volume of ten-node tetrahedra: exact, as their determinant and the five-point rule are cubic."""
+    """Volume of ten-node tetrahedra. The five-point rule is exact for their cubic determinant."""
     points = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 1 / 6) + np.eye(4) / 3])
     weights = np.array([-4 / 5, *[9 / 20] * 4]) / 6.0  # Zienkiewicz, The Finite Element Method
     return float((np.linalg.det(geometry_jacobian(nodes[tetrahedra][:, None], points)) @ weights).sum())
 
 
 def curved_area(nodes: np.ndarray, faces: np.ndarray) -> float:
-    """Area of six-node triangles by the three-point rule: exact where flat, even with curved edges."""
+    """Area of six-node triangles by the three-point rule; exact for flat triangles, even with curved edges."""
     area = 0.0
     for a, b, c in np.full((3, 3), 1 / 6) + np.eye(3) / 2:
-        # Derivatives of the shape functions (corners, edges 01 12 20) by the second and third coordinate.
+        # Derivatives of the shape functions (corners, edges 01 12 20) by b and c.
         by_b = np.array([1 - 4 * a, 4 * b - 1, 0, 4 * (a - b), 4 * c, -4 * c])
         by_c = np.array([1 - 4 * a, 0, 4 * c - 1, -4 * b, 4 * b, 4 * (a - c)])
         tangents = np.einsum("fni,kn->fki", nodes[faces], np.stack([by_b, by_c]))
@@ -78,14 +77,14 @@ def curved_area(nodes: np.ndarray, faces: np.ndarray) -> float:
 
 
 def components(tetrahedra: np.ndarray) -> int:
-    """Number of bodies: tetrahedra that share a face are one."""
+    """Number of bodies: tetrahedra that share a face are of the same body."""
     faces = np.sort(tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
     _, face = np.unique(faces, axis=0, return_inverse=True)
     return _components(face.ravel(), np.repeat(np.arange(len(tetrahedra)), 4))
 
 
 def boundary_topology(faces: np.ndarray) -> tuple[int, int]:
-    """Number of closed shells, and of edges that do not join exactly two of the triangles."""
+    """Number of closed shells of triangles, and number of edges that do not join exactly two triangles."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, edge, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
     return _components(edge.ravel(), np.repeat(np.arange(len(faces)), 3)), int((count != 2).sum())
@@ -100,7 +99,7 @@ def _components(shared: np.ndarray, owner: np.ndarray) -> int:
 
 
 def measure(mesh: CurvedMesh, true: LabelledSurface) -> MeshQuality:
-    """The quality of a curved mesh beside its true surface."""
+    """Measure a curved mesh against its true surface."""
     corners = mesh.tetrahedra[:, :4]
     least_det = determinants(mesh.nodes, mesh.tetrahedra).min()
     volume = curved_volume(mesh.nodes, mesh.tetrahedra)
@@ -123,7 +122,7 @@ def measure(mesh: CurvedMesh, true: LabelledSurface) -> MeshQuality:
 
 
 def check(quality: MeshQuality, shells: int, name: str) -> None:
-    """Raises InputError with every gate that the mesh fails. shells: closed shells of the true surface."""
+    """Raises InputError with every gate that the mesh fails. ``shells``: closed shells of the true surface."""
     gates = [
         (quality.least_mean_ratio >= LEAST_MEAN_RATIO,
          f"a tetrahedron of mean ratio {quality.least_mean_ratio:.3g}, least allowed {LEAST_MEAN_RATIO}"),

@@ -1,7 +1,7 @@
-"""The same mesh, numbered as a sweep through the body meets it: neighbours in space are neighbours in memory.
+"""Node ordering: numbers nodes and elements so that neighbours in space are neighbours in memory.
 
-A mesher's numbers are arbitrary. In the order of a sweep, elements that are worked on at the same time share most of
-their nodes, which then come from a cache.
+A mesher numbers nodes arbitrarily. In reverse Cuthill-McKee order, elements that run at the same time share most of
+their nodes, and read them from a cache.
 """
 
 from dataclasses import replace
@@ -14,12 +14,15 @@ from simgen.geometry.interpolation import TET_EDGES
 from simgen.geometry.tetrahedra import SimulationMesh
 
 
-def in_sweep_order(mesh: SimulationMesh) -> SimulationMesh:
-    """Corners by reverse Cuthill-McKee (Cuthill and McKee, ACM National Conference 1969); all else follows them."""
+def in_cuthill_mckee_order(mesh: SimulationMesh) -> SimulationMesh:
+    """The same mesh with its corner nodes in reverse Cuthill-McKee order (ACM National Conference 1969).
+
+    Mid-edge nodes, elements and faces follow by the mean place of their corners.
+    """
     n, n_corners, corners = len(mesh.nodes), mesh.n_corners, mesh.tetrahedra[:, :4]
     a, b = (corners[:, ends].ravel() for ends in TET_EDGES.T)
     graph = sparse.csr_array((np.ones(len(a)), (a, b)), shape=(n_corners, n_corners))
-    place = np.full(n, np.inf)  # along the sweep
+    place = np.full(n, np.inf)
     place[reverse_cuthill_mckee(sparse.csr_matrix(graph + graph.T), symmetric_mode=True)] = np.arange(n_corners)
     place[mesh.tetrahedra[:, 4:]] = place[corners[:, TET_EDGES]].mean(axis=-1)
     order = np.concatenate([np.argsort(place[:n_corners]), n_corners + np.argsort(place[n_corners:], kind="stable")])

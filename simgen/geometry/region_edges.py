@@ -1,8 +1,7 @@
-"""The edge of a region of a surface, made edges of a mesh: a held patch ends where it ends, not at the next element.
+"""Alignment of a mesh with the edge of a region, so that a held patch ends where sensor.yaml says.
 
-Between a corner inside the region and one outside, the nearer corner moves to the region's edge where it is close; an
-edge that is still crossed is split there. (Warping before cutting keeps elements well shaped: Labelle and Shewchuk,
-"Isosurface stuffing", ACM TOG 26, 2007.)
+Where a mesh edge crosses the region's edge, a corner that is close moves onto it. Other crossed edges are split there.
+Warping before cutting keeps elements well shaped (Labelle and Shewchuk, "Isosurface stuffing", ACM TOG 26, 2007).
 """
 
 from collections.abc import Callable
@@ -11,23 +10,26 @@ import numpy as np
 
 from simgen.geometry.mesh_quality import mean_ratio
 
-NEAR = 0.3  # of an edge: a corner closer than this to the crossing may stand for it; below 1/3, where centres are
-AT = 0.02  # of an edge: a corner closer than this is there already
-THIN = 0.15  # of an edge: no tetrahedron's edge is split closer to its ends
-LEAST_SHAPE = 0.3  # mean ratio that moving a corner or splitting an edge must leave: what fTetWild guarantees
+# Distances from a corner to the crossing, as shares of the mesh edge:
+NEAR = 0.3  # the corner may move to the crossing; below 1/3, where triangles have their centres
+AT = 0.02  # the corner counts as on the region's edge
+THIN = 0.15  # no tetrahedron's edge is split closer to a corner
+LEAST_SHAPE = 0.3  # mean ratio after a move or a split, at least: what fTetWild guarantees
 BISECTIONS = 30
 
-Inside = Callable[[np.ndarray], np.ndarray]  # points (n, 3) -> (n,) bool: which are in the region
+Inside = Callable[[np.ndarray], np.ndarray]  # points (n, 3) -> (n,) bool, True in the region
 
 
 def cut(
     vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray, inside: Inside, meeting: list[set[int]], reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same surface with its triangles split where a region ends: vertices (v', 3), faces (f', 3).
+    """Split the triangles of a surface where a region ends: vertices (v', 3), faces (f', 3).
 
-    edges (e, 2): all of them. meeting: smooth patches at each vertex. A region that ends close to a crease of the body,
-    where two of them meet, ends at it: within `NEAR` of an edge, but no longer a way than ``reach``. What lies between
-    two corners is not seen: a region narrower than a triangle is what the triangles' centres say.
+    edges: (e, 2) all edges of the surface.
+    meeting: labels of the smooth patches at each vertex; two or more on a crease.
+    reach: m. A region that ends closer than this to a crease, and within `NEAR` of a mesh edge, ends at the crease.
+
+    A region narrower than a triangle is not seen between two corners.
     """
     crossed, share = _crossings(vertices, edges, inside, 0.0)
     stays = np.array([[not meeting[a] <= meeting[b], not meeting[b] <= meeting[a]] for a, b in crossed]).reshape(-1, 2)
@@ -42,10 +44,12 @@ def cut(
 def align(
     vertices: np.ndarray, tetrahedra: np.ndarray, edges: np.ndarray, inside: Inside, meeting: list[set[int]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tetrahedra whose surface edges end where a region does: vertices (v', 3), tetrahedra (t', 4).
+    """Align the surface edges of tetrahedra with the edge of a region: vertices (v', 3), tetrahedra (t', 4).
 
-    edges (e, 2): those on the surface. meeting: smooth patches at each corner. One on a crease stays on it. An
-    edge stays crossed where neither a move nor a split leaves well-shaped elements.
+    edges: (e, 2) edges on the surface.
+    meeting: labels of the smooth patches at each corner; a corner on a crease stays on it.
+
+    An edge stays crossed if neither a move nor a split leaves well-shaped elements.
     """
     vertices, tetrahedra = np.array(vertices), np.array(tetrahedra)
     crossed, share = _crossings(vertices, edges, inside, 0.0)
@@ -62,10 +66,10 @@ def align(
 
 
 def _crossings(vertices, edges, inside, off: float) -> tuple[np.ndarray, np.ndarray]:
-    """Edges with one end inside, and where along each (share from its first end) the region ends, by bisection.
+    """Edges (k, 2) with one end inside, and the share (k,) of each, from its first end, where the region ends.
 
-    Ends are looked at ``off`` (a share of the edge) from the corners, which may lie on the region's edge themselves;
-    what is crossed closer to them stays.
+    Ends are tested ``off`` (a share of the edge) away from the corners, which may lie on the region's edge. Crossings
+    closer to a corner are not found.
     """
     a, b = vertices[edges[:, 0]], vertices[edges[:, 1]]
     first = inside(a + off * (b - a))
@@ -80,7 +84,7 @@ def _crossings(vertices, edges, inside, off: float) -> tuple[np.ndarray, np.ndar
 
 
 def _warp(vertices, tetrahedra, crossed, share, inside, meeting) -> np.ndarray:
-    """Move close corners to their nearest crossing, in place; which of the crossed edges are settled by that."""
+    """Move close corners to their nearest crossing, in place. Returns (k,) bool, True for edges no longer crossed."""
     there, settled = np.zeros(len(vertices), dtype=bool), np.zeros(len(crossed), dtype=bool)
     away = np.stack([share, 1.0 - share], axis=1).ravel()
     points = (1.0 - share)[:, None] * vertices[crossed[:, 0]] + share[:, None] * vertices[crossed[:, 1]]
@@ -105,8 +109,7 @@ def _warp(vertices, tetrahedra, crossed, share, inside, meeting) -> np.ndarray:
 
 
 def _split(vertices, simplices, a, b, point) -> tuple[np.ndarray, np.ndarray]:
-    """Split edge a-b at a point, and with it every triangle or tetrahedron that has it; the point is the last vertex.
-    """
+    """Split edge a-b, and every triangle or tetrahedron that has it, at a point, which becomes the last vertex."""
     both = (simplices == a).any(axis=1) & (simplices == b).any(axis=1)
     new, first, second = len(vertices), simplices[both], simplices[both]
     first[first == b] = new

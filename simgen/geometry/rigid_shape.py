@@ -1,4 +1,4 @@
-"""Rigid shapes made on the host: analytic, or sampled from a closed mesh; their distance at points.
+"""Rigid shapes made on the host, analytic or sampled from a closed mesh, and their signed distance at points.
 
 Shapes and points are in mm, meshes in m.
 """
@@ -16,11 +16,11 @@ from simgen.geometry.signed_distance import Kind, RigidShape, probe
 
 wp.set_module_options({"enable_backward": False})
 
-MOST_GRID_POINTS = 64e6  # of a sampled shape
+MOST_GRID_POINTS = 64e6  # of a sampled shape: 512 MB
 
 
 def rigid_shape(kind: Kind, *size_mm: float) -> RigidShape:
-    """An analytic shape; the sizes (mm) in the order that `Kind` gives."""
+    """Make an analytic shape; the sizes (mm) in the order of `Kind`."""
     shape = RigidShape()
     shape.kind = int(kind)
     shape.size = wp.vec4d(*size_mm, *([0.0] * (4 - len(size_mm))))
@@ -29,7 +29,7 @@ def rigid_shape(kind: Kind, *size_mm: float) -> RigidShape:
 
 
 def lateral_reach(shape: RigidShape) -> float:
-    """The largest distance of the shape from its y axis, mm; for a sampled shape that of its grid."""
+    """Largest distance of the shape from its y axis, mm; of a sampled shape: of its grid."""
     kind, size = Kind(shape.kind), np.array(shape.size)
     if kind is Kind.SAMPLED:
         low = np.array(shape.grid_origin)
@@ -42,7 +42,7 @@ def lateral_reach(shape: RigidShape) -> float:
 
 
 def highest(shape: RigidShape) -> float:
-    """The height that the shape nowhere exceeds, mm: its tip, or for a sampled shape the top of its grid."""
+    """Upper bound of the shape along y, mm: its tip, or the top of a sampled shape's grid."""
     if Kind(shape.kind) is not Kind.SAMPLED:
         return 0.0
     return float(np.array(shape.grid_origin)[1] + shape.grid_spacing * (shape.coefficients.shape[1] - 1))
@@ -59,7 +59,7 @@ def _mesh_distance_kernel(
 ):
     i = wp.tid()
     x = points[i]
-    # The query finds the triangle in float32; the distance to it is measured in float64.
+    # The query finds the triangle in float32; the distance to it is computed in float64.
     hit = wp.mesh_query_point_sign_winding_number(mesh, wp.vec3(x), reach)
     a = vertices[triangles[hit.face, 0]]
     b = vertices[triangles[hit.face, 1]]
@@ -70,7 +70,7 @@ def _mesh_distance_kernel(
 
 
 def mesh_distance(mesh: trimesh.Trimesh, points_mm: np.ndarray, device: str = "cpu") -> np.ndarray:
-    """Signed distance (n,) in mm of a closed mesh (m) at points (n, 3) in mm; negative inside."""
+    """Signed distance (n,) mm, negative inside, of a closed mesh (m) at points (n, 3) mm."""
     vertices = np.asarray(mesh.vertices) * 1e3
     points = np.ascontiguousarray(points_mm, dtype=np.float64).reshape(-1, 3)
     triangles = np.asarray(mesh.faces, dtype=np.int32)
@@ -92,15 +92,15 @@ def mesh_distance(mesh: trimesh.Trimesh, points_mm: np.ndarray, device: str = "c
 
 
 def grid_counts(extents_m: np.ndarray, spacing_mm: float, margin_mm: float) -> np.ndarray:
-    """Points (3,) along the axes of the grid of a `sampled_shape` with these extents (3,)."""
-    # Two more layers: the spline of the last cell, and the mirror condition at the very edge.
+    """Number of grid points (3,) along each axis of a `sampled_shape` with these extents (3,)."""
+    # Two more layers on each side: the spline of the last cell, and the mirror condition at the edge.
     return np.ceil((1e3 * extents_m + 2.0 * margin_mm) / spacing_mm).astype(int) + 5
 
 
 def sampled_shape(mesh: trimesh.Trimesh, spacing_mm: float, margin_mm: float, device: str = "cpu") -> RigidShape:
-    """Cubic B-spline of the signed distance of a closed mesh (m), on a grid around it; ``device`` measures it.
+    """Sample the signed distance of a closed mesh (m) on ``device``, see `sampled_distance`.
 
-    See `sampled_distance`. Raises InputError if the mesh is not closed, too.
+    Raises InputError if the mesh is not closed or the grid is too large.
     """
     if not mesh.is_watertight:
         raise InputError("a sampled shape needs a closed (watertight) surface; this one has open edges")
@@ -111,10 +111,12 @@ def sampled_shape(mesh: trimesh.Trimesh, spacing_mm: float, margin_mm: float, de
 def sampled_distance(
     distance: Callable[[np.ndarray], np.ndarray], bounds_mm: np.ndarray, spacing_mm: float, margin_mm: float
 ) -> RigidShape:
-    """Cubic B-spline of a signed distance on a grid: points (n, 3) mm -> (n,) mm of a body with bounds (2, 3) mm.
+    """Make a cubic B-spline of a signed distance. It is twice differentiable, so it has a curvature.
 
-    Twice differentiable, so it has a curvature. The grid reaches ``margin_mm`` beyond the body; outside, the distance
-    to the grid is added. Raises InputError if the grid passes `MOST_GRID_POINTS`.
+    distance: function of points (n, 3) mm that returns distances (n,) mm.
+    bounds_mm: (2, 3) bounds of the body. The grid reaches ``margin_mm`` beyond them.
+
+    Outside the grid, the distance to the grid is added. Raises InputError if it needs more than `MOST_GRID_POINTS`.
     """
     low = bounds_mm[0] - margin_mm - 2.0 * spacing_mm
     counts = grid_counts(1e-3 * np.ptp(bounds_mm, axis=0), spacing_mm, margin_mm)
@@ -134,9 +136,9 @@ def sampled_distance(
 
 
 def shape_array(shapes: Sequence[RigidShape], device: str = "cpu") -> wp.array:
-    """One shape per environment, for a kernel: ``wp.array(dtype=RigidShape)`` on ``device``.
+    """Put one shape per environment into an array on ``device``.
 
-    The array keeps its shapes alive: a Warp array of structs holds bare pointers to the nested coefficients.
+    The array keeps a reference to its shapes, because a Warp array of structs holds bare pointers to their arrays.
     """
     moved = {id(shape): shape.to(device) for shape in shapes}
     placed = [moved[id(shape)] for shape in shapes]
@@ -163,11 +165,11 @@ def _probe_kernel(
 def signed_distance(
     shape: "RigidShape | Sequence[RigidShape]", points_mm: np.ndarray, device: str = "cpu"
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distance (n,) mm, normal (n, 3) and curvature (n, 3, 3) 1/mm at points (n, 3) mm, shape's frame.
+    """Distance (n,) mm, normal (n, 3) and curvature (n, 3, 3) 1/mm at points (n, 3) mm in the shape's frame.
 
     Given b shapes, point i belongs to shape ``i % b``.
     """
-    shapes = [shape] if not isinstance(shape, Sequence) else shape
+    shapes = shape if isinstance(shape, Sequence) else [shape]
     points = np.ascontiguousarray(points_mm, dtype=np.float64).reshape(-1, 3)
     distance = wp.empty(len(points), dtype=wp.float64, device=device)
     normal = wp.empty(len(points), dtype=wp.vec3d, device=device)

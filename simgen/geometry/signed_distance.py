@@ -1,12 +1,11 @@
-"""Signed distance, normal and curvature of every rigid shape, as one Warp function on CPU and GPU.
+"""Signed distance fields of rigid shapes: distance, normal and curvature as Warp functions for CPU and GPU.
 
-Lengths in mm, float64. Shapes stand in the indenter frame: tip plane y = 0, press direction +y, body without
-end towards -y.
+Lengths in mm, float64. The indenter frame has the tip plane y = 0 and the press direction +y. Analytic shapes extend
+to infinity towards -y.
 
-Each analytic shape is assembled from coordinate distances (a slab, a round core) whose gradients are
-orthogonal, joined by a rounded intersection. For such a join the formula of Quilez ("Distance functions",
-iquilezles.org) is the exact distance of the filleted solid, inside and out, so its gradient is a unit vector
-and its Hessian is the curvature of the level set.
+Each analytic shape joins distances to simple parts (a slab, a round core) by a rounded intersection. The gradients of
+the parts are orthogonal. Then the formula of Quilez ("Distance functions", iquilezles.org) is the exact distance to the
+filleted solid, inside and outside. So its gradient is a unit vector, and its Hessian is the curvature of the level set.
 """
 
 import enum
@@ -17,27 +16,19 @@ wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no banner, no 
 
 
 class Kind(enum.IntEnum):
-    """The tag of a RigidShape, and the meaning of its ``size`` (mm)."""
+    """Kind of a RigidShape. The comments give its ``size``, mm."""
 
     SPHERE = 0  # radius
     CYLINDER = 1  # radius, half length along x, fillet
     CUBE = 2  # half width, fillet
     RING = 3  # outer radius, hole radius, fillet
     TEXTURE = 4  # half width, fillet, bump radius, bump offset along x and z
-    SAMPLED = 5  # unused: the shape is the zero level of a cubic B-spline
-
-
-SPHERE = wp.constant(int(Kind.SPHERE))
-CYLINDER = wp.constant(int(Kind.CYLINDER))
-CUBE = wp.constant(int(Kind.CUBE))
-RING = wp.constant(int(Kind.RING))
-TEXTURE = wp.constant(int(Kind.TEXTURE))
-SAMPLED = wp.constant(int(Kind.SAMPLED))
+    SAMPLED = 5  # no size; the shape is the zero level of a cubic B-spline
 
 
 @wp.struct
 class RigidShape:
-    """A rigid shape, in mm. The grid is used by ``Kind.SAMPLED`` alone.
+    """A rigid shape, in mm. Only ``Kind.SAMPLED`` uses the grid.
 
     ``coefficients[i, j, k]`` belongs to the grid point ``grid_origin + grid_spacing * (i, j, k)``.
     """
@@ -60,12 +51,10 @@ class Probe:
 
 @wp.func
 def _slab(coordinate: wp.float64, half_width: wp.float64, axis: wp.vec3d) -> Probe:
-    """``|coordinate| - half_width``, the coordinate being measured along ``axis``."""
+    """``|coordinate| - half_width`` of a coordinate along ``axis``."""
     result = Probe()
     result.distance = wp.abs(coordinate) - half_width
-    result.normal = axis
-    if coordinate < wp.float64(0.0):
-        result.normal = -axis
+    result.normal = wp.where(coordinate < wp.float64(0.0), -axis, axis)
     return result
 
 
@@ -94,9 +83,7 @@ def _shell(middle: Probe, half_thickness: wp.float64) -> Probe:
     """``|middle| - half_thickness``."""
     result = Probe()
     result.distance = wp.abs(middle.distance) - half_thickness
-    sign = wp.float64(1.0)
-    if middle.distance < wp.float64(0.0):
-        sign = wp.float64(-1.0)
+    sign = wp.where(middle.distance < wp.float64(0.0), wp.float64(-1.0), wp.float64(1.0))
     result.normal = sign * middle.normal
     result.curvature = sign * middle.curvature
     return result
@@ -128,7 +115,7 @@ def _rounded_intersection(a: Probe, b: Probe, fillet: wp.float64) -> Probe:
 
 @wp.func
 def _sphere(x: wp.vec3d, radius: wp.float64) -> Probe:
-    """A ray-shaped core along -y, grown by the radius: hemispherical tip and shaft."""
+    """A hemispherical tip with a round shaft: all points within the radius of a ray along -y."""
     zero, one = wp.float64(0.0), wp.float64(1.0)
     height = x[1] + radius
     active = wp.vec3d(one, one, one)
@@ -168,12 +155,10 @@ def _ring(x: wp.vec3d, outer: wp.float64, hole: wp.float64, fillet: wp.float64) 
 
 
 @wp.func
-def _texture(
-    x: wp.vec3d, half_width: wp.float64, fillet: wp.float64, bump: wp.float64, offset: wp.float64
-) -> Probe:
-    """The union (the nearer wins) of a cube, its face one bump radius low, and five hemispheres on it.
+def _texture(x: wp.vec3d, half_width: wp.float64, fillet: wp.float64, bump: wp.float64, offset: wp.float64) -> Probe:
+    """A cube whose face lies one bump radius below the tip plane, with five hemispheres on it.
 
-    Exact outside; inside, at the creases, a bound.
+    The union takes the nearest part. It is exact outside, and a bound inside near the creases.
     """
     zero = wp.float64(0.0)
     nearest = _cube(wp.vec3d(x[0], x[1] + bump, x[2]), half_width, fillet)
@@ -191,7 +176,7 @@ def _texture(
 
 @wp.func
 def _weights(t: wp.float64) -> wp.vec4d:
-    """Uniform cubic B-spline at the four taps around a point at fraction t of its cell."""
+    """Weights of a uniform cubic B-spline at the four grid points around fraction t of a cell."""
     one = wp.float64(1.0)
     three = wp.float64(3.0)
     u = one - t
@@ -224,7 +209,7 @@ def _bends(t: wp.float64) -> wp.vec4d:
 
 @wp.struct
 class Cell:
-    """Where a point lies in a shape's grid, or the grid's nearest point to it."""
+    """The place of a point in a shape's grid, or of the nearest point of the grid."""
 
     corner: wp.vec3i
     fraction: wp.vec3d
@@ -236,7 +221,7 @@ def _cell(shape: RigidShape, x: wp.vec3d) -> Cell:
     position = (x - shape.grid_origin) / shape.grid_spacing
     cell = Cell()
     for axis in range(3):
-        # The outermost layer of coefficients carries the taps of the last cell.
+        # The last cell needs the outermost layer of coefficients.
         last = shape.coefficients.shape[axis] - 2
         inside = wp.clamp(position[axis], wp.float64(1.0), wp.float64(last))
         corner = wp.min(wp.int32(wp.floor(inside)), last - 1)
@@ -248,7 +233,7 @@ def _cell(shape: RigidShape, x: wp.vec3d) -> Cell:
 
 @wp.func
 def _sampled_distance(shape: RigidShape, x: wp.vec3d) -> wp.float64:
-    """What ``_sampled`` has as distance, a quarter of its products."""
+    """The distance of `_sampled`, at a quarter of its cost."""
     cell = _cell(shape, x)
     t = cell.fraction
     wx, wy, wz = _weights(t[0]), _weights(t[1]), _weights(t[2])
@@ -261,7 +246,7 @@ def _sampled_distance(shape: RigidShape, x: wp.vec3d) -> wp.float64:
 
 @wp.func
 def _taps(shape: RigidShape, corner: wp.vec3i, i: wp.int32, j: wp.int32) -> wp.vec4d:
-    """A row of coefficients along z."""
+    """The four coefficients of a row along z."""
     taps = wp.vec4d()
     for k in range(4):
         taps[k] = shape.coefficients[corner[0] + i - 1, corner[1] + j - 1, corner[2] + k - 1]
@@ -270,7 +255,7 @@ def _taps(shape: RigidShape, corner: wp.vec3i, i: wp.int32, j: wp.int32) -> wp.v
 
 @wp.func
 def _sampled(shape: RigidShape, x: wp.vec3d) -> Probe:
-    """Cubic B-spline; outside its grid: the value at the grid's nearest point plus the distance to it."""
+    """Cubic B-spline. Outside the grid: the value at the nearest point of the grid plus the distance to it."""
     zero, one = wp.float64(0.0), wp.float64(1.0)
     h = shape.grid_spacing
     cell = _cell(shape, x)
@@ -281,7 +266,7 @@ def _sampled(shape: RigidShape, x: wp.vec3d) -> Probe:
     wx, wy, wz = _weights(t[0]), _weights(t[1]), _weights(t[2])
     sx, sy, sz = _slopes(t[0]), _slopes(t[1]), _slopes(t[2])
     bx, by, bz = _bends(t[0]), _bends(t[1]), _bends(t[2])
-    # One axis after the other: sums along z, of these along y, of these along x, a ninth of what 64 products cost.
+    # Sum along z, then y, then x: a ninth of the cost of 64 products for each derivative.
     value = wp.float64(0.0)
     gradient = wp.vec3d()
     xx, yy, zz = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
@@ -327,15 +312,15 @@ def probe(shape: RigidShape, x: wp.vec3d) -> Probe:
     """Signed distance (mm), normal and curvature (1/mm) of ``shape`` at ``x`` (mm, the shape's own frame)."""
     s = shape.size
     result = Probe()
-    if shape.kind == SPHERE:
+    if shape.kind == Kind.SPHERE:
         result = _sphere(x, s[0])
-    elif shape.kind == CYLINDER:
+    elif shape.kind == Kind.CYLINDER:
         result = _cylinder(x, s[0], s[1], s[2])
-    elif shape.kind == CUBE:
+    elif shape.kind == Kind.CUBE:
         result = _cube(x, s[0], s[1])
-    elif shape.kind == RING:
+    elif shape.kind == Kind.RING:
         result = _ring(x, s[0], s[1], s[2])
-    elif shape.kind == TEXTURE:
+    elif shape.kind == Kind.TEXTURE:
         result = _texture(x, s[0], s[1], s[2], s[3])
     else:
         result = _sampled(shape, x)
@@ -344,7 +329,7 @@ def probe(shape: RigidShape, x: wp.vec3d) -> Probe:
 
 @wp.func
 def distance(shape: RigidShape, x: wp.vec3d) -> wp.float64:
-    """The distance that ``probe`` finds, where neither normal nor curvature is wanted."""
-    if shape.kind == SAMPLED:
+    """Signed distance (mm) as by `probe`, without normal and curvature."""
+    if shape.kind == Kind.SAMPLED:
         return _sampled_distance(shape, x)
     return probe(shape, x).distance

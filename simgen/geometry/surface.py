@@ -1,4 +1,4 @@
-"""Queries on triangulated surfaces: exact closest points, pieces near a place, smooth patches between sharp edges."""
+"""Queries on triangulated surfaces: closest points, small pieces in a ball, smooth patches, shells, volume."""
 
 import numpy as np
 import trimesh
@@ -6,15 +6,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-CREASE_DEG = (
-    40.0  # a fillet meshed with three facets per quarter turn (30 deg) is still smooth, a chamfer (45) is not
-)
+CREASE_DEG = 40.0  # sharper edges are creases: a chamfer (45), not a fillet of three facets a quarter turn (30)
 
 
 class ClosestPoint:
-    """Exact closest points on a set of triangles, by a tree over the centroids of their pieces.
+    """Exact closest points on triangles, by a k-d tree of centroids.
 
-    Large triangles are split first, so that a centroid is near every point of its piece.
+    Large triangles are split first, so that every point of a piece is near its centroid.
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray):
@@ -22,16 +20,14 @@ class ClosestPoint:
         pieces, piece_faces, self.owner = trimesh.remesh.subdivide_to_size(
             vertices, faces, longest, max_iter=60, return_index=True
         )
-        self.scale = (
-            1.0 / longest
-        )  # trimesh compares products of lengths with absolute tolerances: keep them near 1
+        self.scale = 1.0 / longest  # scales lengths to about 1, because trimesh has absolute tolerances
         self.triangles = pieces[piece_faces] * self.scale
         centroids = self.triangles.mean(axis=1)
         self.reach = np.linalg.norm(self.triangles - centroids[:, None], axis=2).max()
         self.tree = cKDTree(centroids)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (n, 3) -> closest points (n, 3), distances (n,), indices of the faces (n,)."""
+        """Closest points (n, 3), distances (n,) and indices of faces (n,) for points (n, 3)."""
         points = np.asarray(points, dtype=float) * self.scale
         closest = np.empty_like(points)
         distance = np.empty(len(points))
@@ -47,7 +43,7 @@ class ClosestPoint:
             best = gap.argmin(axis=1)
             row = np.arange(len(todo))
             closest[todo], distance[todo], piece[todo] = on[row, best], gap[row, best], near[row, best]
-            # A triangle that was not looked at lies at least (distance of its centroid - reach) away.
+            # A piece that was not tried lies at least (distance of its centroid - reach) away.
             sure = (gap[row, best] <= away[:, -1] - self.reach) | (k == len(self.triangles))
             todo = todo[~sure]
             k = min(4 * k, len(self.triangles))
@@ -55,9 +51,9 @@ class ClosestPoint:
 
 
 class FinePieces:
-    """Triangles (f, 3, 3) that are subdivided where a caller looks at them, and nowhere else.
+    """Triangles (f, 3, 3) that are subdivided on demand, only inside the ball of a query.
 
-    So memory and time depend on how many pieces the ball holds, not on how many the whole surface would have.
+    Memory and time depend on the number of pieces in the ball, not on the size of the surface.
     """
 
     def __init__(self, triangles: np.ndarray):
@@ -69,10 +65,10 @@ class FinePieces:
     def near(
         self, centre: np.ndarray, radius: float, longest: float, among: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces (p, 3, 3) that may reach into a ball, and the triangle (p,) to which each belongs.
+        """Pieces (p, 3, 3) that may reach into a ball, and the triangle (p,) of each.
 
-        A piece with an edge above ``longest`` is split into four at the middles of its edges. ``among`` (f,) bool: the
-        triangles that count, all by default.
+        A piece with an edge above ``longest`` is split into four at the middles of its edges. ``among`` (f,) bool
+        selects triangles.
         """
         owner = np.array(self.tree.query_ball_point(centre, radius + self.reach), dtype=np.int64)
         owner = owner if among is None else owner[among[owner]]
@@ -89,7 +85,7 @@ class FinePieces:
 
 
 def _measured(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Triangles (t, 3, 3), their centroids (t, 3), how far their corners lie from these (t,), longest edges (t,)."""
+    """Triangles (t, 3, 3), their centroids (t, 3), radii about these (t,) and longest edges (t,)."""
     centroids = triangles.mean(axis=1)
     sizes = np.linalg.norm(triangles - centroids[:, None], axis=2).max(axis=1)
     edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2).max(axis=1)
@@ -97,19 +93,19 @@ def _measured(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def _quarters(triangles: np.ndarray) -> np.ndarray:
-    """The four triangles (4 t, 3, 3) between the corners and the middles of the edges of each (t, 3, 3)."""
+    """Split triangles (t, 3, 3) at the middles of their edges: (4 t, 3, 3)."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
     quarters = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-    return np.array(quarters).transpose(2, 0, 1, 3).reshape(-1, 3, 3)  # those of one triangle side by side
+    return np.array(quarters).transpose(2, 0, 1, 3).reshape(-1, 3, 3)  # the four of a triangle in a row
 
 
 def smooth_patches(
     surface: trimesh.Trimesh, region: np.ndarray | None = None, crease_deg: float = CREASE_DEG
 ) -> np.ndarray:
-    """Label (f,) of each face's smooth patch; patches meet at edges sharper than ``crease_deg``.
+    """Label (f,) of each face's smooth patch. Patches end at edges sharper than ``crease_deg``.
 
-    With labels ``region`` (f,), also where those differ.
+    Given labels ``region`` (f,), patches also end where these differ.
     """
     joined = surface.face_adjacency_angles < np.radians(crease_deg)
     if region is not None:
@@ -121,7 +117,7 @@ def smooth_patches(
 
 
 def patches_at(n: int, faces: np.ndarray, patch: np.ndarray) -> list[set[int]]:
-    """Labels (f,) of the faces (f, 3) that meet at each of n vertices: more than one on a crease."""
+    """Labels of the patches that meet at each of n vertices, from faces (f, 3) and their ``patch`` (f,)."""
     meeting = [set() for _ in range(n)]
     for corner, label in zip(faces.ravel(), np.repeat(patch, 3), strict=True):
         meeting[corner].add(int(label))
@@ -129,14 +125,11 @@ def patches_at(n: int, faces: np.ndarray, patch: np.ndarray) -> list[set[int]]:
 
 
 def shells(surface: trimesh.Trimesh) -> list[np.ndarray]:
-    """Face indices of each connected component of a surface."""
-    return trimesh.graph.connected_components(
-        surface.face_adjacency, nodes=np.arange(len(surface.faces)), min_len=1
-    )
+    """Indices of the faces of each connected component of a surface."""
+    return trimesh.graph.connected_components(surface.face_adjacency, nodes=np.arange(len(surface.faces)), min_len=1)
 
 
 def enclosed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Signed volume within closed triangles; negative for the wall of a cavity, whose normals point inwards.
-    """
+    """Signed volume within closed triangles; negative for the wall of a cavity."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)

@@ -1,8 +1,7 @@
-"""Tetrahedral meshes of a gel: a quadratic one to solve on, and a linear one whose vertices are stored.
+"""Tetrahedral meshes of a gel: the quadratic one for the solver, the linear output mesh, and the mesher.
 
-pytetwild (fTetWild: Hu et al., "Fast tetrahedral meshing in the wild", ACM TOG 39, 2020) makes the
-tetrahedra; `curved_tetrahedra` gives them their mid-edge nodes on the true surface and `mesh_quality`
-judges them.
+The mesher is pytetwild (fTetWild: Hu et al., "Fast tetrahedral meshing in the wild", ACM TOG 39, 2020).
+`curved_tetrahedra` then moves boundary nodes onto the true surface, and `mesh_quality` checks the result.
 """
 
 import contextlib
@@ -13,38 +12,30 @@ import numpy as np
 import trimesh
 
 from simgen.errors import InputError
-from simgen.geometry.interpolation import TET_EDGES, interpolation_matrix
 
-__all__ = [
-    "TET_EDGES", "TET_FACES", "TRIANGLE_EDGES", "OutputMesh", "SimulationMesh", "boundary_edges",
-    "boundary_triangles",
-    "interpolation_matrix", "signed_volumes", "sizing_grid", "tetrahedralize",
-]  # fmt: skip
-
-# Outward for a tetrahedron of positive volume.
-TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # outward if the volume is positive
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 @dataclass(frozen=True)
 class SimulationMesh:
-    """Curved ten-node tetrahedra of a gel. Node order is VTK's: corners 0-3, edges 01 12 20 03 13 23.
+    """Curved ten-node tetrahedra of a gel, in VTK's node order: corners 0-3, edges 01 12 20 03 13 23.
 
-    Quadratic triangles are corners 0-2, edges 01 12 20, outward from the gel.
+    Quadratic triangles have corners 0-2 and edges 01 12 20. They face outwards.
     """
 
     nodes: np.ndarray  # (n, 3) float64, m; corner nodes first
     n_corners: int  # nodes[:n_corners] are corners of tetrahedra
     tetrahedra: np.ndarray  # (e, 10) int32, positive volume
-    held: np.ndarray  # (n,) bool: zero displacement; (n, 3) holds single components (symmetry planes)
+    held: np.ndarray  # (n,) bool: fixed nodes; (n, 3) fixes single components (symmetry planes)
     touchable: np.ndarray  # (f, 6) int32: triangles that an indenter may touch
     facing_core: np.ndarray  # (g, 6) int32: triangles that may meet the rigid core
-    hash: str  # of the arrays and of what they were made from
+    hash: str  # of the arrays and of the geometry and settings
 
 
 @dataclass(frozen=True)
 class OutputMesh:
-    """Linear tetrahedra whose vertices the dataset stores, in metres."""
+    """Linear tetrahedra whose displacements the dataset stores."""
 
     vertices: np.ndarray  # (v, 3) float64, m
     tetrahedra: np.ndarray  # (t, 4) int32
@@ -55,7 +46,7 @@ class OutputMesh:
 
     @property
     def surface_vertices(self) -> np.ndarray:
-        """(s,) indices, rising, of the vertices on the surface."""
+        """(s,) indices of the vertices on the surface, in rising order."""
         return np.unique(self.surface_triangles)
 
 
@@ -66,7 +57,7 @@ def signed_volumes(vertices: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
 
 
 def boundary_triangles(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces of one tetrahedron only: outward corners (f, 3), tetrahedron (f,), local face number (f,)."""
+    """Faces of only one tetrahedron: outward corners (f, 3), tetrahedron (f,), local number of the face (f,)."""
     faces = tetrahedra[:, TET_FACES].reshape(-1, 3)
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     single = np.sort(first[count == 1])
@@ -74,13 +65,13 @@ def boundary_triangles(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 
 def boundary_edges(tetrahedra: np.ndarray) -> np.ndarray:
-    """Edges of the boundary, each once: (e, 2)."""
+    """Edges (e, 2) of the boundary, each once."""
     ends = boundary_triangles(tetrahedra)[0][:, TRIANGLE_EDGES].reshape(-1, 2)
     return np.unique(np.sort(ends, axis=1), axis=0)
 
 
 def sizing_grid(low: np.ndarray, high: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """A box of cubes, each cut into six tetrahedra (Kuhn): points (p, 3), tetrahedra (t, 4)."""
+    """Divide a box into cubes of six tetrahedra each (Kuhn): points (p, 3), tetrahedra (t, 4)."""
     counts = np.maximum(np.ceil((high - low) / cell).astype(int), 1) + 1
     axes = [np.linspace(low[i], high[i], counts[i]) for i in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -100,27 +91,23 @@ def sizing_grid(low: np.ndarray, high: np.ndarray, cell: float) -> tuple[np.ndar
 def tetrahedralize(
     surface: trimesh.Trimesh, edge_length, envelope: float, cell: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tetrahedra of positive volume inside a closed surface: vertices (v, 3), tetrahedra (t, 4) int32.
+    """Fill a closed surface with tetrahedra of positive volume: vertices (v, 3), tetrahedra (t, 4) int32.
 
-    edge_length: a number in m, or a function of points (p, 3) that returns the wanted edge lengths (p,) in m,
-    sampled
-        on a grid of spacing ``cell``.
-    envelope: how far, in m, the mesh's boundary may lie from the surface.
+    edge_length: m, or a function of points (p, 3) to lengths (p,), m, which is sampled on a grid of spacing ``cell``.
+    envelope: largest distance of the mesh's boundary from the surface, m.
 
-    The result differs from run to run: fTetWild is not deterministic.
+    The result differs from run to run, because fTetWild is not deterministic. Raises InputError if the mesh is empty.
     """
-    import pytetwild  # brings VTK: a third of a second and 60 MB, which processes that only press do without
+    import pytetwild  # imports VTK, which takes 0.3 s and 60 MB that a press does not need
 
     diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     sizing = {}
     if callable(edge_length):
-        points, grid = sizing_grid(
-            surface.vertices.min(axis=0) - cell, surface.vertices.max(axis=0) + cell, cell
-        )
+        points, grid = sizing_grid(surface.vertices.min(axis=0) - cell, surface.vertices.max(axis=0) + cell, cell)
         values = edge_length(points)
         sizing = {"bg_vertices": points, "bg_tets": grid, "bg_values": values}
         edge_length = float(values.max())
-    # fTetWild drops scratch files into the current folder.
+    # fTetWild writes scratch files into the current folder.
     with tempfile.TemporaryDirectory() as scratch, contextlib.chdir(scratch):
         vertices, tetrahedra = pytetwild.tetrahedralize(
             np.asarray(surface.vertices, dtype=float),
@@ -128,7 +115,7 @@ def tetrahedralize(
             edge_length_fac=edge_length / diagonal,
             epsilon=envelope / diagonal,
             optimize=True,
-            vtk_ordering=True,  # its default order turns every tetrahedron inside out
+            vtk_ordering=True,  # the default order gives negative volumes
             num_threads=1,
             **sizing,
         )

@@ -1,1 +1,1 @@
-"""Drawings of surfaces, and the parts of HTML pages, that reports and translations share."""
+"""Drawings of surfaces, and parts of HTML pages."""

@@ -1,4 +1,4 @@
-"""Parts of a self-contained HTML page: its frame and style, headings, tables, and pictures inside it."""
+"""Parts of a self-contained HTML page: frame, style, headings, tables and embedded pictures."""
 
 import base64
 import html
@@ -11,7 +11,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 RESOLUTION = 140  # dots per inch
-QUALITY = 90  # of WebP, which holds a shaded surface in a fifth of what PNG needs
+QUALITY = 90  # of WebP, which needs a fifth of the bytes of PNG for a shaded surface
 
 STYLE = """
 :root { color-scheme: light; }
@@ -38,7 +38,7 @@ pre { font-size: 12px; line-height: 1.4; background: #f5f6f7; padding: 0.8em; bo
 
 
 def write_page(title: str, lines: Iterable[str], output: Path) -> None:
-    """Write a page of which ``lines`` are the body, as HTML. It appears whole or not at all."""
+    """Write an HTML page with a body of ``lines``. The file is replaced in one step."""
     body = "\n".join(lines)
     partial = output.with_name(output.name + ".partial")
     partial.write_text(
@@ -51,12 +51,12 @@ def write_page(title: str, lines: Iterable[str], output: Path) -> None:
 
 
 def heading(title: str) -> str:
-    """The heading of a section, to which `contents` leads."""
+    """Heading of a section; `contents` links to it."""
     return f"<h2 id='{_anchor(title)}'>{html.escape(title)}</h2>"
 
 
 def contents(titles: Iterable[str]) -> str:
-    """Links to the sections with these headings."""
+    """Links to the sections with these titles."""
     links = "".join(f"<a href='#{_anchor(title)}'>{html.escape(title)}</a>" for title in titles)
     return f"<nav>{links}</nav>"
 
@@ -66,37 +66,36 @@ def _anchor(title: str) -> str:
 
 
 def table(header: list[str], rows: list[list[str]], raw_last: bool = False) -> str:
-    """An HTML table of plain texts, which scrolls by itself; with ``raw_last`` the last column is HTML already."""
+    """Table of plain texts that scrolls on its own. With ``raw_last`` the last column is HTML."""
 
     def cell(text: str, column: int) -> str:
         return text if raw_last and column == len(header) - 1 else html.escape(text)
 
     head = "".join(f"<th>{html.escape(text)}</th>" for text in header)
     body = "".join(
-        "<tr>" + "".join(f"<td>{cell(text, column)}</td>" for column, text in enumerate(row)) + "</tr>"
-        for row in rows
+        "<tr>" + "".join(f"<td>{cell(text, column)}</td>" for column, text in enumerate(row)) + "</tr>" for row in rows
     )
     return f"<div class='scroll'><table><tr>{head}</tr>{body}</table></div>"
 
 
 def picture(figure: Figure, about: str) -> str:
-    """A figure as an image inside the page; ``about`` is its alternative text."""
+    """Embed a figure; ``about`` is its alternative text."""
     data = io.BytesIO()
     figure.savefig(data, format="webp", dpi=RESOLUTION, pil_kwargs={"quality": QUALITY})
     return image(data.getvalue(), "webp", about)
 
 
 def image(data: bytes, kind: str, about: str) -> str:
-    """An image file inside the page; ``kind`` is webp or gif."""
+    """Embed an image file; ``kind`` is webp or gif, ``about`` its alternative text."""
     encoded = base64.b64encode(data).decode()
     return f"<img alt='{html.escape(about)}' src='data:image/{kind};base64,{encoded}'>"
 
 
-def tiles(items: Iterable[str], wide: bool = False) -> str:
-    """Pictures side by side where there is room, below each other where there is not."""
-    return f"<div class='tiles{' wide' if wide else ''}'>{''.join(items)}</div>"
+def tiles(items: Iterable[str], narrow: bool = False) -> str:
+    """Pictures in as many columns as the page has room for."""
+    return f"<div class='tiles{'' if narrow else ' wide'}'>{''.join(items)}</div>"
 
 
 def folded(summary: str, lines: Iterable[str], opened: bool = False) -> str:
-    """Lines that show when the summary is clicked, or at once."""
+    """Lines behind a summary, which a click opens."""
     return f"<details{' open' if opened else ''}><summary>{html.escape(summary)}</summary>{''.join(lines)}</details>"

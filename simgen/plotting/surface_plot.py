@@ -1,6 +1,6 @@
-"""Pictures of surfaces by matplotlib alone, so that they work on any machine: no display, no OpenGL.
+"""Pictures of surfaces by matplotlib alone, which needs no display and no OpenGL.
 
-Faces are projected in parallel, those that look away are dropped, the rest drawn from far to near.
+The projection is parallel. Faces that look at the viewer are drawn from far to near, others are dropped.
 """
 
 import io
@@ -14,21 +14,21 @@ from PIL import Image
 
 AMBIENT = 0.45
 PLAIN = "#d9d4c7"
-# From the gel's own pale colour to dark: what does not move looks like gel, and the shading stays visible.
-COLOURS = LinearSegmentedColormap.from_list(
-    "displacement", [PLAIN, "#f2b34c", "#d1422f", "#5c0f3c"]
-).with_extremes(bad="#a9b0b7")  # where there is no value
+# From the gel's own pale colour to dark, so that gel at rest looks like gel and shading stays visible.
+COLOURS = LinearSegmentedColormap.from_list("displacement", [PLAIN, "#f2b34c", "#d1422f", "#5c0f3c"]).with_extremes(
+    bad="#a9b0b7"
+)  # where there is no value
 
 
 def camera(towards_viewer: np.ndarray, up: np.ndarray | None = None) -> np.ndarray:
-    """(3, 3) rows: right, up and towards the viewer; up lies as near to ``up`` as it can, or else right to +x."""
+    """View (3, 3) with rows right, up and towards the viewer: as near to ``up`` as possible, or with right near +x."""
     out = towards_viewer / np.linalg.norm(towards_viewer)
     right = np.array([1.0, 0.0, 0.0]) - out[0] * out if up is None else np.cross(up, out)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(out, right), out])
 
 
-# Shared frame: the pad side is -y, the tip -x. Together they show all of the pad.
+# In the shared frame the pad side is -y and the tip -x. The two views together show all of the pad.
 FROM_PAD = camera(np.array([-0.45, -1.0, 0.55]))
 FROM_OTHER_SIDE = camera(np.array([-0.45, -1.0, -0.55]))
 LIGHT = np.array([0.11, 0.32, 0.94])  # right, up, towards the viewer
@@ -43,9 +43,10 @@ def draw_surface(
     largest: float = 1.0,
     view: np.ndarray = FROM_PAD,
 ) -> PolyCollection:
-    """Draw a closed surface, m, outward triangles; `values` (vertex,) colour it from 0 to `largest`, NaN in grey.
+    """Draw a closed surface, m, of outward triangles. Returns the collection, for a colour bar.
 
-    `view` is a `camera`. Returns the collection, from which a colour bar can be made.
+    values : (vertex,) coloured from 0 to ``largest``, NaN in grey
+    view : (3, 3), see `camera`
     """
     corners = vertices[triangles] @ view.T * 1e3
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -72,9 +73,9 @@ def draw_surface(
 
 
 def gif(frames: Sequence[np.ndarray], frame_ms: int, hold_ms: int) -> bytes:
-    """Pictures (height, width, 3 or 4) uint8 in motion, ``hold_ms`` for the last one, then again from the first.
+    """Encode frames (height, width, 3 or 4) uint8 as a GIF that repeats and shows the last frame for ``hold_ms``.
 
-    They have one palette, that of the last, and dots where it lacks a colour: what is smooth gets no edges.
+    All frames use the palette of the last one. Dithering avoids edges in smooth parts.
     """
     pictures = [Image.fromarray(frame).convert("RGB") for frame in frames]
     palette = pictures[-1].quantize(256)
@@ -93,7 +94,7 @@ def draw_points(
     view: np.ndarray = FROM_PAD,
     size: float = 6.0,
 ) -> None:
-    """Draw those of the points (n, 3), m, on a surface whose outward normals (n, 3) look at the viewer."""
+    """Draw points (n, 3), m, on a surface whose outward normals (n, 3) look at the viewer."""
     facing = normals @ view[2] > 0
     seen = points[facing] @ view.T * 1e3
     axes.scatter(seen[:, 0], seen[:, 1], c=colours[facing], s=size, linewidths=0, zorder=3)

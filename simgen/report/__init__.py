@@ -1,7 +1,7 @@
-"""One self-contained HTML page about a dataset: what was asked, what came out, how far it can be trusted.
+"""Report: one self-contained HTML page about a dataset.
 
-A section is a function of the dataset that yields lines of HTML, none where there is nothing to say. Displacements, of
-which a dataset can have a terabyte, are read of a bounded number of presses alone.
+A section is a function of the dataset that yields lines of HTML, or none to be left out. Sections read displacements of
+a bounded number of presses, because a dataset can have a terabyte of them.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -24,23 +24,21 @@ Section = Callable[[Dataset], Iterable[str]]
 SECTIONS: dict[str, Section] = {
     "Audit": audit_section,
     "Contacts and coverage": coverage_section,
-    "How presses end": outcomes_section,
-    "A press in motion": motion_section,
-    "In three dimensions": solid_view_section,
+    "Outcomes of presses": outcomes_section,
+    "Animated press": motion_section,
+    "3D view": solid_view_section,
     "Contact patches": patches_section,
     "Deformed meshes": meshes_section,
     "Force against depth": force_section,
     "Cavity pressure against depth": pressure_section,
     "Forces along the path": path_section,
-    "Effort and certificates": effort_section,
+    "Solver effort and certificates": effort_section,
     "Job": job_section,
 }
 
 
 def write_report(dataset: Dataset, output: Path, more: Mapping[str, Section] | None = None) -> None:
-    """Write the page, with ``more`` sections before the last one; raises nothing of its own on an unfinished dataset,
-    which is shown as far as it got.
-    """
+    """Write the page, with ``more`` sections before the last one. A dataset may be unfinished."""
     *most, last = SECTIONS.items()
     sections = {title: list(section(dataset)) for title, section in (*most, *(more or {}).items(), last)}
     sections = {title: lines for title, lines in sections.items() if lines}

@@ -1,4 +1,4 @@
-"""Which presses a page shows: those that went furthest, and a bounded number that stands for all."""
+"""Choice of the presses that a page shows: those that went furthest, and a bounded random sample."""
 
 import numpy as np
 
@@ -9,25 +9,25 @@ NOTHING_YET = "<p>No press has converged yet.</p>"
 
 
 def depths_reached(dataset: Dataset, sensor: str) -> np.ndarray:
-    """(press,) number of depths, from the first on, that converged on a sensor."""
+    """Number (press,) of depths, from the first on, that converged on a sensor."""
     return np.logical_and.accumulate(has_values(dataset[f"{sensor}/status"]), axis=1).sum(axis=1)
 
 
 def steps_axis(dataset: Dataset) -> tuple[np.ndarray, str]:
-    """(depth,) what steps are drawn against, and its label: depths in mm, or numbers where a press is a path."""
+    """Values (depth,) of the axis of steps, and its label: depths in mm, or for paths the number of the step."""
     if dataset.indenter_path.is_a_press:
         return dataset["depth"] * 1e3, "depth, mm"
     return np.arange(1, len(dataset["depth"]) + 1), "step of the path"
 
 
 def step_title(dataset: Dataset, step: int) -> str:
-    """A few words above a picture of a step: its depth, or its number where a press is a path."""
+    """Title of a picture of a step: its depth, or for paths its number."""
     number = f"{steps_axis(dataset)[0][step]:g}"
     return f"{number} mm" if dataset.indenter_path.is_a_press else f"step {number}"
 
 
 def furthest_press(dataset: Dataset, indenter: int | None = None) -> tuple[int, int]:
-    """The first press (of an indenter) of those that reached most depths on all sensors, and how many, 0 if none."""
+    """The first press (of an indenter) that reached most depths on all sensors, and their number, 0 if none."""
     reached = np.min([depths_reached(dataset, sensor) for sensor in dataset.sensors], axis=0)
     if indenter is not None:
         reached = np.where(dataset["press/indenter"] == indenter, reached, -1)
@@ -36,9 +36,10 @@ def furthest_press(dataset: Dataset, indenter: int | None = None) -> tuple[int, 
 
 
 def drawn_presses(dataset: Dataset, sensor: str, count: int) -> np.ndarray:
-    """(n,) at most ``count`` presses with a converged sample on a sensor, as many of each indenter, by lot with a seed.
+    """At most ``count`` presses (n,) with a converged sample on a sensor, the same number for each indenter.
 
-    Evenly spaced ones would not do: contacts are a low-discrepancy sequence, of which every 2^k-th lies in one corner.
+    They are drawn at random, seeded by the job. Evenly spaced presses would be biased: contacts are a low-discrepancy
+    sequence, and every 2^k-th of them lies in one corner.
     """
     random = np.random.default_rng(dataset.job.seed)
     indenter, there = dataset["press/indenter"], depths_reached(dataset, sensor) > 0

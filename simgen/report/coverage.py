@@ -1,4 +1,4 @@
-"""Where the trajectories touch each sensor, and how well they cover what can be touched."""
+"""Contacts on each sensor, and how well they cover its touchable surface."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from simgen.report.refused import refused_lines
 
 @dataclass(frozen=True)
 class ConvergedContacts:
-    """Of trajectories with a converged sample on a sensor, in its frame: points (n, 3) m, outward normals (n, 3)."""
+    """Contacts with a converged sample on a sensor, in its frame: points (n, 3) m, outward normals (n, 3)."""
 
     trajectories: np.ndarray
     points: np.ndarray
@@ -38,9 +38,11 @@ def contacts_on(dataset: Dataset, sensor: str) -> ConvergedContacts:
 
 @dataclass(frozen=True)
 class Coverage:
-    """distance : (n,) m from each touchable point to its nearest contact, in a straight line
+    """Distances to the nearest contact.
 
-    median, percentile_95 : m, of the distance over the touchable area (m2)
+    area : m2, touchable
+    distance : (n,) m, straight line from each touchable point to its nearest contact
+    median, percentile_95 : m, of the distance, weighted by area
     """
 
     contacts: int
@@ -51,7 +53,7 @@ class Coverage:
 
 
 def coverage(surface: TouchableSurface, points: np.ndarray) -> Coverage:
-    """Of contacts (n, 3) m, one or more."""
+    """Coverage of a surface by contacts (n, 3) m, one or more."""
     distance, _ = cKDTree(points).query(surface.vertices[surface.points])
     median, high = np.quantile(distance, [0.5, 0.95], weights=surface.areas, method="inverted_cdf")
     return Coverage(len(points), float(surface.areas.sum()), distance, float(median), float(high))
@@ -63,9 +65,9 @@ def coverage_section(dataset: Dataset) -> Iterator[str]:
         yield NOTHING_YET
         return
     yield (
-        f"<p>Contacts are those of {dataset.job.trajectories.count:,} trajectories of which a sample has converged. "
-        "Distances are straight lines from the touchable points to their nearest contact, percentiles are over "
-        "the touchable area.</p>"
+        f"<p>The job has {dataset.job.trajectories.count:,} contacts. A contact counts on a sensor if at least one of "
+        "its samples converged there. Distances are straight lines from touchable points to the nearest contact. "
+        "Percentiles are weighted by area.</p>"
     )
     surfaces = {sensor: touchable_surface(dataset, sensor) for sensor in dataset.sensors}
     found = {
@@ -77,14 +79,15 @@ def coverage_section(dataset: Dataset) -> Iterator[str]:
          f"{own.median * 1e3:.2f} mm", f"{own.percentile_95 * 1e3:.2f} mm"] for sensor, own in found.items()
     ])  # fmt: skip
     colours = _place_colours(dataset)
-    yield "<h3>Contacts; a trajectory has one colour on all sensors</h3>"
-    yield tiles((_picture_of_contacts(s, surfaces[s], on[s], colours) for s in found), wide=True)
+    yield "<h3>Contacts, each in the same colour on all sensors</h3>"
+    yield tiles(_picture_of_contacts(s, surfaces[s], on[s], colours) for s in found)
     largest = max(own.distance.max() for own in found.values()) * 1e3
-    yield "<h3>Distance to the nearest contact; grey cannot be touched</h3>"
-    maps = (
-        draw_map(surfaces[s], own.distance * 1e3, s, "nearest contact, mm", largest=largest) for s, own in found.items()
+    yield "<h3>Distance to the nearest contact (grey: not touchable)</h3>"
+    label = "nearest contact, mm"
+    yield tiles(
+        picture(draw_map(surfaces[s], own.distance * 1e3, s, label, largest=largest), f"coverage of {s}")
+        for s, own in found.items()
     )
-    yield tiles((picture(figure, f"coverage of {s}") for s, figure in zip(found, maps, strict=True)), wide=True)
     yield from refused_lines(dataset, surfaces[dataset.sensors[0]])
 
 
@@ -96,7 +99,7 @@ def _picture_of_contacts(
 
 
 def _place_colours(dataset: Dataset) -> np.ndarray:
-    """(trajectory, 3) colours that vary along x (red) and z (blue) of the shared frame."""
+    """Colours (trajectory, 3) that vary along x (red) and z (blue) of the shared frame."""
     _, first = np.unique(dataset["press/trajectory"], return_index=True)
     points = dataset["press/contact_pose"][first][:, :3, 3]
     spread = np.ptp(points, axis=0)

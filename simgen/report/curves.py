@@ -1,4 +1,4 @@
-"""Force, and pressure of a fluid, against depth: every trajectory, and what most of them do."""
+"""Curves of force and fluid pressure against depth, with their median and spread."""
 
 import html
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,8 +10,8 @@ from simgen.dataset.reader import Dataset
 from simgen.plotting.html import picture, tiles
 from simgen.report.choice import NOTHING_YET
 
-CURVES = 40  # most trajectories drawn, the first ones, which lie all over the sensor
-BAND_FROM = 20  # trajectories, from which on the band is drawn
+CURVES = 40  # trajectories drawn, at most; the first ones are spread all over the sensor
+BAND_FROM = 20  # trajectories, at least, for a band
 BAND = (0.1, 0.5, 0.9)  # quantiles
 
 
@@ -23,23 +23,23 @@ def force_section(dataset: Dataset) -> Iterator[str]:
 
 
 def pressure_section(dataset: Dataset) -> Iterator[str]:
-    """Only where a cavity is filled."""
+    """Nothing unless a cavity is filled."""
     filled = [sensor for sensor in dataset.sensors if dataset.job.sensors[sensor].fluid != "none"]
     pressing = dataset.indenter_path.legs == 0
     values = {sensor: dataset[f"{sensor}/cavity_pressure"][:, pressing] / 1e3 for sensor in filled}
     if filled:
-        yield from _against_depth(dataset, values, "pressure, kPa", "Of the fluid, above ambient, whose volume stays")
+        yield from _against_depth(dataset, values, "pressure, kPa", "Fluid pressure above ambient, at constant volume")
 
 
 def axial_force(dataset: Dataset, sensor: str) -> np.ndarray:
-    """(press, depth) N: force on the sensor along the press direction; NaN where not reached."""
+    """Force (press, depth), N, on the sensor along the press axis; NaN where not reached."""
     axis = dataset["press/contact_pose"][:, :3, 1]
     own = np.einsum("nji,nj->ni", dataset[f"{sensor}/pose"][:, :3, :3], axis)
     return np.einsum("ndi,ni->nd", dataset[f"{sensor}/force"], own)
 
 
 def band(curves: np.ndarray) -> np.ndarray:
-    """(3, depth) 10 %, 50 % and 90 % quantiles of curves (n, depth), of those that have a value; NaN of none."""
+    """Quantiles `BAND` (3, depth) of curves (n, depth), without NaN; NaN if no curve has a value."""
     quantiles = np.full((len(BAND), curves.shape[1]), np.nan)
     some = np.isfinite(curves).any(axis=0)
     quantiles[:, some] = np.nanquantile(curves[:, some], BAND, axis=0)
@@ -47,15 +47,14 @@ def band(curves: np.ndarray) -> np.ndarray:
 
 
 def _against_depth(dataset: Dataset, values: Mapping[str, np.ndarray], label: str, about: str) -> Iterator[str]:
-    """``values`` (press, depth) of sensors as curves from 0 at first touch, a picture for each indenter."""
+    """A picture for each indenter of ``values`` (press, depth) of sensors, from 0 at first touch."""
     if not any(np.isfinite(own).any() for own in values.values()):
         yield NOTHING_YET
         return
     indenter, count = dataset["press/indenter"], dataset.job.trajectories.count
-    lines = f"a thin line for each of the first {CURVES} of {count:,} trajectories" if count > CURVES else \
-        "a thin line for each trajectory"  # fmt: skip
-    most = "; thick: median, shaded: 10 to 90 % of all that reached a depth" if count >= BAND_FROM else ""
-    yield f"<p>{html.escape(about)}; {lines}{most}.</p>"
+    lines = f"the first {CURVES} of {count:,} trajectories" if count > CURVES else "trajectories"
+    most = " Thick line: median. Shaded: 10 to 90 % of those that reach a depth." if count >= BAND_FROM else ""
+    yield f"<p>{html.escape(about)}. Thin lines: {lines}.{most}</p>"
     pictures = []
     for index, name in enumerate(dataset.indenters):
         own = {sensor: curves[indenter == index] for sensor, curves in values.items()}
@@ -64,11 +63,11 @@ def _against_depth(dataset: Dataset, values: Mapping[str, np.ndarray], label: st
         axes.set_title(name, fontsize=10)
         axes.set_ylabel(label)
         pictures.append(picture(figure, f"{label} against depth, {name}"))
-    yield tiles(pictures)
+    yield tiles(pictures, narrow=True)
 
 
 def draw_curves(depth: np.ndarray, curves: Mapping[str, np.ndarray], sensors: Sequence[str]) -> Figure:
-    """Curves (trajectory, depth) of sensors in one pair of axes, depth (depth,) m."""
+    """Draw curves (trajectory, depth) of sensors in one pair of axes, depth (depth,) m."""
     figure = Figure(figsize=(3.6, 2.8), layout="constrained")
     axes = figure.subplots()
     depth_mm = np.concatenate([[0.0], depth * 1e3])

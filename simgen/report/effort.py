@@ -1,4 +1,4 @@
-"""What the solver did: its iterations, the residuals that it left, and the worst certificates of each indenter."""
+"""Solver effort: iterations, residuals, and the worst certificates of each indenter."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from simgen.fem.nonlinear.status import Status, has_values, is_planned_end
 from simgen.plotting.html import picture, table, tiles
 from simgen.report.choice import NOTHING_YET
 
-BINS = 40  # of counts, at most
-PER_DECADE = 10  # bins of residuals
+BINS = 40  # of integers, at most
+PER_DECADE = 10  # bins on a logarithmic scale
 SHOWN = ("residual", "contact_error", "force_balance", "min_det_F", "inverted_elements", "stabilised_elements",
          "damping", "rms_penetration_m", "max_penetration_m", "newton_iterations", "krylov_iterations")  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A certificate of which a histogram is shown; ``tolerance`` names the job's limit, on a logarithmic scale."""
+    """A certificate with a histogram. ``tolerance`` names the job's limit; then the scale is logarithmic."""
 
     key: str
     label: str
@@ -35,9 +35,9 @@ QUANTITIES = (
 
 
 def histogram(values: list[np.ndarray], logarithmic: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Edges (b + 1,) that hold all values, at least one, and how many of each array (n,) lie between them (b,).
+    """Edges (b + 1,) of bins for all values, at least one, and the counts (b,) of each array (n,).
 
-    Logarithmic ones fill whole decades by tenths, and leave out what is not above 0; integers lie between the others.
+    Logarithmic bins fill whole decades and leave out values up to 0. The edges of other bins lie between integers.
     """
     everything = np.concatenate(values)
     if logarithmic:
@@ -55,15 +55,12 @@ def effort_section(dataset: Dataset) -> Iterator[str]:
     if not any(len(own["residual"]) for own in stored.values()):
         yield NOTHING_YET
         return
-    yield "<p>Over the converged samples; a dashed line is what the job allows.</p>"
+    yield "<p>Converged samples. Dashed lines: tolerances of the job.</p>"
     yield tiles(
-        (
-            picture(_draw_histogram(dataset, quantity, [own[quantity.key] for own in stored.values()]), quantity.label)
-            for quantity in QUANTITIES
-        ),
-        wide=True,
+        picture(_draw_histogram(dataset, quantity, [own[quantity.key] for own in stored.values()]), quantity.label)
+        for quantity in QUANTITIES
     )
-    yield "<h3>Certificates, worst of each indenter</h3>"
+    yield "<h3>Worst certificates of each indenter</h3>"
     yield _certificates(dataset)
 
 
@@ -87,8 +84,8 @@ def _draw_histogram(dataset: Dataset, quantity: Quantity, values: list[np.ndarra
     return figure
 
 
-def _of_later_datasets(values: dict[str, np.ndarray]) -> tuple[str, str]:
-    """Elements stabilised, mean and most, and the share of samples damped; empty where the dataset has neither."""
+def _stabilisation(values: dict[str, np.ndarray]) -> tuple[str, str]:
+    """Stabilised elements, mean and most, and share of damped samples; empty if an older dataset lacks them."""
     if "damping" not in values:
         return "", ""
     stabilised = values["stabilised_elements"]
@@ -96,7 +93,7 @@ def _of_later_datasets(values: dict[str, np.ndarray]) -> tuple[str, str]:
 
 
 def _certificates(dataset: Dataset) -> str:
-    header = ["sensor", "indenter", "converged", "of these inside out", "residual", "contact error", "force balance",
+    header = ["sensor", "indenter", "converged", "inside out of these", "residual", "contact error", "force balance",
               "least det F", "elements inside out", "elements stabilised (mean, max)", "samples damped",
               "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
     rows = []
@@ -118,7 +115,7 @@ def _certificates(dataset: Dataset) -> str:
                 f"{values['residual'].max():.1e}", f"{values['contact_error'].max():.1e}",
                 f"{values['force_balance'].max():.1e}", f"{values['min_det_F'].min():.3f}",
                 f"{values['inverted_elements'].max()}",
-                *_of_later_datasets(values),
+                *_stabilisation(values),
                 ", ".join(f"{values[f'{k}_penetration_m'].max() * 1e6:.1f}" for k in ("rms", "max")),
                 f"{values['newton_iterations'].mean():.1f}, {values['krylov_iterations'].mean():.0f}",
             ])  # fmt: skip

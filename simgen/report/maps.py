@@ -1,4 +1,4 @@
-"""Maps of values on the touchable surface of a sensor."""
+"""Maps of values and contacts on the touchable surface of a sensor."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +16,7 @@ def draw_map(
     largest: float = 1.0,
     contacts: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> Figure:
-    """Values (n,) of the touchable points, and contacts (points, normals, colours), seen from both sides of the pad."""
+    """Draw values (n,) of touchable points, and contacts (points, normals, colours), from both sides of the pad."""
     figure = Figure(figsize=(3.9, 4.0), layout="constrained")
     figure.suptitle(title, fontsize=10)
     grid = figure.subplots(2, 1)

@@ -1,4 +1,4 @@
-"""Deformed output meshes of one press for each indenter, coloured by the length of the displacement."""
+"""Deformed meshes of one press of each indenter, coloured by the length of the displacement."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from simgen.plotting.html import picture, tiles
 from simgen.plotting.surface_plot import camera, draw_surface
 from simgen.report.choice import NOTHING_YET, furthest_press, step_title
 
-OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal: a press is seen from there
+OBLIQUE = np.array([-0.3, -0.6, 0.1])  # added to the contact normal, gives the direction to the viewer
 
 
 def meshes_section(dataset: Dataset) -> Iterator[str]:
@@ -23,19 +23,17 @@ def meshes_section(dataset: Dataset) -> Iterator[str]:
         yield NOTHING_YET
         return
     yield (
-        "<p>In the shared frame, seen along the contact's normal: of each indenter the press that goes furthest on "
-        "all sensors, half-way and where it ends.</p>"
+        "<p>For each indenter, the press that goes furthest on all sensors, half-way and at its end, in the shared "
+        "frame.</p>"
     )
-    yield tiles(pictures, wide=True)
+    yield tiles(pictures)
 
 
 def draw_press(dataset: Dataset, press: int, reached: int) -> Figure:
-    """One press, a row for each sensor: half-way and at the last of the depths that were reached."""
+    """Draw one press half-way and at the last of the ``reached`` depths, a row for each sensor."""
     last = reached - 1
     depths = sorted({last // 2, last})
-    moved = {
-        sensor: [dataset.displacement(sensor, press, depth) for depth in depths] for sensor in dataset.sensors
-    }
+    moved = {sensor: [dataset.displacement(sensor, press, depth) for depth in depths] for sensor in dataset.sensors}
     largest = max(np.linalg.norm(each, axis=-1).max() for own in moved.values() for each in own) * 1e3
     view = camera(dataset.root["press/contact_normal"][press] + OBLIQUE)
     figure = Figure(figsize=(1.7 * len(depths) + 0.7, 1.6 * len(dataset.sensors) + 0.3), layout="constrained")

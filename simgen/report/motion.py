@@ -1,4 +1,4 @@
-"""An animated press: all sensors side by side in the shared frame, and the outline of the indenter."""
+"""Animated press: all sensors side by side, with the outline of the indenter."""
 
 import html
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ from simgen.plotting.surface_plot import camera, draw_surface, gif
 from simgen.report.choice import NOTHING_YET, furthest_press
 from simgen.sensors.polar_bodies import advanced
 
-FRAME_MS, HOLD_MS = 180, 1200  # of each depth, of the last
-SHAFT_M = 5e-3  # how much of the indenter is drawn
-TILT = 0.55  # the camera looks from the side, and that much from where the indenter comes from
+FRAME_MS, HOLD_MS = 180, 1200  # for each depth, and for the last one
+SHAFT_M = 5e-3  # length of the indenter that is drawn
+TILT = 0.55  # share of the contact normal in the direction to the viewer, who looks from the side
 STEEL = "#5b7c99"
 
 
@@ -35,15 +35,15 @@ def motion_section(dataset: Dataset) -> Iterator[str]:
         return
     name = dataset.indenters[dataset["press/indenter"][press]]
     yield (
-        f"<p>Press {press}, {html.escape(name)}, the first of those that go furthest on all sensors: from rest to "
-        f"{dataset.indenter_path.label(reached - 1)}, seen from the side, coloured by the length of the "
-        "displacement. Blue: outline of the indenter, hollows filled; it is left out if its file has changed.</p>"
+        f"<p>Press {press}, {html.escape(name)}, from rest to {dataset.indenter_path.label(reached - 1)}, in a side "
+        "view. No press goes further on all sensors. Colour: length of the displacement. Blue: convex outline of the "
+        "indenter, left out if the indenter's file has changed.</p>"
     )
     yield image(animated_press(dataset, press, reached), "gif", f"press {press}, {name}")
 
 
 def animated_press(dataset: Dataset, press: int, reached: int) -> bytes:
-    """A GIF of a press, at rest and at the depths reached."""
+    """Make a GIF of a press, at rest and at the depths reached."""
     sides = [_Side(dataset, sensor, press, reached) for sensor in dataset.sensors]
     largest = max(np.linalg.norm(side.displacement, axis=-1).max() for side in sides) * 1e3
     figure = Figure(figsize=(2.5 * len(sides) + 0.8, 2.1), dpi=140, layout="constrained")
@@ -57,14 +57,14 @@ def animated_press(dataset: Dataset, press: int, reached: int) -> bytes:
         if step < 0:
             figure.colorbar(faces, ax=list(grid), label="displacement, mm", shrink=0.7)
             canvas.draw()
-            figure.set_layout_engine("none")  # nothing moves from frame to frame
+            figure.set_layout_engine("none")  # the axes stay in place from frame to frame
         canvas.draw()
         frames.append(np.array(canvas.buffer_rgba()))
     return gif(frames, FRAME_MS, HOLD_MS)
 
 
 class _Side:
-    """A press on one sensor, in the shared frame turned so that the indenter comes from above."""
+    """A press on one sensor, in a view in which the indenter comes from above."""
 
     def __init__(self, dataset: Dataset, sensor: str, press: int, reached: int):
         self.sensor, self._path = sensor, dataset.indenter_path
@@ -79,7 +79,7 @@ class _Side:
         self._tip = _tip(dataset, press)
 
     def draw(self, axes: Axes, step: int, largest: float) -> PolyCollection:
-        """At rest if ``step`` is -1, else at that depth; the frame is the same for all."""
+        """Draw a step, or the gel at rest for -1, always within the same limits."""
         displacement = self.displacement[step] if step >= 0 else np.zeros_like(self._rest)
         vertices = (self._rest + displacement) @ self._pose[:3, :3].T + self._pose[:3, 3]
         length = np.linalg.norm(displacement, axis=1) * 1e3
@@ -97,7 +97,7 @@ class _Side:
         return faces
 
     def _outline(self, step: int) -> np.ndarray:
-        """(n, 2) mm: hull of the indenter's tip as the camera sees it."""
+        """Convex hull (n, 2), mm, of the indenter's tip in the view."""
         pose = self._first_touch
         if step >= 0:
             pose = moved(pose, self._path.offsets_m[step], self._path.turns_rad[step])
@@ -106,7 +106,7 @@ class _Side:
 
 
 def _tip(dataset: Dataset, press: int) -> np.ndarray | None:
-    """(n, 3) m: points of the indenter of a press, in its frame; None if it is no more what it was."""
+    """Points (n, 3), m, of the press's indenter in its frame; None if its file has changed."""
     start_warp()
     try:
         indenter = pressed_indenters(dataset)[dataset["press/indenter"][press]]

@@ -1,4 +1,4 @@
-"""The ends of presses: how many of each indenter have which status, and how many get to each depth."""
+"""Outcomes of presses: their status by indenter, and the share that reaches each depth."""
 
 from collections.abc import Iterator
 
@@ -14,14 +14,14 @@ NOT_THERE_YET = "Not there yet."
 
 
 def endings(dataset: Dataset, sensor: str) -> dict[int, np.ndarray]:
-    """Status at the last depth, with which presses end, -1 if not there yet -> presses of each indenter (i,)."""
+    """Number of presses of each indenter (i,), by status at the last depth; -1 is not there yet."""
     last, indenter = dataset[f"{sensor}/status"][:, -1], dataset["press/indenter"]
     count = len(dataset.indenters)
     return {int(code): np.bincount(indenter[last == code], minlength=count) for code in np.unique(last)}
 
 
 def survival(dataset: Dataset, sensor: str) -> np.ndarray:
-    """(indenter, depth) share of the presses that are there which reach each depth; NaN where none is there."""
+    """Share (indenter, depth) of the stored presses that reach each depth; NaN if none is stored."""
     reached, there = depths_reached(dataset, sensor), dataset[f"{sensor}/status"][:, 0] != NOT_THERE
     depths = np.arange(1, len(dataset["depth"]) + 1)
     shares = np.full((len(dataset.indenters), len(depths)), np.nan)
@@ -33,7 +33,7 @@ def survival(dataset: Dataset, sensor: str) -> np.ndarray:
 
 
 def outcomes_section(dataset: Dataset) -> Iterator[str]:
-    yield "<p>Presses of each indenter, by their status at the last depth.</p>"
+    yield "<p>Number of presses of each indenter, by status at the last depth.</p>"
     sentences = {**dataset.attributes["status"], str(NOT_THERE): NOT_THERE_YET}
     rows = []
     for sensor in dataset.sensors:
@@ -46,19 +46,16 @@ def outcomes_section(dataset: Dataset) -> Iterator[str]:
     if not known:
         return
     if all(np.nanmin(share) == 1.0 for share in known):
-        yield "<p>All presses that are there reached the last depth.</p>"
+        yield "<p>All stored presses reached the last depth.</p>"
         return
     yield (
         "<h3>Share of presses that reach each depth</h3>"
-        "<p>Of the presses that are there; indenters that are not drawn reach the last depth with all.</p>"
+        "<p>Shares of the stored presses. Indenters without a curve reach the last depth in all of them.</p>"
     )
     yield tiles(
-        (
-            picture(_draw_survival(dataset, sensor, share), f"share of presses that reach each depth on {sensor}")
-            for sensor, share in shares.items()
-            if (share[:, -1] < 1.0).any()
-        ),
-        wide=True,
+        picture(_draw_survival(dataset, sensor, share), f"share of presses that reach each depth on {sensor}")
+        for sensor, share in shares.items()
+        if (share[:, -1] < 1.0).any()
     )
 
 

@@ -1,4 +1,4 @@
-"""What the dataset is, what its audit says, and the job that it was made from."""
+"""Head of the page, verdict of the audit, and the job of the dataset."""
 
 import html
 import json

@@ -1,4 +1,4 @@
-"""Which points of the surface touch the indenter: how often over many presses, and in a few presses."""
+"""Contact patches: the share of samples in which each surface point touches, and patches of single presses."""
 
 import html
 from collections.abc import Iterator
@@ -16,12 +16,12 @@ from simgen.plotting.surface_plot import camera, draw_surface
 from simgen.report.choice import NOTHING_YET, depths_reached, drawn_presses, furthest_press, step_title
 from simgen.report.maps import draw_map
 
-PRESSES = 180  # at most, per sensor: of nine indenters twenty presses each
-CLOSE_UP_M = 9e-3  # half the width of what a close-up shows
+PRESSES = 180  # for each sensor, at most: 20 for each of nine indenters
+CLOSE_UP_M = 9e-3  # half the width of a close-up
 
 
 class Patches:
-    """Contact patches on one sensor, see `simgen.dataset.contact_patch`. Raises `InputError` as it does."""
+    """Contact patches on one sensor. Raises `InputError` as `simgen.dataset.contact_patch`."""
 
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor = dataset, sensor
@@ -30,11 +30,11 @@ class Patches:
         self._reached = depths_reached(dataset, sensor)
 
     def touching(self, press: int, steps: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-        """(step, point) whether each point touches, at some depths of a press, displaced by (step, vertex, 3) m."""
+        """Points in contact (step, point), bool, at ``steps`` of a press with displacements (step, vertex, 3) m."""
         return self._contact.touching(np.full(len(steps), press), steps, displacement[:, self.surface.points])
 
     def share(self, presses: np.ndarray) -> tuple[np.ndarray, int]:
-        """(point,) share of the converged samples of some presses in which each touches, and how many samples."""
+        """Share (point,) of the converged samples of presses in which a point touches, and the number of samples."""
         times = np.zeros(len(self.surface.points))
         for press in map(int, presses):
             reached = int(self._reached[press])
@@ -48,36 +48,33 @@ def patches_section(dataset: Dataset) -> Iterator[str]:
     try:
         found = {sensor: Patches(dataset, sensor) for sensor in dataset.sensors}
     except InputError as error:
-        yield f"<p>Not looked at: {html.escape(str(error))}</p>"
+        yield f"<p>Contact patches are not available: {html.escape(str(error))}</p>"
         return
     presses = {sensor: drawn_presses(dataset, sensor, PRESSES) for sensor in dataset.sensors}
     if not any(map(len, presses.values())):
         yield NOTHING_YET
         return
     yield (
-        f"<p>A point of the surface touches if it is at most {FACET_M * 1e6:.0f} um from the indenter, or in it. Areas "
-        "are at rest and as coarse as the mesh.</p>"
-        "<h3>How often each point touches; grey cannot be touched</h3>"
+        f"<p>A surface point is in contact if it lies in the indenter or at most {FACET_M * 1e6:.0f} um from it. "
+        "Areas are those of the surface at rest, as fine as the mesh.</p>"
+        "<h3>Share of samples in which a point is in contact (grey: not touchable)</h3>"
     )
     shares = {sensor: own.share(presses[sensor]) for sensor, own in found.items()}
     largest = 100.0 * max(share.max(initial=0.0) for share, _ in shares.values())
     yield tiles(
-        (
-            picture(_draw_share(found[s], share, samples, largest), f"share of samples in contact on {s}")
-            for s, (share, samples) in shares.items()
-        ),
-        wide=True,
+        picture(_draw_share(found[s], share, samples, largest), f"share of samples in contact on {s}")
+        for s, (share, samples) in shares.items()
     )
     for sensor, own in presses.items():
         all_of_them = np.count_nonzero(depths_reached(dataset, sensor))
-        words = "all" if len(own) == all_of_them else "drawn by lot, as many of each indenter,"
-        yield f"<p>{html.escape(sensor)}: {len(own):,} presses, {words} of {all_of_them:,} with a converged sample.</p>"
+        words = "" if len(own) == all_of_them else ", drawn at random, the same number for each indenter"
+        yield f"<p>{html.escape(sensor)}: {len(own):,} of {all_of_them:,} presses with a converged sample{words}.</p>"
     yield (
-        "<h3>Single patches</h3><p>Dark: what touches where the press ends that goes furthest on all sensors, of each "
-        f"indenter; seen along the contact's normal, {2e3 * CLOSE_UP_M:g} mm wide.</p>"
+        "<h3>Single patches</h3><p>For each indenter, the end of the press that goes furthest on all sensors, seen "
+        f"along the contact normal, {2e3 * CLOSE_UP_M:g} mm wide. Dark: in contact.</p>"
     )
     pictures = (_picture_of_patch(dataset, found, index) for index in range(len(dataset.indenters)))
-    yield tiles(filter(None, pictures), wide=True)
+    yield tiles(filter(None, pictures))
 
 
 def _draw_share(patches: Patches, share: np.ndarray, samples: int, largest: float) -> Figure:
@@ -98,7 +95,7 @@ def _picture_of_patch(dataset: Dataset, found: dict[str, Patches], indenter: int
 
 
 def _draw_patch(axes, patches: Patches, press: int, depth: int) -> None:
-    """A close-up along the contact's normal, in the frame of the sensor."""
+    """Draw a close-up along the contact normal, in the frame of the sensor."""
     dataset, sensor, surface = patches.dataset, patches.sensor, patches.surface
     displacement = dataset.displacement(sensor, press, depth)
     (touching,) = patches.touching(press, np.array([depth]), displacement[None])

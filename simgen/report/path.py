@@ -1,4 +1,4 @@
-"""Forces and slip along the path of indenters that do more than press."""
+"""Curves of force and slip along the path of an indenter that does more than press."""
 
 from collections.abc import Iterator
 
@@ -15,7 +15,7 @@ QUANTITIES = ("normal force, N", "shear force, N", "sliding share of the contact
 
 
 def path_section(dataset: Dataset) -> Iterator[str]:
-    """Nothing where indenters only press."""
+    """Nothing if indenters only press."""
     path = dataset.indenter_path
     if path.is_a_press:
         return
@@ -26,19 +26,19 @@ def path_section(dataset: Dataset) -> Iterator[str]:
     ends = np.flatnonzero(np.diff(path.legs, append=path.legs[-1] + 1))
     legs = "; ".join(f"Leg {path.legs[end]} ends at step {end + 1}: {path.label(end)}" for end in ends)
     yield (
-        f"<p>Leg 0 is the press. {legs}. Offsets are in the contact frame. A dashed line shows where a leg ends. There "
-        f"is a thin line for each of the first {CURVES} trajectories.</p>"
+        f"<p>Leg 0 is the press. {legs}. Offsets are in the contact frame. Dashed lines: ends of legs. Thin lines: the "
+        f"first {CURVES} trajectories.</p>"
     )
     indenter = dataset["press/indenter"]
     pictures = []
     for index, name in enumerate(dataset.indenters):
         own = {sensor: curves[:, indenter == index] for sensor, curves in values.items()}
         pictures.append(picture(_draw(own, ends[:-1] + 1, name), f"forces along the path, {name}"))
-    yield tiles(pictures, wide=True)
+    yield tiles(pictures)
 
 
 def along_path(dataset: Dataset, sensor: str) -> np.ndarray:
-    """(quantity, press, step) the `QUANTITIES`: N, N and a share; NaN where not reached."""
+    """The `QUANTITIES` (quantity, press, step): N, N and a share; NaN where not reached."""
     shear = np.linalg.norm(dataset[f"{sensor}/shear_force"], axis=2)
     return np.stack([axial_force(dataset, sensor), shear, dataset[f"{sensor}/slip_share"]])
 

@@ -1,4 +1,4 @@
-"""The contacts that were drawn again because an indenter would leave too little gel, and the area that they cost."""
+"""Contacts that the plan refused because an indenter would leave too little gel, and the area lost by that."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,28 +12,28 @@ from simgen.dataset.touchable import TouchableSurface
 from simgen.plotting.html import picture, table
 from simgen.plotting.surface_plot import camera, draw_points, draw_surface
 
-NEAR = 0.5  # of the deepest press: a place counts as covered by a contact so far away
+NEAR = 0.5  # of the deepest press: skin this near to a contact counts as covered
 KEPT, REFUSED = np.array([0.10, 0.35, 0.60]), np.array([0.80, 0.10, 0.10])
 FACING_PAD = camera(np.array([0.0, -1.0, 0.0]))
 
 
 @dataclass(frozen=True)
 class Draws:
-    """Contacts on the reference sensor in its frame: points (n, 3) m and outward normals (n, 3) of both kinds."""
+    """Contacts on the reference sensor: points (n, 3) m and outward normals (n, 3), in its frame."""
 
     kept: tuple[np.ndarray, np.ndarray]
     refused: tuple[np.ndarray, np.ndarray]
 
 
 def draws_of(arrays: Mapping[str, np.ndarray]) -> Draws:
-    """The contacts of a dataset, or of a plan's arrays, that has refused some."""
+    """Contacts of a dataset, or of a plan's arrays, with refused ones."""
     _, first = np.unique(arrays["press/trajectory"], return_index=True)
     kept = arrays["press/contact_pose"][first][:, :3, 3], arrays["press/contact_normal"][first]
     return Draws(kept, (arrays["refused/points"], arrays["refused/normals"]))
 
 
 def areas(surface: TouchableSurface, draws: Draws, near_m: float) -> tuple[float, float]:
-    """Touchable area, m2, with any contact so near, and with one that was kept."""
+    """Touchable area, m2, within ``near_m`` of any contact, and of a kept one."""
     places = surface.vertices[surface.points]
     kept, refused = (cKDTree(points).query(places)[0] <= near_m for points, _ in (draws.kept, draws.refused))
     return float(surface.areas[kept | refused].sum()), float(surface.areas[kept].sum())
@@ -51,7 +51,7 @@ def draws_map(surface: TouchableSurface, draws: Draws, title: str) -> Figure:
 
 
 def refused_lines(dataset: Dataset, surface: TouchableSurface) -> Iterator[str]:
-    """Lines of HTML on a reference sensor with this surface; none if the plan has refused no contact."""
+    """Lines of HTML about the reference sensor; none if the plan refused no contact."""
     if "refused/points" not in dataset.root:
         return
     draws = draws_of(dataset)
@@ -59,14 +59,14 @@ def refused_lines(dataset: Dataset, surface: TouchableSurface) -> Iterator[str]:
     near = NEAR * float(dataset.job.depths_m.max())
     before, after = areas(surface, draws, near)
     name, least = dataset.sensors[0], dataset.job.trajectories.least_thickness_left
-    yield "<h3>Contacts that were drawn again: red; kept: blue</h3>"
+    yield "<h3>Refused contacts (red) and kept ones (blue)</h3>"
     yield (
-        f"<p>At {refused:,} of {kept + refused:,} places that fit otherwise ({refused / (kept + refused):.1%}) an "
-        f"indenter would leave less than {least:g} of the gel under it, or enter what the gel rests on, on one of the "
-        "sensors (<code>trajectories.least_thickness_left</code>). Other places were drawn instead. Areas are those of "
-        f"the touchable skin within {near * 1e3:.2g} mm of a contact.</p>"
+        f"<p>{refused:,} of {kept + refused:,} places ({refused / (kept + refused):.1%}) were refused and replaced. "
+        f"There, on one of the sensors, an indenter would leave less than {least:g} of the gel's thickness, or enter "
+        "the body under the gel (<code>trajectories.least_thickness_left</code>). Areas are touchable skin within "
+        f"{near * 1e3:.2g} mm of a contact.</p>"
     )
-    yield table(["sensor", "area of all places", "area of the kept ones", "lost"], [
+    yield table(["sensor", "area of all contacts", "area of kept contacts", "lost"], [
         [name, f"{before * 1e6:.0f} mm2", f"{after * 1e6:.0f} mm2", f"{(before - after) * 1e6:.0f} mm2"],
     ])  # fmt: skip
-    yield picture(draws_map(surface, draws, name), f"contacts drawn again on {name}")
+    yield picture(draws_map(surface, draws, name), f"refused contacts on {name}")

@@ -1,6 +1,6 @@
-"""The surface of each sensor during a press in three dimensions, to be turned by hand, with a slider over the depths.
+"""3D view of each sensor's surface during a press, with a slider over the depths.
 
-Drawn by plotly.js, which is inside the page: nothing is loaded.
+plotly.js draws it. The page holds plotly.js, so nothing is loaded.
 """
 
 import html
@@ -19,7 +19,7 @@ from simgen.report.choice import NOTHING_YET, furthest_press, steps_axis
 from simgen.report.meshes import OBLIQUE
 
 HEIGHT_PX = 480
-DISTANCE = 1.35  # of the camera, over the longest side
+DISTANCE = 1.35  # of the camera, relative to the longest side
 SCALE = [[step, to_hex(COLOURS(step))] for step in np.linspace(0.0, 1.0, 9).tolist()]
 AT_ONCE = {"mode": "immediate", "frame": {"duration": 0, "redraw": True}, "transition": {"duration": 0}}
 
@@ -31,11 +31,11 @@ def solid_view_section(dataset: Dataset) -> Iterator[str]:
         return
     name = dataset.indenters[dataset["press/indenter"][press]]
     yield (
-        f"<p>Press {press}, {html.escape(name)}, in each sensor's own frame, coloured by the length of the "
-        "displacement. Drag to turn, pinch or scroll to come nearer; the slider goes through the depths.</p>"
+        f"<p>Press {press}, {html.escape(name)}, in each sensor's own frame. Colour: length of the displacement. Drag "
+        "to rotate, pinch or scroll to zoom, and move the slider to change the depth.</p>"
         f"<script>{get_plotlyjs()}</script>"
     )
-    yield tiles((_drawn_by_plotly(dataset, sensor, press, reached) for sensor in dataset.sensors), wide=True)
+    yield tiles(_drawn_by_plotly(dataset, sensor, press, reached) for sensor in dataset.sensors)
 
 
 def _drawn_by_plotly(dataset: Dataset, sensor: str, press: int, reached: int) -> str:
@@ -51,15 +51,13 @@ def _drawn_by_plotly(dataset: Dataset, sensor: str, press: int, reached: int) ->
 
 
 def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figure:
-    """The surface alone, mm in float32, with a frame at rest and at each depth reached; the last one is shown."""
+    """Surface in mm, float32, with a frame at rest and at each depth reached. The last frame is shown."""
     points, triangles = np.unique(dataset[f"{sensor}/surface_triangles"], return_inverse=True)
     triangles = triangles.reshape(-1, 3).astype(np.int32)
     rest = dataset[f"{sensor}/rest_positions"][points]
     moved = dataset.displacement(sensor, press, slice(0, reached))[:, points]
     moved = np.concatenate([np.zeros((1, *rest.shape)), moved])
-    position, length = (
-        np.float32(1e3 * values) for values in (rest + moved, np.linalg.norm(moved, axis=-1))
-    )
+    position, length = (np.float32(1e3 * values) for values in (rest + moved, np.linalg.norm(moved, axis=-1)))
     steps, _ = steps_axis(dataset)
     labels = ["0", *(f"{step:g}" for step in steps[:reached])]
     prefix, unit = ("depth ", " mm") if dataset.indenter_path.is_a_press else ("step ", "")
@@ -70,7 +68,7 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
 
     i, j, k = np.ascontiguousarray(triangles.T)
     look = {"ambient": 0.55, "diffuse": 0.6, "specular": 0.1, "roughness": 0.7}
-    light = _xyz(1e5 * LIGHT)  # far away; plotly.js has it turn with the viewer
+    light = _xyz(1e5 * LIGHT)  # far away; plotly.js turns it with the viewer
     shown = mesh(
         reached, i=i, j=j, k=k, cmin=0.0, cmax=float(length.max()), colorscale=SCALE,
         lighting=look, lightposition=light, hoverinfo="skip",
@@ -80,7 +78,7 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
     figure = Figure(shown, frames=[Frame(data=[mesh(step)], name=label) for step, label in enumerate(labels)])
     slider = [{"label": label, "method": "animate", "args": [[label], AT_ONCE]} for label in labels]
     axis = {"showbackground": False, "gridcolor": "#e1e4e8", "zeroline": False, "tickfont": {"size": 10}, "nticks": 5}
-    low, high = position.min(axis=(0, 1)) - 0.5, position.max(axis=(0, 1)) + 0.5  # of all depths: nothing jumps
+    low, high = position.min(axis=(0, 1)) - 0.5, position.max(axis=(0, 1)) + 0.5  # the same limits at all depths
     aspect = (high - low) / (high - low).max()
     normal = dataset.root["press/contact_normal"][press] @ dataset.root[f"{sensor}/pose"][press][:3, :3]
     _, up, out = camera(normal + OBLIQUE)
@@ -88,7 +86,7 @@ def solid_view(dataset: Dataset, sensor: str, press: int, reached: int) -> Figur
         template="none",
         margin={"l": 0, "r": 0, "t": 60, "b": 0},
         scene={
-            "aspectmode": "manual",  # "data" would fill the picture to the same volume, and cut off what is flat
+            "aspectmode": "manual",  # "data" would cut off flat bodies
             "aspectratio": _xyz(aspect),
             "camera": {"eye": _xyz(DISTANCE * out), "up": _xyz(up)},
             "dragmode": "orbit",

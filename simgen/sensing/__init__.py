@@ -1,1 +1,1 @@
-"""Outputs of a sensor: electrode signals and camera images."""
+"""Sensor outputs: electrode signals and camera images."""

@@ -17,10 +17,10 @@ from simgen.fem.elements.element import ELEMENTS
 from simgen.fem.linear_solver.pattern import corners_to_nodes
 from simgen.fem.material.neo_hookean import NeoHookean
 from simgen.fem.nonlinear.newton import NewtonSolver, per_component
-from simgen.geometry.node_ordering import in_sweep_order
+from simgen.geometry.interpolation import interpolation_matrix
+from simgen.geometry.node_ordering import in_cuthill_mckee_order
 from simgen.geometry.rigid_shape import sampled_shape
 from simgen.geometry.signed_distance import RigidShape
-from simgen.geometry.tetrahedra import interpolation_matrix
 from simgen.sensors.sensor import Material, Sensor
 from simgen.sensors.support import faces_in_reach
 from simgen.units import MM_PER_M
@@ -50,7 +50,7 @@ class Scene:
         self.sampler = None  # what measures its states: `StateSampler.of` makes it once
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[self.settings.element]
-        mesh = self.mesh = in_sweep_order(sensor.simulation_mesh)
+        mesh = self.mesh = in_cuthill_mckee_order(sensor.simulation_mesh)
         n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
         self.nodes = mesh.nodes[:n] * MM_PER_M
         fixed = per_component(mesh.held[:n])

@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from simgen.geometry.interpolation import TET_EDGES, geometry_jacobian, locate, shape_functions, shape_gradients
-from simgen.geometry.tetrahedra import SimulationMesh, interpolation_matrix, signed_volumes, sizing_grid
+from simgen.geometry.interpolation import (
+    TET_EDGES,
+    geometry_jacobian,
+    interpolation_matrix,
+    locate,
+    shape_functions,
+    shape_gradients,
+)
+from simgen.geometry.tetrahedra import SimulationMesh, signed_volumes, sizing_grid
 
 
 def straight_mesh(vertices, tetrahedra) -> SimulationMesh:

@@ -21,10 +21,11 @@ def test_contents_lead_to_headings():
     assert targets == [re.search("id='([^']+)'", heading(title))[1] for title in titles]
 
 
-def test_pictures_stand_in_the_page_and_tiles_may_be_wide():
+def test_pictures_stand_in_the_page_and_tiles_may_be_narrow():
     figure = Figure(figsize=(1, 1))
     assert re.fullmatch(r"<img alt='a dot' src='data:image/webp;base64,[\w+/=]+'>", picture(figure, "a dot"))
-    assert tiles(["x"]) == "<div class='tiles'>x</div>" and tiles(["x"], wide=True) == "<div class='tiles wide'>x</div>"
+    assert tiles(["x"]) == "<div class='tiles wide'>x</div>"
+    assert tiles(["x"], narrow=True) == "<div class='tiles'>x</div>"
 
 
 def test_a_page_is_whole_or_the_old_one(tmp_path):

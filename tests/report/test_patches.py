@@ -39,5 +39,5 @@ def test_displacements_of_a_bounded_number_of_presses_are_read(failing, monkeypa
 
     monkeypatch.setattr(Dataset, "displacement", recorded)
     page = "".join(patches_section(failing))
-    assert "3 presses, drawn by lot, as many of each indenter, of 12 with a converged sample." in page
+    assert "3 of 12 presses with a converged sample, drawn at random" in page
     assert len(read) <= 2 * (3 + 3)  # sensors, the share's presses and one patch for each of three indenters

@@ -8,14 +8,14 @@ from simgen.pipeline.run import run
 from simgen.report.refused import Draws, areas, refused_lines
 
 
-def test_contacts_that_were_drawn_again_are_counted_and_shown(tmp_path):
+def test_refused_contacts_are_counted_and_shown(tmp_path):
     plan = fake.make_plan(fake.make_job())
     normals = np.array([[0.0, -1.0, 0.0], [np.sqrt(0.75), -0.5, 0.0]])
     plan.arrays |= {"refused/points": fake.RADIUS_M * normals, "refused/normals": normals}
     dataset = run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
     page = "".join(refused_lines(dataset, touchable_surface(dataset, "digit")))
-    assert "At 2 of 6 places that fit otherwise (33.3%) an indenter would leave less than 0.15" in page
-    assert page.count("<img alt='contacts drawn again on digit'") == 1
+    assert "2 of 6 places (33.3%) were refused" in page and "less than 0.15 of the gel's thickness" in page
+    assert page.count("<img alt='refused contacts on digit'") == 1
 
 
 def test_the_area_without_contacts_is_that_around_the_refused_ones():

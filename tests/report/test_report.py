@@ -137,5 +137,5 @@ def test_an_indenter_that_is_gone_costs_only_what_needs_it(tmp_path):
     (tmp_path / "pin.stl").unlink()
     write_report(dataset, tmp_path / "d.html")
     page = (tmp_path / "d.html").read_text()
-    assert "<p>Not looked at: " in page and "pin.stl: no such file" in page
+    assert "<p>Contact patches are not available: " in page and "pin.stl: no such file" in page
     assert page.count("data:image/gif") == 1 and pictures(page, "deformed by pin") == 1

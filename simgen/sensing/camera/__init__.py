@@ -1,5 +1,1 @@
-"""From a deformed gel to the picture that the sensor's camera takes of it.
-
-    displacement --height_map--> how far the surface has come towards the camera, at every pixel
-                 --blur--> the same, smoothed --shading--> image
-"""
+"""Images of a deformed gel, as the sensor's camera sees it: height map, smoothing (`blur`), `shading`, `shadows`."""

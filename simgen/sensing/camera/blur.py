@@ -1,11 +1,11 @@
-"""Smoothing of height maps by a pyramid of Gaussian kernels, as Taxim has it (Si and Yuan, RA-L 2022).
+"""Smoothing of height maps by a pyramid of Gaussian kernels, as in Taxim (Si and Yuan, RA-L 2022).
 
-Users choose one of two pyramids:
+There are two pyramids:
 
-- ``whole`` smooths the whole map. Contacts come from finite elements here, and the facets of a mesh are no edges.
+- ``whole`` smooths the whole map, because a mesh's facets are no real edges, not even in the contact.
 - ``across`` has the kernels of the ACROSS paper (ICRA 2025; ``kernel_size`` in its published configuration). Three
-  large kernels come first. The contact, all that is higher than 0.4 of the largest height, gets its heights back after
-  each of them. The small kernels then smooth the whole map. ACROSS smooths the depth of the gel. We smooth the height
+  large kernels come first. After each of them the contact gets its heights back: all pixels above 0.4 of the largest
+  height. The small kernels then smooth the whole map. ACROSS smooths the depth of the gel. simgen smooths the height
   above the gel at rest, so that the dome stays as it is.
 """
 
@@ -21,19 +21,19 @@ wp.set_module_options({"enable_backward": False})
 
 KERNELS = (51, 21, 11, 5)  # px
 AROUND = (401, 201, 101)  # px
-AT_WIDTH = 480  # px: the image that these kernels are for
-CONTACT = 0.4  # of a sample's largest height, that a contact's pixels have and more
+AT_WIDTH = 480  # px, width of the image that these kernels are for
+CONTACT = 0.4  # least height of a contact's pixels, as a share of the sample's largest height
 
 
 class Pyramid(NamedTuple):
-    """Kernels, px: those of the whole map, and those before them that leave the contact as it was."""
+    """Kernels, px: ``around`` come first and leave the contact as it was, ``whole`` smooth the whole map."""
 
     whole: tuple[int, ...] = ()
     around: tuple[int, ...] = ()
 
 
 PYRAMIDS = {"whole": Pyramid(KERNELS), "across": Pyramid(KERNELS, AROUND)}
-Bands = list[tuple[wp.array, wp.array]]  # of columns and of rows, see `_band`
+Bands = list[tuple[wp.array, wp.array]]  # band matrices for columns and for rows, see `_band`
 
 
 @wp.kernel
@@ -44,7 +44,7 @@ def _down_kernel(
     # outputs
     image_out: wp.array3d(dtype=wp.float32),
 ):
-    """Rows of the image combined by the rows of a band matrix, and the result transposed."""
+    """Transposed product of a band matrix with the image."""
     sample, row, column = wp.tid()
     start, total = first[row], wp.float32(0.0)
     for k in range(weights.shape[1]):
@@ -58,7 +58,7 @@ def _largest_kernel(
     # outputs
     largest_out: wp.array(dtype=wp.float32),
 ):
-    """The largest size of a height of each sample."""
+    """Largest absolute height of each sample."""
     sample, row, column = wp.tid()
     wp.atomic_max(largest_out, sample, wp.abs(height[sample, row, column]))
 
@@ -71,7 +71,7 @@ def _restore_kernel(
     # outputs
     smooth_out: wp.array3d(dtype=wp.float32),
 ):
-    """Heights of the contact, put back into the smoothed map."""
+    """Put the contact's heights back into the smoothed map."""
     sample, row, column = wp.tid()
     own = height[sample, row, column]
     if wp.abs(own) > share * largest[sample]:
@@ -79,10 +79,10 @@ def _restore_kernel(
 
 
 class Blur:
-    """Gaussian kernels of ``sizes`` (odd numbers of pixels) one after the other on maps (sample, height, width).
+    """Smooths maps (sample, height, width) by Gaussian kernels of ``sizes``, odd numbers of pixels, one by one.
 
-    Kernels ``around`` come before them, and leave the contact as it was. On a CPU OpenCV's own; on a GPU products with
-    band matrices, one for rows and one for columns.
+    Kernels ``around`` come first and leave the contact as it was. A CPU uses OpenCV's filter, a GPU products with band
+    matrices for rows and columns.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Blur:
         self.sizes, self.around, self.device, self._shape = sizes, around, device, (height, width)
 
     def __call__(self, image: wp.array) -> wp.array:
-        """The map smoothed; on a CPU in its place."""
+        """Smooth a map; on a CPU in place."""
         if self.device != "cpu":
             return self.by_matrices(image)
         for one in image.numpy():  # a view
@@ -99,7 +99,7 @@ class Blur:
         return image
 
     def _by_opencv(self, image: np.ndarray) -> None:
-        """Smooth one map (height, width), in its place."""
+        """Smooth one map (height, width) in place."""
         contact = np.abs(image) > np.float32(CONTACT) * np.abs(image).max()
         sharp = image[contact]
         for size in self.around:
@@ -109,7 +109,7 @@ class Blur:
             cv2.GaussianBlur(image, (size, size), 0, dst=image)
 
     def by_matrices(self, image: wp.array) -> wp.array:
-        """The same on any device."""
+        """Smooth a map by band matrices, on any device."""
         if self.around:
             sharp, largest = image, wp.zeros(len(image), dtype=wp.float32, device=self.device)
             wp.launch(_largest_kernel, dim=image.shape, inputs=[image], outputs=[largest], device=self.device)
@@ -140,18 +140,18 @@ class Blur:
 
 
 def pyramid(blur: str | None, width: int) -> Pyramid:
-    """Kernels of one of `PYRAMIDS` for an image of this width; none of None."""
+    """Kernels of one of `PYRAMIDS`, or no kernels for None, scaled to an image of this width."""
     return Pyramid(*(scaled_kernels(width, sizes) for sizes in PYRAMIDS[blur])) if blur else Pyramid()
 
 
 def scaled_kernels(width: int, sizes: tuple[int, ...] = KERNELS) -> tuple[int, ...]:
-    """Kernels for an image of another width: the same share of it, odd numbers, without those of one pixel."""
+    """Kernels scaled to an image of this width: odd numbers of pixels, without kernels of one pixel."""
     scaled = [2 * round((size * width / AT_WIDTH - 1.0) / 2.0) + 1 for size in sizes]
     return tuple(size for size in scaled if size > 1)
 
 
 def blur_matrix(size: int, kernels: tuple[int, ...]) -> np.ndarray:
-    """(size, size): what the kernels do to a column, borders mirrored about their last pixel as in OpenCV."""
+    """Matrix (size, size) that applies the kernels to a column, mirrored about its last pixel as in OpenCV."""
     matrix = np.eye(size)
     for kernel in kernels:
         matrix = convolve1d(matrix, cv2.getGaussianKernel(kernel, 0)[:, 0], axis=0, mode="mirror")
@@ -159,7 +159,7 @@ def blur_matrix(size: int, kernels: tuple[int, ...]) -> np.ndarray:
 
 
 def _band(matrix: np.ndarray, device: str) -> tuple[wp.array, wp.array]:
-    """The entries that are not 0, row by row from the first column, all rows of one length."""
+    """Nonzero entries of each row, all rows padded to one length, and the column of the first entry."""
     filled = matrix != 0.0
     first = filled.argmax(axis=1)
     last = matrix.shape[1] - filled[:, ::-1].argmax(axis=1)

@@ -1,12 +1,12 @@
-"""Images of a dataset's samples on disk: a folder for each press, which is whole or not there.
+"""Images of a dataset's samples on disk, a folder for each press. Folders of presses are complete or missing.
 
-    <dataset>.images/
-      render.json                    what decides the images
-      t0003_sphere_7mm/              of trajectory 3
-        02_0.3mm.png                 of depth 2, 0.3 mm; those that did not converge are missing
-        press.gif                    the press in motion, if it was asked for
-      montage_sphere_7mm.png         some trajectories and depths of an indenter
-      stages.png                     one sample from height map to image, smoothed and not
+<dataset>.images/
+  render.json                    settings that determine the images
+  t0003_sphere_7mm/              trajectory 3
+    02_0.3mm.png                 depth 2, 0.3 mm; samples that are not valid have none
+    press.gif                    animation, with --gif
+  montage_sphere_7mm.png         some trajectories and depths of an indenter
+  stages.png                     one sample from height map to image, sharp and smoothed
 """
 
 import hashlib
@@ -40,7 +40,7 @@ RECORD = "render.json"
 
 @dataclass(frozen=True)
 class Images:
-    """Where images of some presses of one sensor go, and how they are made."""
+    """Images of one sensor of a dataset: their folder and their settings."""
 
     dataset: Path
     sensor: str
@@ -52,7 +52,7 @@ class Images:
         return self.folder / _press_names(dataset)[press]
 
     def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
-        """What decides the images, for JSON."""
+        """Settings that determine the images, for JSON."""
         return {
             "dataset": dataset.attributes["job_hash"],
             "sensor": self.sensor,
@@ -66,17 +66,17 @@ class Images:
         }
 
     def meshes(self, dataset: Dataset) -> "MeshSource":
-        """What the images show; asked once by each process."""
+        """Make the source of the displacements, once in each process."""
         return StoredMeshes(dataset, self.sensor)
 
     def keep_to_one_core(self) -> None:
-        """Said by each process that has others beside it."""
+        """Limit a worker process to one thread."""
         cv2.setNumThreads(1)
 
 
 @lru_cache(maxsize=2)
 def _press_names(dataset: Dataset) -> list[str]:
-    """Of all presses; an array is read from a file for each shard, so once and not for each press."""
+    """Folder names of all presses. Cached, because every shard's file is read."""
     trajectories, indenters = dataset["press/trajectory"], dataset["press/indenter"]
     return [f"t{t:04d}_{dataset.indenters[i]}" for t, i in zip(trajectories, indenters, strict=True)]
 
@@ -85,13 +85,13 @@ class MeshSource(Protocol):
     """Displacements of the sensor, press by press."""
 
     def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
-        """Indices (n,) of the depths that get an image, their displacements (n, vertex, 3), m, and by name what else
-        belongs into the folder of the press.
+        """Indices (n,) of the depths that get an image, their displacements (n, vertex, 3), m, and other files of the
+        press's folder by name.
         """
 
 
 class StoredMeshes:
-    """Those of the dataset itself."""
+    """Displacements that the dataset itself holds."""
 
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor, self._valid = dataset, sensor, is_valid(dataset[f"{sensor}/status"])
@@ -102,7 +102,7 @@ class StoredMeshes:
 
 
 def claim(folder: Path, record: Mapping[str, Any]) -> None:
-    """Make the folder of images, or check that it holds some of the same kind. Raises `InputError`."""
+    """Make the folder of images. Raises `InputError` if it exists with other images or other files."""
     file = folder / RECORD
     if not folder.exists():
         with writing(folder), whole_folder(folder) as aside:
@@ -120,7 +120,7 @@ def claim(folder: Path, record: Mapping[str, Any]) -> None:
 
 @contextmanager
 def written_by_one(folder: Path) -> Iterator[None]:
-    """Hold a folder of images. Raises `InputError` if another process does."""
+    """Lock a folder of images. Raises `InputError` if another process has locked it."""
     try:
         with locked(folder):
             yield
@@ -129,7 +129,7 @@ def written_by_one(folder: Path) -> Iterator[None]:
 
 
 def unmade(images: Images, selection: PressSelection) -> list[int]:
-    """Presses that have samples and no images yet."""
+    """Presses that have samples but no images yet."""
     has_samples = selection.presses[selection.paired.any(axis=1)].tolist()
     return [press for press in has_samples if not images.of_press(selection.dataset, press).exists()]
 
@@ -137,9 +137,9 @@ def unmade(images: Images, selection: PressSelection) -> list[int]:
 def render(
     images: Images, selection: PressSelection, renderer: Renderer, workers: int, meshes: MeshSource | None = None
 ) -> Iterator[int]:
-    """Make what is missing, and say press by press how many images it has got. Raises `InputError`.
+    """Make the missing images and yield the number of images of each press. Raises `InputError`.
 
-    ``meshes`` are those of ``images``, if this process has them already.
+    ``meshes`` is the source of displacements, if this process has made it already.
     """
     dataset = selection.dataset
     claim(images.folder, images.record(dataset, renderer))
@@ -161,7 +161,7 @@ def _side_by_side(images: Images, presses: list[int], workers: int) -> Iterator[
 
 
 class _Worker:
-    """One process that renders presses."""
+    """Renders presses in one process."""
 
     def __init__(self, images: Images, dataset: Dataset, renderer: Renderer, meshes: MeshSource | None = None):
         self.images, self.dataset, self.renderer = images, dataset, renderer
@@ -184,7 +184,7 @@ class _Worker:
 
 
 def _start(images: Images) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts all; the parent answers
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts all processes; the parent handles it
     images.keep_to_one_core()
     dataset = Dataset(images.dataset)
     global _WORKER

@@ -1,4 +1,4 @@
-"""Pictures of many images: what an indenter looks like, a press in motion, and how an image comes about."""
+"""Montages of an indenter's images, animations of presses, and the stages from height map to image."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,19 +15,19 @@ from simgen.sensing.camera.images import Images
 from simgen.sensing.camera.renderer import Renderer
 
 ACROSS, DOWN = 5, 3  # depths and trajectories of a montage
-TILE_PX = 320  # the longer side of an image in it
-FRAME_MS, HOLD_MS = 120, 900  # of each depth, of the last
+TILE_PX = 320  # longer side of an image in a montage
+FRAME_MS, HOLD_MS = 120, 900  # for each depth, and for the last one
 PRESS_GIF, STAGES = "press.gif", "stages.png"
 
 
 def write_montages(images: Images, selection: PressSelection) -> Iterator[Path]:
-    """For each indenter a picture of some presses, one below the other, at some of their depths."""
+    """Write a picture for each indenter, with a row for each of some presses, and yield the files."""
     dataset = selection.dataset
     indenters = dataset["press/indenter"][selection.presses]
     for indenter in np.unique(indenters):
         folders = [images.of_press(dataset, press) for press in selection.presses[indenters == indenter]]
         lines = [pictures for folder in folders if (pictures := sorted(folder.glob("*.png")))]
-        deepest = sorted(lines, key=len, reverse=True)[: max(DOWN, len(lines) // 2)]  # not those that ended early
+        deepest = sorted(lines, key=len, reverse=True)[: max(DOWN, len(lines) // 2)]  # no presses that ended early
         chosen = [deepest[round(i)] for i in np.linspace(0, len(deepest) - 1, min(DOWN, len(deepest)))]
         if not chosen:
             continue
@@ -39,7 +39,10 @@ def write_montages(images: Images, selection: PressSelection) -> Iterator[Path]:
 
 
 def write_gif(folder: Path, rest: np.ndarray) -> Path | None:
-    """A press in motion, from ``rest`` (height, width, 3) on; None if it has no image. One that is there stays."""
+    """Write the animation of a press, unless it exists; None if the press has no image.
+
+    rest : (height, width, 3) uint8, first frame
+    """
     pictures, file = sorted(folder.glob("*.png")), folder / PRESS_GIF
     if not pictures or file.exists():
         return file if pictures else None
@@ -53,7 +56,7 @@ def write_gif(folder: Path, rest: np.ndarray) -> Path | None:
 
 
 def write_stages(file: Path, renderer: Renderer, displacement: np.ndarray, title: str) -> None:
-    """One sample, displacement (vertex, 3) m: height map and image, above as they are, below smoothed."""
+    """Draw height map and image of one sample, displacement (vertex, 3) m: sharp above, smoothed below."""
     sharp = renderer.heights(displacement[None])
     before = sharp.numpy()[0].copy(), renderer.image(sharp).numpy()[0]
     smooth = renderer.blur(sharp)
@@ -74,7 +77,7 @@ def write_stages(file: Path, renderer: Renderer, displacement: np.ndarray, title
 
 
 def _tile(file: Path) -> np.ndarray:
-    """An image of a montage, with its depth."""
+    """An image labelled with its depth."""
     image = _smaller(read_image(file))
     depth = file.stem.partition("_")[2].replace("mm", " mm")
     cv2.putText(image, depth, (8, image.shape[0] - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)

@@ -1,11 +1,11 @@
-"""What a camera behind a gel would see of it: three coloured lights, a matt coat, nothing else.
+"""Photometric model of a gel seen from within: three coloured lights and a matt coat.
 
 A point of the coat sends to the camera
 
     albedo * (ambient + power * sum over lights of colour * max(n . l, 0) / |d|^2),   l = d / |d|
 
-with d from the point to a light and n the coat's normal on the camera's side (Lambert's cosine law, inverse squares).
-Lights are small, the gel is clear, and light that other parts of the coat send on is part of the ambient one.
+where d leads from the point to a light, and n is the coat's normal on the camera's side (Lambert's cosine law, inverse
+square law). Lights are points and the gel is clear. Light reflected by other parts of the coat counts as ambient.
 """
 
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ COLOURS = ("red", "green", "blue")
 
 @dataclass(frozen=True)
 class Photometry:
-    """Lights and coat of a sensor; what is not measured is assumed, and said so.
+    """Lights and coat of a sensor.
 
-    lights : (3, 3) m, positions of the red, green and blue one, in the sensor's frame
+    lights : (3, 3) m, positions of the red, green and blue light, in the sensor's frame
     crosstalk : share of each light's power that the camera's other two channels see; assumed
-    albedo : share of light that the coat, of grey paint, sends back; assumed
-    ambient : of a channel, where the brightest place of an untouched gel is 1; assumed
-    brightest : of 0 to 255, that the camera's exposure gives this place
+    albedo : share of light that the grey coat reflects; assumed
+    ambient : ambient light of a channel, relative to the brightest pixel of the untouched gel; assumed
+    brightest : grey level, 0 to 255, of that pixel
     """
 
     lights: np.ndarray
@@ -35,7 +35,7 @@ class Photometry:
     brightest: float = 180.0
 
     def radiance(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(..., 3) red, green, blue in any unit, of points (..., 3) m with unit normals (..., 3), without ambient."""
+        """Radiance (..., 3) of points (..., 3) m with unit normals (..., 3), in any unit, without ambient light."""
         colour = np.full((3, 3), self.crosstalk) + (1.0 - self.crosstalk) * np.eye(3)
         total = np.zeros(points.shape)
         for light, own in zip(self.lights, colour, strict=True):
@@ -46,9 +46,9 @@ class Photometry:
         return self.albedo * total
 
     def exposure(self, untouched: np.ndarray) -> float:
-        """Grey levels per radiance, so that the brightest pixel of ``untouched`` (..., 3) is ``brightest``.
+        """Grey levels per radiance that give the brightest pixel of ``untouched`` (..., 3) the level ``brightest``.
 
-        Raises `InputError` if all of it is dark.
+        Raises `InputError` if all pixels are dark.
         """
         most = float(np.nanmax(untouched))
         if most <= 0.0:
@@ -56,5 +56,5 @@ class Photometry:
         return self.brightest * (1.0 - self.ambient) / most
 
     def image(self, radiance: np.ndarray, exposure: float) -> np.ndarray:
-        """Grey levels (..., 3) float, 0 to 255."""
+        """Grey levels (..., 3), float, 0 to 255, of radiances (..., 3)."""
         return np.clip(self.brightest * self.ambient + exposure * radiance, 0.0, 255.0)

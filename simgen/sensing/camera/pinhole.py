@@ -1,4 +1,4 @@
-"""A sensor's camera at some image size: which ray each pixel looks along."""
+"""Pinhole camera: the rays of an image's pixels."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from simgen.errors import InputError
 from simgen.sensors.sensor import Camera, place_camera
 from simgen.sensors.sensor_schema import SensorDescription
 
-MOST_PIXELS = 8192  # across an image
+MOST_PIXELS = 8192  # largest width and height of an image
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,11 @@ class Pinhole:
     """Rays through the middles of pixels: position + depth * (forward + x right + y up).
 
     Depth counts along the optical axis, m. Pixel (row, column) has its middle at
-    x = (column + 1/2 - width / 2) / focal and y = (height / 2 - row - 1/2) / focal: rows go down, columns right.
+    x = (column + 1/2 - width / 2) / focal and y = (height / 2 - row - 1/2) / focal. Rows go down, columns right.
 
-    axes : (3, 3), rows right, up, forward, in the sensor's frame
-    focal : pixels
+    position : (3,) m, in the sensor's frame
+    axes : (3, 3) right, up and forward (rows), in the sensor's frame
+    focal : focal length, px
     """
 
     position: np.ndarray
@@ -32,7 +33,10 @@ class Pinhole:
 
     @classmethod
     def of(cls, camera: Camera, height: int | None = None, width: int | None = None) -> Self:
-        """At the camera's own size or another one, with its vertical field of view. Raises `InputError`."""
+        """Make one of a sensor's camera, of its own image size or another (px). Keeps its vertical field of view.
+
+        Raises `InputError` for a size out of range.
+        """
         height = camera.height_px if height is None else height
         width = camera.width_px if width is None else width
         if not (0 < height <= MOST_PIXELS and 0 < width <= MOST_PIXELS):
@@ -44,16 +48,16 @@ class Pinhole:
         return cls(camera.position, axes, focal, height, width)
 
     def in_view(self, points: np.ndarray) -> np.ndarray:
-        """(..., 3) right, up and depth, m, of points (..., 3) m in the sensor's frame."""
+        """Points (..., 3) m of the sensor's frame as right, up and depth, m."""
         return (points - self.position) @ self.axes.T
 
     def across(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far right and up the middles of pixels are at a depth of 1."""
+        """x (right) and y (up) of the middles of pixels, at a depth of 1."""
         return (columns + 0.5 - 0.5 * self.width) / self.focal, (0.5 * self.height - rows - 0.5) / self.focal
 
 
 def placed_camera(description: SensorDescription, folder: Path) -> Camera:
-    """Of a sensor whose model lies in ``folder``. Raises `InputError` if it has none."""
+    """Camera of a sensor whose model lies in ``folder``. Raises `InputError` if it has none."""
     if description.camera is None:
         raise InputError(f"{folder / 'sensor.yaml'}: no camera; allowed: a sensor with one, as digit")
     return place_camera(description.camera)

@@ -1,4 +1,4 @@
-"""Images of deformed gels: surface, camera, table and background together."""
+"""Renderer: images of a deformed gel from its surface, the camera, a table of colours and a background."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +14,8 @@ from simgen.errors import InputError, shown
 from simgen.sensing.camera.blur import KERNELS, PYRAMIDS, Blur, pyramid
 from simgen.sensing.camera.height_map import HeightMaps
 from simgen.sensing.camera.image_files import read_image
+from simgen.sensing.camera.photometric_gel import photometry_of
 from simgen.sensing.camera.pinhole import Pinhole, placed_camera
-from simgen.sensing.camera.rendered import photometry_of
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.shading import Shading
 from simgen.sensing.camera.shadows import Shadows
@@ -28,12 +28,13 @@ TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.y
 
 @dataclass(frozen=True)
 class Look:
-    """The way that images are made of a sensor's meshes. Raises `InputError` for a ``blur`` that is not known.
+    """Settings of a renderer. Raises `InputError` for an unknown ``blur``.
 
-    table, background : files of Taxim's layout, and an image of nothing; by default the sensor's own
+    table : file of colours in Taxim's layout; by default the sensor's own
+    background : image of the untouched gel; by default the sensor's own
     height, width : px; by default the camera's own
     blur : a name of `simgen.sensing.camera.blur.PYRAMIDS`, by which height maps are smoothed; None leaves them sharp
-    shadows : whether lights that something stands before are dimmed
+    shadows : True dims pixels where the gel itself blocks a light
     """
 
     table: Path | None = None
@@ -49,12 +50,14 @@ class Look:
 
 
 class Renderer:
-    """Images (sample, height, width, 3) uint8, red first, of displacements (sample, vertex, 3), m.
+    """Makes images (sample, height, width, 3) uint8, red first, from displacements (sample, vertex, 3), m.
 
-    rest, triangles : (vertex, 3) m and (triangle, 3) outwards, of the gel's whole surface
-    background : (height, width, 3) uint8, of any size
-    kernels, around : px, of the whole map and around the contact, see `camera.blur`; none for no smoothing
-    lights : (3, 3) m, positions of the red, green and blue one, for shadows; none without
+    rest, triangles : (vertex, 3) m and outward (triangle, 3), the gel's whole surface
+    background : (height, width, 3) uint8, image of the untouched gel, of any size
+    kernels, around : px, kernels for the whole map and around the contact, see `camera.blur`; empty for no smoothing
+    lights : (3, 3) m, positions of the red, green and blue light, for shadows; None for no shadows
+
+    Raises `InputError` if the camera does not see the gel, or this machine lacks ``device``.
     """
 
     def __init__(
@@ -79,7 +82,7 @@ class Renderer:
 
     @classmethod
     def of_dataset(cls, dataset: Dataset, sensor: str, look: Look = Look(), device: str = "cpu") -> Self:
-        """Of a sensor of a dataset. Raises `InputError` if it has no camera, or if a file is not what it should be."""
+        """Make the renderer of a dataset's sensor. Raises `InputError` if it has no camera or a file is bad."""
         camera, folder = camera_of(dataset, sensor)
         own = {"--calibration": (look.table, TABLE), "--background": (look.background, BACKGROUND)}
         files = {option: given or folder / name for option, (given, name) in own.items()}
@@ -98,20 +101,20 @@ class Renderer:
         return self.image(self.blur(self.heights(displacement))).numpy()
 
     def image(self, height: wp.array) -> wp.array:
-        """(sample, height, width, 3) uint8 of height maps (sample, height, width) m."""
+        """Images (sample, height, width, 3) uint8 of height maps (sample, height, width) m."""
         image = self.shading(height)
         return image if self.shadows is None else self.shadows(image, height)
 
 
 def coat(rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole) -> np.ndarray:
-    """The triangles (n, 3) that a camera sees from within: those that look away from it. The gel itself is clear."""
+    """Triangles (n, 3) that a camera sees through the clear gel: those that face away from it."""
     corners = rest[triangles] - pinhole.position
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return triangles[np.einsum("ti,ti->t", normal, corners[:, 0]) > 0.0]
 
 
 def camera_of(dataset: Dataset, sensor: str) -> tuple[Camera, Path]:
-    """The camera of a dataset's sensor and the folder of its model. Raises `InputError` if there is none."""
+    """Camera of a dataset's sensor, and the folder of its model. Raises `InputError` if there is none."""
     if sensor not in dataset.sensors:
         raise InputError(f"{dataset.path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
     folder = sensor_folder(dataset.job.locate(dataset.job.sensors[sensor].model))

@@ -1,12 +1,11 @@
-"""Taxim's table: how bright a pixel becomes where the surface is tilted, by tilt and by place in the image.
+"""Taxim's table of colours: the change of a pixel's colour by the surface's tilt and the pixel's position.
 
-For every bin of the tilt's size and direction it holds second-order polynomials of the pixel's position, one for each
-colour (Si and Yuan, Taxim, RA-L 2022, section III). Files are `numpy.savez` of ``bins`` and, for each of `CHANNELS`, an
-array (bins, bins, 6).
+Each bin of the tilt's size and direction has a second-order polynomial of the position for each colour (Si and Yuan,
+Taxim, RA-L 2022, section III). Files are `numpy.savez` of ``bins`` and an array (bins, bins, 6) for each of `CHANNELS`.
 
-The names of the arrays mislead. Taxim reads pictures with OpenCV, which puts blue first. So its ``grad_r`` holds blue
-and its ``grad_b`` holds red; the source of its port on PyPI, taxim 1.4.1, says so. Our files have the same order, so
-that Taxim shows their colours. They state it in ``channels``, and add ``width``, ``height`` and ``source``.
+The names of the arrays mislead. Taxim reads pictures with OpenCV, which puts blue first. So ``grad_r`` holds blue and
+``grad_b`` holds red, as the source of the port on PyPI, taxim 1.4.1, says. simgen's files have the same order, so that
+Taxim shows their colours. They state it in ``channels``, and add ``width``, ``height`` and ``source``.
 """
 
 import hashlib
@@ -22,20 +21,20 @@ import numpy as np
 from simgen.errors import InputError, shown
 from simgen.sensing.camera.pinhole import MOST_PIXELS
 
-CHANNELS = ("grad_r", "grad_g", "grad_b")  # arrays of a file, in the order of the channels of a picture
+CHANNELS = ("grad_r", "grad_g", "grad_b")  # arrays of a file, in the order of a picture's channels
 COLOURS = "rgb"  # in the order of `Response.coefficients`
-PUBLISHED_ORDER = "bgr"  # colours of `CHANNELS`, as OpenCV orders them
-FIRST_ORDER = "rgb"  # colours of `CHANNELS` in our first files, which have a ``source`` and no ``channels``
+PUBLISHED_ORDER = "bgr"  # colours of `CHANNELS`, in OpenCV's order
+FIRST_ORDER = "rgb"  # colours of `CHANNELS` in simgen's first files, which have a ``source`` and no ``channels``
 TERMS = 6  # x^2, y^2, xy, x, y, 1
-PUBLISHED_SIZE = (640, 480)  # px, width and height of the image that published tables are for
+PUBLISHED_SIZE = (640, 480)  # px, width and height of the images of published tables
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How an image lies in the frame that a table counts in: tables lie, and an image that stands is turned clockwise.
+    """Transformation from an image to the image of a table. A portrait image is turned clockwise for a landscape table.
 
-    turned : whether it is
-    scale : pixels of the table's image for one of this image
+    turned : True if it is turned
+    scale : pixels of the table's image for a pixel of this image
     height : px, of this image
     """
 
@@ -49,25 +48,25 @@ class Placement:
         return cls(turned, table_width / (height if turned else width), height)
 
     def position(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x and y of pixels in the table's image."""
+        """Position x, y of pixels in the table's image."""
         x, y = (self.height - 1 - rows, columns) if self.turned else (columns, rows)
         return self.scale * x, self.scale * y
 
     def slope(self, down: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Slopes along the table's x and y, of those from row to row and from column to column."""
+        """Slopes along the table's x and y, from slopes along rows (down) and columns (right)."""
         return (-down, right) if self.turned else (right, down)
 
 
 @dataclass(frozen=True)
 class Response:
-    """Change of an image's colours, 0 to 255, by tilt and position.
+    """A table of colours: the change of an image's colours, 0 to 255, by tilt and position.
 
-    coefficients : (3, bins, bins, 6) red, green, blue; size of the tilt; its direction; x^2, y^2, xy, x, y, 1
-    width, height : px, of the image that x (to the right) and y (downwards) count in
-    source : what it was fitted to; nothing if a file does not say
+    coefficients : (3, bins, bins, 6) by colour; size of the tilt; direction of the tilt; x^2, y^2, xy, x, y, 1
+    width, height : px, of the image in which x (to the right) and y (downwards) are measured
+    source : the kind of data that the table was fitted to; empty if unknown
 
-    The tilt is the gradient of the height, positive towards the camera: its size atan |grad h| in bins of
-    (pi / 2) / (bins - 1) from 0, its direction atan2(dh / dy, dh / dx) in bins of 2 pi / (bins - 1) from -pi.
+    The tilt is the gradient of the height h, which is positive towards the camera. Its size atan |grad h| has bins of
+    (pi / 2) / (bins - 1) from 0. Its direction atan2(dh / dy, dh / dx) has bins of 2 pi / (bins - 1) from -pi.
     """
 
     coefficients: np.ndarray
@@ -81,24 +80,24 @@ class Response:
 
     @property
     def hash(self) -> str:
-        """sha256 of all that it says."""
+        """SHA-256 of coefficients and sizes."""
         size = f"{self.width} {self.height} {self.bins} "
         return hashlib.sha256(size.encode() + np.ascontiguousarray(self.coefficients).tobytes()).hexdigest()
 
     def from_flat(self) -> np.ndarray:
-        """(bins + 1, bins - 1, 18): what a tilt changes beside none, for interpolation.
+        """Table (bins + 1, bins - 1, 18) for interpolation, relative to the response to no tilt.
 
-        Rows are tilts of 0, 1/2, 3/2, ... bins; columns are directions from -pi + 1/2 bin on, all around. A tilt of
-        none has no direction: its response, the mean of the first bins, is what is taken off everywhere, so that flat
-        gel keeps the background, and gel that is almost flat is not speckled.
+        Rows are tilts of 0, 1/2, 3/2, ... bins. Columns are directions from -pi + 1/2 bin on, all around. The response
+        to no tilt is the mean of the first bins over all directions. It is subtracted everywhere, so that flat gel
+        keeps the background and almost flat gel is not speckled.
         """
-        around = self.coefficients[:, :, :-1]  # the last bin holds no more than +pi, which is -pi
+        around = self.coefficients[:, :, :-1]  # the last bin is the direction +pi, which equals -pi
         flat = around[:, :1].mean(axis=2, keepdims=True)
         whole = np.concatenate([np.broadcast_to(flat, around[:, :1].shape), around], axis=1) - flat
         return np.moveaxis(whole, 0, 2).reshape(self.bins + 1, self.bins - 1, 3 * TERMS)
 
     def change(self, slope_x: np.ndarray, slope_y: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(n, 3): what slopes (n,) change at positions (n,), px, of the table's image, as `camera.shading`."""
+        """Changes of colour (n, 3) for slopes (n,) at positions (n,), px, of the table's image, as `camera.shading`."""
         table, around = self.from_flat(), self.bins - 1
         size = np.arctan(np.hypot(slope_x, slope_y)) / (0.5 * np.pi) * around
         lower = np.minimum((size + 0.5).astype(int), around)
@@ -115,7 +114,7 @@ class Response:
 
     @classmethod
     def load(cls, file: str | Path) -> Self:
-        """Read a published file or one of ours. Raises `InputError` with one line if it is no such table."""
+        """Read a file of Taxim or simgen. Raises `InputError` if it is no such table."""
         arrays = _arrays(file)
         missing = [name for name in ("bins", *CHANNELS) if name not in arrays]
         if missing:
@@ -131,7 +130,7 @@ class Response:
         return cls(coefficients, *size, str(arrays.get("source", "")))
 
     def data(self) -> bytes:
-        """Return the bytes of a file that `load` and Taxim read."""
+        """Encode the table as a file that `load` and Taxim read."""
         arrays = dict(zip(_names(PUBLISHED_ORDER), self.coefficients.astype(np.float32), strict=True))
         about = {"bins": self.bins, "channels": PUBLISHED_ORDER}
         about |= {"width": self.width, "height": self.height, "source": self.source}
@@ -140,7 +139,7 @@ class Response:
         return file.getvalue()
 
     def save(self, file: str | Path) -> None:
-        """Raises `OSError`."""
+        """Write the table to a file. Raises `OSError`."""
         Path(file).write_bytes(self.data())
 
 
@@ -150,7 +149,7 @@ def _arrays(file: str | Path) -> dict[str, np.ndarray]:
             return {name: data[name] for name in data.files}
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, EOFError, BadZipFile, AttributeError) as error:  # of a .npy, too
+    except (ValueError, EOFError, BadZipFile, AttributeError) as error:  # also for a .npy
         raise InputError(f"{file}: not a file of numpy.savez ({shown(str(error), 100)})") from None
 
 
@@ -165,7 +164,7 @@ def _order(file: str | Path, arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def _names(order: str) -> list[str]:
-    """Names of the arrays that hold red, green and blue where `CHANNELS` have the colours ``order``."""
+    """Names of the arrays of red, green and blue if `CHANNELS` have the colours ``order``."""
     return [CHANNELS[order.index(colour)] for colour in COLOURS]
 
 

@@ -1,4 +1,4 @@
-"""Images of height maps by Taxim's table."""
+"""Shading: images of height maps by Taxim's table of colours."""
 
 import numpy as np
 import warp as wp
@@ -14,7 +14,7 @@ Coefficients = wp.types.vector(length=3 * TERMS, dtype=wp.float32)  # of one bin
 
 @wp.func
 def _arctan(x: wp.float32):
-    """Of 0 <= x <= 1, to 1e-5: three thousandths of a bin (Abramowitz and Stegun, 4.4.49). wp.atan takes 20 ns."""
+    """Arc tangent of 0 <= x <= 1 to 1e-5, 0.003 bins (Abramowitz and Stegun, 4.4.49). wp.atan takes 20 ns."""
     z = x * x
     p = wp.float32(0.0208351) * z - wp.float32(0.0851330)
     p = p * z + wp.float32(0.1801410)
@@ -24,7 +24,7 @@ def _arctan(x: wp.float32):
 
 @wp.func
 def _angle(y: wp.float32, x: wp.float32):
-    """As wp.atan2, to 1e-5; 0 of a point at the origin."""
+    """As wp.atan2, to 1e-5; 0 at the origin."""
     along, up = wp.abs(x), wp.abs(y)
     longer = wp.max(along, up)
     angle = _arctan(wp.min(along, up) / wp.max(longer, wp.float32(1.0e-30)))
@@ -45,7 +45,7 @@ def _shade_kernel(
     # outputs
     image_out: wp.array4d(dtype=wp.uint8),
 ):
-    """Colours of a pixel: the background, and what the table says of its tilt."""
+    """Colour of a pixel: the background plus the table's change of colour for its tilt."""
     sample, row, column = wp.tid()
     rows, columns = height.shape[1], height.shape[2]
     r, c = wp.clamp(row, 1, rows - 2), wp.clamp(column, 1, columns - 2)
@@ -53,7 +53,7 @@ def _shade_kernel(
     down = half * (height[sample, r + 1, c] - height[sample, r - 1, c]) / pixel[r, c]
     right = half * (height[sample, r, c + 1] - height[sample, r, c - 1]) / pixel[r, c]
     x, y, along_x, along_y = wp.float32(column), wp.float32(row), right, down
-    if turned:  # clockwise by a right angle: what was at the bottom is on the left
+    if turned:  # clockwise by a right angle: the bottom becomes the left side
         x, y, along_x, along_y = wp.float32(rows - 1 - row), wp.float32(column), -down, right
     x, y = x * scale, y * scale
     size = _angle(wp.sqrt(along_x * along_x + along_y * along_y), wp.float32(1.0)) / HALF_PI * wp.float32(bins - 1)
@@ -78,10 +78,10 @@ def _shade_kernel(
 
 
 class Shading:
-    """Images (sample, height, width, 3) uint8, red first, of heights (sample, height, width) m.
+    """Makes images (sample, height, width, 3) uint8, red first, from height maps (sample, height, width) m.
 
-    pixel : (height, width) m, what a pixel covers on the surface at rest, across the optical axis
-    background : (height, width, 3) uint8, the image of nothing
+    pixel : (height, width) m, size of each pixel on the surface at rest, across the optical axis
+    background : (height, width, 3) uint8, image of the untouched gel
     """
 
     def __init__(self, response: Response, pixel: np.ndarray, background: np.ndarray, device: str = "cpu"):

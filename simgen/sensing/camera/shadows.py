@@ -1,8 +1,8 @@
-"""Shadows: what of a coat its lights do not reach, because other parts of it stand in the way.
+"""Shadows that parts of the coat throw on others.
 
-From every pixel a ray goes to each light, in steps of about a pixel. Where the coat that the camera sees lies nearer to
-the camera than the ray, it stops the ray. A table of colours knows tilts and no shadows: what it makes of a pixel is
-dimmed by the share that the light of that colour has in it.
+A ray goes from every pixel to each light, in steps of about a pixel. It is blocked where the coat that the camera sees
+lies nearer to the camera than the ray. A table of colours knows tilts but no shadows. So the colour of a blocked light
+is dimmed by that light's share in it.
 """
 
 import numpy as np
@@ -13,15 +13,15 @@ from simgen.sensing.camera.pinhole import Pinhole
 
 wp.set_module_options({"enable_backward": False})
 
-OWN_SHARE = wp.constant(wp.float32(0.7))  # of a channel's light, that of the light of its colour; see photometry.py
+OWN_SHARE = wp.constant(wp.float32(0.7))  # of a channel's light that comes from the light of its colour; assumed
 STEP_PX = wp.constant(wp.float32(1.0))
-CLEAR_M = wp.constant(wp.float32(2.0e-5))  # that a ray may run below the coat: depths between pixels are not known
-SOFT = (21,)  # px, of an image of 480: the Gaussian kernel of a shadow's edge, as lights are not points
+CLEAR_M = wp.constant(wp.float32(2.0e-5))  # depth below the coat that blocks no ray yet: between pixels it is unknown
+SOFT = (21,)  # px in an image of 480, Gaussian kernel that softens edges, because lights are not points
 
 
 @wp.func
 def _view(pixel: wp.vec2f, depth: wp.float32, half: wp.vec2f, focal: wp.float32):
-    """Right, up and depth, m, of a column and a row at a depth."""
+    """Right, up and depth, m, of a pixel (column, row) at a depth."""
     return wp.vec3f(pixel[0] + 0.5 - half[0], half[1] - pixel[1] - 0.5, focal) * (depth / focal)
 
 
@@ -36,7 +36,7 @@ def _shadow_kernel(
     # outputs
     lit_out: wp.array3d(dtype=wp.float32),
 ):
-    """1 where a light is seen, 0 where it is not, light by light. ``highest``: the least depth of each sample."""
+    """1 where a light reaches a pixel, else 0, light by light. ``highest``: least depth of each sample."""
     sample, row, column = wp.tid()
     rows, columns = rest_depth.shape[0], rest_depth.shape[1]
     here = wp.vec2f(wp.float32(column), wp.float32(row))
@@ -44,7 +44,7 @@ def _shadow_kernel(
     for light in range(3):
         lit = wp.float32(1.0)
         way = lights[light] - start
-        # The ray in the image: after a share t of the way it is at depth z, where it can be no lower than the coat.
+        # The ray ends where it is nearer to the camera than all of the coat.
         last = wp.float32(1.0)
         if way[2] < 0.0:
             last = wp.min((highest[sample] - start[2]) / way[2], last)
@@ -52,7 +52,7 @@ def _shadow_kernel(
         on_image = wp.vec2f(half[0] + end[0] / end[2] * focal - 0.5, half[1] - end[1] / end[2] * focal - 0.5) - here
         steps = wp.int32(wp.ceil(wp.length(on_image) / STEP_PX))
         for k in range(1, steps):
-            # Straight in the image, where 1 / depth is linear.
+            # The ray is straight in the image, and 1 / depth is linear along it.
             t = wp.float32(k) / wp.float32(steps)
             at = here + t * on_image
             c, r = wp.int32(wp.round(at[0])), wp.int32(wp.round(at[1]))
@@ -72,7 +72,7 @@ def _dim_kernel(
     # outputs
     image_out: wp.array4d(dtype=wp.uint8),
 ):
-    """What a shadow leaves of a colour. What lies in one at rest already is in the background."""
+    """Dim colours in shadow. Shadows of the gel at rest are in the background already."""
     sample, row, column, channel = wp.tid()
     lost = wp.max(lit_at_rest[channel, row, column] - lit[3 * sample + channel, row, column], 0.0)
     value = wp.float32(image_out[sample, row, column, channel]) * (1.0 - OWN_SHARE * lost)
@@ -80,10 +80,10 @@ def _dim_kernel(
 
 
 class Shadows:
-    """Which lights reach each pixel.
+    """Finds the lights that reach each pixel, and dims images where one does not.
 
     rest_depth : (height, width) m, finite
-    lights : (3, 3) m, in the sensor's frame, the red, the green and the blue one
+    lights : (3, 3) m, positions of the red, green and blue light, in the sensor's frame
     """
 
     def __init__(self, rest_depth: np.ndarray, pinhole: Pinhole, lights: np.ndarray, device: str = "cpu"):
@@ -96,7 +96,7 @@ class Shadows:
         self._at_rest = self._soften(self.lit(wp.zeros((1, *rest_depth.shape), dtype=wp.float32, device=device)))
 
     def lit(self, height: wp.array) -> wp.array:
-        """(3 * sample, height, width) float32, 1 where a light is seen and 0 elsewhere, light by light.
+        """Light (3 * sample, height, width) float32: 1 where a light reaches a pixel, else 0, light by light.
 
         height : (sample, height, width) m, towards the camera
         """
@@ -109,7 +109,7 @@ class Shadows:
         return lit
 
     def __call__(self, image: wp.array, height: wp.array) -> wp.array:
-        """Dim the image (sample, height, width, 3) uint8, in its place, where lights do not reach."""
+        """Dim shadows of an image (sample, height, width, 3) uint8 in place."""
         lit = self._soften(self.lit(height))
         wp.launch(_dim_kernel, dim=image.shape, inputs=[lit, self._at_rest], outputs=[image], device=self.device)
         return image

@@ -1,7 +1,7 @@
-"""Spheres pressed into a gel as its camera sees them: what a table of colours is fitted to.
+"""Spheres pressed into a gel, as its camera sees them. Tables of colours are fitted to them.
 
-A sphere of known radius touches the gel in a circle. Inside of it the coat is the sphere, whatever the gel is made of,
-so its tilt is known there, pixel by pixel.
+A sphere of known radius touches the gel in a circle. Inside the circle the coat follows the sphere, whatever the gel is
+made of. So its tilt is known at every pixel.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from simgen.sensing.camera.pinhole import Pinhole
 
 @dataclass(frozen=True)
 class Circle:
-    """Where a sphere touches, in the image: column and row of its middle, and its radius, px.
+    """Contact circle in the image: column and row of its middle, and its radius, px.
 
     The middle of the first pixel is column 0, row 0.
     """
@@ -26,7 +26,7 @@ class Circle:
 
 @dataclass(frozen=True)
 class Patch:
-    """The pixels (n,) of a contact, and the depth (n,) m of the sphere there, along the optical axis."""
+    """Pixels (n,) of a contact, and depth (n,) m of the sphere there, along the optical axis."""
 
     rows: np.ndarray
     columns: np.ndarray
@@ -34,10 +34,12 @@ class Patch:
 
 
 def sphere_in(circle: Circle, radius_m: float, rest_depth: np.ndarray, pinhole: Pinhole) -> Patch:
-    """The sphere through a circle on the surface at rest, ``rest_depth`` (height, width) m, as far as it is nearer.
+    """Pixels where a sphere through a contact circle is nearer to the camera than the surface at rest.
 
-    Its middle lies beyond the surface, on the normal at the circle's middle. Raises `InputError` if the circle is not
-    on the surface, or larger than the sphere.
+    rest_depth : (height, width) m
+
+    The sphere's middle lies beyond the surface, on the normal at the circle's middle. Raises `InputError` if the circle
+    is not on the surface, or larger than the sphere.
     """
     height, width = rest_depth.shape
     row, column = round(circle.row), round(circle.column)
@@ -62,7 +64,7 @@ def sphere_in(circle: Circle, radius_m: float, rest_depth: np.ndarray, pinhole: 
     rows, columns = rows[inside], columns[inside]
     x, y = pinhole.across(rows, columns)
     ray = np.stack([x, y, np.ones(len(x))], axis=1)
-    # |depth * ray - middle| = radius: the nearer of two depths
+    # |depth * ray - middle| = radius: the smaller root
     square, along = np.einsum("ni,ni->n", ray, ray), ray @ middle
     below = along**2 - square * (middle @ middle - radius_m**2)
     met = below > 0.0
@@ -72,7 +74,7 @@ def sphere_in(circle: Circle, radius_m: float, rest_depth: np.ndarray, pinhole: 
 
 
 def _tangent_plane(depth: np.ndarray, pinhole: Pinhole, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
-    """In view (right, up, depth), m: a point of the surface, and its unit normal towards the camera."""
+    """A point of the surface (right, up, depth), m, and its unit normal towards the camera."""
     rows = np.array([row, row, row, row - 1, row + 1])
     columns = np.array([column, column - 1, column + 1, column, column])
     x, y = pinhole.across(rows, columns)

@@ -1,4 +1,4 @@
-"""The gel that nothing touches as its camera sees it: of the true surface, without the facets of its triangles."""
+"""Depth map of the untouched gel, of its true surface without facets."""
 
 from dataclasses import dataclass, replace
 
@@ -13,13 +13,13 @@ from simgen.sensing.camera.response import PUBLISHED_SIZE
 from simgen.sensors.sensor import Camera
 from simgen.sensors.sensor_geometry import SensorGeometry
 
-SMOOTH = 0.0125  # of the image's shorter side: 6 of 480 pixels, 0.2 mm of a DIGIT whose triangles are of 0.5 mm
-BEYOND = 4.0  # standard deviations of the smoothing that are looked at around the image
+SMOOTH = 0.0125  # of the image's shorter side: 6 of 480 pixels, 0.2 mm on a DIGIT with triangles of 0.5 mm
+BEYOND = 4.0  # standard deviations of the smoothing, margin that is rendered around the image
 
 
 @dataclass(frozen=True)
 class UndeformedGel:
-    """depth : (height, width) m, along the camera's optical axis; infinite beside the gel"""
+    """``depth``: (height, width) m, along the camera's optical axis; infinite beside the gel."""
 
     camera: Camera
     pinhole: Pinhole
@@ -27,7 +27,7 @@ class UndeformedGel:
 
 
 def undeformed_gel(geometry: SensorGeometry, height: int, width: int) -> UndeformedGel:
-    """Of a sensor, for images of this size. Raises `InputError` if its camera has another aspect, or none is there."""
+    """Make the depth map of a sensor's gel. Raises `InputError` if it has no camera, or one of another aspect."""
     camera = placed_camera(geometry.description, geometry.folder)
     if abs(height * camera.width_px / (width * camera.height_px) - 1.0) > 0.01:
         own = f"{camera.width_px} x {camera.height_px}"
@@ -45,13 +45,13 @@ def undeformed_gel(geometry: SensorGeometry, height: int, width: int) -> Undefor
 
 
 def table_size(camera: Camera) -> tuple[int, int]:
-    """Height and width, px, of the camera's image if its longer side has the pixels of published tables."""
+    """Height and width, px, of the camera's image when its longer side is that of published tables."""
     scale = PUBLISHED_SIZE[0] / max(camera.height_px, camera.width_px)
     return round(scale * camera.height_px), round(scale * camera.width_px)
 
 
 def smooth(depth: np.ndarray, sigma: float) -> np.ndarray:
-    """A map (height, width) by a Gaussian kernel, of ``sigma`` pixels, over its finite places alone."""
+    """Smooth the finite pixels of a map (height, width) by a Gaussian kernel of ``sigma`` pixels."""
     seen = np.isfinite(depth)
     total = gaussian_filter(np.where(seen, depth, 0.0), sigma, truncate=BEYOND)
     weight = gaussian_filter(seen.astype(float), sigma, truncate=BEYOND)

@@ -1,1 +1,1 @@
-"""Signals of the BioTac's electrodes, and recordings of a real sensor."""
+"""Electrode signals of a BioTac: synthetic ones, recorded ones, and their preparation for learning."""

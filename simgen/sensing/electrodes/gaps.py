@@ -1,8 +1,8 @@
-"""The gap between core and skin above each electrode, measured along the core's normal on the deformed skin.
+"""Gaps between core and skin above each electrode, measured on the deformed skin.
 
-From every electrode goes a ray along the core's outward normal; the gap is its length up to the inner surface of the
-skin. The ray is cast on the displaced triangles of every sample, by one thread for each sample and electrode, on CPU
-and GPU. Of the triangles only those are tried that lie near the ray at rest.
+A ray goes from each electrode along the core's outward normal. The gap is its length up to the inner surface of the
+skin. One thread for each sample and electrode intersects the ray with the displaced triangles, on CPU or GPU. It tries
+only triangles that lie near the ray at rest.
 """
 
 from collections.abc import Iterator
@@ -21,13 +21,12 @@ from simgen.sensors.sensor_geometry import cavity_faces, load_geometry
 
 wp.set_module_options({"enable_backward": False})
 
-# Skin farther than this from where a ray meets it at rest does not slide into the ray: presses move it by 3 mm.
+# Triangles closer than this to a ray's hit at rest are tried. Presses move skin by 3 mm.
 REACH_M = 5e-3
-# Rays begin this far below the electrode, so that skin that overlaps the core is still met: the gap is then negative.
-# On coarse meshes skin overlaps the core by 0.2 mm, and facets by 0.3 mm where they bridge its edges; the core is 9 mm
-# thick.
+# Rays start this far below the electrode, so that they also hit skin that overlaps the core; the gap is then negative.
+# On coarse meshes skin overlaps the core by 0.2 mm, or 0.3 mm where facets bridge its edges. The core is 9 mm thick.
 BELOW_M = 2e-3
-AT_EDGE = 1e-9  # of barycentric coordinates: a ray through an edge meets one of its triangles in spite of rounding
+AT_EDGE = 1e-9  # tolerance of barycentric coordinates, so that rounding makes no ray miss both triangles of an edge
 SAMPLES_AT_ONCE = 512  # 50 MB of displacements of 4,000 vertices
 
 
@@ -43,9 +42,9 @@ def _gap_kernel(
     # outputs
     gap_out: wp.array2d(dtype=wp.float64),
 ):
-    """Distance from each origin along its direction to the nearest of its triangles; infinite where it meets none.
+    """Distance from each origin along its direction to the nearest of its triangles; infinite if it hits none.
 
-    Moeller and Trumbore's intersection of a line and a triangle.
+    Intersection of a ray and a triangle by Moeller and Trumbore (Journal of Graphics Tools 2, 1997).
     """
     sample, ray = wp.tid()
     o, d = origin[ray], direction[ray]
@@ -70,12 +69,13 @@ def _gap_kernel(
 
 
 class GapGauge:
-    """Measures the gaps of one sensor; calling it takes displacements.
+    """Measures the gaps of one sensor from displacements.
 
-    rest, triangles : (vertex, 3) m and (triangle, 3) of the inner surface of the skin, which faces the core
+    rest, triangles : (vertex, 3) m and (triangle, 3), the inner surface of the skin, which faces the core
     electrodes, normals : (electrode, 3) m on the core, and the core's outward unit normals there
+    rest_gap : (electrode,) m, the gaps at rest
 
-    ``rest_gap`` (electrode,) m. Raises `InputError` where there is no skin above an electrode at rest.
+    Raises `InputError` if there is no skin above an electrode at rest.
     """
 
     def __init__(
@@ -90,12 +90,8 @@ class GapGauge:
         self.device, self.electrodes = device, len(electrodes)
         self.used, inner = np.unique(triangles, return_inverse=True)
         rest, inner = rest[self.used], inner.reshape(-1, 3)
-        self._arrays = [self._array(rest, wp.vec3d), None, None, None]
-        self._rays = [
-            self._array(electrodes - BELOW_M * normals, wp.vec3d),
-            self._array(normals, wp.vec3d),
-            AT_EDGE,
-        ]
+        self._rest = self._array(rest, wp.vec3d)
+        self._rays = self._array(electrodes - BELOW_M * normals, wp.vec3d), self._array(normals, wp.vec3d)
         self._try(np.tile(inner, (self.electrodes, 1)), np.full(self.electrodes, len(inner)))
         self.rest_gap = self._measure(np.zeros((1, *rest.shape)))[0]
         if len(missed := np.flatnonzero(~np.isfinite(self.rest_gap))):
@@ -105,22 +101,24 @@ class GapGauge:
         self._try(np.concatenate(near), [len(some) for some in near])
 
     def __call__(self, displacement: np.ndarray) -> np.ndarray:
-        """Gaps (sample, electrode), m, for displacements (sample, vertex, 3), m; negative where the skin overlaps the
-        core, infinite where it left the ray, NaN where a displacement is."""
+        """Gaps (sample, electrode), m, for displacements (sample, vertex, 3), m.
+
+        Negative where skin overlaps the core, infinite where it left the ray, NaN where a displacement is NaN.
+        """
         moved = np.asarray(displacement, dtype=np.float64)[:, self.used]
         gap = self._measure(moved)
         gap[~np.isfinite(moved).all(axis=(1, 2))] = np.nan
         return gap
 
     def _try(self, triangles: np.ndarray, counts: np.ndarray) -> None:
-        """Which triangles each ray tries: those of the first ray, then those of the next."""
-        first = np.concatenate([[0], np.cumsum(counts)])
-        self._arrays[2:] = [self._array(triangles, wp.vec3i), self._array(first, wp.int32)]
+        """Set the triangles that each ray tries: ``counts`` (electrode,) of them, ray after ray."""
+        self._triangles = self._array(triangles, wp.vec3i)
+        self._first = self._array(np.concatenate([[0], np.cumsum(counts)]), wp.int32)
 
     def _measure(self, moved: np.ndarray) -> np.ndarray:
-        self._arrays[1] = self._array(moved, wp.vec3d)
+        moved = self._array(moved, wp.vec3d)
         gap = wp.empty((len(moved), self.electrodes), dtype=wp.float64, device=self.device)
-        inputs = [*self._arrays, *self._rays]
+        inputs = [self._rest, moved, self._triangles, self._first, *self._rays, AT_EDGE]
         wp.launch(_gap_kernel, dim=gap.shape, inputs=inputs, outputs=[gap], device=self.device)
         return gap.numpy() - BELOW_M
 
@@ -129,17 +127,17 @@ class GapGauge:
 
 
 def _distance_bound(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """No more than the distance of triangles (t, 3, 3) from a point: that of the ball around each."""
+    """Lower bound (t,) of the distance of triangles (t, 3, 3) from a point, by a ball around each."""
     middle = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
     return np.linalg.norm(middle - point, axis=1) - radius
 
 
 def gauge_of(dataset: Dataset, sensor: str, device: str = "cpu") -> GapGauge:
-    """The gauge of a dataset's sensor, whose model is found by the dataset's job.
+    """Make the gauge of a dataset's sensor, from the sensor model that the dataset's job names.
 
-    Raises `InputError` if there is no such sensor, its model is gone or has neither core nor electrodes, or the
-    dataset's mesh of it has no cavity.
+    Raises `InputError` if there is no such sensor, its model is missing or lacks core or electrodes, or its mesh has no
+    cavity.
     """
     electrodes, normals = electrodes_of(dataset, sensor)
     where = f"{dataset.path}: sensor {sensor}"
@@ -156,7 +154,7 @@ def gauge_of(dataset: Dataset, sensor: str, device: str = "cpu") -> GapGauge:
 def electrodes_of(dataset: Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray]:
     """Electrodes (electrode, 3), m, on the core of a dataset's sensor, and the core's outward unit normals there.
 
-    Raises `InputError` if there is no such sensor, or its model is gone or has neither core nor electrodes.
+    Raises `InputError` if there is no such sensor, or its model is missing or lacks core or electrodes.
     """
     if sensor not in dataset.sensors:
         raise InputError(f"{dataset.path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
@@ -175,10 +173,10 @@ def outward_normals(core: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
 
 
 def gaps(dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray, device: str = "cpu") -> np.ndarray:
-    """Gaps (sample, electrode), m, of samples given by press and index of the depth, each (sample,) of integers.
+    """Gaps (sample, electrode), m, of samples given by press and index of the depth, both (sample,) integers.
 
-    Raises `InputError` as `gauge_of` does, for a sample that is not there or did not converge, and where the skin
-    has left the ray of an electrode.
+    Raises `InputError` as `gauge_of` does, for a sample that is missing or did not converge, and if skin has left an
+    electrode's ray.
     """
     press, step = _checked_samples(dataset, sensor, press, step)
     gauge = gauge_of(dataset, sensor, device)
@@ -189,7 +187,7 @@ def gaps(dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray, dev
 
 
 def checked_gaps(gap: np.ndarray, where: str, press: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """The gaps (sample, electrode) themselves. Raises `InputError` where the skin has left the ray of an electrode."""
+    """The gaps (sample, electrode) unchanged. Raises `InputError` if skin has left an electrode's ray."""
     if not np.isfinite(gap).all():
         sample, electrode = np.argwhere(~np.isfinite(gap))[0]
         raise InputError(
@@ -202,7 +200,7 @@ def checked_gaps(gap: np.ndarray, where: str, press: np.ndarray, step: np.ndarra
 def _displacements(
     dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Rows of the samples and their displacements (row, vertex, 3), a press after the other, some hundred at once."""
+    """Rows of samples and their displacements (row, vertex, 3), press by press, at most `SAMPLES_AT_ONCE`."""
     order = np.argsort(press, kind="stable")
     starts = np.flatnonzero(np.diff(press[order], prepend=-1))
     for rows in np.split(order, starts[1:]):

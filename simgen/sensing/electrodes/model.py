@@ -1,21 +1,21 @@
-"""A synthetic electrode model: from the gap between skin and core to the voltages of a BioTac's electrodes.
+"""Synthetic electrode model: voltages of a BioTac's electrodes from the gaps between its skin and its core.
 
-**Film.** The fluid between core and skin is a film of thickness h between two insulators. A current I that enters it
-at an electrode of radius a and leaves at a radius b flows outwards through cylinders of area 2 pi r h. With the
-resistivity rho the field is E(r) = rho I / (2 pi r h), so that the voltage and the resistance are
+**Film.** The fluid between core and skin is a film of thickness h between two insulators. A current I enters it at an
+electrode of radius a and leaves it at a radius b. It crosses cylinders of area 2 pi r h. With the resistivity rho the
+field is E(r) = rho I / (2 pi r h). So the voltage and the resistance are
 
     V = integral from a to b of E dr = rho I ln(b / a) / (2 pi h),      R_film = rho ln(b / a) / (2 pi h)
 
-This is exact for radial flow in a film of even thickness; current also flows along h where h is not small against a.
+This is exact for radial flow in a film of even thickness. Where h is not small against a, current also flows along h.
 
-**Divider.** R_film lies in series with a fixed R_series, all that does not change with the gap above the electrode. The
-reading is taken at a reference resistor, so that it falls when the gap closes:
+**Divider.** R_film lies in series with a constant R_series. The voltage at a reference resistor is read, so the reading
+falls when the gap closes:
 
     V = V_supply R_reference / (R_reference + R_series + R_film)
 
-**Instrument.** Gaussian noise, a straight drift of each electrode, the range of the supply, and steps of 2^-bits of it.
+**Instrument.** Gaussian noise, linear drift of each electrode, clipping to the supply, quantization to 2^bits levels.
 
-What the numbers come from, and what the model leaves out: docs/electrodes.md.
+docs/electrodes.md gives the sources of the numbers and the limits of the model.
 """
 
 import numpy as np
@@ -26,12 +26,11 @@ from simgen.config.strict_section import StrictSection
 from simgen.dataset.reader import Dataset
 from simgen.sensing.electrodes.gaps import gaps, gauge_of
 
-OF_DRIFT = 1  # keys of random numbers beside the seed: the slopes of the electrodes,
-OF_NOISE = 2  # and the noise of a press
+DRIFT_KEY, NOISE_KEY = 1, 2  # follow the seed, so that drift and noise have their own random numbers
 
 
 class ElectrodeSettings(StrictSection):
-    """The fluid, the electrodes and the circuit; the defaults are a BioTac by order of magnitude, noise-free."""
+    """Fluid, electrodes and circuit. The defaults have a BioTac's orders of magnitude, without noise."""
 
     resistivity_ohm_m: float = Field(
         10.0, ge=1e-2, le=1e4, description="Resistivity of the fluid; the film's resistance is proportional to it"
@@ -78,14 +77,14 @@ class ElectrodeSettings(StrictSection):
 
 
 def film_resistance(gap: np.ndarray, settings: ElectrodeSettings) -> np.ndarray:
-    """Ohm, of the shape of the gaps, m; a gap below ``least_film_um``, or closed, is a film of that thickness."""
+    """Resistance of the film, ohm, for gaps (...), m. Thinner gaps count as ``least_film_um``."""
     film = np.maximum(gap, settings.least_film_um * 1e-6)
     spread = np.log(settings.outer_radius_mm / settings.electrode_radius_mm)
     return settings.resistivity_ohm_m * spread / (2.0 * np.pi * film)
 
 
 def voltage(gap: np.ndarray, settings: ElectrodeSettings) -> np.ndarray:
-    """V at the reference resistor, of the shape of the gaps, m: without noise, drift and steps."""
+    """Voltage at the reference resistor, V, for gaps (...), m, without noise, drift and quantization."""
     others = settings.series_ohm + film_resistance(gap, settings)
     return settings.supply_v * settings.reference_ohm / (settings.reference_ohm + others)
 
@@ -93,18 +92,20 @@ def voltage(gap: np.ndarray, settings: ElectrodeSettings) -> np.ndarray:
 def measured(
     volts: np.ndarray, press: np.ndarray, step: np.ndarray, depths: int, settings: ElectrodeSettings
 ) -> np.ndarray:
-    """Readings (sample, electrode), V, of voltages (sample, electrode) of samples given by press and step (sample,).
+    """Readings (sample, electrode), V: voltages (sample, electrode) with noise, drift, clipping and quantization.
 
-    Samples count as recorded press after press, each of ``depths`` depths: drift is a slope times that number, the
-    slopes normally distributed over the electrodes. Noise depends on seed, press, step and electrode alone, so that a
-    sample reads the same among whatever others.
+    press, step : (sample,) integers, the press and the index of its depth
+
+    Samples count as recorded press after press, with ``depths`` depths each. Drift is an electrode's slope times the
+    number of the sample; slopes are normally distributed. Noise depends only on seed, press, step and electrode, so a
+    sample reads the same whatever other samples are asked for.
     """
     electrodes = volts.shape[1]
-    slope = np.random.default_rng([settings.seed, OF_DRIFT]).standard_normal(electrodes)
+    slope = np.random.default_rng([settings.seed, DRIFT_KEY]).standard_normal(electrodes)
     read = volts + settings.drift_v_per_sample * np.outer(press * depths + step, slope)
     if settings.noise_v:
         for each in np.unique(press):
-            noise = np.random.default_rng([settings.seed, OF_NOISE, each]).standard_normal((depths, electrodes))
+            noise = np.random.default_rng([settings.seed, NOISE_KEY, each]).standard_normal((depths, electrodes))
             rows = press == each
             read[rows] += settings.noise_v * noise[step[rows]]
     read = np.clip(read, 0.0, settings.supply_v)
@@ -117,8 +118,9 @@ def measured(
 def signals_at_rest(
     dataset: Dataset, sensor: str, settings: ElectrodeSettings | None = None, device: str = "cpu"
 ) -> np.ndarray:
-    """(electrode,) V where nothing touches the sensor, without noise, drift and steps. Raises `InputError` as
-    `simgen.sensing.electrodes.gaps.gauge_of` does.
+    """Voltages (electrode,), V, of the untouched sensor, without noise, drift and quantization.
+
+    Raises `InputError` as `simgen.sensing.electrodes.gaps.gauge_of` does.
     """
     return voltage(gauge_of(dataset, sensor, device).rest_gap, settings or ElectrodeSettings())
 
@@ -131,13 +133,13 @@ def synthetic_signals(
     settings: ElectrodeSettings | None = None,
     device: str = "cpu",
 ) -> np.ndarray:
-    """Readings (sample, electrode), V, of converged samples of a dataset, by the model of this page.
+    """Readings (sample, electrode), V, of converged samples of a dataset.
 
-    press, step : (sample,) integers, the press and the index of its depth; in any order, also twice
+    press, step : (sample,) integers, the press and the index of its depth; any order, repetitions allowed
     device : cpu, cuda or cuda:N, where rays are cast
 
     The same dataset, samples and settings give the same readings. Raises `InputError` for a sensor without electrodes,
-    samples that are not there or did not converge, and a device that this machine lacks.
+    samples that are missing or did not converge, and a device that this machine lacks.
     """
     settings = settings or ElectrodeSettings()
     press, step = np.asarray(press), np.asarray(step)

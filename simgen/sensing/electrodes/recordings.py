@@ -1,19 +1,19 @@
-"""Recordings of a real BioTac's electrodes in the layout in which they are published, read and checked.
+"""Recordings of a real BioTac's electrodes: reads and checks the published HDF5 layout.
 
-HDF5, as the ACROSS framework (wzaielamri/across_framework) reads it. A recording::
+The ACROSS framework (wzaielamri/across_framework) reads this layout. A recording::
 
-    electrode_vals/data  (n, 19)          the electrodes, in the unit of the file
-    contact_loc/data     (n, 3)           where the indenter touches, in the unit and the frame of the file
+    electrode_vals/data  (n, 19)          electrode readings, in the unit of the file
+    contact_loc/data     (n, 3)           contact point, in the unit and the frame of the file
     force_vec/data       (n, 3)           N, on the sensor, in the frame of the file
-    indenter_type/data   (n,) or (n, 1)   a number that stands for the indenter; may be missing
+    indenter_type/data   (n,) or (n, 1)   number of the indenter; optional
 
-and, in a file beside it or in the same one, the same samples simulated again; each may be missing::
+The same file or a second one can hold simulations of the same samples. Each array is optional::
 
-    nodal_res            (n, vertex, 3)   m, of the mesh's vertices
+    nodal_res            (n, vertex, 3)   m, vertices of the mesh
     force_res            (n, 3)           N, on the sensor
     mesh_max_dist        (n,) or (n, 1)   m, depth of the press
 
-Each may be a dataset of that name, or a group with a dataset ``data``.
+Each name is a dataset, or a group with a dataset ``data``.
 """
 
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ from simgen.errors import InputError
 ELECTRODES = 19
 RECORDED = {"electrode_vals": (ELECTRODES,), "contact_loc": (3,), "force_vec": (3,), "indenter_type": ()}
 SIMULATED = {"nodal_res": (None, 3), "force_res": (3,), "mesh_max_dist": ()}
-LARGEST_TYPE = 2**31  # of an indenter's number
+LARGEST_TYPE = 2**31  # largest number of an indenter
 
 
 @dataclass(frozen=True)
 class Recordings:
-    """Samples of one sensor, in the order in which they were recorded; None where the files do not say.
+    """Samples of one sensor, in the order of the recording; None for what the files lack.
 
     signals : (n, 19), in the unit of the file
     contact : (n, 3), in the unit and the frame of the file
@@ -58,13 +58,13 @@ class Recordings:
 
 
 def read_recordings(path: str | Path, simulated: str | Path | None = None, *, meshes: bool = True) -> Recordings:
-    """The recordings of a file, with what ``simulated`` holds of them simulated again: its meshes at least.
+    """Read the recordings of a file and their simulations.
 
-    By default that is the same file, which need not hold any. Without ``meshes`` nothing simulated is read: a million
-    meshes are more than a machine's memory.
+    simulated : file with the simulations, meshes at least; by default ``path``, which need not hold any
+    meshes : False reads no simulations; a million meshes do not fit into memory
 
-    Raises `InputError` of one line, with the file and the key, if a file is none of HDF5, or if what it holds is
-    missing, of another shape, or no finite numbers.
+    Raises `InputError`, naming file and key, if a file is not HDF5, or if an array is missing, of another shape or not
+    finite.
     """
     path = Path(path)
     beside = path if simulated is None else Path(simulated)
@@ -86,7 +86,7 @@ def read_recordings(path: str | Path, simulated: str | Path | None = None, *, me
 def _read(
     path: Path, layout: dict[str, tuple], optional: set[str], count: int | None = None
 ) -> dict[str, np.ndarray | None]:
-    """The arrays of a layout by key, all of ``count`` samples, or of as many as the first has."""
+    """Arrays of a layout by key, all of ``count`` samples; by default of as many as the first array."""
     found = {}
     with parsing(path, "HDF5"), open_hdf5(path) as file:
         for key, shape in layout.items():
@@ -107,9 +107,7 @@ def _check_shape(path: Path, stored: h5py.Dataset, count: int | None, shape: tup
     found = stored.shape or ()
     if not shape and len(found) == 2 and found[1] == 1:  # a column
         found = found[:1]
-    fits = len(found) == len(wanted) and all(
-        b in (None, a) and a > 0 for a, b in zip(found, wanted, strict=True)
-    )
+    fits = len(found) == len(wanted) and all(b in (None, a) and a > 0 for a, b in zip(found, wanted, strict=True))
     if not fits:
         names = [str(size or name) for size, name in zip(wanted, ("n", "vertex", "3"), strict=False)]
         allowed = f"({', '.join(names)}{',' * (len(names) == 1)})"

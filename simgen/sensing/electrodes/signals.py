@@ -1,4 +1,4 @@
-"""Preparation of electrode signals for learning: drift, samples without contact, and the range of each channel."""
+"""Preparation of electrode signals for learning: detects contact, removes drift, scales channels."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -7,15 +7,14 @@ import numpy as np
 
 from simgen.errors import InputError
 
-# Ten times the 0.01 N to which the sensor's maker says that it resolves forces: what is below is no contact that
-# the electrodes could tell from none.
+# Ten times the resolution of 0.01 N that the sensor's maker states. Electrodes cannot detect weaker contacts.
 LEAST_FORCE_N = 0.1
 
 
 def in_contact(force: np.ndarray, least: float = LEAST_FORCE_N) -> np.ndarray:
-    """Which samples touch something: (n,) bool, where forces (n, 3), N, are at least ``least`` long.
+    """True for samples in contact: (n,) bool, where forces (n, 3), N, have a norm of at least ``least``.
 
-    Raises `InputError` for a force that is no finite number or of another shape, and for a threshold below 0.
+    Raises `InputError` for forces of another shape or not finite, and for a threshold below 0.
     """
     force = np.asarray(force, dtype=float)
     if force.ndim != 2 or force.shape[1] != 3:
@@ -28,14 +27,14 @@ def in_contact(force: np.ndarray, least: float = LEAST_FORCE_N) -> np.ndarray:
 
 
 def without_drift(signals: np.ndarray, contact: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
-    """Signals (n, channel) less a straight line in time per channel, which samples without contact decide.
+    """Signals (n, channel) without linear drift.
 
-    The line is fitted (least squares) to the samples where ``contact`` (n,) bool is False, and is taken off all of
-    them from the first sample on: at the time of the first sample nothing changes, so that signals keep their level.
-    ``time`` (n,) is the sample's number by default; only differences and their ratios matter.
+    contact : (n,) bool. A straight line per channel is fitted (least squares) to the samples without contact.
+    time : (n,) in any unit; by default the number of the sample
 
-    Raises `InputError` where shapes do not fit, or fewer than two samples without contact differ in time: through
-    one point goes every line.
+    The line is subtracted from all samples. It is zero at the first sample, so signals keep their level there.
+
+    Raises `InputError` if shapes do not fit, or if fewer than two samples without contact differ in time.
     """
     signals, contact = _signals(signals), np.asarray(contact)
     time = np.arange(len(signals), dtype=float) if time is None else np.asarray(time, dtype=float)
@@ -56,11 +55,11 @@ def without_drift(signals: np.ndarray, contact: np.ndarray, time: np.ndarray | N
 
 @dataclass(frozen=True)
 class Scaling:
-    """The range of each channel in the training split, brought to [-1, 1]; others may lie outside.
+    """Linear scaling of each channel from its range in the training split to [-1, 1].
 
-    low, high : one number per channel. A channel that never changes has no range: it is shifted to 0, not stretched.
+    low, high : one number per channel. A constant channel is shifted to 0 and not scaled.
 
-    Plain numbers: ``dataclasses.asdict`` gives JSON, and ``Scaling(**json)`` is the same again.
+    ``dataclasses.asdict`` gives JSON, and ``Scaling(**json)`` restores it. Raises `InputError` for bad values.
     """
 
     low: tuple[float, ...]
@@ -79,17 +78,17 @@ class Scaling:
 
     @classmethod
     def fit(cls, signals: np.ndarray) -> Self:
-        """Of signals (n, channel), those of the training split alone."""
+        """Fit to signals (n, channel) of the training split."""
         signals = _signals(signals)
         return cls(tuple(signals.min(axis=0)), tuple(signals.max(axis=0)))
 
     def apply(self, signals: np.ndarray) -> np.ndarray:
-        """Signals (n, channel) in their unit -> scaled."""
+        """Scale signals (n, channel)."""
         middle, half = self._middle_and_half()
         return (self._checked(signals) - middle) / half
 
     def invert(self, scaled: np.ndarray) -> np.ndarray:
-        """Scaled (n, channel) -> signals in their unit."""
+        """Signals (n, channel) in their unit, from scaled ones."""
         middle, half = self._middle_and_half()
         return self._checked(scaled) * half + middle
 

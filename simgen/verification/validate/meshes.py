@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simgen.geometry.tetrahedra import TET_EDGES, boundary_triangles, sizing_grid
+from simgen.geometry.interpolation import TET_EDGES
+from simgen.geometry.tetrahedra import boundary_triangles, sizing_grid
 
 QUADRATIC_FACES = np.array([[1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6], [0, 1, 3, 4, 8, 7], [0, 2, 1, 6, 5, 4]])  # outward
 ON = 1e-9  # mm, distance up to which a node is on a plane

@@ -4,7 +4,7 @@ import fake
 import pytest
 
 from simgen.pipeline.run import run
-from simgen.sensing.camera.rendered import Rendered, photometry_of
+from simgen.sensing.camera.photometric_gel import PhotometricGel, photometry_of
 from simgen.sensing.camera.undeformed_gel import undeformed_gel
 from simgen.sensors.sensor_geometry import load_geometry
 
@@ -16,7 +16,7 @@ def seen(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def digit() -> Rendered:
+def digit() -> PhotometricGel:
     """The DIGIT's gel under the photometric model, in images of the camera's own size."""
     gel = undeformed_gel(load_geometry("digit"), 320, 240)
-    return Rendered(gel.depth, gel.pinhole, photometry_of(gel.camera))
+    return PhotometricGel(gel.depth, gel.pinhole, photometry_of(gel.camera))

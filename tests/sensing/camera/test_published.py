@@ -70,7 +70,7 @@ def test_a_sphere_changes_what_it_touches(renderer, surface):
 
 def test_our_own_images_are_those_of_the_photometric_model(own, surface, digit):
     """Of the same heights, at half the size that the table was made at. A tenth of the change is the dome's share, as
-    `test_rendered` says; rounding to grey levels twice is half a level on average."""
+    `test_photometric_gel` says; rounding to grey levels twice is half a level on average."""
     height = own.blur(own.heights(pressed(surface[0], 1e-3)))
     image = own.image(height).numpy()[0].astype(float)
     expected = digit.picture(digit.rest_depth - height.numpy()[0])

@@ -8,7 +8,7 @@ import pytest
 
 from simgen.config.resources import resource
 from simgen.sensing.camera.blur import scaled_kernels
-from simgen.sensing.camera.fitting import calibrate
+from simgen.sensing.camera.calibrate_optics import calibrate
 from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE, Renderer

@@ -1,6 +1,6 @@
-"""`simgen calibrate-optics`: a table fitted to pictures of a sphere, or to the photometric model.
+"""`simgen calibrate-optics`: fits a table of colours to pictures of a sphere, or to the photometric model.
 
-Both ways write whole files, and yield lines that say what was done.
+Both ways write whole files and yield progress lines.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,21 +10,21 @@ import numpy as np
 
 from simgen.dataset.atomic_files import put_in_place, write_aside
 from simgen.errors import InputError, check_output_file, writing
-from simgen.sensing.camera.calibration import Observations, explained, fit_response, observe
-from simgen.sensing.camera.contacts import find_circle, read_circles
+from simgen.sensing.camera.contact_circles import find_circle, read_circles
 from simgen.sensing.camera.image_files import png, read_image
+from simgen.sensing.camera.photometric_gel import RADIUS_M, SPHERES, PhotometricGel, photometry_of
 from simgen.sensing.camera.pinhole import placed_camera
-from simgen.sensing.camera.rendered import RADIUS_M, SPHERES, Rendered, photometry_of
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.spheres import Circle, sphere_in
+from simgen.sensing.camera.table_fit import Observations, fit_response, observe, table_error
 from simgen.sensing.camera.undeformed_gel import UndeformedGel, table_size, undeformed_gel
 from simgen.sensors.sensor_geometry import load_geometry, sensor_folder
 
-PICTURES, MODEL = "pictures of a sphere", "photometric model"  # what a table says it was fitted to
+PICTURES, MODEL = "pictures of a sphere", "photometric model"  # sources that a table states
 LARGEST_MM = 1e3  # radius of a sphere
-MOST_LEFT_OUT = 0.5  # of the pictures: with more of them something else is wrong, such as the radius
-OTHERS = 2**6  # spheres that a table was not fitted to
+MOST_LEFT_OUT = 0.5  # largest share of pictures left out; with more, a setting such as the radius is wrong
+OTHERS = 2**6  # spheres for testing a table
 
 
 def calibrate(
@@ -35,7 +35,10 @@ def calibrate(
     circles: Path | None,
     output: Path | None,
 ) -> Iterator[str]:
-    """What the command does: pictures want all options, but ``circles``; the model none. Raises `InputError`."""
+    """Check the options and fit to pictures, or without pictures to the model. Raises `InputError`.
+
+    Pictures need ``background``, ``radius_mm`` and ``output``. The model takes none of these but ``output``.
+    """
     given = {"--background": background, "--radius-mm": radius_mm, "--output": output, "--circles": circles}
     if not pictures:
         for option in ("--background", "--radius-mm", "--circles"):
@@ -57,11 +60,10 @@ def fit_to_pictures(
 ) -> Iterator[str]:
     """Fit a table to pictures in which a sphere touches a sensor.
 
-    A picture that cannot be used is left out, with a line that says why. Raises `InputError` if these are more than
-    half of them.
+    background : picture of the untouched gel, of the same size
+    circles : CSV file of contact circles, see `read_circles`; other pictures are searched for theirs
 
-    background : the picture of nothing, of the same size
-    circles : where the sphere touches, see `read_circles`; pictures that are not in it are searched
+    A picture that cannot be used is left out, with a line that says why. Raises `InputError` if more than half are.
     """
     check_output_file(output)
     check_replaceable(output, PICTURES)
@@ -94,7 +96,7 @@ def fit_to_pictures(
 
 
 def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
-    """A table of spheres under the photometric model, and the background that goes with it. Raises `InputError`."""
+    """Fit a table to spheres under the photometric model, and write its background too. Raises `InputError`."""
     folder = output or sensor_folder(model)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; allowed: the folder of {TABLE} and {BACKGROUND}")
@@ -107,7 +109,7 @@ def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
     geometry = load_geometry(model)
     gel = undeformed_gel(geometry, *table_size(placed_camera(geometry.description, geometry.folder)))
     try:
-        rendered = Rendered(gel.depth, gel.pinhole, photometry_of(gel.camera))
+        rendered = PhotometricGel(gel.depth, gel.pinhole, photometry_of(gel.camera))
     except InputError as error:
         raise InputError(f"{geometry.folder / 'sensor.yaml'}: {error}") from None
     response = fit_response((rendered.of_patch(patch) for patch in rendered.spheres()), source=MODEL)
@@ -124,9 +126,9 @@ def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
 def _contact(
     picture: Path, nothing: np.ndarray, circle: Circle | None, radius_m: float, gel: UndeformedGel
 ) -> tuple[Circle, Observations]:
-    """Find where the sphere touches, unless a circle says so, and what colours the picture has there.
+    """The contact circle, searched unless given, and the colours inside it.
 
-    Raises `InputError` with the picture's name if it shows no contact that can be used.
+    Raises `InputError`, naming the picture, if it shows no usable contact.
     """
     image = read_image(picture)
     if image.shape != nothing.shape:
@@ -144,7 +146,7 @@ def _contact(
 
 
 def check_replaceable(file: Path, source: str) -> None:
-    """Raises `InputError` if something is there that was not fitted to ``source``."""
+    """Raises `InputError` if the file exists and is no table fitted to ``source``."""
     if not file.exists():
         return
     try:
@@ -167,5 +169,5 @@ def _counted(used: int, given: int) -> str:
 
 
 def _sentence(response: Response, observed: Sequence[Observations]) -> str:
-    found = explained(response, observed)
-    return f"colours change by {found.change:.2f} grey levels on average, and the table is {found.left:.2f} off"
+    found = table_error(response, observed)
+    return f"colours change by {found.change:.2f} grey levels on average, and the table is {found.residual:.2f} off"

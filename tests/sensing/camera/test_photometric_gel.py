@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
-from simgen.sensing.camera.calibration import Observations, explained, fit_response, observe
+from simgen.sensing.camera.photometric_gel import PhotometricGel, photometry_of
 from simgen.sensing.camera.photometry import Photometry
-from simgen.sensing.camera.rendered import Rendered, photometry_of
 from simgen.sensing.camera.spheres import Circle, Patch, sphere_in
+from simgen.sensing.camera.table_fit import Observations, fit_response, observe, table_error
 from tests.sensing.camera import scenes
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -22,42 +22,42 @@ def table(digit):
     return fit_response(digit.of_patch(patch) for patch in digit.spheres(2**9))
 
 
-def flat_gel(far: float = 1.0) -> Rendered:
+def flat_gel(far: float = 1.0) -> PhotometricGel:
     """Across the axis of a camera; ``far`` times as far as its lights usually are."""
     of = scenes.pinhole(320, 240)
     camera = scenes.camera(320, 240)
     lights = np.array([camera.position + far * (camera.lights[c] - camera.position) for c in ("red", "green", "blue")])
     lights = lights - (far - 1.0) * scenes.DISTANCE_M * of.axes[2]
-    return Rendered(np.full((320, 240), scenes.DISTANCE_M), of, Photometry(lights))
+    return PhotometricGel(np.full((320, 240), scenes.DISTANCE_M), of, Photometry(lights))
 
 
-def whole(rendered: Rendered, depth: np.ndarray) -> Observations:
+def whole(rendered: PhotometricGel, depth: np.ndarray) -> Observations:
     """What the whole picture of a coat at ``depth`` says, where it is a micrometre off the gel at rest, and more."""
     rows, columns = np.nonzero(depth < rendered.rest_depth - 1e-6)
     change = rendered.picture(depth) - rendered.background
     return observe(Patch(rows, columns, depth[rows, columns]), rendered.rest_depth, rendered.pinhole.focal, change)
 
 
-def away(rendered: Rendered, row: float, column: float) -> tuple[np.ndarray, np.ndarray]:
+def away(rendered: PhotometricGel, row: float, column: float) -> tuple[np.ndarray, np.ndarray]:
     """Distance of pixels from a place, m, downwards and to the right."""
     rows, columns = np.mgrid[: rendered.pinhole.height, : rendered.pinhole.width]
     pixel = rendered.rest_depth[int(row), int(column)] / rendered.pinhole.focal
     return pixel * (rows - row), pixel * (columns - column)
 
 
-def ridges(rendered: Rendered) -> np.ndarray:
+def ridges(rendered: PhotometricGel) -> np.ndarray:
     """0.2 mm high, 2 mm wide, aslant, all over the image."""
     down, right = away(rendered, 160, 120)
     return rendered.rest_depth - 2e-4 * np.sin(np.pi * (0.6 * down + 0.8 * right) / 1e-3) ** 2
 
 
-def cone(rendered: Rendered) -> np.ndarray:
+def cone(rendered: PhotometricGel) -> np.ndarray:
     """1 mm high, its sides as steep as 35 degrees."""
     down, right = away(rendered, 200, 100)
     return rendered.rest_depth - np.maximum(1e-3 - 0.7 * np.hypot(down, right), 0.0)
 
 
-def bump(rendered: Rendered) -> np.ndarray:
+def bump(rendered: PhotometricGel) -> np.ndarray:
     """Smooth, oblong: 0.8 mm high, 2 mm and 4 mm wide."""
     down, right = away(rendered, 130, 140)
     return rendered.rest_depth - 8e-4 * np.exp(-((down / 1e-3) ** 2) - (right / 2e-3) ** 2)
@@ -93,7 +93,7 @@ def test_a_part_of_a_picture_is_that_of_the_whole(digit):
 
 def test_spheres_are_all_over_the_gel_and_steep():
     half = flat_gel()
-    half = Rendered(np.where(np.arange(240) < 120, half.rest_depth, np.inf), half.pinhole, half.photometry)
+    half = PhotometricGel(np.where(np.arange(240) < 120, half.rest_depth, np.inf), half.pinhole, half.photometry)
     patches = list(half.spheres(2**7))
     assert 50 <= len(patches) <= 64  # of 128, half of which are beside the gel
     columns = np.concatenate([patch.columns for patch in patches])
@@ -109,20 +109,20 @@ def test_on_a_flat_gel_with_far_lights_the_table_is_exact():
     rendered = flat_gel(far=50.0)
     table = fit_response(rendered.of_patch(patch) for patch in rendered.spheres(2**9))
     others = [rendered.of_patch(patch) for patch in rendered.spheres(2**4, seed=1)]
-    found = explained(table, others)
-    assert found.left < 0.02 * found.change
+    found = table_error(table, others)
+    assert found.residual < 0.02 * found.change
 
 
 def test_the_table_explains_other_spheres(digit, table):
-    found = explained(table, [digit.of_patch(patch) for patch in digit.spheres(2**5, seed=1)])
-    assert found.change > 20.0 and found.left < 0.1 * found.change
+    found = table_error(table, [digit.of_patch(patch) for patch in digit.spheres(2**5, seed=1)])
+    assert found.change > 20.0 and found.residual < 0.1 * found.change
 
 
 @pytest.mark.parametrize("shape", [ridges, cone, bump])
 def test_the_table_explains_other_shapes(digit, table, shape):
     """The dome's share is a tenth of what spheres change; it is more of what shapes change that are less steep."""
-    found = explained(table, [whole(digit, shape(digit))])
-    assert found.change > 5.0 and found.left < 0.15 * found.change
+    found = table_error(table, [whole(digit, shape(digit))])
+    assert found.change > 5.0 and found.residual < 0.15 * found.change
 
 
 def test_lights_are_red_green_and_blue():

@@ -8,20 +8,20 @@ import pytest
 from refusal import check_refusal, contents, rows, simgen
 
 from simgen.config.resources import resource
-from simgen.sensing.camera.calibration import Observations, explained
-from simgen.sensing.camera.fitting import MODEL, PICTURES, calibrate
+from simgen.sensing.camera.calibrate_optics import MODEL, PICTURES, calibrate
 from simgen.sensing.camera.image_files import png, read_image
-from simgen.sensing.camera.rendered import Rendered
+from simgen.sensing.camera.photometric_gel import PhotometricGel
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.spheres import Circle, sphere_in
+from simgen.sensing.camera.table_fit import Observations, table_error
 
 RADIUS_MM = 2.5
 PICTURE_COUNT = 48
 NOISE = 1.5  # grey levels of a camera
 
 
-def picture(digit: Rendered, circle: Circle, random: np.random.Generator) -> np.ndarray:
+def picture(digit: PhotometricGel, circle: Circle, random: np.random.Generator) -> np.ndarray:
     depth = digit.rest_depth.copy()
     patch = sphere_in(circle, 1e-3 * RADIUS_MM, depth, digit.pinhole)
     depth[patch.rows, patch.columns] = patch.depth
@@ -78,9 +78,9 @@ def test_the_table_explains_other_spheres_of_the_model(digit, folder, lines):
     others = [digit.of_patch(patch) for patch in digit.spheres(2**6, seed=1)]
     shown = [np.hypot(seen.slope_x, seen.slope_y) < 1.0 for seen in others]
     assert table.source == PICTURES
-    found = explained(table, [part(seen, which) for seen, which in zip(others, shown, strict=True)])
+    found = table_error(table, [part(seen, which) for seen, which in zip(others, shown, strict=True)])
     assert found.change > 15.0
-    assert found.left < 0.15 * found.change, found
+    assert found.residual < 0.15 * found.change, found
 
 
 def part(seen: Observations, which: np.ndarray) -> Observations:
@@ -118,7 +118,7 @@ def test_the_digit_s_own_files_are_what_the_command_makes(tmp_path):
 
 
 def test_files_of_its_own_are_made_anew(tmp_path, monkeypatch):
-    monkeypatch.setattr("simgen.sensing.camera.rendered.Rendered.spheres.__defaults__", (2**5, 0))
+    monkeypatch.setattr("simgen.sensing.camera.photometric_gel.PhotometricGel.spheres.__defaults__", (2**5, 0))
     list(calibrate([], None, None, "digit", None, tmp_path))
     before = contents(tmp_path)
     list(calibrate([], None, None, "digit", None, tmp_path))

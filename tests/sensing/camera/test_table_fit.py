@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
-from simgen.sensing.camera.calibration import Observations, explained, fit_response, observe
 from simgen.sensing.camera.response import PUBLISHED_SIZE, Placement
 from simgen.sensing.camera.spheres import Patch
+from simgen.sensing.camera.table_fit import Observations, fit_response, observe, table_error
 
 BINS = 61
 WIDTH, HEIGHT = PUBLISHED_SIZE
@@ -144,10 +144,11 @@ def test_what_is_explained_is_measured():
     observed = many(20_000)
     pictures = [seen(*observed, smooth_change(*observed))]
     response = fit_response(pictures, BINS)
-    found = explained(response, pictures)
+    found = table_error(response, pictures)
     assert found.change == pytest.approx(np.abs(pictures[0].change).mean())
     doubled = [seen(*observed, 2.0 * pictures[0].change)]
-    assert explained(response, doubled).left == pytest.approx(0.5 * explained(response, doubled).change, rel=0.1)
+    error = table_error(response, doubled)
+    assert error.residual == pytest.approx(0.5 * error.change, rel=0.1)
 
 
 @pytest.mark.parametrize(

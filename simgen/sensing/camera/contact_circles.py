@@ -1,4 +1,4 @@
-"""Circles in which spheres touch, found in pictures or read from a file."""
+"""Contact circles of spheres, found in pictures or read from a file."""
 
 import csv
 import math
@@ -11,15 +11,15 @@ import numpy as np
 from simgen.errors import InputError, shown
 from simgen.sensing.camera.spheres import Circle
 
-SMOOTH_PX = 1.5  # standard deviation: noise of single pixels is no contact
-LEAST = 8.0  # grey levels of the largest difference to the background; a camera's noise is below
-SHARE = 0.25  # of the largest difference, that a contact's pixels have
-BLURRED_PX = SMOOTH_PX * NormalDist().inv_cdf(1.0 - SHARE)  # beyond a step, smoothed, SHARE of it is left
+SMOOTH_PX = 1.5  # standard deviation of the smoothing that removes noise of single pixels
+LEAST = 8.0  # grey levels, least difference to the background that is no camera noise
+SHARE = 0.25  # least difference of a contact's pixels, as a share of the largest
+BLURRED_PX = SMOOTH_PX * NormalDist().inv_cdf(1.0 - SHARE)  # distance from a smoothed step where SHARE of it is left
 COLUMNS = ("file", "column", "row", "radius")
 
 
 def find_circle(picture: np.ndarray, background: np.ndarray) -> Circle:
-    """The smallest circle around the largest place where two images (height, width, 3) uint8 differ.
+    """Smallest circle around the largest region where two images (height, width, 3) uint8 differ.
 
     Raises `InputError` if they differ nowhere.
     """
@@ -35,7 +35,7 @@ def find_circle(picture: np.ndarray, background: np.ndarray) -> Circle:
 
 
 def read_circles(file: Path) -> dict[Path, Circle]:
-    """Of a CSV file with `COLUMNS`, pixels; pictures are named from its folder. Raises `InputError`."""
+    """Read a CSV file with `COLUMNS` in pixels; file names are relative to its folder. Raises `InputError`."""
     try:
         with open(file, newline="", encoding="utf-8-sig") as lines:
             reader = csv.DictReader(lines)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
-from simgen.sensing.camera.contacts import find_circle, read_circles
+from simgen.sensing.camera.contact_circles import find_circle, read_circles
 from simgen.sensing.camera.spheres import Circle
 
 NOISE = 2.0  # grey levels of a camera

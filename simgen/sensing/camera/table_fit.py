@@ -1,7 +1,8 @@
-"""Fitting a table of colours to pictures of contacts whose tilt is known (Taxim, RA-L 2022, section III-B).
+"""Fit of a table of colours to pictures of contacts whose tilt is known (Taxim, RA-L 2022, section III-B).
 
-Every pixel is an observation of its bin. Bins seldom have enough of their own to say how colours change over the image:
-a bin is first what all bins far around it say, then what nearer ones do, as far as they have been seen often enough.
+Every pixel is an observation of its bin. Few bins have enough observations to determine a polynomial of the position.
+So a bin is fitted first with all bins far around it, then with fewer and nearer ones, as far as their observations
+suffice.
 """
 
 from collections.abc import Iterable
@@ -15,14 +16,14 @@ from simgen.sensing.camera.response import PUBLISHED_SIZE, TERMS, Placement, Res
 from simgen.sensing.camera.spheres import Patch
 
 BINS = 125  # as published
-REACH = (20.0, 10.0, 5.0, 2.5, 1.2, 0.6)  # bins: standard deviations of what neighbours count, from afar to near
-PRIOR = 10.0  # observations that what is known from farther away counts as
-SEEN, SEEN_FROM = 5.0, 2.5  # observations, and the reach within which a bin has them that is not filled in
+REACH = (20.0, 10.0, 5.0, 2.5, 1.2, 0.6)  # bins, standard deviations of the neighbours' weights, from far to near
+PRIOR = 10.0  # weight of the last, wider fit, in observations
+SEEN, SEEN_FROM = 5.0, 2.5  # a bin with fewer observations than this within this reach is filled in
 
 
 @dataclass(frozen=True)
 class Observations:
-    """Pixels (n,): slopes of the height along the table's x and y, positions in it, and changes of colour (n, 3)."""
+    """Pixels (n,): slopes of the height along the table's x and y, positions in it, changes of colour (n, 3)."""
 
     slope_x: np.ndarray
     slope_y: np.ndarray
@@ -32,10 +33,10 @@ class Observations:
 
 
 def observe(patch: Patch, rest_depth: np.ndarray, focal: float, change: np.ndarray) -> Observations:
-    """What a picture says inside a contact.
+    """Observations of a picture inside a contact.
 
-    rest_depth : (height, width) m, of the gel that nothing touches
-    change : (height, width, 3), the picture less that of nothing
+    rest_depth : (height, width) m, of the untouched gel
+    change : (height, width, 3), the picture less the background
     """
     height, width = rest_depth.shape
     risen = np.full((height, width), np.nan)
@@ -44,18 +45,18 @@ def observe(patch: Patch, rest_depth: np.ndarray, focal: float, change: np.ndarr
     pixel = rest_depth[rows, columns] / focal
     down = 0.5 * (risen[rows + 1, columns] - risen[rows - 1, columns]) / pixel
     right = 0.5 * (risen[rows, columns + 1] - risen[rows, columns - 1]) / pixel
-    known = np.isfinite(down) & np.isfinite(right)  # the rim's neighbours lie outside
+    known = np.isfinite(down) & np.isfinite(right)  # neighbours of the rim lie outside
     place = Placement.of(height, width, *PUBLISHED_SIZE[::-1])
     slopes = place.slope(down[known], right[known])
     return Observations(*slopes, *place.position(rows[known], columns[known]), change[rows[known], columns[known]])
 
 
 def fit_response(pictures: Iterable[Observations], bins: int = BINS, source: str = "") -> Response:
-    """The table that explains pictures best, in least squares. Raises `InputError` if there is nothing in them."""
+    """Fit a table to pictures by least squares. Raises `InputError` if they hold no observation."""
     width, height = PUBLISHED_SIZE
     terms, products = np.zeros((bins * bins, TERMS, TERMS)), np.zeros((bins * bins, TERMS, 3))
     for seen in pictures:
-        x, y = seen.x / width - 0.5, seen.y / height - 0.5  # near 1, so that the sums are well conditioned
+        x, y = seen.x / width - 0.5, seen.y / height - 0.5  # of order 1, so that the sums are well conditioned
         basis = np.stack([x * x, y * y, x * y, x, y, np.ones_like(x)], axis=1)
         of = _bins(seen, bins)
         order = np.argsort(of, kind="stable")
@@ -70,25 +71,26 @@ def fit_response(pictures: Iterable[Observations], bins: int = BINS, source: str
 
 
 @dataclass(frozen=True)
-class Explained:
-    """How well a table explains pictures, in grey levels: mean sizes of all changes of colour, and of what is left."""
+class TableError:
+    """Mean absolute change of colour in pictures, and mean absolute residual of a table, in grey levels."""
 
     change: float
-    left: float
+    residual: float
 
 
-def explained(response: Response, pictures: Iterable[Observations]) -> Explained:
+def table_error(response: Response, pictures: Iterable[Observations]) -> TableError:
+    """Compare a table with pictures."""
     sizes = [
         (np.abs(seen.change).sum(), np.abs(seen.change - predicted).sum(), seen.change.size)
         for seen in pictures
         for predicted in [response.change(seen.slope_x, seen.slope_y, seen.x, seen.y)]
     ]
-    change, left, count = np.sum(sizes, axis=0)
-    return Explained(change / count, left / count)
+    change, residual, count = np.sum(sizes, axis=0)
+    return TableError(change / count, residual / count)
 
 
 def _bins(seen: Observations, bins: int) -> np.ndarray:
-    """(n,) index of each observation's bin, by size of the tilt and direction."""
+    """Index (n,) of each observation's bin, by size and direction of the tilt."""
     tilt = np.arctan(np.hypot(seen.slope_x, seen.slope_y))
     direction = np.arctan2(seen.slope_y, seen.slope_x) + np.pi
     along = np.minimum((tilt / (0.5 * np.pi) * (bins - 1)).astype(int), bins - 1)
@@ -97,12 +99,12 @@ def _bins(seen: Observations, bins: int) -> np.ndarray:
 
 
 def _solve(terms: np.ndarray, products: np.ndarray) -> np.ndarray:
-    """(bins, bins, 3, 6) coefficients of normal equations that bins share with their neighbours."""
+    """Coefficients (bins, bins, 3, 6) from normal equations that bins share with their neighbours."""
     bins, total = len(terms), terms.sum(axis=(0, 1))
-    prior = PRIOR * np.diag(np.diag(total) / total[-1, -1])  # of terms as large as those of all pixels
+    prior = PRIOR * np.diag(np.diag(total) / total[-1, -1])  # scaled to the mean of all pixels' terms
     found, seen = np.zeros((bins, bins - 1, TERMS, 3)), np.zeros((bins, bins - 1), dtype=bool)
     for reach in REACH:
-        # As if a bin's own observations counted 1. Directions go around; the last bin is the first.
+        # Scaled so that a bin's own observations have weight 1. Directions wrap; the last bin equals the first.
         count = max(2.0 * np.pi * reach**2, 1.0)
         modes = ("nearest", "wrap", "nearest", "nearest")
         a, b = (
@@ -117,7 +119,7 @@ def _solve(terms: np.ndarray, products: np.ndarray) -> np.ndarray:
 
 
 def _nearest(found: np.ndarray) -> np.ndarray:
-    """Tilts that no picture shows are as the steepest that one shows in the same direction."""
+    """Fill tilts that no picture shows from the nearest tilt in the same direction."""
     bins = len(found)
     for column in range(bins - 1):
         known = np.flatnonzero(~np.isnan(found[:, column, 0, 0]))
@@ -131,7 +133,7 @@ def _nearest(found: np.ndarray) -> np.ndarray:
 
 
 def _to_pixels(width: int, height: int) -> np.ndarray:
-    """(6, 6): coefficients in pixels from those of x / width - 1/2 and y / height - 1/2."""
+    """Matrix (6, 6) from coefficients of x / width - 1/2 and y / height - 1/2 to coefficients in pixels."""
     a, b = 1.0 / width, 1.0 / height
     return np.array([
         [a * a, 0, 0, 0, 0, 0],

@@ -1,4 +1,4 @@
-"""Pictures of spheres under the photometric model: what a table of our own is fitted to, for want of a real sensor."""
+"""Pictures of a gel and of spheres in it under the photometric model, for fitting a table without a real sensor."""
 
 from collections.abc import Iterator
 
@@ -7,29 +7,29 @@ from scipy.ndimage import binary_erosion
 from scipy.stats.qmc import Sobol
 
 from simgen.errors import InputError
-from simgen.sensing.camera.calibration import Observations, observe
 from simgen.sensing.camera.photometry import COLOURS, Photometry
 from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.spheres import Circle, Patch, sphere_in
+from simgen.sensing.camera.table_fit import Observations, observe
 from simgen.sensors.sensor import Camera
 
 RADIUS_M = 2e-3  # of the spheres
-DEEPEST = 0.995  # of a sphere's radius that its circle has: tilts to 84 degrees
+DEEPEST = 0.995  # largest contact circle, relative to the sphere's radius: tilts up to 84 degrees
 SPHERES = 2**10
 
 
 def photometry_of(camera: Camera) -> Photometry:
-    """Of a camera's lights. Raises `InputError` unless there are a red, a green and a blue one."""
+    """Photometry with a camera's lights. Raises `InputError` unless there are a red, a green and a blue one."""
     if set(camera.lights) != set(COLOURS):
         raise InputError(f"camera: lights {', '.join(camera.lights)}: allowed: {', '.join(COLOURS)}, one each")
     return Photometry(np.array([camera.lights[colour] for colour in COLOURS]))
 
 
-class Rendered:
-    """A gel of which only its surface at rest is known, under a photometric model.
+class PhotometricGel:
+    """A gel under a photometric model.
 
-    rest_depth : (height, width) m, infinite beside the gel; smooth, as its facets would be seen
-    background : (height, width, 3) float, grey levels of nothing; 0 beside the gel
+    rest_depth : (height, width) m at rest, infinite beside the gel; smooth, because facets would be visible
+    background : (height, width, 3) float, grey levels of the untouched gel; 0 beside the gel
     """
 
     def __init__(self, rest_depth: np.ndarray, pinhole: Pinhole, photometry: Photometry):
@@ -41,11 +41,11 @@ class Rendered:
         self.background = np.nan_to_num(self.background)
 
     def picture(self, depth: np.ndarray) -> np.ndarray:
-        """(height, width, 3) grey levels, not rounded, of a coat at ``depth`` (height, width) m; NaN at its rim."""
+        """Grey levels (height, width, 3), not rounded, of a coat at ``depth`` (height, width) m; NaN at its rim."""
         return self.photometry.image(self._radiance(depth), self.exposure)
 
     def of_patch(self, patch: Patch) -> Observations:
-        """What the picture of a contact says."""
+        """Observations of a contact's pixels."""
         depth = np.full(self.rest_depth.shape, np.nan)
         depth[patch.rows, patch.columns] = patch.depth
         change = np.full((*depth.shape, 3), np.nan)
@@ -54,7 +54,7 @@ class Rendered:
         return observe(patch, self.rest_depth, self.pinhole.focal, change)
 
     def spheres(self, count: int = SPHERES, seed: int = 0) -> Iterator[Patch]:
-        """Contacts evenly spread over the picture, of all sizes; without those beside the gel or within a pixel."""
+        """Contacts of all sizes, spread evenly over the gel; none that is smaller than a pixel."""
         height, width = self.rest_depth.shape
         inner = binary_erosion(self.seen, np.ones((3, 3)))
         for u, v, w in Sobol(3, rng=np.random.default_rng(seed)).random(count):
@@ -67,7 +67,7 @@ class Rendered:
                     yield patch
 
     def _radiance(self, depth: np.ndarray, box: tuple[slice, slice] = (slice(None), slice(None))) -> np.ndarray:
-        """(..., 3) of the part ``box`` of a coat at ``depth`` (height, width) m."""
+        """Radiance (..., 3) of the part ``box`` of a coat at ``depth`` (height, width) m."""
         depth = depth[box]
         height, width = self.rest_depth.shape
         rows, columns = np.arange(height)[box[0]], np.arange(width)[box[1]]
