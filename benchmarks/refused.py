@@ -12,7 +12,7 @@ from simgen.config.job import load_job
 from simgen.config.warp_device import start_warp
 from simgen.dataset.touchable import touchable_surface
 from simgen.pipeline.plan import chosen_sensor, first_contacts, gel_under_indenters, make_plan
-from simgen.report.refused import NEAR, areas, draws_of
+from simgen.report.refused import NEAR, areas, contact_places
 from simgen.sensors import pairing
 from simgen.sensors.indenter import chosen_indenters
 
@@ -52,7 +52,7 @@ def refused_table(name: str) -> None:
         if "refused/points" not in arrays:
             print(f"| {share:g} | 0 | | | | {seconds:.1f} s |")
             continue
-        draws = draws_of(arrays)
+        draws = contact_places(arrays)
         refused, surface = len(draws.refused[0]), touchable_surface(arrays, next(iter(job.sensors)))
         before, after = (1e6 * area for area in areas(surface, draws, NEAR * job.depths_m.max()))
         part = refused / (refused + job.trajectories.count)

@@ -13,7 +13,7 @@ import pyvista
 from simgen.config.job import load_job
 from simgen.dataset.touchable import touchable_surface
 from simgen.pipeline.plan import make_plan
-from simgen.report.refused import draws_map, draws_of
+from simgen.report.refused import contact_places, places_map
 from simgen.sensors.indenter import Indenter, indenter_names, load_indenter
 from simgen.sensors.pairing import Contacts, partners, sample_contacts
 from simgen.sensors.sensor import Sensor, load_sensor
@@ -107,7 +107,7 @@ def main(folder: Path) -> None:
     contacts = sample_contacts(digit, count=860, seed=1, max_depth_m=2e-3)
     draw_contacts([digit, biotac], contacts, folder / "paired_contacts.png")
     arrays = make_plan(load_job("paired")).arrays
-    figure = draws_map(touchable_surface(arrays, "digit"), draws_of(arrays), "DIGIT")
+    figure = places_map(touchable_surface(arrays, "digit"), contact_places(arrays), "DIGIT")
     figure.savefig(folder / "refused_contacts.jpg", dpi=110, pil_kwargs={"quality": 85})
 
 

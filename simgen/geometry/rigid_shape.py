@@ -163,7 +163,7 @@ def _probe_kernel(
 
 
 def signed_distance(
-    shape: "RigidShape | Sequence[RigidShape]", points_mm: np.ndarray, device: str = "cpu"
+    shape: "RigidShape | Sequence[RigidShape]", points_mm: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distance (n,) mm, normal (n, 3) and curvature (n, 3, 3) 1/mm at points (n, 3) mm in the shape's frame.
 
@@ -171,14 +171,7 @@ def signed_distance(
     """
     shapes = shape if isinstance(shape, Sequence) else [shape]
     points = np.ascontiguousarray(points_mm, dtype=np.float64).reshape(-1, 3)
-    distance = wp.empty(len(points), dtype=wp.float64, device=device)
-    normal = wp.empty(len(points), dtype=wp.vec3d, device=device)
-    curvature = wp.empty(len(points), dtype=wp.mat33d, device=device)
-    wp.launch(
-        _probe_kernel,
-        dim=len(points),
-        inputs=[shape_array(shapes, device), wp.array(points, dtype=wp.vec3d, device=device)],
-        outputs=[distance, normal, curvature],
-        device=device,
-    )
-    return distance.numpy(), normal.numpy(), curvature.numpy()
+    inputs = [shape_array(shapes), wp.array(points, dtype=wp.vec3d, device="cpu")]
+    outputs = [wp.empty(len(points), dtype=each, device="cpu") for each in (wp.float64, wp.vec3d, wp.mat33d)]
+    wp.launch(_probe_kernel, dim=len(points), inputs=inputs, outputs=outputs, device="cpu")
+    return tuple(each.numpy() for each in outputs)

@@ -100,14 +100,12 @@ def _quarters(triangles: np.ndarray) -> np.ndarray:
     return np.array(quarters).transpose(2, 0, 1, 3).reshape(-1, 3, 3)  # the four of a triangle in a row
 
 
-def smooth_patches(
-    surface: trimesh.Trimesh, region: np.ndarray | None = None, crease_deg: float = CREASE_DEG
-) -> np.ndarray:
-    """Label (f,) of each face's smooth patch. Patches end at edges sharper than ``crease_deg``.
+def smooth_patches(surface: trimesh.Trimesh, region: np.ndarray | None = None) -> np.ndarray:
+    """Label (f,) of each face's smooth patch. Patches end at edges sharper than `CREASE_DEG`.
 
     Given labels ``region`` (f,), patches also end where these differ.
     """
-    joined = surface.face_adjacency_angles < np.radians(crease_deg)
+    joined = surface.face_adjacency_angles < np.radians(CREASE_DEG)
     if region is not None:
         joined &= region[surface.face_adjacency[:, 0]] == region[surface.face_adjacency[:, 1]]
     smooth = surface.face_adjacency[joined]

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 import warp as wp
 
-from simgen.geometry.rigid_shape import sampled_shape, shape_array, signed_distance
+from simgen.geometry.rigid_shape import mesh_distance, sampled_shape, shape_array, signed_distance
 from simgen.geometry.signed_distance import RigidShape, distance
 from simgen.sensors.indenter import indenter_names, load_indenter
 
@@ -56,6 +56,17 @@ def test_normal_and_curvature_are_the_derivatives(name):
         assert np.median(fine) < 0.02 * np.median(coarse)
         # Few differences of 1e-4 mm straddle a seam between two parts of the shape, where curvature jumps.
         assert np.quantile(finest, 0.995) < 1e-6
+
+
+def test_distance_is_the_distance_to_the_drawn_surface():
+    """A drawn mesh has edges of 0.35 mm and less, which sag by 0.35^2 / 8 r = 0.015 mm over a 1 mm fillet."""
+    for name in NAMES:
+        indenter = load_indenter(name)
+        _, points, distance, _, _ = near_surface(name, 3000)
+        error = np.abs(mesh_distance(indenter.mesh(), points) - distance)
+        # Inside a union the nearer part's distance is a bound, and the drawing keeps the parts' inner walls.
+        measured = distance > (0.0 if name == "texture_14mm" else -0.3)
+        assert error[measured].max() < 0.016, name
 
 
 @pytest.fixture(scope="module")

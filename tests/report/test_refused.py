@@ -5,7 +5,7 @@ import numpy as np
 
 from simgen.dataset.touchable import touchable_surface
 from simgen.pipeline.run import run
-from simgen.report.refused import Draws, areas, refused_lines
+from simgen.report.refused import ContactPlaces, areas, refused_lines
 
 
 def test_refused_contacts_are_counted_and_shown(tmp_path):
@@ -24,6 +24,6 @@ def test_the_area_without_contacts_is_that_around_the_refused_ones():
     surface = touchable_surface(plan.arrays, "digit")
     side = np.array([[0.0, -0.6, 0.8], [0.0, -0.6, -0.8]])
     near = 3e-3
-    found = areas(surface, Draws((7e-3 * side[:1], side[:1]), (7e-3 * side, side)), near)
+    found = areas(surface, ContactPlaces((7e-3 * side[:1], side[:1]), (7e-3 * side, side)), near)
     cap = np.pi * near**2
     np.testing.assert_allclose(found, [2.0 * cap, cap], rtol=0.1)  # vertices are 1 mm apart

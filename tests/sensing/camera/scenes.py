@@ -3,9 +3,11 @@
 import numpy as np
 
 from simgen.sensing.camera.pinhole import Pinhole
+from simgen.sensing.camera.renderer import Look
 from simgen.sensors.sensor import Camera
 
 DISTANCE_M = 0.02
+SMALL = Look(height=64, width=48)  # images that take little time
 
 
 def camera(height: int = 64, width: int = 48) -> Camera:

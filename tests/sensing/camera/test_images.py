@@ -7,7 +7,6 @@ import fake
 import numpy as np
 import pytest
 
-from simgen.dataset.exchange.selection import select
 from simgen.dataset.folder_lock import locked
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
@@ -15,28 +14,9 @@ from simgen.fem.nonlinear.status import Status
 from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.images import Images, StoredMeshes, render, unmade
 from simgen.sensing.camera.renderer import Look, Renderer
+from tests.sensing.camera.scenes import SMALL
 
-SMALL = Look(height=64, width=48)
-
-
-@pytest.fixture(scope="module")
-def images(seen, tmp_path_factory):
-    return Images(seen.path, "digit", tmp_path_factory.mktemp("images") / "seen.images", SMALL)
-
-
-@pytest.fixture(scope="module")
-def chosen(seen):
-    return select(seen, ("digit",))
-
-
-@pytest.fixture(scope="module")
-def renderer(seen):
-    return Renderer.of_dataset(seen, "digit", SMALL)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def made(images, chosen, renderer):
-    return list(render(images, chosen, renderer, workers=1))
+pytestmark = pytest.mark.usefixtures("made")
 
 
 def test_every_sample_has_the_image_that_the_renderer_makes(seen, images, renderer, made):

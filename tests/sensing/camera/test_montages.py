@@ -4,33 +4,10 @@ import cv2
 import pytest
 from PIL import Image
 
-from simgen.dataset.exchange.selection import select
 from simgen.sensing.camera.image_files import read_image
-from simgen.sensing.camera.images import Images, render
 from simgen.sensing.camera.montages import write_gif, write_montages, write_stages
-from simgen.sensing.camera.renderer import Look, Renderer
 
-SMALL = Look(height=64, width=48)
-
-
-@pytest.fixture(scope="module")
-def images(seen, tmp_path_factory):
-    return Images(seen.path, "digit", tmp_path_factory.mktemp("images") / "seen.images", SMALL)
-
-
-@pytest.fixture(scope="module")
-def chosen(seen):
-    return select(seen, ("digit",))
-
-
-@pytest.fixture(scope="module")
-def renderer(seen):
-    return Renderer.of_dataset(seen, "digit", SMALL)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def made(images, chosen, renderer):
-    return list(render(images, chosen, renderer, workers=1))
+pytestmark = pytest.mark.usefixtures("made")
 
 
 def test_a_montage_of_each_indenter(images, chosen):
