@@ -1,4 +1,4 @@
-"""Curved elements: on the true surface, sharp where it is sharp, never folded."""
+"""Curved elements follow the true surface, keep sharp edges and do not fold."""
 
 import numpy as np
 import pytest

@@ -61,13 +61,13 @@ def test_normals_stop_at_a_crease():
 
 
 def test_normals_of_a_sphere():
-    """Averaged over the faces around: the sphere's normal, within the square of the edge angle (0.08)."""
+    """Averaged normals are the sphere's, within the square of the edge angle (0.08)."""
     ball = trimesh.creation.icosphere(subdivisions=4)
     np.testing.assert_allclose(corner_normals(ball), ball.vertices[ball.faces], atol=5e-3)
 
 
 def test_many_arcs_of_a_section_are_the_same_as_one_by_one():
-    """On a shape whose sections differ from each other, both inside and outside of what there is."""
+    """On a shape whose cross-sections all differ, inside and beyond its ends."""
     mesh = trimesh.creation.icosphere(subdivisions=3)
     mesh.apply_transform(np.diag([0.020, 0.008, 0.011, 1.0]))
     skin, arcs = Skin(mesh), np.linspace(-0.04, 0.04, 33)

@@ -1,4 +1,4 @@
-"""Quadratic interpolation: exact on straight elements, a partition of unity, honest about points outside."""
+"""Quadratic interpolation: exact on straight elements, a partition of unity, nearest point outside."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Users' mesh files in, our own files out and in again."""
+"""Users' mesh files are read, and simgen's own files are written and read again."""
 
 import meshio
 import numpy as np
@@ -33,7 +33,7 @@ def test_tetrahedral_files(tmp_path, suffix):
 
 
 def second_order(corners: np.ndarray, sides: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-    """The points of `POINTS` and of the mid-edges after them; the cells with both."""
+    """`POINTS` with mid-edge points after them, and second-order cells."""
     edges = np.sort(corners[:, sides].reshape(-1, 2), axis=1)
     edges, number = np.unique(edges, axis=0, return_inverse=True)
     middle = len(POINTS) + number.reshape(len(corners), len(sides))

@@ -1,4 +1,4 @@
-"""Each gate closes on the defect that it is there for, and says the number."""
+"""Each gate refuses the defect that it is there for, and gives the number."""
 
 from dataclasses import replace
 

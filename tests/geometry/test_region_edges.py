@@ -45,9 +45,9 @@ def box():
 
 @pytest.fixture(scope="module")
 def tetrahedra():
-    """Cells of 2 mm cut into six, corners within faces and inside moved by up to 0.3 mm: the same at every run.
+    """Cells of 2 mm cut into six, with corners moved by up to 0.3 mm within faces and inside.
 
-    What the mesher makes differs from run to run, and with it how much there is to align.
+    The mesher is not used, because its meshes differ from run to run.
     """
     half = np.full(3, SIDE / 2)
     vertices, tetrahedra = sizing_grid(-half, half, 2e-3)
@@ -112,7 +112,7 @@ def test_a_region_that_ends_close_to_a_crease_ends_at_it(box, height, strip):
 
 
 def test_a_long_triangle_does_not_stretch_what_is_close():
-    """Edges of 10 mm, a strip of 1 mm: close by the edge, but not by the mesh that is wanted."""
+    """Edges of 10 mm, a strip of 1 mm: within `NEAR` of the edge, but farther than ``reach``."""
     plain = trimesh.creation.box((SIDE,) * 3)
     inside = partial(near_top, height=1e-3)
     held = {}

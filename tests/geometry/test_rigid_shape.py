@@ -37,7 +37,7 @@ def test_far_points_are_outside(sampled_sphere):
 
 
 def test_mixed_shapes_in_one_kernel(sampled_sphere):
-    """One shape per environment: each point is answered by its own shape, nested coefficients included."""
+    """One shape per environment: each point gets its own shape, coefficients included."""
     other = sampled_shape(trimesh.creation.box(extents=[4e-3, 4e-3, 4e-3]), 0.25, 1.0)
     shapes = [*(load_indenter(name).shape() for name in NAMES), sampled_sphere, other]
     points = np.random.default_rng(4).uniform(-4.0, 4.0, (50 * len(shapes), 3))
@@ -50,7 +50,7 @@ def test_mixed_shapes_in_one_kernel(sampled_sphere):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_shape_reaches_further_than_it_says(name):
-    """Beside its reach there is nothing of it, and nearer there is."""
+    """The shape is nowhere beyond its reach, and somewhere at 0.9 of it."""
     shape = load_indenter(name).shape()
     reach, angles = lateral_reach(shape), np.linspace(0.0, 2.0 * np.pi, 73)
     ring = np.stack([np.cos(angles), np.zeros_like(angles), np.sin(angles)], axis=1)

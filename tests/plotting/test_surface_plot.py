@@ -20,7 +20,7 @@ def test_the_camera_is_a_rotation_that_looks_where_it_is_told():
 
 
 def test_a_ball_shows_its_near_half_and_its_colours():
-    """Half of the faces of a ball look at the viewer; each takes the colour of its own vertices."""
+    """Half of the faces look at the viewer, and each has the colour of its own vertices."""
     values = (fake.VERTICES[:, 1] < 0).astype(float)
     axes = Figure().subplots()
     faces = draw_surface(axes, fake.VERTICES, fake.BALL.faces, values, largest=1.0)

@@ -9,7 +9,7 @@ from simgen.report.patches import Patches, patches_section
 
 
 def pressed_by_sphere(dataset, press: int, depth: int) -> np.ndarray:
-    """(vertex,) whether the stand-in's displaced ball is within 50 um of a sphere of 3.5 mm, by its equation."""
+    """True (vertex,) where the stand-in's displaced ball is within 50 um of a sphere of 3.5 mm, by its equation."""
     contact, travel = dataset["press/contact_pose"][press], 1e-5 + dataset["depth"][depth]
     moved = fake.VERTICES + fake.fake_result(0, contact, dataset["depth"], 0.0).displacement[depth]
     centre = contact[:3, 3] + (travel - 3.5e-3) * contact[:3, 1]

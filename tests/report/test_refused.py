@@ -19,7 +19,7 @@ def test_refused_contacts_are_counted_and_shown(tmp_path):
 
 
 def test_the_area_without_contacts_is_that_around_the_refused_ones():
-    """On a ball, 2 pi r h of a cap whose points are that far, as chords, from a lone contact at its middle."""
+    """Skin of a ball within a distance r of a lone contact is a cap of area pi r^2."""
     plan = fake.make_plan(fake.make_job())
     surface = touchable_surface(plan.arrays, "digit")
     side = np.array([[0.0, -0.6, 0.8], [0.0, -0.6, -0.8]])

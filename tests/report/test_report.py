@@ -1,4 +1,4 @@
-"""The report: self-contained, whole, and honest about failures and about what is not there."""
+"""The report is self-contained, and shows failures and missing parts."""
 
 import re
 
@@ -31,7 +31,7 @@ def never_touching_presser(job, sensor, device):
 
 
 def page_of(path, build, missing=(), **changes) -> str:
-    """The page of a dataset, less plotly.js; shards of which the manifests are ``missing`` are not there."""
+    """The page of a dataset without the code of plotly.js. Shards whose manifests are ``missing`` do not count."""
     dataset = run(fake.make_plan(fake.make_job(**changes)), path / "d.zarr", build=build)
     for shard in missing:
         (path / "d.zarr" / "manifest" / f"{shard:06}.json").unlink()

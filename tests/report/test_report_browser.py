@@ -1,4 +1,4 @@
-"""The page of a dataset in a browser: nothing is fetched, nothing goes wrong, solid views move, a phone shows it all.
+"""The page of a dataset in a browser: it loads nothing, reports no error, moves 3D views and fits a phone.
 
 Needs chromium and chromedriver; skipped without them.
 """
@@ -64,7 +64,7 @@ def solid_view(driver, sensor: str):
 
 
 def pixels(driver, sensor: str) -> np.ndarray:
-    """(rows, columns, 3) of the middle of a solid view, as it is on the screen."""
+    """Pixels (rows, columns, 3) of the middle of a 3D view on the screen."""
     view = solid_view(driver, sensor)
     driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", view)
     with Image.open(io.BytesIO(view.screenshot_as_png)) as image:
@@ -78,7 +78,7 @@ def colours(driver, sensor: str) -> int:
 
 
 def shown_vertices(driver, sensor: str) -> np.ndarray:
-    """(vertex, 3) mm of the mesh that plotly.js shows."""
+    """Vertices (vertex, 3), mm, of the mesh that plotly.js shows."""
     script = "return ['x', 'y', 'z'].map(key => Array.from(arguments[0]._fullData[0][key]))"
     return np.array(driver.execute_script(script, solid_view(driver, sensor))).T
 

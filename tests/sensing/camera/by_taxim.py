@@ -1,7 +1,7 @@
 """Pictures by Taxim's published method (Si and Yuan, RA-L 2022), in numpy, and by its port on PyPI.
 
-Both take a height map that lies, (480, 640), mm towards the camera, and return grey levels (480, 640, 3), red first, of
-which nothing is taken off. Neither smooths anything.
+Both take a landscape height map, (480, 640), mm towards the camera, and return grey levels (480, 640, 3), red first.
+Neither smooths or subtracts anything.
 """
 
 import json
@@ -12,7 +12,7 @@ import pytest
 
 
 def by_formula(table: Path, height_mm: np.ndarray, pixel_mm: float, background: np.ndarray) -> np.ndarray:
-    """The nearest bin's polynomial of the pixel's place, for each channel of a picture as OpenCV reads it."""
+    """The nearest bin's polynomial of the position, for each channel of a picture in OpenCV's order."""
     with np.load(table) as file:
         last = int(file["bins"]) - 1
         channels = [file[name] for name in ("grad_r", "grad_g", "grad_b")]
@@ -31,7 +31,7 @@ def by_formula(table: Path, height_mm: np.ndarray, pixel_mm: float, background: 
 def by_package(
     table: Path, height_mm: np.ndarray, pixel_mm: float, background: np.ndarray, folder: Path
 ) -> np.ndarray:
-    """Its port, of a flat gel whose folder of calibration is written to ``folder``."""
+    """The port, for a flat gel, with its calibration files written to ``folder``."""
     jax_port = pytest.importorskip("taxim.taxim_jax", reason='pip install "taxim[jax-cpu]==1.4.1": 470 MB')
     (height, width), nothing = height_mm.shape, [0.05 / height_mm.shape[1], 0.05 / height_mm.shape[0]]
     np.savez(folder / "dataPack.npz", f0=background[..., ::-1])

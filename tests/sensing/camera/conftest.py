@@ -1,4 +1,4 @@
-"""A dataset that a DIGIT's camera can look at, made in a second."""
+"""A dataset with a ball that the DIGIT's camera sees, and images of it."""
 
 import fake
 import pytest
@@ -43,5 +43,5 @@ def renderer(seen):
 
 @pytest.fixture(scope="session")
 def made(images, chosen, renderer) -> list[int]:
-    """Images of all presses, and how many each press has."""
+    """Numbers of images of each press, all made in the folder of `images`."""
     return list(render(images, chosen, renderer, workers=1))

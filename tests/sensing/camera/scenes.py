@@ -1,4 +1,4 @@
-"""Surfaces of which every depth is known, and a camera that looks at them."""
+"""Surfaces with known depths, and a camera that looks at them."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ SMALL = Look(height=64, width=48)  # images that take little time
 
 
 def camera(height: int = 64, width: int = 48) -> Camera:
-    """In no special direction, so that an axis that is taken for another shows."""
+    """A camera in no special direction, so that mistaken axes show."""
     forward, up = np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])
     right = np.cross(forward, up)
     position = np.array([0.01, -0.02, 0.03])
@@ -24,7 +24,7 @@ def pinhole(height: int = 64, width: int = 48) -> Pinhole:
 
 
 def in_sensor(view: np.ndarray, of: Pinhole) -> np.ndarray:
-    """Points (..., 3) right, up and depth, m, in the sensor's frame."""
+    """Points (..., 3) of right, up and depth, m, in the sensor's frame."""
     return of.position + view @ of.axes
 
 

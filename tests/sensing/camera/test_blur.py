@@ -1,4 +1,4 @@
-"""The pyramid of Gaussian kernels is OpenCV's, on a GPU, too, where it is one product of matrices."""
+"""The pyramid of Gaussian kernels agrees with OpenCV's, also as a product of matrices."""
 
 import cv2
 import numpy as np
@@ -38,7 +38,7 @@ def test_matrices_do_the_same_with_the_same_borders(maps):
 
 
 def as_across(image: np.ndarray) -> np.ndarray:
-    """The smoothing of the ACROSS paper: a contact's heights come back after each of three large kernels."""
+    """The smoothing of the ACROSS paper: the contact gets its heights back after each of three large kernels."""
     contact, sharp = np.abs(image) > 0.4 * np.abs(image).max(), image
     for size in (401, 201, 101):
         image = np.where(contact, sharp, cv2.GaussianBlur(image, (size, size), 0))
@@ -47,7 +47,7 @@ def as_across(image: np.ndarray) -> np.ndarray:
 
 @pytest.fixture
 def dents() -> np.ndarray:
-    """(2, 120, 90): an edge and a bump, one of which goes down."""
+    """Maps (2, 120, 90): an edge and a bump, one of them downwards."""
     start_warp()
     rows, columns = np.mgrid[:120, :90]
     edge = np.where(columns + 0.3 * rows > 70.0, 0.8, 0.0)

@@ -1,4 +1,4 @@
-"""`simgen calibrate-optics` from end to end: pictures of spheres make a table that explains their model."""
+"""`simgen calibrate-optics` from end to end: a table fitted to pictures of spheres explains their model."""
 
 import re
 import shutil
@@ -31,7 +31,7 @@ def picture(digit: PhotometricGel, circle: Circle, random: np.random.Generator) 
 
 @pytest.fixture(scope="module")
 def truth(digit) -> list[Circle]:
-    """All over the dome, of tilts up to 64 degrees."""
+    """Spheres all over the dome, with tilts up to 64 degrees."""
     random = np.random.default_rng(0)
     columns, rows = 240.0 * random.uniform(0.2, 0.8, PICTURE_COUNT), 320.0 * random.uniform(0.15, 0.85, PICTURE_COUNT)
     largest = 1e-3 * RADIUS_MM * digit.pinhole.focal / digit.rest_depth.max()
@@ -42,7 +42,7 @@ def truth(digit) -> list[Circle]:
 
 @pytest.fixture(scope="module")
 def folder(digit, truth, tmp_path_factory):
-    """PNG files of spheres and of nothing."""
+    """A folder with pictures of spheres and of the untouched gel."""
     folder, random = tmp_path_factory.mktemp("pictures"), np.random.default_rng(1)
     (folder / "nothing.png").write_bytes(png(digit.background.round().astype(np.uint8)))
     for number, circle in enumerate(truth):
@@ -61,7 +61,7 @@ def lines(folder, pictures) -> list[str]:
 
 
 def test_circles_are_found_to_a_pixel(pictures, truth, lines):
-    """The smoothing is of a pixel and a half, and a contact's rim is not as bright all around."""
+    """The smoothing has a width of 1.5 pixels, and a contact's rim is not equally bright all around."""
     said = r"(.*): circle of ([\d.]+) pixels at column ([\d.]+), row ([\d.]+); \d+ pixels with a known tilt"
     found = [re.fullmatch(said, line).groups() for line in lines[:-1]]
     assert [name for name, *_ in found] == [str(file) for file in pictures]
@@ -72,8 +72,9 @@ def test_circles_are_found_to_a_pixel(pictures, truth, lines):
 
 
 def test_the_table_explains_other_spheres_of_the_model(digit, folder, lines):
-    """As steep as those of the pictures, for what is steeper none has shown. A table of a thousand spheres is a tenth
-    of the change off; forty, of which the circles are half a pixel off in 30, are a little more."""
+    """Only tilts that the pictures show. A table of a thousand spheres is off by a tenth of the change. Forty spheres,
+    with circles half a pixel off in 30, give a little more.
+    """
     table = Response.load(folder / "table.npz")
     others = [digit.of_patch(patch) for patch in digit.spheres(2**6, seed=1)]
     shown = [np.hypot(seen.slope_x, seen.slope_y) < 1.0 for seen in others]
@@ -102,7 +103,7 @@ def test_circles_of_a_file_count(folder, pictures, truth, tmp_path):
 
 @pytest.mark.long
 def test_the_digit_s_own_files_are_what_the_command_makes(tmp_path):
-    """To a grey level: the files are of another machine, and rounded."""
+    """To one grey level, because the files were made on another machine and rounded."""
     lines = list(calibrate([], None, None, "digit", None, tmp_path))
     assert [line.split(":")[0] for line in lines] == [str(tmp_path / TABLE), str(tmp_path / BACKGROUND)]
     own = resource("sensor_models") / "digit"
@@ -163,7 +164,7 @@ CIRCLES = {  # that no sphere makes in this picture
 
 @pytest.fixture
 def workplace(folder, tmp_path, monkeypatch):
-    """A few of the pictures, and files that are not what they should be."""
+    """A few of the pictures, and bad files."""
     for name in ("nothing.png", "01.png", "02.png"):
         shutil.copy(folder / name, tmp_path)
     shutil.copy(folder / "nothing.png", tmp_path / "same.png")

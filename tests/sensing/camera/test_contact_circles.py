@@ -1,4 +1,4 @@
-"""Circles are found where they are drawn, in spite of noise; files that name them are checked."""
+"""Contact circles are found in spite of noise, and files with circles are checked."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def disk(circle: Circle, contrast: float, seed: int = 0) -> tuple[np.ndarray, np
 @pytest.mark.parametrize("contrast", [30.0, 100.0])
 @pytest.mark.parametrize("circle", [Circle(40.3, 70.6, 15.2), Circle(60.0, 30.0, 25.0), Circle(45.5, 60.5, 6.0)])
 def test_a_disk_is_found(circle, contrast):
-    """To a pixel: a rim of pixels is known to half of one, and noise moves the outermost by as much."""
+    """To one pixel: a rim of pixels is known to half a pixel, and noise moves the outermost pixel by as much."""
     found = find_circle(*disk(circle, contrast))
     assert (found.column, found.row, found.radius) == pytest.approx((circle.column, circle.row, circle.radius), abs=1.0)
 

@@ -1,4 +1,4 @@
-"""Depths and heights of surfaces whose intersection with every ray is known in closed form, and by another method."""
+"""Depths and heights against closed forms and against rays traced one by one."""
 
 import numpy as np
 import pytest
@@ -59,8 +59,9 @@ def test_a_sphere_that_is_pressed_into_a_plane():
 
 
 def test_every_pixel_is_what_a_ray_says_that_is_traced_alone():
-    """Against Moeller and Trumbore's intersection with each of all triangles, in double precision, of a crumpled sheet
-    of which parts hide others."""
+    """A crumpled sheet that hides parts of itself, against Moeller and Trumbore's intersection with all triangles, in
+    double precision.
+    """
     of, random = pinhole(24, 18), np.random.default_rng(0)
     vertices, triangles = sheet(lambda x, y: DISTANCE_M, of, cells=12)
     crumpled = vertices + random.normal(0.0, 2e-3, vertices.shape)

@@ -1,4 +1,4 @@
-"""Images as files come back with every pixel and their colours in order."""
+"""Image files keep every pixel, with red first."""
 
 import cv2
 import numpy as np

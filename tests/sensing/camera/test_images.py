@@ -1,4 +1,4 @@
-"""Images on disk: what is there, what a second call makes, and that a folder is of one kind of images."""
+"""Images on disk: files, continuation, and one kind of images in a folder."""
 
 import json
 import shutil

@@ -1,7 +1,7 @@
-"""Pictures under the photometric model, and tables that explain what they were not fitted to.
+"""Pictures under the photometric model, and tables that explain shapes that they were not fitted to.
 
-A table knows the tilt that a contact adds, not the gel's own, up to 18 degrees on a DIGIT: polynomials of the place are
-to make up for it. So it is exact on a gel that is flat and far, and some of the change of colour off on the dome.
+A table knows the tilt that a contact adds. It does not know the gel's own tilt, up to 18 degrees on a DIGIT, except by
+its polynomials of the position. So it is exact on a flat and distant gel, and somewhat off on the dome.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ def table(digit):
 
 
 def flat_gel(far: float = 1.0) -> PhotometricGel:
-    """Across the axis of a camera; ``far`` times as far as its lights usually are."""
+    """A gel across the camera's axis; lights are ``far`` times as far away as usual."""
     of = scenes.pinhole(320, 240)
     camera = scenes.camera(320, 240)
     lights = np.array([camera.position + far * (camera.lights[c] - camera.position) for c in ("red", "green", "blue")])
@@ -32,21 +32,21 @@ def flat_gel(far: float = 1.0) -> PhotometricGel:
 
 
 def whole(rendered: PhotometricGel, depth: np.ndarray) -> Observations:
-    """What the whole picture of a coat at ``depth`` says, where it is a micrometre off the gel at rest, and more."""
+    """Observations of the picture of a coat at ``depth``, where it is at least a micrometre off the gel at rest."""
     rows, columns = np.nonzero(depth < rendered.rest_depth - 1e-6)
     change = rendered.picture(depth) - rendered.background
     return observe(Patch(rows, columns, depth[rows, columns]), rendered.rest_depth, rendered.pinhole.focal, change)
 
 
 def away(rendered: PhotometricGel, row: float, column: float) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of pixels from a place, m, downwards and to the right."""
+    """Distances of pixels from a place, m, downwards and to the right."""
     rows, columns = np.mgrid[: rendered.pinhole.height, : rendered.pinhole.width]
     pixel = rendered.rest_depth[int(row), int(column)] / rendered.pinhole.focal
     return pixel * (rows - row), pixel * (columns - column)
 
 
 def ridges(rendered: PhotometricGel) -> np.ndarray:
-    """0.2 mm high, 2 mm wide, aslant, all over the image."""
+    """Slanting ridges all over the image, 0.2 mm high, 2 mm wide."""
     down, right = away(rendered, 160, 120)
     return rendered.rest_depth - 2e-4 * np.sin(np.pi * (0.6 * down + 0.8 * right) / 1e-3) ** 2
 
@@ -105,7 +105,8 @@ def test_spheres_are_all_over_the_gel_and_steep():
 
 def test_on_a_flat_gel_with_far_lights_the_table_is_exact():
     """A tilt then has one colour all over the image. Half a bin, 1.5 of 360 degrees, is 2.5 % of a tilt's colour, and
-    tables go over from bin to bin."""
+    colours are interpolated between bins.
+    """
     rendered = flat_gel(far=50.0)
     table = fit_response(rendered.of_patch(patch) for patch in rendered.spheres(2**9))
     others = [rendered.of_patch(patch) for patch in rendered.spheres(2**4, seed=1)]
@@ -120,7 +121,7 @@ def test_the_table_explains_other_spheres(digit, table):
 
 @pytest.mark.parametrize("shape", [ridges, cone, bump])
 def test_the_table_explains_other_shapes(digit, table, shape):
-    """The dome's share is a tenth of what spheres change; it is more of what shapes change that are less steep."""
+    """The dome causes an error of a tenth of the change of spheres, and of more for shapes that are less steep."""
     found = table_error(table, [whole(digit, shape(digit))])
     assert found.change > 5.0 and found.residual < 0.15 * found.change
 

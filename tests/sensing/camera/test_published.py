@@ -1,4 +1,4 @@
-"""Presses of a sphere rendered by the published table of a real DIGIT, and by our own beside its model."""
+"""Presses of a sphere rendered by the published table of a real DIGIT, and by simgen's own table and its model."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def own(surface, digit) -> Renderer:
 
 
 def pressed(vertices: np.ndarray, deep: float, radius: float = 3e-3) -> np.ndarray:
-    """Displacements (1, vertex, 3) m of what a sphere pushes straight in, at the middle of the pad: y = -8.30 mm."""
+    """Displacements (1, vertex, 3) m by a sphere that moves straight in, in the middle of the pad: y = -8.30 mm."""
     middle = np.array([-7.56e-3, -8.30e-3 + deep - radius, 0.0])
     beside = np.hypot(*(vertices - middle)[:, [0, 2]].T)
     top = middle[1] + np.sqrt(np.maximum(radius**2 - beside**2, 0.0))
@@ -55,7 +55,7 @@ def test_untouched_gel_is_the_published_background(reference, renderer, surface)
 
 
 def test_a_sphere_changes_what_it_touches(renderer, surface):
-    """Within the circle where it meets the gel, in the middle of the image; facets around are of half a millimetre."""
+    """Pixels change inside the circle where it meets the gel. Facets around are of half a millimetre."""
     image = renderer(pressed(surface[0], 1e-3))[0].astype(int)
     change = np.abs(image - renderer.background).max(axis=2)
     rows, columns = np.mgrid[:320, :240]
@@ -69,8 +69,9 @@ def test_a_sphere_changes_what_it_touches(renderer, surface):
 
 
 def test_our_own_images_are_those_of_the_photometric_model(own, surface, digit):
-    """Of the same heights, at half the size that the table was made at. A tenth of the change is the dome's share, as
-    `test_photometric_gel` says; rounding to grey levels twice is half a level on average."""
+    """The same heights, at half the size of the images that the table was made for. The dome causes a tenth of the
+    change, see `test_photometric_gel`. Rounding to grey levels twice is half a level on average.
+    """
     height = own.blur(own.heights(pressed(surface[0], 1e-3)))
     image = own.image(height).numpy()[0].astype(float)
     expected = digit.picture(digit.rest_depth - height.numpy()[0])

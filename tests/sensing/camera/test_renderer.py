@@ -1,4 +1,4 @@
-"""What a camera sees of a dataset: the coat of the gel from within, and of an untouched one the background alone."""
+"""Images of a dataset: the camera sees the coat from within, and untouched gel is the background."""
 
 import cv2
 import fake
@@ -108,7 +108,7 @@ def test_gel_out_of_sight_is_one_line(tmp_path):
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
 @pytest.mark.parametrize("blur", ["whole", "across"])
 def test_a_gpu_makes_the_same_images(seen, blur):
-    """But for what lies between two grey levels: single precision, in another order."""
+    """Except for rounding of grey levels: single precision sums in another order."""
     moved = seen.displacement("digit", 3)
     look = Look(height=64, width=48, blur=blur)
     own, other = (Renderer.of_dataset(seen, "digit", look, device)(moved).astype(int) for device in ("cpu", "cuda"))

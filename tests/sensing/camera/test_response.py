@@ -1,4 +1,4 @@
-"""Tables are read as they are published, and what they say of flat gel is taken off."""
+"""Tables are read in the published layout, and their response to flat gel is subtracted."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Images are what the table says of each pixel's tilt, by numpy alone; flat gel is the background."""
+"""Images agree with the table for each pixel's tilt, by numpy alone; flat gel is the background."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def _warp():
 
 
 def a_response(seed: int = 0, width: int = 640, height: int = 480) -> Response:
-    """Any table whose changes are some tens of grey levels all over the image."""
+    """A table whose changes are tens of grey levels all over the image."""
     scale = np.array([width**-2.0, height**-2.0, 1.0 / (width * height), 1.0 / width, 1.0 / height, 1.0])
     return Response(20.0 * scale * np.random.default_rng(seed).normal(size=(3, BINS, BINS, 6)), width, height)
 
@@ -29,7 +29,7 @@ def shade(response: Response, height: np.ndarray, background: np.ndarray) -> np.
 
 
 def ramp(down: float, right: float, shape: tuple[int, int]) -> np.ndarray:
-    """(1, height, width) m, of slopes from row to row and from column to column."""
+    """Height map (1, height, width), m, with slopes along rows and columns."""
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     return (PIXEL_M * (down * rows + right * columns))[None].astype(np.float32)
 
@@ -41,7 +41,7 @@ def test_flat_gel_is_the_background(offset):
 
 
 def test_almost_flat_gel_is_not_speckled():
-    """Noise of 1e-4 of a pixel has any direction; 1e-4 of a tilt changes no colour by a level."""
+    """Noise of 1e-4 of a pixel has any direction. A tilt of 1e-4 changes no colour by a level."""
     noise = np.random.default_rng(2).normal(0.0, 1e-4 * PIXEL_M, (1, 40, 30))
     background = np.full((40, 30, 3), 128, np.uint8)
     assert np.abs(shade(a_response(), noise, background).astype(int) - 128).max() <= 1
@@ -68,7 +68,7 @@ def test_in_the_middle_of_a_bin_the_table_s_own_polynomial_counts(shape, size, d
 
 
 def test_between_bins_colours_go_over_into_each_other():
-    """From bin to bin by straight lines, as numpy has them, along the size of the tilt and around."""
+    """Linear from bin to bin, as in numpy, along the size of the tilt and around."""
     response, shape = a_response(), (4, 6)
     table = response.from_flat()
     sizes = np.concatenate([[0.0], np.arange(BINS) + 0.5]) * 0.5 * np.pi / (BINS - 1)
@@ -103,7 +103,7 @@ def test_channels_are_red_green_and_blue():
 
 
 def test_tables_say_what_images_show():
-    """By numpy for a few places, by the kernel for images; tilts of less than half a bin, and directions about +-pi."""
+    """`Response.change` agrees with the kernel, also for tilts below half a bin and directions near +-pi."""
     response, shape = a_response(), (6, 8)
     place = Placement.of(*shape, response.height, response.width)
     x, y = (np.full(1, each) for each in place.position(3, 5))

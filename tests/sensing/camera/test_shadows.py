@@ -1,4 +1,4 @@
-"""Shadows end where straight lines say, and what lies in one at rest is not dimmed again."""
+"""Shadows end where straight lines say, and shadows at rest are not dimmed again."""
 
 import numpy as np
 import pytest
@@ -19,12 +19,12 @@ def of():
 
 
 def lights(of, right: float, up: float, depth: float) -> np.ndarray:
-    """(3, 3) m in the sensor's frame: the red one here, the others in the camera, which sees what it lights."""
+    """Positions (3, 3), m, in the sensor's frame: red at this place, the others in the camera."""
     return in_sensor(np.array([[right, up, depth], [0.0, 0.0, 1e-6], [0.0, 0.0, 1e-6]]), of)
 
 
 def plateau(of, left_m: float) -> np.ndarray:
-    """(1, height, width) m: WALL_M high from ``left_m`` to the right, 0 before."""
+    """Height map (1, height, width), m: WALL_M from ``left_m`` to the right, 0 before."""
     _, columns = np.mgrid[:HEIGHT, :WIDTH]
     x, _ = of.across(np.zeros(1), columns)
     return np.where(x * (DISTANCE_M - WALL_M) >= left_m, WALL_M, 0.0).astype(np.float32)[None]
@@ -55,7 +55,7 @@ def test_light_from_above_throws_none(of):
 
 
 def test_a_light_that_is_turned_moves_its_shadow(of):
-    """From the left the plateau's top is bright, and nothing lies behind it."""
+    """Light from the left reaches the top of the plateau, and nothing lies behind it."""
     shadows = Shadows(np.full((HEIGHT, WIDTH), DISTANCE_M), of, lights(of, -0.02, 0.0, 0.01))
     assert (shadows.lit(on(plateau(of, 0.0))).numpy() == 1.0).all()
 
@@ -73,7 +73,7 @@ def test_a_channel_loses_the_share_of_its_light(of):
 
 
 def test_rest_stays_as_it_is(of):
-    """A step of the gel itself throws a shadow that its background shows already."""
+    """A step of the gel at rest throws a shadow that the background shows already."""
     step = DISTANCE_M - plateau(of, 0.0)[0]
     shadows = Shadows(step, of, lights(of, 0.0095, 0.0, 0.0095))
     nothing = on(np.zeros((1, HEIGHT, WIDTH)))

@@ -1,4 +1,4 @@
-"""Spheres through circles: every depth by the sphere's own equation, on surfaces that are planes."""
+"""Spheres through circles on planes: every depth satisfies the sphere's equation."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ ROUNDING = 1e-12  # m: of lengths of 20 mm in double precision, a few operations
 
 
 def plane(of: Pinhole, right: float = 0.0, up: float = 0.0) -> np.ndarray:
-    """(height, width) m of the plane depth = DISTANCE_M + right * x + up * y."""
+    """Depth map (height, width), m, of the plane depth = DISTANCE_M + right * x + up * y."""
     rows, columns = np.mgrid[: of.height, : of.width]
     x, y = of.across(rows, columns)
     return DISTANCE_M / (1.0 - right * x - up * y)
@@ -27,7 +27,7 @@ def in_view(patch: Patch, of: Pinhole) -> np.ndarray:
 @pytest.mark.parametrize(("right", "up"), [(0.0, 0.0), (0.3, -0.2), (-0.5, 0.4)])
 @pytest.mark.parametrize("share", [0.2, 0.9])
 def test_a_patch_is_a_sphere_that_meets_the_plane_in_the_circle(right, up, share):
-    """Its middle is on the plane's normal, as deep as Pythagoras says; depths are on the sphere, on its near side."""
+    """The middle is on the plane's normal, as deep as Pythagoras says. Depths are on the near side of the sphere."""
     of = pinhole(320, 240)
     x, y = of.across(np.array(150.3), np.array(130.6))
     depth = DISTANCE_M / (1.0 - right * x - up * y)
@@ -51,7 +51,7 @@ def test_a_patch_is_a_sphere_that_meets_the_plane_in_the_circle(right, up, share
 
 
 def test_on_a_plane_across_the_axis_all_of_the_circle_is_there():
-    """Of a small one in the middle, where rays are almost parallel: the rim is where the sphere leaves the plane."""
+    """A small circle in the middle, where rays are almost parallel: its rim is where the sphere leaves the plane."""
     of = pinhole(64, 48)
     patch = sphere_in(Circle(23.5, 31.5, 4.2), RADIUS_M, plane(of), of)
     rows, columns = np.mgrid[:64, :48]

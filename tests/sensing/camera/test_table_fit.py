@@ -1,4 +1,4 @@
-"""Tables that are known come out of what they say; what no picture shows is filled in from beside it."""
+"""Known tables are recovered from observations, and unseen bins are filled from their neighbours."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ WIDTH, HEIGHT = PUBLISHED_SIZE
 
 
 def smooth_change(tilt, direction, x, y) -> np.ndarray:
-    """(n, 3) grey levels, that tilts (n,) and directions (n,), rad, change at places (n,), px: tens of them."""
+    """Changes of colour (n, 3), tens of grey levels, for tilts (n,) and directions (n,), rad, at positions (n,), px."""
     u, v = x / WIDTH - 0.5, y / HEIGHT - 0.5
     return np.stack([
         40.0 * np.sin(tilt) * np.cos(direction) * (1.0 + u),
@@ -28,21 +28,21 @@ def seen(tilt, direction, x, y, change) -> Observations:
 
 
 def many(count: int, steepest: float = 0.5 * np.pi, seed: int = 0) -> tuple[np.ndarray, ...]:
-    """Tilts, directions and places at random, all over."""
+    """Random tilts, directions and positions."""
     random = np.random.default_rng(seed)
     return (steepest * random.random(count), np.pi * (2.0 * random.random(count) - 1.0),
             WIDTH * random.random(count), HEIGHT * random.random(count))  # fmt: skip
 
 
 def middles(tilts: int = BINS - 1) -> tuple[np.ndarray, np.ndarray]:
-    """Tilt and direction of the middle of bins, rad."""
+    """Tilts and directions of the middles of bins, rad."""
     tilt, direction = np.meshgrid(np.arange(tilts) + 0.5, np.arange(BINS - 1) + 0.5, indexing="ij")
     step = np.pi / (BINS - 1)
     return 0.5 * step * tilt.ravel(), 2.0 * step * direction.ravel() - np.pi
 
 
 def polynomials(response, tilt, direction, x, y) -> np.ndarray:
-    """(n, 3): what the bins' own polynomials say."""
+    """Changes of colour (n, 3) by the bins' own polynomials."""
     row = (tilt / (0.5 * np.pi) * (BINS - 1)).astype(int)
     column = ((direction + np.pi) / (2.0 * np.pi) * (BINS - 1)).astype(int)
     own = response.coefficients[:, row, column]
@@ -63,7 +63,7 @@ def test_a_table_comes_out_of_its_own_observations():
 
 
 def test_colours_that_tilts_change_come_out_bin_by_bin():
-    """A bin learns from its neighbours, too: it is off by no more than what colours change from bin to bin."""
+    """A bin also learns from its neighbours, so it is off by at most the change from bin to bin."""
     observed = many(200_000)
     response = fit_response([seen(*observed, smooth_change(*observed))], BINS)
     tilt, direction = middles()
@@ -77,7 +77,7 @@ def test_colours_that_tilts_change_come_out_bin_by_bin():
 
 
 def test_noise_is_averaged_out():
-    """60 observations of a bin, at the least, of 5 grey levels of noise, for 6 coefficients: 5 sqrt(6 / 60) is 1.6."""
+    """At least 60 observations of a bin, with 5 grey levels of noise, for 6 coefficients: 5 sqrt(6 / 60) is 1.6."""
     observed = many(200_000)
     change = smooth_change(*observed)
     noisy = change + np.random.default_rng(2).normal(0.0, 5.0, change.shape)
@@ -110,7 +110,7 @@ def test_steeper_tilts_than_any_that_is_seen_are_as_the_steepest():
 
 
 def test_directions_go_around():
-    """What is seen on one side of -pi counts on the other; the last bin, of +pi, is the first."""
+    """Observations on one side of -pi also count on the other. The last bin, +pi, equals the first."""
     tilt, direction, x, y = many(20_000)
     away = np.abs(direction) < np.pi - 2.0 * np.pi / (BINS - 1)  # nothing in the first and the last bin
     observed = tuple(each[away] for each in (tilt, direction, x, y))
@@ -124,7 +124,7 @@ def test_directions_go_around():
 
 
 def test_slopes_and_places_are_those_of_the_table_s_frame():
-    """A ramp that rises 3 from row to row and 5 from column to column, of an image that stands."""
+    """A ramp in a portrait image that rises by 3 from row to row and by 5 from column to column."""
     height, width, focal, depth = 64, 48, 100.0, 0.02
     pixel = depth / focal
     rows, columns = (each.ravel() for each in np.mgrid[20:30, 15:25])

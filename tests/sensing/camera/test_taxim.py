@@ -1,4 +1,4 @@
-"""Published tables show what Taxim shows of them, and Taxim shows our own, channel by channel."""
+"""simgen renders published tables as Taxim does, and Taxim renders simgen's tables, channel by channel."""
 
 from functools import partial
 from pathlib import Path
@@ -58,7 +58,7 @@ def renderer(gel, camera, table) -> Renderer:
 
 
 def dent(vertices: np.ndarray, x_mm: float, z_mm: float, deep: float = 1e-3, radius: float = 3e-3) -> np.ndarray:
-    """Displacements (1, vertex, 3) m of what a sphere pushes along y, ``deep`` m from its first touch."""
+    """Displacements (1, vertex, 3) m by a sphere that moves along y to ``deep`` m from first touch."""
     beside = np.hypot(vertices[:, 0] - 1e-3 * x_mm, vertices[:, 2] - 1e-3 * z_mm)
     below = np.sqrt(np.maximum(radius**2 - beside**2, 0.0))
     pad = (vertices[:, 1] < -5e-3) & (beside < radius)
@@ -72,7 +72,7 @@ def lie(image: np.ndarray) -> np.ndarray:
 
 
 def brightest(response: Response) -> np.ndarray:
-    """(3,) deg: directions of the height's gradient, at 30 degrees of tilt, that red, green and blue brighten for."""
+    """Directions (3,), deg, of the height's gradient at 30 degrees of tilt that brighten red, green and blue most."""
     angle = np.radians(np.arange(0.0, 360.0))
     slope = np.tan(np.radians(30.0))
     place = np.full(360, 0.5 * response.width), np.full(360, 0.5 * response.height)
@@ -81,7 +81,7 @@ def brightest(response: Response) -> np.ndarray:
 
 
 def towards_lights(camera) -> np.ndarray:
-    """(3,) deg: directions of the gradient of a coat that faces the red, the green and the blue light."""
+    """Directions (3,), deg, of the gradient of a coat that faces the red, green and blue light."""
     lights = np.array([camera.lights[colour] for colour in ("red", "green", "blue")])
     right, up, _ = Pinhole.of(camera, HEIGHT, WIDTH).in_view(lights).T
     x, y = Placement.of(HEIGHT, WIDTH, WIDTH, HEIGHT).slope(up, -right)  # a normal leans against the gradient
@@ -110,7 +110,7 @@ def test_a_table_of_real_pictures_brightens_towards_the_lights(reference, camera
 
 @pytest.mark.parametrize("simulation", ["formula", "package"])
 def test_images_are_taxim_s(renderer, table, gel, simulation, tmp_path):
-    """Taxim's image of the same heights, less its response to flat gel. Its gel is flat, its pixels have one size."""
+    """Taxim's image of the same heights, less its response to flat gel. It has a flat gel and one size of a pixel."""
     simulate = by_formula if simulation == "formula" else partial(by_package, folder=tmp_path)
     pixel_mm = 1e3 * float(np.median(renderer.heights.rest_depth[renderer.heights.seen])) / renderer.pinhole.focal
     picture = partial(simulate, table, pixel_mm=pixel_mm, background=lie(renderer.background).astype(float))
@@ -129,7 +129,7 @@ def test_images_are_taxim_s(renderer, table, gel, simulation, tmp_path):
 @pytest.mark.parametrize("table", ["published"], indirect=True, scope="module")
 @pytest.mark.parametrize(("tilts", "places", "cost", "without_flat"), COSTS)
 def test_slopes_of_the_change_cost_what_the_page_says(renderer, table, gel, tilts, places, cost, without_flat):
-    """Published tables are fitted to slopes of the gel as it lies there; we look up slopes of what a press changes."""
+    """Published tables are fitted to slopes of the gel as it lies there; simgen looks up slopes that a press adds."""
     depth = undeformed_gel(load_geometry("digit"), HEIGHT, WIDTH).depth
     rest_mm = -1e3 * lie(np.where(np.isfinite(depth), depth, depth[np.isfinite(depth)].max()))
     pixel_mm = -float(np.median(rest_mm)) / renderer.pinhole.focal

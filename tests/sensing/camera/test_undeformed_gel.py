@@ -1,4 +1,4 @@
-"""The DIGIT's gel as its camera sees it: where the true surface is, without facets, up to the image's edges."""
+"""The depth map of the DIGIT's untouched gel follows the true surface, without facets, up to the image's edges."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_smoothing_moves_the_surface_by_less_than_its_bulge(gel, faceted):
 
 
 def test_facets_are_gone(gel, faceted):
-    """Where facets of half a millimetre meet, slopes jump; on the smooth surface they change evenly."""
+    """Slopes jump where facets of half a millimetre meet. They change evenly on the smooth surface."""
     bends = [np.abs(np.diff(depth[WALLS:], n=2, axis=1)) for depth in (gel.depth, faceted)]
     assert np.percentile(bends[0], 99) < 0.5 * np.percentile(bends[1], 99)
     uneven = [np.abs(np.diff(bend, axis=1)).max() for bend in bends]
@@ -43,7 +43,7 @@ def test_facets_are_gone(gel, faceted):
 
 
 def test_the_image_s_own_edges_are_not_seen(gel):
-    """The surface goes on beyond them: it bends there no more than elsewhere."""
+    """The surface continues beyond the edges, so it bends there no more than elsewhere."""
     bend = np.abs(np.diff(gel.depth[WALLS:], n=2, axis=1))
     assert bend[:, [0, 1, -2, -1]].max() <= 1.05 * bend[:, 5:-5].max()
 

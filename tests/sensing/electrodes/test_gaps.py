@@ -1,4 +1,4 @@
-"""Gaps above electrodes: planes and balls with known ones, VTK's rays on the BioTac, and what cannot be measured."""
+"""Gaps above electrodes against planes and balls and VTK's rays on the BioTac; errors."""
 
 import electrode_dataset
 import fake
@@ -114,7 +114,7 @@ def biotac():
 
 
 def vtk_gaps(vertices, triangles, electrodes, normals):
-    """By VTK's tree of oriented boxes; rays begin 2 mm below the electrodes."""
+    """VTK's tree of oriented boxes; rays begin 2 mm below the electrodes."""
     surface = pyvista.PolyData.from_regular_faces(vertices, triangles)
     found = []
     for start, direction in zip(electrodes, normals, strict=True):

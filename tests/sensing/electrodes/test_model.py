@@ -1,4 +1,4 @@
-"""The electrode model: its formulas against integrals and circuits, its instrument, and that seeds decide."""
+"""The electrode model against integrals and circuits; noise, drift, quantization and seeds."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Recordings of electrodes: what is in the files is read, and one line on each bad file."""
+"""Recordings of electrodes: arrays are read, and each bad file gives one line."""
 
 import h5py
 import numpy as np

@@ -1,4 +1,4 @@
-"""Preparation of electrode signals: lines that were planted go, contact stays, and scaling goes back."""
+"""Preparation of electrode signals: drift that was added is removed, contact stays, scaling inverts."""
 
 import json
 from dataclasses import asdict
@@ -21,7 +21,7 @@ SIGNALS = st.tuples(st.integers(1, 5), st.integers(1, 4)).flatmap(
 
 
 def recording(slopes):
-    """Signals with contacts, at the level of the first sample elsewhere; the same with lines added; contact, time."""
+    """Signals with contacts; the same with drift of these slopes; contact; time."""
     random = np.random.default_rng(4)
     time = np.cumsum(random.uniform(0.5, 2.0, 40)) + 100.0
     contact = random.uniform(size=40) < 0.5
