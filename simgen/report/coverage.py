@@ -24,6 +24,7 @@ class ConvergedContacts:
 
 
 def contacts_on(dataset: Dataset, sensor: str) -> ConvergedContacts:
+    """Find the contacts of trajectories with a converged sample on a sensor."""
     there = dataset["press/trajectory"][depths_reached(dataset, sensor) > 0]
     trajectories, first = np.unique(dataset["press/trajectory"], return_index=True)
     keep = np.isin(trajectories, there)

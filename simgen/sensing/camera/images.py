@@ -49,6 +49,7 @@ class Images:
     device: str = "cpu"
 
     def of_press(self, dataset: Dataset, press: int) -> Path:
+        """Folder of a press."""
         return self.folder / _press_names(dataset)[press]
 
     def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:

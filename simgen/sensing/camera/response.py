@@ -44,6 +44,7 @@ class Placement:
 
     @classmethod
     def of(cls, height: int, width: int, table_height: int, table_width: int) -> Self:
+        """Place an image of this size (px) in the image of a table."""
         turned = (height > width) != (table_height > table_width)
         return cls(turned, table_width / (height if turned else width), height)
 
