@@ -93,7 +93,7 @@ def _stabilisation(values: dict[str, np.ndarray]) -> tuple[str, str]:
 
 
 def _certificates(dataset: Dataset) -> str:
-    header = ["sensor", "indenter", "converged", "inside out of these", "residual", "contact error", "force balance",
+    header = ["sensor", "indenter", "converged", "converged inside out", "residual", "contact error", "force balance",
               "least det F", "elements inside out", "elements stabilised (mean, max)", "samples damped",
               "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
     rows = []
