@@ -17,7 +17,8 @@ def presser(job, sensor, device):
             count = len(load_sensor("biotac").output_mesh.vertices)
             for pose, result in zip(poses, results, strict=True):
                 move = 0.1 * job.indenter_path.depths_m[:, None, None] * pose[:3, 1]
-                result.displacement = np.where((result.status == 0)[:, None, None], move, np.nan) * np.ones((count, 1))
+                reached = (result.status == 0)[:, None, None]
+                result.outputs["displacement"] = np.where(reached, move, np.nan) * np.ones((count, 1))
         return results
 
     return press

@@ -168,7 +168,7 @@ def missing_presser(job, sensor, device):
         results = fake_presser(job, sensor, device)(indenters, poses)
         for indenter, result in zip(indenters, results, strict=True):
             if indenter == 1 and sensor == "digit":
-                object.__setattr__(result, "touch", np.nan)
+                result.touch = np.nan
                 result.status[:] = 2
                 for values in (
                     result.displacement,

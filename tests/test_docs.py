@@ -82,7 +82,7 @@ def test_the_front_page_is_short():
 
 @pytest.mark.parametrize("page", TASKS, ids=lambda path: path.stem)
 def test_a_task_for_a_newcomer_leads_to_three_files_at_most(page):
-    assert 1 <= len({target for target in re.findall(r"\]\((\S+\.py)\)", prose(page))}) <= 3
+    assert 1 <= len(set(re.findall(r"\]\((\S+\.py)\)", prose(page)))) <= 3
 
 
 # The dataset

@@ -72,6 +72,8 @@ def _bounds(metadata: Sequence[Any]) -> str:
             for kind in (annotated_types.Ge, annotated_types.Gt, annotated_types.Le, annotated_types.Lt):
                 if isinstance(constraint, kind):
                     found[kind.__name__] = getattr(constraint, kind.__name__.lower())
+    if not found.keys() & {"Le", "Lt"}:
+        return f"{plain(found['Ge'])} or more" if "Ge" in found else f"above {plain(found['Gt'])}"
     low = plain(found["Ge"]) if "Ge" in found else f"above {plain(found['Gt'])}," if "Gt" in found else ""
     if isinstance(found.get("Lt"), int):  # of whole numbers
         return f"{low} to {found['Lt'] - 1}"

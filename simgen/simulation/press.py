@@ -24,7 +24,7 @@ from simgen.units import MM_PER_M
 
 __all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
 
-@dataclass(frozen=True)
+@dataclass
 class PressResult:
     """One press on one sensor, at d depths or points of a path.
 

@@ -14,6 +14,7 @@ Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 class Example(StrictSection):
     modulus_pa: float = Field(1e5, ge=1e3, le=1e9)
     share: float = Field(0.1, gt=0.0, lt=1.0)
+    length_mm: float = Field(1.0, gt=0.0)
     tolerance: float | None = Field(None, gt=0.0, le=1e-2)
     turn_deg: Angle = 0.0
     seed: int = Field(0, ge=0, lt=2**32)
@@ -29,6 +30,7 @@ class Example(StrictSection):
     [
         ("modulus_pa", "1000 to 1e9 Pa"),
         ("share", "above 0, to below 1"),
+        ("length_mm", "above 0 mm"),
         ("tolerance", "above 0, to 0.01"),
         ("turn_deg", "-180 to 180 degrees"),
         ("seed", "a whole number, 0 to 4294967295"),

@@ -57,9 +57,9 @@ def test_a_closed_mesh_is_an_indenter(tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("a: {kind: sphere, radius_mm: 1, colour: red}", "a.sphere.colour"),
-        ("a: {kind: sphere}", "a.sphere.radius_mm"),
-        ("a: {kind: sphere, radius_mm: -1}", "a.sphere.radius_mm"),
+        ("a: {kind: sphere, radius_mm: 1, colour: red}", "a: colour: unknown key; allowed: kind, radius_mm"),
+        ("a: {kind: sphere}", "a: radius_mm: missing; allowed: above 0 mm"),
+        ("a: {kind: sphere, radius_mm: -1}", "a: radius_mm: -1 is not allowed; allowed: above 0 mm"),
         ("a: {kind: pyramid, radius_mm: 1}", "pyramid"),
         ("a: {kind: cube, half_width_mm: 1, fillet_mm: 2}", "a.fillet_mm"),
         ("a: {kind: ring, outer_radius_mm: 1, hole_radius_mm: 2, fillet_mm: 0.1}", "a.hole_radius_mm"),

@@ -49,7 +49,7 @@ def presser(job, sensor, device):
             for indenter, pose, result in zip(indenters, poses, results, strict=True):
                 near = np.exp(-np.sum((SKIN[0] - pose[:3, 3]) ** 2, axis=1) / (WIDTH_M * (1 + indenter)) ** 2)
                 moved = job.indenter_path.depths_m[:, None, None] * near[:, None] * pose[:3, 1]
-                result.displacement = np.where((result.status == 0)[:, None, None], moved, np.nan)
+                result.outputs["displacement"] = np.where((result.status == 0)[:, None, None], moved, np.nan)
         return results
 
     return press
