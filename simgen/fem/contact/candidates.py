@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from simgen.fem.contact.traction import Surface, at_point, face_positions, gap_at, least_gap
+from simgen.fem.contact.traction import Surface, face_point, face_positions, gap_at, gap_lower_bound
 from simgen.fem.material.neo_hookean import real
 
 wp.set_module_options({"enable_backward": False})
@@ -47,10 +47,10 @@ def find_candidates_kernel(
             near = True
     reach = travel[env] + s.edges[f]
     nodes = face_positions(s, x, f, env)
-    if not near and least_gap(s, nodes, f, env) < reach:
+    if not near and gap_lower_bound(s, nodes, env) < reach:
         for q in range(s.areas.shape[1]):
             if not near:
-                near = gap_at(s, at_point(s, nodes, q), f, q, env) < reach
+                near = gap_at(s, face_point(nodes, s.shapes, q), f, q, env) < reach
     is_candidate_out[f, env] = int(near)
     if near:
         k = wp.atomic_add(count_out, env, 1)

@@ -10,14 +10,22 @@ from __future__ import annotations
 import warp as wp
 
 from simgen.fem.blocks import Blocks, add_block, block, store_block
-from simgen.fem.contact.traction import NODES, Surface, at_point, face_positions, face_vectors, traction_at
+from simgen.fem.contact.traction import (
+    FACE_NODES,
+    Surface,
+    candidate_face,
+    face_point,
+    face_positions,
+    face_vectors,
+    traction_at,
+)
 from simgen.fem.device import large_kernel
 from simgen.fem.elements.element_fields import gather, scatter
 from simgen.fem.material.neo_hookean import mat33f, real, single, vec3f
 
 wp.set_module_options({"enable_backward": False})
 
-face_vectors_f = wp.types.matrix(shape=(NODES, 3), dtype=wp.float32)
+face_vectors_f = wp.types.matrix(shape=(FACE_NODES, 3), dtype=wp.float32)
 
 
 @large_kernel
@@ -32,21 +40,19 @@ def contact_residual_kernel(
     """Forces, and integrals of edge (t - lambda, tau - lambda_t) against the multiplier shape functions."""
     k, lane = wp.tid()
     env = active[lane]
-    if env < 0:
+    f = candidate_face(s, k, env)
+    if f < 0:
         return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
     nodes = face_positions(s, x, f, env)
     forces = face_vectors()
     first, second, third = wp.vec4d(), wp.vec4d(), wp.vec4d()
     touches = wp.bool(False)
     for q in range(s.areas.shape[1]):
-        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        found = traction_at(s, face_point(nodes, s.shapes, q), f, q, env)
         if found.pressure > real(0.0) or found.multiplier > real(0.0):
             touches = True
             force = s.areas[f, q] * (found.pressure * found.normal + found.friction)
-            for a in range(NODES):
+            for a in range(FACE_NODES):
                 if a < s.shapes.shape[1]:
                     forces[a] = forces[a] - s.shapes[q, a] * force
             slip = found.friction - found.tangential
@@ -57,7 +63,7 @@ def contact_residual_kernel(
             second += s.multiplier_shapes[q, 1] * missing
             third += s.multiplier_shapes[q, 2] * missing
     if touches:
-        for a in range(NODES):
+        for a in range(FACE_NODES):
             if a < s.shapes.shape[1]:
                 scatter(s.faces, forces[a], f, a, env, residual_out)
         wp.atomic_add(sums_out, s.slots[f, 0], env, first)
@@ -77,19 +83,25 @@ def contact_tangent_kernel(
     """Keep the tangent at the points that touch, and which these are (a bit each): it serves many Krylov iterations."""
     k, lane = wp.tid()
     env = active[lane]
-    if env < 0:
+    f = candidate_face(s, k, env)
+    if f < 0:
         return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
     nodes = face_positions(s, x, f, env)
     touching = wp.int32(0)
     for q in range(s.areas.shape[1]):
-        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        found = traction_at(s, face_point(nodes, s.shapes, q), f, q, env)
         if found.pressure > real(0.0):
             touching |= 1 << q
             store_block(tangent_out, k * s.areas.shape[1] + q, env, mat33f(s.areas[f, q] * found.tangent))
     touching_out[k, env] = touching
+
+
+@wp.func
+def touching_points(s: Surface, touching: wp.array2d(dtype=wp.int32), k: wp.int32, env: wp.int32) -> wp.int32:
+    """Points of candidate k that touch, a bit each; 0 if there is no such candidate or environment (env < 0)."""
+    if candidate_face(s, k, env) < 0:
+        return 0
+    return touching[k, env]
 
 
 @wp.func
@@ -109,30 +121,26 @@ def contact_action_kernel(
 ):
     k, lane = wp.tid()
     env = active[lane]
-    if env < 0:
-        return
-    if k >= s.count[env]:
-        return
-    points = touching[k, env]
+    points = touching_points(s, touching, k, env)
     if points == 0:
         return
     f = s.candidates[k, env]
     nodes = face_vectors_f()
     forces = face_vectors_f()
-    for a in range(NODES):
+    for a in range(FACE_NODES):
         if a < s.shapes.shape[1]:
             nodes[a] = gather(s.faces, v, f, a, env)
     for q in range(s.areas.shape[1]):
         if touches_at(points, q):
             dx = vec3f()
-            for a in range(NODES):
+            for a in range(FACE_NODES):
                 if a < s.shapes.shape[1]:
                     dx += single(s.shapes[q, a]) * nodes[a]
             df = block(tangent, k * s.areas.shape[1] + q, env) * dx
-            for a in range(NODES):
+            for a in range(FACE_NODES):
                 if a < s.shapes.shape[1]:
                     forces[a] = forces[a] + single(s.shapes[q, a]) * df
-    for a in range(NODES):
+    for a in range(FACE_NODES):
         if a < s.shapes.shape[1]:
             scatter(s.faces, forces[a], f, a, env, action_out)
 
@@ -168,11 +176,7 @@ def contact_blocks_kernel(
 ):
     k, lane = wp.tid()
     env = active[lane]
-    if env < 0:
-        return
-    if k >= s.count[env]:
-        return
-    points = touching[k, env]
+    points = touching_points(s, touching, k, env)
     if points == 0:
         return
     f = s.candidates[k, env]
@@ -193,11 +197,7 @@ def contact_diagonal_kernel(
 ):
     k, lane = wp.tid()
     env = active[lane]
-    if env < 0:
-        return
-    if k >= s.count[env]:
-        return
-    points = touching[k, env]
+    points = touching_points(s, touching, k, env)
     if points == 0:
         return
     f = s.candidates[k, env]

@@ -7,7 +7,16 @@ from __future__ import annotations
 
 import warp as wp
 
-from simgen.fem.contact.traction import Surface, at_point, face_positions, gap_at, return_to_cone, traction_at
+from simgen.fem.contact.traction import (
+    Surface,
+    candidate_face,
+    face_point,
+    face_positions,
+    gap_at,
+    return_to_cone,
+    to_shape_frame,
+    traction_at,
+)
 from simgen.fem.device import large_kernel
 from simgen.fem.material.neo_hookean import mat33, real, vec3
 from simgen.geometry.signed_distance import distance
@@ -45,7 +54,7 @@ def stiffen_kernel(
     if needed > real(0.0):
         nodes = face_positions(s, x, f, env)
         for q in range(s.areas.shape[1]):
-            overlap = -gap_at(s, at_point(s, nodes, q), f, q, env) / s.edges[f]
+            overlap = -gap_at(s, face_point(nodes, s.shapes, q), f, q, env) / s.edges[f]
             if overlap > HELD_OVERLAP:
                 needed = wp.max(needed, s.stiffening[f, env] * overlap / HELD_OVERLAP)
     factor = real(1.0)
@@ -73,17 +82,15 @@ def anchor_kernel(
     """
     k, lane = wp.tid()
     env = active[lane]
-    if env < 0:
+    f = candidate_face(s, k, env)
+    if f < 0:
         return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
     shape = s.rigid[s.shape_of[env]]
     before = face_positions(s, x_start, f, env)
     after = face_positions(s, x_predicted, f, env)
     for q in range(s.areas.shape[1]):
-        start = wp.transpose(rotation_start[env]) * (at_point(s, before, q) - origin_start[env])
-        predicted = wp.transpose(s.rotation[env]) * (at_point(s, after, q) - s.origin[env])
+        start = wp.transpose(rotation_start[env]) * (face_point(before, s.shapes, q) - origin_start[env])
+        predicted = to_shape_frame(s, face_point(after, s.shapes, q), env)
         g0 = distance(shape, start) + s.gap_offset[f, q]
         g1 = wp.min(distance(shape, predicted) + s.gap_offset[f, q], real(0.0))
         slip = carried[k, q, env]
@@ -110,16 +117,14 @@ def carry_kernel(
     """
     k, lane = wp.tid()
     env = active[lane]
-    if env < 0:
+    f = candidate_face(s, k, env)
+    if f < 0:
         return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
     touched = was_candidate[f, env] == 1  # else its anchor is of an earlier increment, or of another press
     nodes = face_positions(s, x, f, env)
     k_inverse = s.edges[f] / (stiffening[f, env] * s.friction_stiffness)
     for q in range(s.areas.shape[1]):
-        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        found = traction_at(s, face_point(nodes, s.shapes, q), f, q, env)
         slip = vec3()
         if touched and found.pressure > real(0.0) and found.multiplier > real(0.0):
             slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) * k_inverse)

@@ -9,17 +9,16 @@ import warp as wp
 
 from simgen.fem.contact.traction import (
     Surface,
-    at_point,
-    deformed,
+    candidate_face,
+    face_point,
     face_positions,
     gap_at,
-    least_gap,
-    surface_point,
+    gap_lower_bound,
+    shape_distance,
     traction_at,
 )
 from simgen.fem.device import large_kernel
 from simgen.fem.material.neo_hookean import real, vec3
-from simgen.geometry.signed_distance import distance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -38,7 +37,7 @@ def gap_kernel(
     env = active[lane]
     if env < 0:
         return
-    gap_out[f, q, env] = gap_at(s, deformed(s, x, f, q, env), f, q, env)
+    gap_out[f, q, env] = gap_at(s, face_point(face_positions(s, x, f, env), s.shapes, q), f, q, env)
 
 
 @large_kernel
@@ -56,14 +55,12 @@ def resultant_kernel(
     """
     k, lane = wp.tid()
     env = active[lane]
-    if env < 0:
+    f = candidate_face(s, k, env)
+    if f < 0:
         return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
     nodes = face_positions(s, x, f, env)
     for q in range(s.areas.shape[1]):
-        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        found = traction_at(s, face_point(nodes, s.shapes, q), f, q, env)
         if found.pressure > real(0.0):
             area = s.areas[f, q]
             force = area * (found.pressure * found.normal + found.friction)
@@ -91,14 +88,12 @@ def corner_forces_kernel(
     """
     k, lane = wp.tid()
     env = active[first + lane]
-    if env < 0:
+    f = candidate_face(s, k, env)
+    if f < 0:
         return
-    if k >= s.count[env]:
-        return
-    f = s.candidates[k, env]
     nodes = face_positions(s, x, f, env)
     for q in range(s.areas.shape[1]):
-        found = traction_at(s, at_point(s, nodes, q), f, q, env)
+        found = traction_at(s, face_point(nodes, s.shapes, q), f, q, env)
         if found.pressure > real(0.0):
             force = s.areas[f, q] * (found.pressure * found.normal + found.friction)
             for i in range(3):
@@ -125,14 +120,13 @@ def nearest_kernel(
     env = active[lane]
     if env < 0:
         return
-    gap = least_gap(s, face_positions(s, x, f, env), f, env)
+    nodes = face_positions(s, x, f, env)
+    gap = gap_lower_bound(s, nodes, env)
     if gap > distance_out[env] and -(gap + at_rest) / s.edges[f] <= of_edge_out[env]:
         return
     least = real(wp.inf)
     for q in range(dense.shape[0]):
-        position = surface_point(s, x, dense, f, q, env)
-        local = wp.transpose(s.rotation[env]) * (position - s.origin[env])
-        least = wp.min(least, distance(s.rigid[s.shape_of[env]], local))
+        least = wp.min(least, shape_distance(s, face_point(nodes, dense, q), env))
     wp.atomic_min(distance_out, env, least)
     wp.atomic_max(of_edge_out, env, -(least + at_rest) / s.edges[f])
 
@@ -150,13 +144,15 @@ def room_kernel(
     """Least distance from another contact's shape that is left beyond the overlap, at points that overlap the shape."""
     f, lane = wp.tid()
     env = active[lane]
-    if env < 0 or least_gap(s, face_positions(s, x, f, env), f, env) > real(0.0):
+    if env < 0:
+        return
+    nodes = face_positions(s, x, f, env)
+    if gap_lower_bound(s, nodes, env) > real(0.0):
         return
     room = real(wp.inf)
     for q in range(dense.shape[0]):
-        position = surface_point(s, x, dense, f, q, env)
-        gap = distance(s.rigid[s.shape_of[env]], wp.transpose(s.rotation[env]) * (position - s.origin[env]))
+        position = face_point(nodes, dense, q)
+        gap = shape_distance(s, position, env)
         if gap < real(0.0):
-            local = wp.transpose(other.rotation[env]) * (position - other.origin[env])
-            room = wp.min(room, gap + distance(other.rigid[other.shape_of[env]], local))
+            room = wp.min(room, gap + shape_distance(other, position, env))
     wp.atomic_min(room_out, env, room)

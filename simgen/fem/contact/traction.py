@@ -32,10 +32,10 @@ from simgen.geometry.signed_distance import Probe, RigidShape, distance, probe
 wp.set_module_options({"enable_backward": False})
 
 
-NODES = 6  # of a face, at most
-# Slope of a distance: 1; of a sampled one up to 1.27 along an axis, at kinks, hence 1.62 obliquely beyond its grid.
-STEEPEST = wp.constant(wp.float64(1.65))
-face_vectors = wp.types.matrix(shape=(NODES, 3), dtype=wp.float64)  # one a node
+FACE_NODES = 6  # at most
+# An exact distance has slope 1. A sampled one has up to 1.27 along an axis at kinks: 1.62 obliquely beyond its grid.
+STEEPEST_SLOPE = wp.constant(wp.float64(1.65))
+face_vectors = wp.types.matrix(shape=(FACE_NODES, 3), dtype=wp.float64)  # one for each node
 
 
 @wp.struct
@@ -78,72 +78,72 @@ class Traction:
 
 
 @wp.func
-def surface_point(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    shapes: wp.array2d(dtype=wp.float64),
-    f: wp.int32,
-    q: wp.int32,
-    env: wp.int32,
-) -> vec3:
-    position = vec3()
-    for a in range(shapes.shape[1]):
-        position += shapes[q, a] * (s.positions[s.faces[f, a]] + gather(s.faces, x, f, a, env))
-    return position
-
-
-@wp.func
-def deformed(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, q: wp.int32, env: wp.int32) -> vec3:
-    return surface_point(s, x, s.shapes, f, q, env)
+def candidate_face(s: Surface, k: wp.int32, env: wp.int32) -> wp.int32:
+    """Face of an environment's candidate k, or -1 if there is no such candidate or environment (env < 0)."""
+    if env < 0:
+        return -1
+    if k >= s.count[env]:
+        return -1
+    return s.candidates[k, env]
 
 
 @wp.func
 def face_positions(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, env: wp.int32) -> face_vectors:
-    """Of a face's nodes, mm: who needs many points of a face reads it once."""
-    found = face_vectors()
-    for a in range(NODES):
+    """Deformed positions of the face's six nodes, (6, 3) mm; load them once per face."""
+    positions = face_vectors()
+    for a in range(FACE_NODES):
         if a < s.shapes.shape[1]:
-            found[a] = s.positions[s.faces[f, a]] + gather(s.faces, x, f, a, env)
-    return found
+            positions[a] = s.positions[s.faces[f, a]] + gather(s.faces, x, f, a, env)
+    return positions
 
 
 @wp.func
-def at_point(s: Surface, nodes: face_vectors, q: wp.int32) -> vec3:
+def face_point(nodes: face_vectors, shapes: wp.array2d(dtype=wp.float64), q: wp.int32) -> vec3:
+    """Position of point q on a face, from its nodes and their shape functions (point, node)."""
     position = vec3()
-    for a in range(NODES):
-        if a < s.shapes.shape[1]:
-            position += s.shapes[q, a] * nodes[a]
+    for a in range(FACE_NODES):
+        if a < shapes.shape[1]:
+            position += shapes[q, a] * nodes[a]
     return position
 
 
 @wp.func
-def least_gap(s: Surface, nodes: face_vectors, f: wp.int32, env: wp.int32) -> real:
-    """A lower bound of the distance on a whole face from one probe: it grows no faster than the way from there.
+def to_shape_frame(s: Surface, position: vec3, env: wp.int32) -> vec3:
+    return wp.transpose(s.rotation[env]) * (position - s.origin[env])
 
-    A quadratic face lies in the convex hull of its corners and, for each edge ab with middle m, 2 m - (a + b) / 2
-    (its Bezier points).
+
+@wp.func
+def shape_distance(s: Surface, position: vec3, env: wp.int32) -> real:
+    """Signed distance of the environment's shape from a position in the sensor's frame, mm."""
+    return distance(s.rigid[s.shape_of[env]], to_shape_frame(s, position, env))
+
+
+@wp.func
+def gap_lower_bound(s: Surface, nodes: face_vectors, env: wp.int32) -> real:
+    """A lower bound of the shape's distance from a whole face, mm, by the distance from its middle and its slope.
+
+    A quadratic face lies in the convex hull of its Bezier points: its corners and, for each edge ab with the middle
+    node m, 2 m - (a + b) / 2.
     """
     middle = (nodes[0] + nodes[1] + nodes[2]) / real(3.0)
     radius = real(0.0)
     for a in range(3):
         radius = wp.max(radius, wp.length(nodes[a] - middle))
-        if s.shapes.shape[1] == NODES:
+        if s.shapes.shape[1] == FACE_NODES:
             control = real(2.0) * nodes[3 + a] - real(0.5) * (nodes[a] + nodes[(a + 1) % 3])
             radius = wp.max(radius, wp.length(control - middle))
-    local = wp.transpose(s.rotation[env]) * (middle - s.origin[env])
-    return distance(s.rigid[s.shape_of[env]], local) - STEEPEST * radius
+    return shape_distance(s, middle, env) - STEEPEST_SLOPE * radius
 
 
 @wp.func
 def gap_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> real:
-    local = wp.transpose(s.rotation[env]) * (position - s.origin[env])
-    return distance(s.rigid[s.shape_of[env]], local) + s.gap_offset[f, q]
+    return shape_distance(s, position, env) + s.gap_offset[f, q]
 
 
 @wp.func
 def probe_in_sensor_frame(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.int32) -> Probe:
     R = s.rotation[env]
-    found = probe(s.rigid[s.shape_of[env]], wp.transpose(R) * (position - s.origin[env]))
+    found = probe(s.rigid[s.shape_of[env]], to_shape_frame(s, position, env))
     found.distance = found.distance + s.gap_offset[f, q]
     found.normal = R * found.normal
     found.curvature = R * found.curvature * wp.transpose(R)

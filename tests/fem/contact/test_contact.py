@@ -5,7 +5,7 @@ import warp as wp
 
 from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
-from simgen.fem.contact.traction import Surface, face_positions, least_gap
+from simgen.fem.contact.traction import Surface, face_positions, gap_lower_bound
 from simgen.fem.elements.element import P2P1
 from simgen.geometry.rigid_shape import rigid_shape, sampled_shape, signed_distance
 from simgen.geometry.signed_distance import Kind
@@ -286,7 +286,7 @@ def test_room_is_what_is_left_between_two_shapes(height, room):
 @wp.kernel
 def least_gap_kernel(s: Surface, x: wp.array2d(dtype=wp.float64), least_out: wp.array2d(dtype=wp.float64)):
     f, env = wp.tid()
-    least_out[f, env] = least_gap(s, face_positions(s, x, f, env), f, env)
+    least_out[f, env] = gap_lower_bound(s, face_positions(s, x, f, env), env)
 
 
 def least_gaps(term, x):
