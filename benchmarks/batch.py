@@ -9,6 +9,7 @@ for the device before and after each phase, which slows the run.
 import time
 from collections import defaultdict
 from collections.abc import Iterator
+from operator import attrgetter
 
 import warp as wp
 from presses import paired_presses, summary
@@ -20,8 +21,8 @@ from simgen.simulation.state_sampler import StateSampler
 PHASES = {  # name: attributes of the solver, method
     "forces": ("balance", "measure"),
     "forces after an update of the multipliers": ("balance", "measure_surfaces"),
-    "preconditioner": ("preconditioner", "follow"),
-    "Krylov iterations": ("krylov", "go_on"),
+    "preconditioner": ("preconditioner", "rebuild_multigrid"),
+    "Krylov iterations": ("systems.krylov", "advance"),
 }
 
 
@@ -58,7 +59,7 @@ def main():
         spent: dict[str, float] = defaultdict(float)
         if asked.profile:
             for name, (part, method) in PHASES.items():
-                watch(getattr(scene.solver, part), method, name, spent)
+                watch(attrgetter(part)(scene.solver), method, name, spent)
             watch(StateSampler, "take", "samples", spent)
         wp.synchronize()
         begin = time.perf_counter()

@@ -89,12 +89,12 @@ def measure(sensor, batch: int, device: str, limits: dict[str, float]) -> list[d
     multigrid = solver.preconditioner.multigrid
     actions = {
         "tangent": (lambda: solver.elasticity.tangent(v, out), 4 * (4 * n), "float32"),
-        "rough tangent": (lambda: solver.elasticity.tangent(v, out, rough=True), 4 * (4 * n), "float32"),
+        "rough tangent": (lambda: solver.elasticity.tangent(v, out, reduced=True), 4 * (4 * n), "float32"),
         "forces": (lambda: solver.elasticity.residual(solver.x, forces, least), 8 * (3 * n), "float64"),
         "diagonal blocks": (multigrid._invert_diagonal, 4 * (n + 2 * 9 * len(scene.nodes)), "float32"),
-        "corner blocks": (multigrid.corners.update, 4 * (n + 9 * multigrid.corners.pattern.n_blocks), "float32"),
-        "corner cycle": (lambda: multigrid.corners.apply(multigrid._corner_b, multigrid._corner_x),
-                         4 * 6 * 9 * multigrid.corners.pattern.n_blocks, "float32"),
+        "corner blocks": (multigrid.linear.rebuild, 4 * (n + 9 * multigrid.linear.pattern.n_blocks), "float32"),
+        "corner cycle": (lambda: multigrid.linear.apply(multigrid._linear_b, multigrid._linear_x),
+                         4 * 6 * 9 * multigrid.linear.pattern.n_blocks, "float32"),
         "preconditioner": (lambda: solver.preconditioner.apply(v, out), 0, "float32"),
         "contact forces": (lambda: scene.indenter_contact.residual(solver.x, forces), 0, "float64"),
     }  # fmt: skip

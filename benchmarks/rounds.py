@@ -25,7 +25,8 @@ from simgen.config.job import load_job
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver.krylov import ConjugateResiduals
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
-from simgen.fem.nonlinear.force_balance import Balance
+from simgen.fem.nonlinear.force_balance import ForceBalance
+from simgen.fem.nonlinear.linear_systems import LinearSystems
 from simgen.fem.nonlinear.newton import NewtonSolver
 from simgen.pipeline.plan import make_plan
 from simgen.pipeline.run import run
@@ -38,10 +39,11 @@ from simgen.simulation.state_sampler import StateSampler
 PHASES = {
     LoadStepping: ("_begin", "_load", "_solve_again", "_settle", "_store"),
     StateSampler: ("overlap", "room", "_displacements", "inverted_elements"),
-    NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving", "_go_on_solving"),
-    Balance: ("measure", "measure_surfaces", "work"),
-    ConjugateResiduals: ("begin", "go_on", "end"),
-    BlockTriangular: ("follow", "update"),
+    NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving"),
+    LinearSystems: ("advance",),
+    ForceBalance: ("measure", "measure_surfaces", "work"),
+    ConjugateResiduals: ("begin", "advance", "end"),
+    BlockTriangular: ("rebuild_multigrid", "prepare"),
     Elasticity: ("stabilise", "linearize", "damp", "expect"),
 }
 AT_WORK = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)  # lower bounds of the rows
@@ -85,7 +87,7 @@ class Rounds:
     def __init__(self, stopwatch: Stopwatch, device: str, of_kernels: bool):
         self.found, self.kernels, self._seen = [], defaultdict(lambda: defaultdict(float)), defaultdict(int)
         self._capture, self._of_kernels = True, of_kernels and not wp.get_device(device).is_cpu
-        go_on, krylov = LoadStepping.go_on, ConjugateResiduals.go_on
+        go_on, krylov = LoadStepping.go_on, ConjugateResiduals.advance
         if of_kernels:
             go_on = stopwatch.timed("the rest of a round", go_on)
 
@@ -103,7 +105,7 @@ class Rounds:
             else:
                 self.found.append((stepping.scene.sensor.name, at_work, time.perf_counter() - begin))
 
-        ConjugateResiduals.go_on, LoadStepping.go_on = solve, watched
+        ConjugateResiduals.advance, LoadStepping.go_on = solve, watched
 
     def _kind(self, stepping: LoadStepping) -> str | None:
         if not self._of_kernels:

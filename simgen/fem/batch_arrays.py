@@ -1,8 +1,8 @@
-"""Arrays of a batch, one column for each environment, and operations that act on some of the columns.
+"""Arrays of a batch, one column for each environment, and operations on the columns of active environments.
 
 `ActiveEnvironments` lists the environments that a kernel acts on: their numbers in order, then -1. Each thread looks up
-its environment in this list. `launch` starts only as many threads as the list needs: otherwise a few environments would
-take a GPU as long as all of them.
+its environment in this list. `launch` starts only as many threads as the list needs: otherwise a GPU would take as long
+for a few environments as for all.
 """
 
 from __future__ import annotations
@@ -16,74 +16,74 @@ from simgen.fem.device import read
 
 wp.set_module_options({"enable_backward": False})
 
-MANY = 4  # a list is long from this part of all environments on
+FEW = 4  # a list with less than one in so many environments is short
 
 
 @wp.kernel
 def copy_kernel(
     source: wp.array2d(dtype=Any),
-    marked: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     copy_out: wp.array2d(dtype=Any),
 ):
     i, lane = wp.tid()
-    env = marked[lane]
+    env = active[lane]
     if env >= 0:
         copy_out[i, env] = source[i, env]
 
 
 @wp.kernel
 def clear_kernel(
-    marked: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     cleared_out: wp.array2d(dtype=Any),
 ):
     i, lane = wp.tid()
-    env = marked[lane]
+    env = active[lane]
     if env >= 0:
         cleared_out[i, env] = cleared_out.dtype(0.0)
 
 
-for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a kind that came later would compile the module again
+for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a later kind would compile the module again
     wp.overload(copy_kernel, {"source": wp.array2d(dtype=_kind), "copy_out": wp.array2d(dtype=_kind)})
     wp.overload(clear_kernel, {"cleared_out": wp.array2d(dtype=_kind)})
 
 
 @wp.kernel
-def along_kernel(
+def add_scaled_kernel(
     start: wp.array2d(dtype=wp.float64),
     step: wp.array2d(dtype=wp.float64),
     factor: wp.array(dtype=wp.float64),
-    marked: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     x_out: wp.array2d(dtype=wp.float64),
 ):
     i, lane = wp.tid()
-    env = marked[lane]
+    env = active[lane]
     if env >= 0:
         x_out[i, env] = start[i, env] + factor[env] * step[i, env]
 
 
 @wp.kernel
-def beyond_kernel(
+def extrapolate_kernel(
     before: wp.array2d(dtype=wp.float64),
     start: wp.array2d(dtype=wp.float64),
     factor: wp.array(dtype=wp.float64),
-    marked: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.int32),
     # outputs
     x_out: wp.array2d(dtype=wp.float64),
 ):
     i, lane = wp.tid()
-    env = marked[lane]
+    env = active[lane]
     if env >= 0:
         x_out[i, env] = start[i, env] + factor[env] * (start[i, env] - before[i, env])
 
 
 class ActiveEnvironments:
-    """The environments that kernels act in: all of them at first.
+    """List of the environments that kernels act in: all of them at first.
 
-    numbers : (env,) int32 on the device, see `env_indices`. Kernels may shorten the list and leave ``lanes`` as it is
-    lanes : threads for each row of a kernel: the number of environments. A GPU rounds it up to a power of two, which
+    numbers : (env,) int32 on the device, see `env_indices`. Kernels may shorten the list without changing ``lanes``
+    lanes : threads for each row of a kernel: the number of environments, on a GPU rounded up to a power of two, which
         keeps the number of different graphs small
     """
 
@@ -95,7 +95,7 @@ class ActiveEnvironments:
 
     @classmethod
     def of(cls, environments: np.ndarray, device) -> ActiveEnvironments:
-        """The list of the environments (env,) bool."""
+        """List the environments (env,) bool."""
         made = cls(len(environments), device)
         made.choose(environments)
         return made
@@ -114,7 +114,7 @@ class ActiveEnvironments:
         self.assign(env_indices(environments))
 
     def factors(self, values: np.ndarray) -> wp.array:
-        """Numbers (env,) for the next kernel: always the same array, see `simgen.fem.device`."""
+        """Copy values (env,) to the device for the next kernel, always into the same array, see `simgen.fem.device`."""
         self._factors.assign(values)
         return self._factors
 
@@ -132,7 +132,7 @@ def env_indices(environments: np.ndarray) -> np.ndarray:
 
 
 def env_mask(numbers: np.ndarray) -> np.ndarray:
-    """Which environments (env,) bool a list (env,) has: the inverse of :func:`env_indices`."""
+    """Environments (env,) bool of a list (env,) of numbers: the inverse of :func:`env_indices`."""
     environments = np.zeros(len(numbers), dtype=bool)
     environments[numbers[numbers >= 0]] = True
     return environments
@@ -146,33 +146,29 @@ def launch(kernel, rows: int | tuple[int, ...], inputs: list, outputs: list):
     wp.launch(kernel, dim=(*rows, active.lanes), inputs=inputs, outputs=outputs, device=active.device)
 
 
-def _launch(kernel, inputs, out):
-    launch(kernel, out.shape[0], inputs, [out])
-
-
-def copy(source, marked, out):
+def copy(source, active, out):
     """out = source."""
-    _launch(copy_kernel, [source, marked], out)
+    launch(copy_kernel, len(out), [source, active], [out])
 
 
-def clear(marked, out):
+def clear(active, out):
     """out = 0."""
-    _launch(clear_kernel, [marked], out)
+    launch(clear_kernel, len(out), [active], [out])
 
 
-def reset(marked, out):
-    """out = 0. Where many environments are listed, it fills the memory of all, which takes less time than a kernel."""
-    if MANY * marked.lanes > len(marked):
+def reset(active, out):
+    """out = 0, in all environments unless few are active: filling all memory is faster than a kernel."""
+    if FEW * active.lanes > len(active):
         out.zero_()
     else:
-        clear(marked, out)
+        clear(active, out)
 
 
-def go_along(start, step, factor: np.ndarray, marked, out):
+def add_scaled(start, step, factor: np.ndarray, active, out):
     """out = start + factor (env,) times step."""
-    _launch(along_kernel, [start, step, marked.factors(factor), marked], out)
+    launch(add_scaled_kernel, len(out), [start, step, active.factors(factor), active], [out])
 
 
-def go_beyond(before, start, factor: np.ndarray, marked, out):
+def extrapolate(before, start, factor: np.ndarray, active, out):
     """out = start + factor (env,) times (start - before)."""
-    _launch(beyond_kernel, [before, start, marked.factors(factor), marked], out)
+    launch(extrapolate_kernel, len(out), [before, start, active.factors(factor), active], [out])

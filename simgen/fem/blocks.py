@@ -11,8 +11,8 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.material.neo_hookean import mat33f, vec3f
-from simgen.fem.sections import CHUNK, chunks
 
 wp.set_module_options({"enable_backward": False})
 

@@ -184,7 +184,7 @@ class LoadStepping:
         onwards = np.clip(onwards, 0.0, FURTHEST)
         marked = solver.mark(starting)
         batch_arrays.copy(solver.x, marked, self.x_start)
-        batch_arrays.go_beyond(self.x_previous, self.x_start, onwards, marked, solver.trial)
+        batch_arrays.extrapolate(self.x_previous, self.x_start, onwards, marked, solver.trial)
         for x in (self.x_start, solver.trial):
             solver.elasticity.expect(x)
         self._now[starting] = self._pose(self.target)[starting]

@@ -4,22 +4,22 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import ActiveEnvironments
 
-MARKED = ActiveEnvironments.of(np.array([False, True, True]), "cpu")
+ACTIVE = ActiveEnvironments.of(np.array([False, True, True]), "cpu")
 
 
 def array(values, dtype=wp.float64):
     return wp.array(np.asarray(values, dtype=float), dtype=dtype, device="cpu")
 
 
-def test_what_is_not_marked_stays():
+def test_inactive_environments_stay():
     rng = np.random.default_rng(0)
     a, b, out = rng.normal(size=(3, 4, 3))
     factor = np.array([1.0, 0.5, -2.0])
     for act, expected in (
-        (lambda x: batch_arrays.copy(array(a), MARKED, x), a),
-        (lambda x: batch_arrays.clear(MARKED, x), 0.0 * a),
-        (lambda x: batch_arrays.go_along(array(a), array(b), factor, MARKED, x), a + factor * b),
-        (lambda x: batch_arrays.go_beyond(array(a), array(b), factor, MARKED, x), b + factor * (b - a)),
+        (lambda x: batch_arrays.copy(array(a), ACTIVE, x), a),
+        (lambda x: batch_arrays.clear(ACTIVE, x), 0.0 * a),
+        (lambda x: batch_arrays.add_scaled(array(a), array(b), factor, ACTIVE, x), a + factor * b),
+        (lambda x: batch_arrays.extrapolate(array(a), array(b), factor, ACTIVE, x), b + factor * (b - a)),
     ):
         found = array(out)
         act(found)
@@ -36,5 +36,5 @@ def test_a_list_says_which_environments_take_part():
 
 def test_vectors_are_cleared_too():
     vectors = wp.array(np.ones((2, 3, 3)), dtype=wp.vec3d, device="cpu")
-    batch_arrays.clear(MARKED, vectors)
+    batch_arrays.clear(ACTIVE, vectors)
     assert (vectors.numpy()[:, 0] == 1.0).all() and not vectors.numpy()[:, 1:].any()

@@ -6,8 +6,8 @@ import pytest
 from simgen.config.solver_settings import SolverSettings
 from simgen.fem.contact.contact import Contact
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
-from simgen.fem.nonlinear.force_balance import Balance
-from simgen.fem.nonlinear.newton import EARLY, NEAR_BALANCE
+from simgen.fem.nonlinear.force_balance import ForceBalance
+from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
@@ -42,7 +42,7 @@ def test_presses_that_touch_the_most_go_first(monkeypatch):
 def test_multipliers_rest_far_from_balance(block, monkeypatch):
     """A tilted cube's first contact overshoots; a multiplier that followed would carry that on."""
     out_of_balance, followed = [], []
-    measure, update = Balance.measure, Contact.update_multipliers
+    measure, update = ForceBalance.measure, Contact.update_multipliers
 
     def watch(balance, x):
         measured = measure(balance, x)
@@ -53,11 +53,11 @@ def test_multipliers_rest_far_from_balance(block, monkeypatch):
         followed.append(out_of_balance[-1])
         update(contact)
 
-    monkeypatch.setattr(Balance, "measure", watch)
+    monkeypatch.setattr(ForceBalance, "measure", watch)
     monkeypatch.setattr(Contact, "update_multipliers", watch_update)
     result = press(Scene(block, GEL), [CUBE], pose(tilt_deg=10.0), np.array([0.1e-3, 0.2e-3]))[0]
     assert (result.status == 0).all()
-    assert max(out_of_balance) > 1.0 and 0.0 < max(followed) <= NEAR_BALANCE
+    assert max(out_of_balance) > 1.0 and 0.0 < max(followed) <= MULTIPLIER_UPDATE_RESIDUAL
 
 
 def test_friction_begins_anew_after_the_indenter_has_left():
@@ -76,15 +76,15 @@ def test_friction_begins_anew_after_the_indenter_has_left():
 def test_a_cycle_is_kept_while_it_serves_a_batch(monkeypatch):
     """As a GPU solves: all linear systems take as many iterations, and few Newton iterations make the cycle anew."""
     made = []
-    follow_state = BlockTriangular.follow
+    follow_state = BlockTriangular.rebuild_multigrid
 
     def watch(preconditioner):
         made.append(int((preconditioner.elasticity.active.numpy() >= 0).sum()))
         follow_state(preconditioner)
 
-    monkeypatch.setattr(BlockTriangular, "follow", watch)
+    monkeypatch.setattr(BlockTriangular, "rebuild_multigrid", watch)
     scene = Scene(make_block((8, 2, 8)), GEL, batch=2)
-    scene.solver._together = True
+    scene.solver.systems._solve_together = True
     results = press(scene, [SPHERE, CUBE], np.tile(pose(), (2, 1, 1)), np.array([0.2e-3, 0.4e-3, 0.6e-3, 0.8e-3]))
     newton = sum(result.certificate["newton_iterations"].sum() for result in results)
     assert all((result.status == 0).all() for result in results)
@@ -256,13 +256,13 @@ def test_only_easy_steps_are_solved_again_for_elements_that_are_inside_out(block
     assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
 
 
-@pytest.mark.parametrize(("iteration", "damped"), [(EARLY, False), (EARLY + 1, True)])
+@pytest.mark.parametrize(("iteration", "damped"), [(UPHILL_ITERATIONS, False), (UPHILL_ITERATIONS + 1, True)])
 def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, iteration, damped):
     """The work of one step is said to be negative; the first steps may go uphill. The state is the same."""
     path, spheres = np.array([[0.0, 0.4e-3, 0.0], [0.3e-3, 0.4e-3, 0.0]]), [SPHERE]
     plain = follow(Scene(block, GEL), spheres, pose(), path)[0]
-    assert not plain.certificate["damping"].any() and (plain.certificate["newton_iterations"] > EARLY).all()
-    scene, work = Scene(block, GEL), Balance.work
+    assert not plain.certificate["damping"].any() and (plain.certificate["newton_iterations"] > UPHILL_ITERATIONS).all()
+    scene, work = Scene(block, GEL), ForceBalance.work
     told = []
 
     def uphill(balance):
@@ -272,7 +272,7 @@ def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, ite
             return found * [[-1.0], [1.0]]
         return found
 
-    monkeypatch.setattr(Balance, "work", uphill)
+    monkeypatch.setattr(ForceBalance, "work", uphill)
     result = follow(scene, spheres, pose(), path)[0]
     assert told[0] > 0.0 and (result.status == 0).all()
     assert (result.certificate["damping"] > 0.0).any() == damped

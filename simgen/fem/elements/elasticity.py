@@ -217,9 +217,9 @@ class Elasticity:
         state = self._single.state
         batch_arrays.launch(state_kernel, len(state), [self._positions, x, self.active], [state])
 
-    def tangent(self, v, action_out, rough: bool = False):
-        """Add the action of the derivative on v; a rough one will do for a preconditioner."""
-        self._launch(tangent_kernel, [self._rough if rough else self._single, v, self.active], [action_out])
+    def tangent(self, v, action_out, reduced: bool = False):
+        """Add the action of the derivative on v, by reduced integration for a preconditioner."""
+        self._launch(tangent_kernel, [self._rough if reduced else self._single, v, self.active], [action_out])
 
     def inverted_elements(self, x) -> np.ndarray:
         """Number of elements (env,) that are inside out somewhere at state x; see ``validity.py``."""

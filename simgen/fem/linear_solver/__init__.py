@@ -1,1 +1,1 @@
-"""Conjugate residuals with a block preconditioner: multigrid, or a sparse factor."""
+"""Linear solver: batched Krylov iterations, block-triangular preconditioner, multigrid, sparse factors."""

@@ -1,7 +1,7 @@
-"""The lowest level of multigrid: motions of aggregates, solved by a dense inverse that follows the state.
+"""Coarsest level of multigrid: rigid motions of aggregates, solved by a dense inverse that is rebuilt for each state.
 
-Where an indenter has pressed the gel thin, it is many times as stiff as at rest, and held where it touches. A level
-that does not know this makes its corrections too large, and the linear solver stalls.
+Gel that an indenter has pressed thin is many times as stiff as at rest, and held where it touches. A coarse matrix of
+the rest state makes corrections too large there, and the linear solver stalls.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def galerkin_kernel(
     # outputs
     matrices_out: dense_inverse.Matrices,
 ):
-    """Add P^T A P, with the corners' motions (corner, 6), or -1, and basis vectors (corner, 6)."""
+    """Add P^T A P; ``motions`` (corner, 6), or -1, and ``basis`` (corner, 6) are the prolongation P."""
     row, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -57,7 +57,7 @@ def clear_kernel(
     # outputs
     matrices_out: dense_inverse.Matrices,
 ):
-    """Zero, but one on the diagonal of rows that are there to fill the last strip."""
+    """Zero, except for ones on the diagonal of padding rows."""
     row, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -69,7 +69,7 @@ def clear_kernel(
 
 
 class CoarseLevel:
-    """Solves for motions of aggregates in the ``active`` environments; ``space`` (3 n, m) is `coarse_space`'s."""
+    """Solver for motions of aggregates in the active environments; ``space`` (3 n, m) comes from `coarse_space`."""
 
     def __init__(self, pattern: BlockPattern, space: sparse.csr_array, active):
         self.pattern, self.active, self.n_motions = pattern, active, space.shape[1]
@@ -82,8 +82,8 @@ class CoarseLevel:
         self._invert = dense_inverse.Inverter(self._inverse, self._m, active)
         self._forces, self._x = (wp.zeros((self._m, n_env), dtype=wp.float32, device=device) for _ in range(2))
 
-    def update(self, blocks: Blocks):
-        """Follow the corners' blocks."""
+    def rebuild(self, blocks: Blocks):
+        """Invert the coarse matrix of the corners' blocks."""
         m, pattern = self._m, self.pattern
         batch_arrays.launch(clear_kernel, m, [m, self.n_motions, self.active], [self._inverse])
         inputs = [pattern.row_starts, pattern.columns, blocks, self._motions, self._basis, m, self.active]
@@ -91,15 +91,15 @@ class CoarseLevel:
         self._invert()
 
     def correct(self, residual, x):
-        """Add to x what the aggregates' motions take from the residual."""
-        batch_arrays.clear(self.active, self._forces)  # rows that fill the last strip
+        """Add the coarse correction for the residual to x."""
+        batch_arrays.clear(self.active, self._forces)  # padding rows
         self._transfer.restrict(residual, self._forces)
         dense_inverse.multiply(self._inverse, self._m, self._forces, self.active, self._x)
         self._transfer.prolong(self._x, x)
 
 
 def per_corner(space: sparse.csr_array) -> tuple[np.ndarray, np.ndarray]:
-    """The columns (n, 6) of a space (3 n, m) that a corner takes part in, or -1, and its vectors (n, 6, 3) in them."""
+    """Columns (n, 6) of a space (3 n, m) with entries of each corner, or -1, and these entries (n, 6, 3)."""
     n = space.shape[0] // 3
     found = sparse.coo_array(space)
     corners, components = np.divmod(found.row, 3)

@@ -1,9 +1,9 @@
 """Inverses of dense matrices, one for each environment, in place: Gauss-Jordan elimination by blocks of 4 x 4.
 
-Sixteen rows are eliminated at once. A matrix does not fit into the caches of a GPU, and this way it is read and written
+Sixteen rows, a panel, are eliminated at once. A matrix does not fit into the caches of a GPU; panels read and write it
 24 times instead of 96. Matrices lie in tiles of environments, as blocks do (see ``blocks``): entry (r, c) of a matrix
-of m rows is row r m + c of a tile. Pivots are not searched for: the matrices are stiffnesses, positive definite or
-nearly so. Single precision is enough for a preconditioner.
+of m rows is row r m + c of a tile. There is no pivoting: the matrices are stiffnesses, positive definite or nearly so.
+Single precision is enough for a preconditioner.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from simgen.fem.material.neo_hookean import single
 
 wp.set_module_options({"enable_backward": False})
 
-SIDE = wp.constant(4)  # of a block
-WIDE = wp.constant(4)  # blocks that are eliminated at once
-STRIP, AT_ONCE = 8, wp.constant(4)  # rows that one thread multiplies, and columns that it reads before it waits
-PART = wp.constant(64)  # columns of a thread: more threads than strips keep a GPU busy
+SIDE = wp.constant(4)  # rows of a block
+WIDE = wp.constant(4)  # block rows of a panel
+STRIP, UNROLLED = 8, wp.constant(4)  # rows that one thread multiplies, and columns that it loads at once
+PART = wp.constant(64)  # columns of a thread: several threads a strip keep a GPU busy
 Matrices = wp.array3d(dtype=wp.float32)
 
 strip_of_rows = wp.types.vector(length=STRIP, dtype=wp.float32)
@@ -52,7 +52,7 @@ def scale_kernel(
     matrices_out: Matrices,
     column_out: wp.array3d(dtype=wp.float32),
 ):
-    """Of a square of blocks from ``first`` on: set block column k aside, its pivot inverted, and scale block row k."""
+    """Copy block column k of the panel's diagonal square, with its pivot inverted, and scale block row k."""
     place, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -76,7 +76,7 @@ def eliminate_kernel(
     # outputs
     matrices_out: Matrices,
 ):
-    """Of the same square: take block row k from the others; block column k becomes what that does to the identity."""
+    """Subtract multiples of block row k from the square's other rows; do the same to the identity in block column k."""
     row, place, lane = wp.tid()
     i, j = first + row, first + place
     env = active[lane]
@@ -102,7 +102,7 @@ def panels_kernel(
     column_out: wp.array3d(dtype=wp.float32),
     rows_out: wp.array3d(dtype=wp.float32),
 ):
-    """Set aside the block columns of a square, and its block rows times its inverse, which lies in its place."""
+    """Copy the panel's block columns, and its block rows times the inverse of its square, which is in its place."""
     j, p, lane = wp.tid()
     env = active[lane]
     if env < 0 or (j >= first and j < first + WIDE):
@@ -124,7 +124,7 @@ def update_kernel(
     # outputs
     matrices_out: Matrices,
 ):
-    """Take the rows of a square from all others at once; its columns become what that does to the identity."""
+    """Subtract multiples of the panel's rows from all others; do the same to the identity in the panel's columns."""
     i, j, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -155,14 +155,14 @@ def multiply_kernel(
     # outputs
     y_out: wp.array2d(dtype=wp.float32),
 ):
-    """Add some columns of some rows of a symmetric matrix, read as columns, times x: all rows use what is read of x."""
+    """Add a part of the columns of a strip of rows times x. The matrix is symmetric: rows are read as columns."""
     strip, part, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     sums = strip_of_rows()
-    for first in range(part * PART, wp.min((part + 1) * PART, m), AT_ONCE):
-        for i in range(AT_ONCE):
+    for first in range(part * PART, wp.min((part + 1) * PART, m), UNROLLED):
+        for i in range(UNROLLED):
             k = first + i
             value = x[k, env]
             for r in range(STRIP):
@@ -172,17 +172,17 @@ def multiply_kernel(
 
 
 def padded(rows: int) -> int:
-    """Rows of the matrices that hold so many, in whole strips and squares."""
+    """Number of rows rounded up to whole panels."""
     return -(-rows // (SIDE * WIDE)) * SIDE * WIDE
 
 
 def zeros(m: int, n_env: int, device) -> wp.array:
-    """Matrices (tile, m m, place in the tile) of m rows, see :func:`padded`."""
+    """Matrices (tile, m m, place in the tile) of m rows, a number from :func:`padded`."""
     return wp.zeros((-(-n_env // TILE), m * m, min(n_env, TILE)), dtype=wp.float32, device=device)
 
 
 class Inverter:
-    """Inverts matrices (see :func:`zeros`) in place, in the ``active`` environments. On a GPU it is one graph."""
+    """Inverts matrices (see :func:`zeros`) in place in the active environments, on a GPU as one graph."""
 
     def __init__(self, matrices: wp.array, m: int, active):
         self._matrices, self._m, self._active, self._graphs = matrices, m, active, {}
@@ -196,7 +196,7 @@ class Inverter:
         if lanes in self._graphs:
             wp.capture_launch(self._graphs[lanes])
             return
-        self._invert()  # and loads the kernels, which cannot be done while one captures
+        self._invert()  # also loads the kernels, which a capture cannot do
         if not wp.get_device(self._matrices.device).is_cpu:
             with recording(self._matrices.device) as recorded:
                 self._invert()
@@ -213,6 +213,6 @@ class Inverter:
 
 
 def multiply(matrices: wp.array, m: int, x, active, y_out):
-    """y = M x (m, env), of symmetric matrices, in the active environments."""
+    """y = M x (m, env) with symmetric matrices, in the active environments."""
     batch_arrays.clear(active, y_out)
     batch_arrays.launch(multiply_kernel, (m // STRIP, -(-m // PART)), [matrices, m, x, active], [y_out])

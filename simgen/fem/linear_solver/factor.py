@@ -1,8 +1,8 @@
-"""Sparse factors of the displacement block on the host: for what multigrid cannot do.
+"""Sparse factors of the displacement block on the host, for cases where multigrid fails.
 
-That is linear tetrahedra, which lock; slivers; and bodies that deform as a whole far beyond their state of rest.
-Factors are SciPy's SuperLU in single precision, in an order found by nested dissection (Karypis and Kumar, SIAM J. Sci.
-Comput. 20, 1998; METIS) on the graph of the nodes.
+These are linear tetrahedra, which lock; slivers; and bodies that deform as a whole far beyond their rest state. Factors
+are SciPy's SuperLU in single precision, ordered by nested dissection of the graph of the nodes (Karypis and Kumar, SIAM
+J. Sci. Comput. 20, 1998; METIS).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import warp as wp
 from simgen.fem import blocks
 from simgen.fem.linear_solver.pattern import BlockPattern
 
-REFACTOR_ABOVE = 10  # Krylov iterations above which a factor is made anew
+REFACTOR_ABOVE = 10  # Krylov iterations of the last solve above which the matrix is factored again
 
 
 def elimination_order(graph: sparse.csr_array) -> np.ndarray:
@@ -28,9 +28,9 @@ def elimination_order(graph: sparse.csr_array) -> np.ndarray:
 
 
 class SparseFactor:
-    """A factor of the displacement block for each environment, at the state where it was made.
+    """Factor of the displacement block for each environment, at the state of its last factorisation.
 
-    ``fixed`` (unknowns,) int32 on the device; ``add_tangent(v, out, rough)`` is the whole system's.
+    ``fixed`` (unknowns,) int32 on the device; ``add_tangent(v, out, reduced)`` as in `BlockTriangular`.
     """
 
     def __init__(self, elasticity, surface_terms: list, fixed, add_tangent):
@@ -45,14 +45,14 @@ class SparseFactor:
         self.factors, self._solved = [None] * n_env, np.zeros(0, dtype=int)
 
     def forget(self, environments: np.ndarray):
-        """Drop the factors of the last presses of the environments (env,) bool."""
+        """Drop the factors of the environments (env,) bool."""
         for env in np.flatnonzero(environments):
             self.factors[env] = None
 
-    def update(self, environments: np.ndarray, iterations: np.ndarray) -> np.ndarray:
-        """Factor the last linearisation where there is no factor, or the last solve took many iterations.
+    def refactor(self, environments: np.ndarray, iterations: np.ndarray) -> np.ndarray:
+        """Factor the last linearisation where there is no factor, or where the last solve took many iterations (env,).
 
-        Returns the environments whose matrix is singular; they have no factor then.
+        environments : their numbers. Returns the numbers of those whose matrix is singular; they have no factor.
         """
         self._solved = environments
         wanted = [e for e in environments if self.factors[e] is None or iterations[e] > REFACTOR_ABOVE]
@@ -64,7 +64,7 @@ class SparseFactor:
             term.blocks(index, self._blocks, linear=False)
         singular = []
         for env in wanted:
-            self.factors[env] = None  # before the next one is made: together they may not fit into memory
+            self.factors[env] = None  # first: two may not fit into memory
             matrix = self.pattern.matrix(blocks.of_environment(self._blocks, env))[self.free][:, self.free].tocsc()
             try:
                 self.factors[env] = scipy.sparse.linalg.splu(
@@ -76,9 +76,9 @@ class SparseFactor:
         return np.array(singular, dtype=int)
 
     def apply(self, b, x_out):
-        """Change the displacements in x, which are zero, to A^-1 (b - B^T p), p being the pressures in x."""
+        """Set the displacements in x, which are zero, to A^-1 (b - B^T p), where p are the pressures in x."""
         self._action.zero_()
-        self._add_tangent(x_out, self._action, rough=False)
+        self._add_tangent(x_out, self._action, reduced=False)
         load, x = b.numpy() - self._action.numpy(), x_out.numpy().copy()
         for env in self._solved:
             if self.factors[env] is not None:

@@ -1,4 +1,4 @@
-"""What conjugate residuals (see ``krylov``) do to vectors (n, env), in the environments that are active."""
+"""Kernels of the conjugate residual method (see ``krylov``), for vectors (n, env) of the active environments."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from typing import Any
 
 import warp as wp
 
+from simgen.fem.chunks import CHUNK, chunk_dot, load_chunk, store_chunk
 from simgen.fem.material.neo_hookean import real, single
-from simgen.fem.sections import CHUNK, product, store_terms, terms
 
 wp.set_module_options({"enable_backward": False})
 
-STUCK = 0.9  # of the last residual: one that shrinks less says little that is new
-# Images that a new one is made orthogonal to, the last ones (Vinsome's Orthomin, SPE 5729, 1976). To a tolerance of 0.1
-# even 6 are enough (4 % more iterations under a cube 1.6 mm deep, none more elsewhere), to 1e-5 8 are too few.
+STAGNATION = 0.9  # new over last residual: above, the next direction comes from the last image
+# A new image is made orthogonal to so many last ones (Vinsome's Orthomin, SPE 5729, 1976). For a tolerance of 0.1 even
+# 6 are enough (4 % more iterations under a cube 1.6 mm deep, none more elsewhere); for 1e-5 8 are too few.
 WINDOW = 16
-SOON = 4  # iterations after which a looser tolerance holds
-TOGETHER = 4  # images that one thread multiplies a new one with: most systems have no more
+STRICT_ITERATIONS = 4  # from this iteration on the loose tolerance holds
+IMAGES_PER_THREAD = 4  # inner products with a new image in one thread: most systems have no more images
 
 
 @wp.kernel
@@ -51,7 +51,7 @@ def begin_kernel(
     size_out: wp.array(dtype=wp.float64),
     count_out: wp.array(dtype=wp.int32),
     relative_out: wp.array(dtype=wp.float64),
-    stuck_out: wp.array(dtype=wp.int32),
+    stagnated_out: wp.array(dtype=wp.int32),
 ):
     i, lane = wp.tid()
     env = active[lane]
@@ -66,7 +66,7 @@ def begin_kernel(
         size_out[env] = size
         count_out[env] = 0
         relative_out[env] = wp.where(wp.isfinite(size), wp.where(size > real(0.0), real(1.0), real(0.0)), real(wp.inf))
-        stuck_out[env] = 0
+        stagnated_out[env] = 0
 
 
 @wp.kernel
@@ -77,7 +77,7 @@ def clear_kernel(
     products_out: wp.array3d(dtype=wp.float64),
     square_out: wp.array(dtype=wp.float64),
     along_out: wp.array(dtype=wp.float64),
-    left_out: wp.array(dtype=wp.float64),
+    residual_square_out: wp.array(dtype=wp.float64),
 ):
     env = active[wp.tid()]
     if env < 0:
@@ -87,7 +87,7 @@ def clear_kernel(
         products_out[last, k, env] = real(0.0)
     square_out[env] = real(0.0)
     along_out[env] = real(0.0)
-    left_out[env] = real(0.0)
+    residual_square_out[env] = real(0.0)
 
 
 @wp.kernel
@@ -99,19 +99,19 @@ def project_kernel(
     # outputs
     products_out: wp.array3d(dtype=wp.float64),
 ):
-    """Inner products of the new image with the last ones before it, some of them by each thread."""
+    """Inner products of the new image with the last ones; each thread computes some of them."""
     c, group, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     last = count[env]
-    if last <= group * TOGETHER:
+    if last <= group * IMAGES_PER_THREAD:
         return
-    new = terms(image, c, env)
-    for back in range(TOGETHER):
-        k = last - 1 - group * TOGETHER - back
+    new = load_chunk(image, c, env)
+    for back in range(IMAGES_PER_THREAD):
+        k = last - 1 - group * IMAGES_PER_THREAD - back
         if k >= 0:
-            wp.atomic_add(products_out, last, k, env, product(terms(images[k % WINDOW], c, env), new))
+            wp.atomic_add(products_out, last, k, env, chunk_dot(load_chunk(images[k % WINDOW], c, env), new))
 
 
 @wp.kernel
@@ -129,23 +129,23 @@ def orthogonalize_kernel(
     square_out: wp.array(dtype=wp.float64),
     along_out: wp.array(dtype=wp.float64),
 ):
-    """Keep the direction, and of its image what is new: its square, and its product with the residual.
+    """Store the direction and its image, made orthogonal to the others; sum its square and product with the residual.
 
-    The oldest image makes room: its row is read before it is written.
+    The image replaces the oldest one, which is read before.
     """
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     last = count[env]
-    q = terms(image, c, env)
+    q = load_chunk(image, c, env)
     for k in range(wp.max(last - WINDOW, 0), last):
         share = single(products[last, k, env] * inverse_squares[k, env])
-        q -= share * terms(images_out[k % WINDOW], c, env)
-    store_terms(directions_out[last], c, env, terms(direction, c, env))
-    store_terms(images_out[last % WINDOW], c, env, q)
-    wp.atomic_add(square_out, env, product(q, q))
-    wp.atomic_add(along_out, env, product(q, terms(residual, c, env)))
+        q -= share * load_chunk(images_out[k % WINDOW], c, env)
+    store_chunk(directions_out[last], c, env, load_chunk(direction, c, env))
+    store_chunk(images_out[last % WINDOW], c, env, q)
+    wp.atomic_add(square_out, env, chunk_dot(q, q))
+    wp.atomic_add(along_out, env, chunk_dot(q, load_chunk(residual, c, env)))
 
 
 @wp.kernel
@@ -159,9 +159,9 @@ def advance_kernel(
     inverse_squares_out: wp.array2d(dtype=wp.float64),
     steps_out: wp.array2d(dtype=wp.float64),
     residual_out: wp.array2d(dtype=wp.float32),
-    left_out: wp.array(dtype=wp.float64),
+    residual_square_out: wp.array(dtype=wp.float64),
 ):
-    """Take from the residual what the last image has of it; squares of what is left."""
+    """Take from the residual what the last image has of it; squares of what is residual_square."""
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -172,19 +172,19 @@ def advance_kernel(
     if c == 0:
         inverse_squares_out[last, env] = inverse
         steps_out[last, env] = along[env] * inverse
-    r = terms(residual_out, c, env) - step * terms(images[last % WINDOW], c, env)
-    store_terms(residual_out, c, env, r)
-    wp.atomic_add(left_out, env, product(r, r))
+    r = load_chunk(residual_out, c, env) - step * load_chunk(images[last % WINDOW], c, env)
+    store_chunk(residual_out, c, env, r)
+    wp.atomic_add(residual_square_out, env, chunk_dot(r, r))
 
 
 @wp.kernel
-def rest_kernel(
+def select_unsolved_kernel(
     relative: wp.array(dtype=wp.float64),
     active: wp.array(dtype=wp.int32),
     # outputs
     keep_out: wp.array(dtype=wp.int32),
 ):
-    """Systems of which nothing is left, or nothing to be had, rest."""
+    """Systems of which nothing is residual_square, or nothing to be had, rest."""
     lane = wp.tid()
     env = active[lane]
     if env >= 0:
@@ -192,16 +192,16 @@ def rest_kernel(
 
 
 @wp.kernel
-def close_ranks_kernel(
+def compact_kernel(
     keep: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     most: wp.int32,
     # outputs
     kept_out: wp.array(dtype=wp.int32),
-    ticks_out: wp.array(dtype=wp.int32),
-    going_out: wp.array(dtype=wp.int32),
+    iterations_out: wp.array(dtype=wp.int32),
+    unfinished_out: wp.array(dtype=wp.int32),
 ):
-    """The list of those to keep, in order; whether another iteration follows, if ``most`` are wanted."""
+    """Compact the list to the systems to keep, in order; another iteration follows if any is left, up to ``most``."""
     lane = wp.tid()
     before = wp.int32(0)
     total = wp.int32(0)
@@ -216,73 +216,72 @@ def close_ranks_kernel(
     if active[lane] >= 0 and keep[lane] == 1:
         kept_out[before] = active[lane]
     if lane == 0:
-        going_out[0] = int(total > 0 and ticks_out[0] < most)
-        ticks_out[0] = ticks_out[0] + 1
+        unfinished_out[0] = int(total > 0 and iterations_out[0] < most)
+        iterations_out[0] = iterations_out[0] + 1
 
 
 @wp.kernel
-def judge_kernel(
-    left: wp.array(dtype=wp.float64),
+def check_convergence_kernel(
+    residual_square: wp.array(dtype=wp.float64),
     tolerance: real,
-    later: real,
-    exact: real,
+    loose: real,
+    tight: real,
     size: wp.int32,
     active: wp.array(dtype=wp.int32),
     # outputs
     count_out: wp.array(dtype=wp.int32),
-    stuck_out: wp.array(dtype=wp.int32),
+    stagnated_out: wp.array(dtype=wp.int32),
     relative_out: wp.array(dtype=wp.float64),
     keep_out: wp.array(dtype=wp.int32),
 ):
-    """Which systems go on: until their tolerance, or until they are ``exact`` if that is less.
+    """Keep systems whose residual is above their tolerance, or above ``tight`` if that is less.
 
-    One that has broken down does not, its relative residual is infinite; if it had met its tolerance before, it rests
-    as it was.
+    A system that breaks down ends with an infinite relative residual, or as it was if it had met its tolerance before.
     """
     lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     before = count_out[env]
-    relative = wp.sqrt(left[env])
+    relative = wp.sqrt(residual_square[env])
     if not wp.isfinite(relative):
-        if relative_out[env] > wp.where(before >= SOON, later, tolerance):
+        if relative_out[env] > wp.where(before >= STRICT_ITERATIONS, loose, tolerance):
             relative_out[env] = real(wp.inf)
             count_out[env] = before + 1
         keep_out[lane] = 0
         return
-    stuck_out[env] = int(relative > real(STUCK) * relative_out[env])
+    stagnated_out[env] = int(relative > real(STAGNATION) * relative_out[env])
     relative_out[env] = relative
     count_out[env] = before + 1
-    goal = wp.min(wp.where(before + 1 >= SOON, later, tolerance), exact)
+    goal = wp.min(wp.where(before + 1 >= STRICT_ITERATIONS, loose, tolerance), tight)
     keep_out[lane] = int(relative > goal and before + 1 < size)
 
 
 @wp.kernel
-def source_kernel(
+def seed_kernel(
     residual: wp.array2d(dtype=wp.float32),
     images: wp.array3d(dtype=wp.float32),
     inverse_squares: wp.array2d(dtype=wp.float64),
     count: wp.array(dtype=wp.int32),
-    stuck: wp.array(dtype=wp.int32),
+    stagnated: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.int32),
     # outputs
-    source_out: wp.array2d(dtype=wp.float32),
+    seed_out: wp.array2d(dtype=wp.float32),
 ):
-    """The vector that the next direction is made of: the residual, or the last image.
+    """Vector whose preconditioned form is the next direction: the residual, or the last image where it stagnated.
 
-    An image is normalised, or the images of many such steps overflow single precision.
+    The image is normalised: otherwise the images of many such steps overflow single precision.
     """
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
-    if stuck[env] == 1:
+    if stagnated[env] == 1:
         last = count[env] - 1
         scale = single(wp.sqrt(inverse_squares[last, env]))
-        store_terms(source_out, c, env, scale * terms(images[last % WINDOW], c, env))
+        store_chunk(seed_out, c, env, scale * load_chunk(images[last % WINDOW], c, env))
     else:
-        store_terms(source_out, c, env, terms(residual, c, env))
+        store_chunk(seed_out, c, env, load_chunk(residual, c, env))
 
 
 @wp.kernel
@@ -294,9 +293,7 @@ def substitute_kernel(
     # outputs
     steps_out: wp.array2d(dtype=wp.float64),
 ):
-    """From steps along the images that were kept to steps along the directions: image j was that of direction j without
-    the shares of those before it.
-    """
+    """Turn steps along the orthogonal images into steps along the directions, by back substitution."""
     env = active[wp.tid()]
     if env < 0:
         return

@@ -1,4 +1,4 @@
-"""The middle level of multigrid: linear displacements, smoothed by Chebyshev polynomials, with aggregates below."""
+"""Multigrid for linear displacements: a V-cycle of Chebyshev smoothing and the coarsest level."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from simgen.fem.material.neo_hookean import single, vec3f
 
 wp.set_module_options({"enable_backward": False})
 
-CORNER_SPREAD, CORNER_STEPS = 10.0, 3  # largest over smallest eigenvalue that smoothing acts on
-AT_ONCE = wp.constant(4)  # blocks of a row that a thread reads before it waits for them
-MARGIN = 1.15  # on the largest eigenvalue at rest: contact and large strains raise it a little
+LINEAR_SPREAD, LINEAR_STEPS = 10.0, 3  # largest over smallest eigenvalue that is smoothed; steps of the smoother
+UNROLLED = wp.constant(4)  # blocks of a row that a thread loads at once
+MARGIN = 1.15  # on the largest eigenvalue at rest, which contact and large strains raise a little
 
 
 def chebyshev(largest: float, steps: int, spread: float) -> list[tuple[float, float]]:
@@ -47,9 +47,9 @@ def row_residual(
     env: wp.int32,
 ) -> vec3f:
     r, begin, end = load(b, row, env), row_starts[row], row_starts[row + 1]
-    whole = begin + (end - begin) / AT_ONCE * AT_ONCE
-    for first in range(begin, whole, AT_ONCE):
-        for i in range(AT_ONCE):
+    whole = begin + (end - begin) / UNROLLED * UNROLLED
+    for first in range(begin, whole, UNROLLED):
+        for i in range(UNROLLED):
             r -= block(blocks, first + i, env) * load(x, columns[first + i], env)
     for k in range(whole, end):
         r -= block(blocks, k, env) * load(x, columns[k], env)
@@ -121,8 +121,8 @@ def chebyshev_kernel(
     store(x_out, row, env, load(x, row, env) + d)
 
 
-class CornerCycle:
-    """Linear displacements: a V-cycle with the aggregates below, on blocks that are assembled for every state."""
+class LinearMultigrid:
+    """V-cycle for linear displacements, on 3 x 3 blocks that are assembled for each state."""
 
     def __init__(self, elasticity: Elasticity, contacts: list, fixed):
         self.elasticity, self.contacts, self.active = elasticity, contacts, elasticity.active
@@ -142,18 +142,18 @@ class CornerCycle:
         inverse = of_environment(self._inverse, 0)
         inverse = sparse.csr_array(sparse.bsr_array((inverse, np.arange(n), np.arange(n + 1)), shape=matrix.shape))
         largest = largest_eigenvalue(lambda v: inverse @ (matrix @ v), 3 * n)
-        self._smoothing = chebyshev(largest, CORNER_STEPS, CORNER_SPREAD)
+        self._smoothing = chebyshev(largest, LINEAR_STEPS, LINEAR_SPREAD)
         space = coarse_space(self.pattern.graph(), elasticity.host_nodes[:n], self.fixed.numpy() == 0)
         self.coarse = CoarseLevel(self.pattern, space, self.active)
-        self.coarse.update(self._blocks)
+        self.coarse.rebuild(self._blocks)
 
-    def update(self):
-        """Follow the last linearisation in the active environments."""
+    def rebuild(self):
+        """Rebuild both levels from the last linearisation of the active environments."""
         self._assemble()
-        self.coarse.update(self._blocks)
+        self.coarse.rebuild(self._blocks)
 
     def _assemble(self):
-        """Assemble the blocks of the last linearisation of the active environments, and invert the diagonal ones."""
+        """Assemble the blocks of the last linearisation, and invert the diagonal ones."""
         clear(self._blocks, self.active)
         self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=True)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
@@ -167,7 +167,7 @@ class CornerCycle:
         return [self.pattern.row_starts, self.pattern.columns, self._blocks]
 
     def _steps(self, coefficients, b, x, other):
-        """Chebyshev steps, from x to the other array and back; returns where they end."""
+        """Chebyshev steps, from x to the other array and back; returns x and the other array after the last step."""
         for keep, step in coefficients:
             inputs = [*self._rows(), self._inverse, x, b, keep, step, self.active]
             self._launch(chebyshev_kernel, inputs, [self._direction, other])
@@ -175,9 +175,9 @@ class CornerCycle:
         return x, other
 
     def apply(self, b, x_out):
-        """x = about K^-1 b."""
+        """Approximate x = K^-1 b by one V-cycle."""
         (_, first), *others = self._smoothing
-        x, other = self._x, x_out  # after an odd number of changes between them, x_out is the last
+        x, other = self._x, x_out  # after an odd number of swaps, x_out is x
         self._launch(chebyshev_start_kernel, [self._inverse, b, first, self.active], [self._direction, x])
         x, other = self._steps(others, b, x, other)
         self._launch(residual_kernel, [*self._rows(), x, b, self.active], [self._residual])

@@ -1,12 +1,12 @@
-"""One cycle of multigrid for the displacements: quadratic, linear, and rigid motions of aggregates of corners.
+"""One multigrid cycle for the displacements: quadratic, linear, and rigid motions of aggregates of corners.
 
-    level                     operator              smoother                         what it keeps to
-    quadratic displacements   matrix-free           Jacobi with 3 x 3 blocks         the current state
-    linear ones (corners)     blocks, assembled     Chebyshev, the same blocks       the current state
-    aggregates                dense inverse         -                                the current state
+    level                          operator                 smoother
+    quadratic displacements        matrix-free              Jacobi with 3 x 3 blocks
+    linear displacements           assembled blocks         Chebyshev with 3 x 3 blocks
+    rigid motions of aggregates    dense inverse            -
 
 Quadratic to linear is p-multigrid (Ronquist and Patera, J. Sci. Comput. 2, 1987), below it is aggregation (see
-``aggregation`` and ``coarse_level``). The tangent changes under an indenter, and all levels follow it.
+``aggregation`` and ``coarse_level``). The tangent changes under an indenter, so all levels are rebuilt for the state.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.blocks import Blocks, block, clear, invert_kernel, load, store, zeros
+from simgen.fem.chunks import chunks, load_chunk, store_chunk
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver.aggregation import largest_eigenvalue
-from simgen.fem.linear_solver.linear_multigrid import CornerCycle, chebyshev
+from simgen.fem.linear_solver.linear_multigrid import LinearMultigrid, chebyshev
 from simgen.fem.linear_solver.pattern import corners_to_nodes
 from simgen.fem.linear_solver.transfer import Transfer
 from simgen.fem.material.neo_hookean import single
-from simgen.fem.sections import chunks, store_terms, terms
 
 wp.set_module_options({"enable_backward": False})
 
-QUADRATIC_SPREAD = 3.0  # largest over smallest eigenvalue that smoothing acts on
+QUADRATIC_SPREAD = 3.0  # largest over smallest eigenvalue that is smoothed
 
 
 @wp.kernel
@@ -58,13 +58,13 @@ def negative_kernel(
     env = active[lane]
     if env < 0:
         return
-    store_terms(negative_out, c, env, -terms(a, c, env))
+    store_chunk(negative_out, c, env, -load_chunk(a, c, env))
 
 
 class Multigrid:
-    """The displacements of quadratic elements. ``add_tangent(v, out, rough)`` is the whole system's, held rows zero.
+    """Multigrid cycle for the displacements of quadratic elements, made at rest, with nothing in contact.
 
-    Made at rest, with nothing in contact.
+    ``add_tangent(v, out, reduced)`` as in `BlockTriangular`.
     """
 
     def __init__(self, elasticity: Elasticity, contacts: list, fixed, add_tangent):
@@ -79,17 +79,17 @@ class Multigrid:
 
         self._blocks, self._inverse = (zeros(n_nodes, n_env, device) for _ in range(2))
         self._nodes = wp.array(np.arange(n_nodes), dtype=wp.int32, device=device)
-        self._negative = vector(n)  # residual, with the opposite sign
-        self._corner_b, self._corner_x = vector(3 * elasticity.n_corners), vector(3 * elasticity.n_corners)
+        self._negative = vector(n)  # minus the residual
+        self._linear_b, self._linear_x = vector(3 * elasticity.n_corners), vector(3 * elasticity.n_corners)
         elasticity.linearize(wp.zeros((n, n_env), dtype=wp.float64, device=device))
-        self.corners = CornerCycle(elasticity, contacts, fixed)
+        self.linear = LinearMultigrid(elasticity, contacts, fixed)
         self.transfer = Transfer(self._embedding(), self.active)
         self._invert_diagonal()
         self._step = 1.0
         [(_, self._step)] = chebyshev(self._largest_eigenvalue(), 1, QUADRATIC_SPREAD)
 
     def _embedding(self) -> sparse.csr_array:
-        """Linear displacements at all nodes, (3 nodes, 3 corners), of what is free on both sides."""
+        """Linear displacements at all nodes, (3 nodes, 3 corners), where both node and corner are free."""
         free, n_corners = self.fixed.numpy() == 0, self.elasticity.n_corners
         nodal = corners_to_nodes(self.elasticity.host_tetrahedra, len(free) // 3, n_corners)
         fine, coarse = (sparse.diags_array(f.astype(float)) for f in (free, free[: 3 * n_corners]))
@@ -98,14 +98,14 @@ class Multigrid:
         return matrix
 
     def _largest_eigenvalue(self) -> float:
-        """Of the first environment, at rest as all are: what the others have stays on the device."""
+        """Largest eigenvalue of the first environment, at rest as all are."""
         n_u = self.elasticity.n_displacements
         v, out = (wp.zeros_like(self._negative) for _ in range(2))
 
         def apply(u):
             wp.copy(v[:n_u, 0], wp.array(u, dtype=wp.float32, device=v.device))
             self._negative.zero_()
-            self._add_tangent(v, self._negative, rough=True)
+            self._add_tangent(v, self._negative, reduced=True)
             out.zero_()
             self._smooth(self._negative, out)
             return out[:n_u, 0].contiguous().numpy()
@@ -118,10 +118,10 @@ class Multigrid:
             term.diagonal(self._blocks)
         self._launch(invert_kernel, [self._blocks, self._nodes, self.fixed, self.active], [self._inverse])
 
-    def update(self):
-        """Follow the last linearisation in the active environments."""
+    def rebuild(self):
+        """Rebuild all levels from the last linearisation of the active environments."""
         self._invert_diagonal()
-        self.corners.update()
+        self.linear.rebuild()
 
     def _launch(self, kernel, inputs, outputs):
         batch_arrays.launch(kernel, len(self._nodes), inputs, outputs)
@@ -129,16 +129,16 @@ class Multigrid:
     def _smooth(self, residual, x_out, sign: float = 1.0):
         self._launch(smooth_kernel, [self._inverse, residual, sign * self._step, self.active], [x_out])
 
-    def _remainder(self, b, x):
+    def _negative_residual(self, b, x):
         batch_arrays.launch(negative_kernel, chunks(b.shape[0]), [b, self.active], [self._negative])
-        self._add_tangent(x, self._negative, rough=True)
+        self._add_tangent(x, self._negative, reduced=True)
 
     def apply(self, b, x_out):
-        """Change the displacements in x, which are zero, to about K^-1 (b - B^T p), p being the pressures in x."""
-        self._smooth(b, x_out)  # knows nothing of p; what it leaves out remains
-        self._remainder(b, x_out)
-        self.transfer.restrict(self._negative, self._corner_b, -1.0)
-        self.corners.apply(self._corner_b, self._corner_x)
-        self.transfer.prolong(self._corner_x, x_out)
-        self._remainder(b, x_out)
+        """Set the displacements in x, which are zero, to about K^-1 (b - B^T p), where p are the pressures in x."""
+        self._smooth(b, x_out)  # without p, which the residual then contains
+        self._negative_residual(b, x_out)
+        self.transfer.restrict(self._negative, self._linear_b, -1.0)
+        self.linear.apply(self._linear_b, self._linear_x)
+        self.transfer.prolong(self._linear_x, x_out)
+        self._negative_residual(b, x_out)
         self._smooth(self._negative, x_out, -1.0)

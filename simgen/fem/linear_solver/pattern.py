@@ -1,7 +1,4 @@
-"""Sparsity of the tangent's 3 x 3 blocks between nodes, or between corners alone.
-
-Linear displacements are quadratic ones too: their blocks are integrals of the same tangent at the same points.
-"""
+"""Sparsity pattern of the tangent's 3 x 3 blocks between nodes, or between corners alone for linear displacements."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from simgen.fem.elements.element import TET_EDGES
 
 
 class BlockPattern:
-    """Which nodes have blocks, and where the matrices of elements and faces add.
+    """Sparsity pattern of blocks, and the blocks to which the matrices of elements and faces add.
 
     tetrahedra (e, k) and faces, one (f, m) for each surface term: nodes below ``n``. Block i lies in the row r with
     ``row_starts[r] <= i < row_starts[r + 1]`` and in ``columns[i]``.
@@ -38,18 +35,18 @@ class BlockPattern:
             self.face_index.append(on_device(np.searchsorted(unique, f[:, :, None] * n + f[:, None, :])))
 
     def graph(self) -> sparse.csr_array:
-        """Graph (n, n) of the nodes that have blocks together."""
+        """Graph (n, n) of the nodes: an edge for each block."""
         ones = np.ones(self.n_blocks)
         return sparse.csr_array((ones, self.host_columns, self.host_row_starts), shape=(self.n, self.n))
 
     def matrix(self, blocks: np.ndarray) -> sparse.csr_array:
-        """The matrix (3 n, 3 n) of one environment's blocks (n_blocks, 3, 3)."""
+        """Matrix (3 n, 3 n) of one environment's blocks (n_blocks, 3, 3)."""
         shape = (3 * self.n, 3 * self.n)
         return sparse.bsr_array((blocks, self.host_columns, self.host_row_starts), shape=shape).tocsr()
 
 
 def corners_to_nodes(tetrahedra: np.ndarray, n_nodes: int, n_corners: int) -> sparse.csr_array:
-    """Linear functions at the nodes of tetrahedra (e, 10), (nodes, corners): a mid-edge node has half of each end."""
+    """Interpolation (nodes, corners) of linear fields to the nodes of tetrahedra (e, 10)."""
     middles, first = np.unique(tetrahedra[:, 4:].ravel(), return_index=True)
     ends = tetrahedra[:, TET_EDGES].reshape(-1, 2)[first]
     rows = np.concatenate([np.arange(n_corners), middles, middles])

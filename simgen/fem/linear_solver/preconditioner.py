@@ -3,10 +3,10 @@
     [ A  B^T ]          [ A  B^T ]
     [ B  -C  ]    ~     [ 0  -S  ]      S = (1 / (mu + gamma) + 1 / (lam - gamma)) x lumped pressure mass
 
-(Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact. A multigrid
-cycle stands for its inverse; a sparse factor does for linear elements, and for a press on which the cycle has failed.
+(Murphy, Golub and Wathen, SIAM J. Sci. Comput. 21, 2000, for the form). A holds elasticity and contact. Its inverse is
+approximated by a multigrid cycle, or by a sparse factor for linear elements and for presses on which multigrid failed.
 A fluid borders A by one dense row and column g, which are eliminated: [A g; g^T 0] needs one more solve, A^-1 g, for
-each state, and one inner product for each use.
+each state, and one inner product for each application.
 """
 
 from __future__ import annotations
@@ -79,10 +79,11 @@ def border_kernel(
 
 
 class BlockTriangular:
-    """Applies the preconditioner; ``follow`` and ``update`` get it ready for the last linearisation.
+    """Preconditioner; call ``rebuild_multigrid`` and ``prepare`` after a linearisation, then ``apply``.
 
-    ``fixed`` (unknowns,) int32 on the device. ``add_tangent(v, out, rough)`` adds the system's action on v to out,
-    or an approximation of it, and leaves zeros in fixed rows.
+    ``fixed`` (unknowns,) int32 on the device. ``add_tangent(v, out, reduced)`` adds the tangent's action on v to out,
+    by reduced integration if told so, and leaves zeros in fixed rows. ``factored`` (env,) bool marks environments that
+    use sparse factors.
     """
 
     def __init__(self, elasticity, contacts: list, cavity, fixed, add_tangent):
@@ -107,15 +108,15 @@ class BlockTriangular:
             self._fixed = fixed
 
     def forget(self, environments: np.ndarray):
-        """Drop what was made for the last presses of the environments (env,) bool: none depends on those before it."""
+        """Forget the last presses of the environments (env,) bool: no press depends on those before it."""
         self.factored[environments] = self.multigrid is None
         if self.factor is not None:
             self.factor.forget(environments)
 
-    def fall_back(self, environments: np.ndarray) -> np.ndarray:
+    def switch_to_factors(self, environments: np.ndarray) -> np.ndarray:
         """Use factors in the environments (env,) bool until :meth:`forget`; returns where that is possible.
 
-        A batch on a GPU has no room for them.
+        It is not in a batch on a GPU, which has no room for them.
         """
         possible = environments & (self.elasticity.device == "cpu" or len(environments) == 1)
         if possible.any():
@@ -123,25 +124,26 @@ class BlockTriangular:
             self.factored |= possible
         return possible
 
-    def follow(self):
-        """Make the multigrid cycle of the active environments that of their last linearisation."""
-        self.multigrid.update()
+    def rebuild_multigrid(self):
+        """Rebuild the multigrid cycle of the active environments from their last linearisation."""
+        self.multigrid.rebuild()
 
-    def use(self, factored: bool):
-        """Apply factors from now on, or multigrid."""
+    def select(self, factored: bool):
+        """Apply factors, or multigrid, from now on."""
         self._displacements = self.factor if factored else self.multigrid
 
-    def update(self, environments: np.ndarray, iterations: np.ndarray, factored: bool) -> np.ndarray:
-        """Get ready for the given environments, with factors or not; their last solves took these iterations (env,).
+    def prepare(self, environments: np.ndarray, iterations: np.ndarray, factored: bool) -> np.ndarray:
+        """Prepare environments, given by number, for ``apply``, with factors or multigrid.
 
-        Factors that have become poor are made anew. Returns the environments whose matrix is singular.
+        iterations (env,): of their last solves; factors that took many are made anew. Returns the numbers of
+        environments whose matrix is singular.
         """
         singular = np.zeros(0, dtype=int)
-        self.use(factored)
+        self.select(factored)
         if factored:
-            singular = self.factor.update(environments, iterations)
+            singular = self.factor.refactor(environments, iterations)
         if self.cavity is not None:
-            gradient = self.cavity.gradient  # no larger than the displacements: the rows below them stay zero
+            gradient = self.cavity.gradient  # (displacements, env): rows below stay zero
             active = self.elasticity.active
             batch_arrays.launch(free_part_kernel, len(gradient), [gradient, self._fixed, active], [self._gradient])
             response = wp.zeros_like(self._response)

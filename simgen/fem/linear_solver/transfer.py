@@ -1,4 +1,4 @@
-"""Sparse matrices between levels of multigrid, the same in all environments."""
+"""Transfer between levels of multigrid: a sparse matrix, the same in all environments, and its transpose."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def sparse_kernel(
     # outputs
     y_out: wp.array2d(dtype=wp.float32),
 ):
-    """y = factor times M x, or that much more."""
+    """y = factor times M x, plus y if ``keep``."""
     row, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -39,11 +39,11 @@ def sparse_kernel(
 
 
 class Transfer:
-    """A sparse matrix that is the same for all environments, and its transpose, in the ``active`` ones."""
+    """Prolongation by a sparse matrix, and restriction by its transpose, in the active environments."""
 
     def __init__(self, matrix: sparse.csr_array, active):
         self.shape, self._active, device = matrix.shape, active, active.device
-        self._there, self._back = (self._on_device(m, device) for m in (matrix, sparse.csr_array(matrix.T)))
+        self._matrix, self._transpose = (self._on_device(m, device) for m in (matrix, sparse.csr_array(matrix.T)))
 
     @staticmethod
     def _on_device(matrix, device):
@@ -55,8 +55,8 @@ class Transfer:
 
     def prolong(self, x, y_out):
         """y += M x."""
-        self._launch(self._there, self.shape[0], x, 1.0, True, y_out)
+        self._launch(self._matrix, self.shape[0], x, 1.0, True, y_out)
 
     def restrict(self, x, y_out, factor: float = 1.0):
         """y = factor times M^T x."""
-        self._launch(self._back, self.shape[1], x, factor, False, y_out)
+        self._launch(self._transpose, self.shape[1], x, factor, False, y_out)

@@ -1,1 +1,1 @@
-"""Newton's method, its line search and damping, and the balance of forces."""
+"""Newton's method, its linear systems, line search and damping, and the force balance."""

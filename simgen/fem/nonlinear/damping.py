@@ -1,30 +1,30 @@
-"""Damping of the tangent, which carries Newton's method past points where a press snaps.
+"""Levenberg-Marquardt damping of the tangent, which carries Newton's method past points where a press snaps.
 
-Under an edge the gel may jump from one equilibrium to another. There the tangent is indefinite, or so ill conditioned
+Under an edge the gel may jump from one equilibrium to another. The tangent is then indefinite, or so ill conditioned
 that its linear system is not solved, and Newton's method cycles. A viscous solid would slide past such a point. So the
 tangent, but not the residual, gets the stress of a viscous increment, ::
 
     dP = eta mu / J  dF cof^T cof    (cof = cof F: eta mu / J times the Laplacian in the deformed shape)
 
-What converges is therefore equilibrium of the elastic solid: damping changes the way there, not the end (pseudo-
-transient continuation, Kelley and Keyes, SIAM J. Numer. Anal. 35, 1998). The line search says whether there is enough
-of it, as in the method of Levenberg and Marquardt: where a step has to be cut short, the model is good for less than
-the step, and more damping makes the next one shorter in the directions that are soft. Whole steps need less.
+Newton's method therefore converges to equilibrium of the elastic solid: damping changes the iterations, not their end
+(pseudo-transient continuation, Kelley and Keyes, SIAM J. Numer. Anal. 35, 1998). The line search controls eta, as in
+the method of Levenberg and Marquardt. If it cuts a step short, the linear model does not hold over the whole step, and
+eta grows: the next step is shorter in soft directions. Whole steps let eta decay.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-FIRST, MOST, LEAST = 0.5, 50.0, 0.05  # eta: where it begins, where it is given up, what is nothing
-FADE = 0.7  # of eta that is left after a whole step
-SHORT = 0.5  # of a step: where less of it is taken, eta doubles
-STUCK = 3  # iterations without a new least residual before an increment is damped
-PATIENCE, ITERATIONS = 60, 160  # of a damped increment: it goes slowly
+INITIAL, MAX, NEGLIGIBLE = 0.5, 50.0, 0.05  # eta: its first value, its largest, and below which it counts as 0
+DECAY = 0.7  # factor on eta after a whole step
+SHORT_STEP = 0.5  # share of a step: if the line search takes less, eta doubles
+STAGNATION_ONSET = 3  # iterations without a new least residual before an increment is damped
+STAGNATION_LIMIT, MAX_ITERATIONS = 60, 160  # of a damped increment, which needs many iterations
 
 
-class Damping:
-    """The damping ``eta`` (env,) of each environment's tangent, over mu. 0 until its increment gets stuck."""
+class TangentDamping:
+    """Damping ``eta`` (env,) of each environment's tangent, over mu. It is 0 until an increment stagnates."""
 
     def __init__(self, n_env: int):
         self.eta = np.zeros(n_env)
@@ -36,29 +36,29 @@ class Damping:
         self.eta[environments] = 0.0
         self.used[environments], self._since_raised[environments] = False, 0
 
-    def can_raise(self, iterations: np.ndarray) -> np.ndarray:
-        """Tell which environments (env,) may be damped more after so many Newton iterations (env,)."""
-        return (self.eta < MOST) & (iterations < ITERATIONS)
+    def can_increase(self, iterations: np.ndarray) -> np.ndarray:
+        """Environments (env,) bool that may be damped more after these Newton iterations (env,)."""
+        return (self.eta < MAX) & (iterations < MAX_ITERATIONS)
 
-    def raise_(self, environments: np.ndarray):
-        """Damp the environments (env,) bool twice as much."""
-        self.eta[environments] = np.maximum(2.0 * self.eta, FIRST)[environments]
+    def increase(self, environments: np.ndarray):
+        """Double the damping of the environments (env,) bool."""
+        self.eta[environments] = np.maximum(2.0 * self.eta, INITIAL)[environments]
         self._since_raised[environments] = 0
         self.used |= environments
 
-    def follow(self, taken: np.ndarray, share: np.ndarray, since_best: np.ndarray) -> np.ndarray:
-        """Let the damping fade where a whole step was taken (env,) bool, or double it where a short one was.
+    def adapt(self, taken: np.ndarray, share: np.ndarray, since_best: np.ndarray) -> np.ndarray:
+        """Reduce the damping where a whole step was taken (env,) bool, and double it where a short one was.
 
         share (env,): of the step that was taken; since_best (env,): iterations without a new least residual. Returns
-        which environments are stuck without damping.
+        the environments (env,) bool that stagnate without damping.
         """
-        short = taken & (share < SHORT)
-        self.eta[short] = np.minimum(2.0 * self.eta, MOST)[short]
-        self.eta[taken & (share == 1.0)] *= FADE
-        self.eta[taken & (self.eta < LEAST)] = 0.0
+        short = taken & (share < SHORT_STEP)
+        self.eta[short] = np.minimum(2.0 * self.eta, MAX)[short]
+        self.eta[taken & (share == 1.0)] *= DECAY
+        self.eta[taken & (self.eta < NEGLIGIBLE)] = 0.0
         self._since_raised[taken] += 1
-        return taken & (self.eta == 0.0) & (since_best >= STUCK) & (self._since_raised >= STUCK)
+        return taken & (self.eta == 0.0) & (since_best >= STAGNATION_ONSET) & (self._since_raised >= STAGNATION_ONSET)
 
-    def limits(self, patience: int, iterations: int) -> tuple[np.ndarray, np.ndarray]:
-        """Patience and most Newton iterations (env,), where those without damping have the given ones."""
-        return np.where(self.used, PATIENCE, patience), np.where(self.used, ITERATIONS, iterations)
+    def limits(self, stagnation: int, iterations: int) -> tuple[np.ndarray, np.ndarray]:
+        """Most iterations without progress, and most iterations (env,); the given ones where nothing is damped."""
+        return np.where(self.used, STAGNATION_LIMIT, stagnation), np.where(self.used, MAX_ITERATIONS, iterations)

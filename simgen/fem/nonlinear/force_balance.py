@@ -1,21 +1,21 @@
-"""The forces at a state, and what Newton's method asks about them, measured on the device and read at once."""
+"""Force balance of a state: residual, loads, virtual work and resultant, summed on the device and read at once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.device import read
 from simgen.fem.material.neo_hookean import real, vec3
-from simgen.fem.sections import CHUNK, chunks
 
 wp.set_module_options({"enable_backward": False})
 
-SMALLEST_LOADS = 1e-6  # E mm2, sum of the sizes of all loads: below, there is nothing to balance
-SMALLEST_MULTIPLIERS = 1e-6  # E mm, L2 norm of the contact multipliers: below, a contact that opens
+SMALLEST_LOADS = 1e-6  # E mm2, sum of the sizes of all loads: a smaller sum counts as no load
+SMALLEST_MULTIPLIERS = 1e-6  # E mm, L2 norm of the contact multipliers: a contact with less is opening
 
 
 @wp.kernel
@@ -30,9 +30,9 @@ def balance_kernel(
     residual_out: wp.array2d(dtype=wp.float64),
     sums_out: wp.array2d(dtype=wp.float64),
 ):
-    """Sum of both where nothing is held; squares of the loads and of the sum, and its virtual work.
+    """Residual of the free rows. Rows of ``sums_out``: squares of the loads and of the residual, its virtual work.
 
-    Then the resultant of what is left on free components, x, y and z, and the sum of the sizes of the nodes' loads.
+    Then its resultant, x, y and z, and the sum of the sizes of the nodes' loads.
     """
     c, lane = wp.tid()
     env = active[lane]
@@ -69,7 +69,7 @@ def first_loads_kernel(
     # outputs
     sums_out: wp.array2d(dtype=wp.float64),
 ):
-    """Sum of the sizes of the nodes' loads, while there are those of the first contact alone."""
+    """Sum of the sizes of the nodes' loads, while ``surface`` has those of the first contact alone."""
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -90,7 +90,7 @@ def work_kernel(
     # outputs
     sums_out: wp.array2d(dtype=wp.float64),
 ):
-    """Virtual work of the displacements' forces along a step; squares of all forces and of the whole step."""
+    """Virtual work of the forces along a step's displacements; squares of the residual and of the step, all rows."""
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -107,25 +107,30 @@ def work_kernel(
     wp.atomic_add(sums_out, 2, env, length)
 
 
-@dataclass(frozen=True)
-class Measured:
-    """Of a state, each (env,): norms of the loads (forces of contacts and fluid) and of the out-of-balance forces, the
-    virtual work of these along the step, their resultant over the sum of the sizes of the indenter's loads (of all
-    loads where it does not touch), least det F, and what a further update would change of the multipliers, relative.
+class StateMeasures(NamedTuple):
+    """Measures of a state by which Newton's method judges it; arrays (env,).
+
+    load_norm : norm of the loads (forces of contacts and fluid)
+    residual_norm : norm of the residual (out-of-balance forces)
+    work : virtual work of the residual along the step
+    imbalance : resultant of the residual over the sum of the sizes of the indenter's loads, or of all loads where the
+        indenter does not touch
+    min_det : least det F
+    contact_error : relative change of the multipliers that a further update would make
     """
 
-    load: np.ndarray
-    size: np.ndarray
+    load_norm: np.ndarray
+    residual_norm: np.ndarray
     work: np.ndarray
     imbalance: np.ndarray
     min_det: np.ndarray
     contact_error: np.ndarray
 
 
-class Balance:
-    """Forces of the body and of what acts on its surface; ``residual`` (unknowns, env) is what remains of their sum.
+class ForceBalance:
+    """Forces of the body (``internal``) and on its surface (``surface``), and the ``residual``, their sum in free rows.
 
-    ``internal`` and ``surface`` are those of the environments that were measured last.
+    Each is (unknowns, env), for the environments that were measured last.
     """
 
     def __init__(self, elasticity, contacts: list, cavity, fixed, step):
@@ -133,7 +138,7 @@ class Balance:
         self.active, self._fixed, self._step = elasticity.active, fixed, step
         self.internal, self.surface, self.residual = (wp.zeros_like(step) for _ in range(3))
         n, n_env = step.shape
-        self._sections = chunks(n)
+        self._chunks = chunks(n)
         self._terms = contacts if cavity is None else [*contacts, cavity]
         self._sums = wp.zeros((8, n_env), dtype=wp.float64, device=step.device)
         self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
@@ -141,11 +146,10 @@ class Balance:
     def _add_up(self, kernel, rows: int, inputs, outputs):
         batch_arrays.launch(kernel, rows, inputs, [*outputs, self._sums])
 
-    def _measure_sum(self) -> tuple[np.ndarray, np.ndarray]:
-        """Load, size, work, imbalance and least det F (5, env), and the contact error (env,)."""
+    def _measure_sum(self) -> StateMeasures:
         n_u = self.elasticity.n_displacements
         inputs = [self.internal, self.surface, self._step, self._fixed, n_u, self.active]
-        self._add_up(balance_kernel, self._sections, inputs, [self.residual])
+        self._add_up(balance_kernel, self._chunks, inputs, [self.residual])
         changes = [contact.multiplier_change() for contact in self.contacts]
         (load, square, work, *resultant, loads, by_first), min_det, *changes = read(self._sums, self._min_det, *changes)
         loads = np.where(by_first > SMALLEST_LOADS, by_first, loads)
@@ -153,28 +157,26 @@ class Balance:
         squares = [change / contact.edge for change, contact in zip(changes, self.contacts, strict=True)]
         change, size = np.sqrt(np.sum(squares, axis=0))
         sums = np.stack([np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance, min_det])
-        return sums, change / np.maximum(size, SMALLEST_MULTIPLIERS)
+        return StateMeasures(*sums, change / np.maximum(size, SMALLEST_MULTIPLIERS))
 
-    def measure(self, x) -> Measured:
-        """Forces at x in the active environments."""
+    def measure(self, x) -> StateMeasures:
+        """Compute the forces at x in the active environments."""
         batch_arrays.reset(self.active, self.internal)
         batch_arrays.reset(self.active, self.surface)
         self._min_det.fill_(np.inf)
         self.elasticity.residual(x, self.internal, self._min_det)
         self._apply_surfaces(x)
-        sums, error = self._measure_sum()
-        return Measured(*sums, error)
+        return self._measure_sum()
 
-    def measure_surfaces(self, x, before: Measured, marked: np.ndarray) -> Measured:
-        """The same once more where the multipliers have changed, and nothing else; the active ones are ``marked``."""
+    def measure_surfaces(self, x, before: StateMeasures, marked: np.ndarray) -> StateMeasures:
+        """Measures after a change of the multipliers alone in the active environments, which are ``marked`` (env,)."""
         batch_arrays.clear(self.active, self.surface)
         self._apply_surfaces(x)
-        sums, error = self._measure_sum()
-        new = dict(zip(("load", "size", "work", "imbalance", "min_det"), sums, strict=True), contact_error=error)
-        return replace(before, **{name: np.where(marked, new[name], getattr(before, name)) for name in new})
+        now = self._measure_sum()
+        return StateMeasures(*(np.where(marked, *pair) for pair in zip(now, before, strict=True)))
 
     def _apply_surfaces(self, x):
-        """Add all loads at x, and begin the sums with those of the first contact, which is the indenter's."""
+        """Add all loads at x; the sums get those of the first contact, the indenter, by themselves."""
         self._sums.zero_()
         nodes = self.elasticity.n_displacements // 3
         for i, term in enumerate(self._terms):
@@ -186,6 +188,6 @@ class Balance:
         """Virtual work of the residual along the step, and the product of their norms: (2, env)."""
         self._sums.zero_()
         inputs = [self.residual, self._step, self.elasticity.n_displacements, self.active]
-        self._add_up(work_kernel, self._sections, inputs, [])
+        self._add_up(work_kernel, self._chunks, inputs, [])
         [(work, square, length, *_)] = read(self._sums)
-        return np.stack([work, np.sqrt(np.abs(square * length))])  # what is not active may be anything
+        return np.stack([work, np.sqrt(np.abs(square * length))])  # other environments have no meaning

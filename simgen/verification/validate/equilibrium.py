@@ -41,7 +41,7 @@ class DeadLoad:
         self._change = wp.zeros((2, 1), dtype=wp.float64, device=device)  # there are no multipliers
 
     def residual(self, x, residual_out):
-        batch_arrays.go_along(residual_out, self._forces, np.array([-self.share]), self._everywhere, residual_out)
+        batch_arrays.add_scaled(residual_out, self._forces, np.array([-self.share]), self._everywhere, residual_out)
 
     def linearize(self, x):
         pass

@@ -30,10 +30,10 @@ def residual(term, x):
     return r.numpy(), least.numpy()
 
 
-def action(term, x, v, rough=False):
+def action(term, x, v, reduced=False):
     out = wp.zeros((len(x), 1), dtype=wp.float32, device="cpu")
     term.linearize(wp.array(x.reshape(-1, 1), dtype=wp.float64, device="cpu"))
-    term.tangent(wp.array(v.reshape(-1, 1), dtype=wp.float32, device="cpu"), out, rough)
+    term.tangent(wp.array(v.reshape(-1, 1), dtype=wp.float32, device="cpu"), out, reduced)
     return out.numpy()[:, 0]
 
 
@@ -100,7 +100,7 @@ def test_the_diagonal_is_that_of_the_tangent():
     diagonal = blocks.of_environment(made, 0)
     for node in (0, len(nodes) // 2, len(nodes) - 1):  # a corner, and middles of edges
         for i in range(3):
-            column = action(term, x, np.eye(n)[3 * node + i], rough=True)[3 * node : 3 * node + 3]
+            column = action(term, x, np.eye(n)[3 * node + i], reduced=True)[3 * node : 3 * node + 3]
             allowed = SINGLE * np.abs(column).max()
             np.testing.assert_allclose(diagonal[node, :, i], column, rtol=0, atol=allowed)
 

@@ -71,7 +71,7 @@ def test_blocks_and_diagonal_are_those_of_the_tangent():
     term.diagonal(made)
     diagonal = blocks.of_environment(made, 0)
     for node in (0, len(nodes) // 2, len(nodes) - 1):  # a corner, and middles of edges
-        column = action(term, x, np.eye(n)[3 * node], rough=True)[3 * node : 3 * node + 3]
+        column = action(term, x, np.eye(n)[3 * node], reduced=True)[3 * node : 3 * node + 3]
         np.testing.assert_allclose(diagonal[node, :, 0], column, rtol=0, atol=SINGLE * np.abs(column).max())
 
 

@@ -36,15 +36,15 @@ def test_a_factor_inverts_the_tangent_it_was_made_of():
         return np.linalg.norm(found.numpy()[:, 0] - v) / np.linalg.norm(v)
 
     body.linearize(wp.array(first[:, None], dtype=wp.float64, device="cpu"))
-    assert len(factor.update(np.array([0]), np.array([0]))) == 0
+    assert len(factor.refactor(np.array([0]), np.array([0]))) == 0
     assert error(first) < SINGLE
     assert error(second) > 1e-2
-    factor.update(np.array([0]), np.array([REFACTOR_ABOVE]))
+    factor.refactor(np.array([0]), np.array([REFACTOR_ABOVE]))
     assert error(second) > 1e-2  # still good enough
-    factor.update(np.array([0]), np.array([REFACTOR_ABOVE + 1]))
+    factor.refactor(np.array([0]), np.array([REFACTOR_ABOVE + 1]))
     assert error(second) < SINGLE
     factor.forget(np.array([True]))
-    factor.update(np.array([0]), np.array([0]))
+    factor.refactor(np.array([0]), np.array([0]))
     assert error(second) < SINGLE
 
 
@@ -61,7 +61,7 @@ def test_a_singular_environment_is_named():
     factor = SparseFactor(body, [], wp.array(fixed, dtype=wp.int32, device="cpu"), body.tangent)
     body.linearize(wp.zeros((3 * n_corners, 2), dtype=wp.float64, device="cpu"))
     body._single.volumes.zero_()
-    np.testing.assert_array_equal(factor.update(np.array([1]), np.zeros(2)), [1])
+    np.testing.assert_array_equal(factor.refactor(np.array([1]), np.zeros(2)), [1])
 
 
 def test_nested_dissection_fills_less_than_the_natural_order():

@@ -100,10 +100,10 @@ def test_a_system_that_has_come_to_its_end_is_left_alone():
     action = lambda v, out: out.assign(np.einsum("eij,je->ie", A, v.numpy()))  # noqa: E731
     flags.choose(np.array([True, False]))
     krylov.begin(right)
-    assert not krylov.go_on(action, lambda v, out: wp.copy(out, v), 1e-9, 1e-9, most=6).any()
+    assert not krylov.advance(action, lambda v, out: wp.copy(out, v), 1e-9, 1e-9, most=6).any()
     flags.choose(np.array([False, True]))
     krylov.begin(right)
-    krylov.go_on(action, lambda v, out: wp.copy(out, v), 1e-9, 1e-9, most=6)
+    krylov.advance(action, lambda v, out: wp.copy(out, v), 1e-9, 1e-9, most=6)
     assert (whole.numpy()[6] == 7.0).all()
     flags.choose(np.array([True, True]))
     used, _ = krylov.end(x)
@@ -135,7 +135,7 @@ def test_a_system_that_begins_later_and_one_that_waits_are_solved_as_alone():
         if not going.any():
             break
         flags.choose(going)
-        still = krylov.go_on(action, lambda v, out: wp.copy(out, v), 1e-4, 1e-4, most=2)
+        still = krylov.advance(action, lambda v, out: wp.copy(out, v), 1e-4, 1e-4, most=2)
         flags.choose(going & ~still)
         iterations, relative = krylov.end(x)
         used[going & ~still] = iterations[going & ~still]
@@ -160,7 +160,7 @@ def test_systems_that_go_on_together_take_as_many_iterations():
         flags = ActiveEnvironments(2, "cpu")
         krylov = ConjugateResiduals(40, 40, "cpu", flags)
         krylov.begin(right)
-        still = krylov.go_on(action, copy, 0.2, 0.2, most=3, together=together)
+        still = krylov.advance(action, copy, 0.2, 0.2, most=3, together=together)
         assert still.tolist() == [True, False]
         flags.choose(np.ones(2, dtype=bool))
         x = wp.zeros((40, 2), dtype=wp.float64, device="cpu")
@@ -179,7 +179,7 @@ def test_a_system_that_was_solved_stays_so_when_it_breaks_down():
         flags = ActiveEnvironments(2, "cpu")
         krylov = ConjugateResiduals(40, 40, "cpu", flags)
         krylov.begin(wp.array(b, dtype=wp.float64, device="cpu"))
-        krylov.go_on(action, lambda v, out: wp.copy(out, v), tolerance, tolerance, most=5, together=True)
+        krylov.advance(action, lambda v, out: wp.copy(out, v), tolerance, tolerance, most=5, together=True)
         flags.choose(np.array([True, False]))
         x = wp.zeros((40, 2), dtype=wp.float64, device="cpu")
         _, relative = krylov.end(x)

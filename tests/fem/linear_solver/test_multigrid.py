@@ -17,7 +17,7 @@ from simgen.fem.elements.element import P2P1
 from simgen.fem.linear_solver.aggregation import SMALL, coarse_space, largest_eigenvalue, rigid_motions
 from simgen.fem.linear_solver.coarse_level import CoarseLevel
 from simgen.fem.linear_solver.krylov import ConjugateResiduals
-from simgen.fem.linear_solver.linear_multigrid import CORNER_SPREAD, CORNER_STEPS, MARGIN, chebyshev
+from simgen.fem.linear_solver.linear_multigrid import LINEAR_SPREAD, LINEAR_STEPS, MARGIN, chebyshev
 from simgen.fem.linear_solver.pattern import BlockPattern
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
 from simgen.fem.material.neo_hookean import NeoHookean
@@ -54,16 +54,16 @@ class Block:
         self.load = np.append(load.ravel(), np.zeros(self.body.n_pressures))
 
     def update(self):
-        self.preconditioner.follow()
-        self.preconditioner.update(np.array([0]), np.array([0]), self.preconditioner.factored[0])
+        self.preconditioner.rebuild_multigrid()
+        self.preconditioner.prepare(np.array([0]), np.array([0]), self.preconditioner.factored[0])
 
-    def add_tangent(self, v, out, rough):
-        self.body.tangent(v, out, rough)
+    def add_tangent(self, v, out, reduced):
+        self.body.tangent(v, out, reduced)
         out.assign(np.where(self.fixed, 0.0, out.numpy()))
 
     def tangent(self, v, out):
         out.zero_()
-        self.add_tangent(v, out, rough=False)
+        self.add_tangent(v, out, reduced=False)
 
     def iterations(self) -> int:
         """Of the Krylov solver, to 1e-6."""
@@ -115,12 +115,12 @@ def test_the_preconditioner_is_linear_and_leaves_what_is_held():
 def test_chebyshev_smoothing_damps_the_upper_eigenvalues():
     """By 1 / T_k((spread + 1) / (spread - 1)), its bound on the range that it is made for."""
     high = 2.5 * MARGIN
-    eigenvalues = np.linspace(high / CORNER_SPREAD, high, 200)
+    eigenvalues = np.linspace(high / LINEAR_SPREAD, high, 200)
     x, d = np.zeros(200), np.zeros(200)
-    for keep, step in chebyshev(2.5, CORNER_STEPS, CORNER_SPREAD):
+    for keep, step in chebyshev(2.5, LINEAR_STEPS, LINEAR_SPREAD):
         d = keep * d + step * (1.0 - eigenvalues * x)
         x += d
-    bound = 1.0 / np.cosh(CORNER_STEPS * np.arccosh((CORNER_SPREAD + 1.0) / (CORNER_SPREAD - 1.0)))
+    bound = 1.0 / np.cosh(LINEAR_STEPS * np.arccosh((LINEAR_SPREAD + 1.0) / (LINEAR_SPREAD - 1.0)))
     assert np.abs(1.0 - eigenvalues * x).max() == pytest.approx(bound, rel=1e-3)
 
 
@@ -178,7 +178,7 @@ def test_the_coarse_matrix_is_that_of_the_motions():
         as_blocks = of_both[env].tobsr((3, 3))
         as_blocks.sort_indices()
         host[0, :, env] = as_blocks.data.ravel()
-    level.update(stacked)
+    level.rebuild(stacked)
     residual = rng.normal(size=(3 * n, 3)).astype(np.float32)
     x = wp.zeros((3 * n, 3), dtype=wp.float32, device="cpu")
     level.correct(wp.array(residual, dtype=wp.float32, device="cpu"), x)
@@ -192,8 +192,8 @@ MADE = """
 import hashlib
 from fem.linear_solver.test_multigrid import Block
 made = Block(9, 0.499).preconditioner.multigrid
-numbers = str((made._step, made.corners._smoothing)).encode()
-print(hashlib.sha256(made.corners.coarse._inverse.numpy().tobytes() + numbers).hexdigest())
+numbers = str((made._step, made.linear._smoothing)).encode()
+print(hashlib.sha256(made.linear.coarse._inverse.numpy().tobytes() + numbers).hexdigest())
 """
 
 
@@ -214,7 +214,7 @@ def test_a_press_that_the_cycle_fails_on_is_factored():
     """Until it is forgotten: the next press begins with the cycle."""
     block = Block(4, 0.499)
     with_cycle = block.iterations()
-    assert block.preconditioner.fall_back(np.array([True]))[0]
+    assert block.preconditioner.switch_to_factors(np.array([True]))[0]
     block.update()
     with_factor = block.iterations()
     assert 5 < with_factor < with_cycle  # the pressures are preconditioned as before
