@@ -1,7 +1,7 @@
 """Quasi-static finite-strain finite elements with frictional contact against rigid shapes.
 
-Solver units: mm, and Young's modulus as the unit of stress, so that the same relative tolerances and the very same
-numbers serve soft and stiff gels (a press is driven by displacements). ``simulation.press`` converts at the edge.
+Solver units: mm, and Young's modulus as the unit of stress, so that the same tolerances serve soft and stiff gels (a
+press is driven by displacements). ``simulation.press`` converts from and to SI.
 
 Symbols (every array has the environment, one press, as its fastest index)
 
@@ -22,15 +22,15 @@ k      stiffness of the augmented Lagrangian, stress/mm
 The state vector ``x`` of one environment is ``[u of node 0 (3), u of node 1, ..., p of corner 0, p of corner 1, ...,
 p_c]``, without p_c where there is no fluid; the solver's arrays have shape ``(unknowns, environments)``.
 
-A scene carries the body (``operator.Elasticity``) and what it needs of contacts (``contact.Contact``) and a fluid
-(``cavity.Cavity``). Each adds its forces to a residual and the action of its derivative to a vector. Body and contacts
-also add 3 x 3 blocks, between nodes or corners and on the diagonal, from which ``multigrid`` and ``factor`` are made. A
-contact also has ``begin_increment`` (what is lagged over a load step) and multipliers, while the fluid's pressure is
-an unknown like any other.
+A scene has a body (``elements.elasticity.Elasticity``), contacts (``contact.contact.Contact``) and perhaps a fluid
+(``elements.cavity.Cavity``). Each adds its forces to a residual and its tangent's action to a vector. Body and contacts
+also add 3 x 3 blocks, between nodes or corners and on the diagonal, for ``multigrid`` and ``factor``. A contact also
+has ``begin_increment``, for quantities that are constant in a load step, and multipliers. The fluid's pressure is an
+unknown like any other.
 
-States, forces and all that certifies them are in double precision. Derivatives, and what solves linear systems with
-them, are in single precision: Newton's method corrects their errors, and its residual does not contain them.
+States, forces and certificates are in double precision. Tangents and linear solves are in single precision: Newton's
+method corrects their errors, which its residual does not contain.
 
-Kernels act in the environments that the one array ``active`` (env,) lists (see `simgen.fem.batch_arrays`). ``newton``
-sets it before every phase.
+Kernels act in the environments that the one list ``active`` (env,) names (see `simgen.fem.batch_arrays`).
+``nonlinear.newton`` sets it before every phase.
 """

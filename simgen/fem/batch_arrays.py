@@ -16,16 +16,17 @@ from simgen.fem.device import read
 
 wp.set_module_options({"enable_backward": False})
 
+# Types of kernels' arguments
+Vectors, SingleVectors = wp.array2d(dtype=wp.float64), wp.array2d(dtype=wp.float32)  # (row, env)
+Scalars, Indices = wp.array(dtype=wp.float64), wp.array(dtype=wp.int32)  # one for each environment or row
+Envs = Indices  # numbers of the active environments, see `ActiveEnvironments`
+IndexTable = wp.array2d(dtype=wp.int32)
+
 FEW = 4  # a list with less than one in so many environments is short
 
 
 @wp.kernel
-def copy_kernel(
-    source: wp.array2d(dtype=Any),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    copy_out: wp.array2d(dtype=Any),
-):
+def copy_kernel(source: wp.array2d(dtype=Any), active: Envs, copy_out: wp.array2d(dtype=Any)):
     i, lane = wp.tid()
     env = active[lane]
     if env >= 0:
@@ -33,11 +34,7 @@ def copy_kernel(
 
 
 @wp.kernel
-def clear_kernel(
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    cleared_out: wp.array2d(dtype=Any),
-):
+def clear_kernel(active: Envs, cleared_out: wp.array2d(dtype=Any)):
     i, lane = wp.tid()
     env = active[lane]
     if env >= 0:
@@ -50,14 +47,7 @@ for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a later kind would
 
 
 @wp.kernel
-def add_scaled_kernel(
-    start: wp.array2d(dtype=wp.float64),
-    step: wp.array2d(dtype=wp.float64),
-    factor: wp.array(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    x_out: wp.array2d(dtype=wp.float64),
-):
+def add_scaled_kernel(start: Vectors, step: Vectors, factor: Scalars, active: Envs, x_out: Vectors):
     i, lane = wp.tid()
     env = active[lane]
     if env >= 0:
@@ -65,14 +55,7 @@ def add_scaled_kernel(
 
 
 @wp.kernel
-def extrapolate_kernel(
-    before: wp.array2d(dtype=wp.float64),
-    start: wp.array2d(dtype=wp.float64),
-    factor: wp.array(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    x_out: wp.array2d(dtype=wp.float64),
-):
+def extrapolate_kernel(before: Vectors, start: Vectors, factor: Scalars, active: Envs, x_out: Vectors):
     i, lane = wp.tid()
     env = active[lane]
     if env >= 0:

@@ -1,8 +1,8 @@
-"""Arrays of 3 x 3 blocks, one for each environment, in tiles of environments: (tile, row, place in the tile).
+"""Arrays of 3 x 3 blocks for each environment, in tiles of environments: (tile, row, place in the tile).
 
-Block k lies in the rows 9 k to 9 k + 8, row by row. All threads of a GPU's warp, which are environments, so reach for
-neighbouring numbers, and what one warp reads of a matrix lies together: rows of all environments, 2 kB apart with 512
-of them, kept the corner cycle at half of the memory's speed (265 us a smoothing step, in tiles 189, one H200).
+Block k lies in the rows 9 k to 9 k + 8. The threads of a GPU's warp, which are environments, then read neighbouring
+numbers, and one warp's part of a matrix lies together. Without tiles, rows of 512 environments lay 2 kB apart and the
+linear multigrid ran at half of the memory's speed (265 us a smoothing step, in tiles 189, one H200).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.material.neo_hookean import mat33f, vec3f
 
@@ -25,7 +26,7 @@ def zeros(n_blocks: int, n_env: int, device) -> wp.array:
 
 
 def of_environment(blocks: wp.array, env: int) -> np.ndarray:
-    """Blocks (k, 3, 3) of an environment, on the host."""
+    """Copy the blocks (k, 3, 3) of one environment to the host."""
     tile, place = divmod(int(env), TILE)
     return blocks[tile, :, place].contiguous().numpy().reshape(-1, 3, 3)
 
@@ -36,11 +37,7 @@ def clear(blocks: wp.array, active):
 
 
 @wp.kernel
-def clear_kernel(
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    blocks_out: Blocks,
-):
+def clear_kernel(active: Envs, blocks_out: Blocks):
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -74,26 +71,19 @@ def add_block(blocks: Blocks, k: wp.int32, env: wp.int32, K: mat33f):
 
 
 @wp.func
-def load(x: wp.array2d(dtype=wp.float32), node: wp.int32, env: wp.int32) -> vec3f:
+def load(x: SingleVectors, node: wp.int32, env: wp.int32) -> vec3f:
     return vec3f(x[3 * node, env], x[3 * node + 1, env], x[3 * node + 2, env])
 
 
 @wp.func
-def store(x: wp.array2d(dtype=wp.float32), node: wp.int32, env: wp.int32, value: vec3f):
+def store(x: SingleVectors, node: wp.int32, env: wp.int32, value: vec3f):
     for i in range(3):
         x[3 * node + i, env] = value[i]
 
 
 @wp.kernel
-def invert_kernel(
-    blocks: Blocks,
-    diagonal: wp.array(dtype=wp.int32),
-    fixed: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    inverse_out: Blocks,
-):
-    """Invert the diagonal blocks; rows and columns of what is held become zero."""
+def invert_kernel(blocks: Blocks, diagonal: Indices, fixed: Indices, active: Envs, inverse_out: Blocks):
+    """Invert the diagonal blocks; fixed rows and columns of the inverses are zero."""
     node, lane = wp.tid()
     env = active[lane]
     if env < 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from simgen.fem.batch_arrays import SingleVectors
 from simgen.fem.material.neo_hookean import real
 
 wp.set_module_options({"enable_backward": False})
@@ -16,7 +17,7 @@ Chunk = wp.types.vector(length=CHUNK, dtype=wp.float32)
 
 
 @wp.func
-def load_chunk(a: wp.array2d(dtype=wp.float32), c: wp.int32, env: wp.int32):
+def load_chunk(a: SingleVectors, c: wp.int32, env: wp.int32):
     """Chunk c of a vector, with zeros beyond the vector's end."""
     values = Chunk()
     for j in range(CHUNK):
@@ -27,7 +28,7 @@ def load_chunk(a: wp.array2d(dtype=wp.float32), c: wp.int32, env: wp.int32):
 
 
 @wp.func
-def store_chunk(a: wp.array2d(dtype=wp.float32), c: wp.int32, env: wp.int32, values: Chunk):
+def store_chunk(a: SingleVectors, c: wp.int32, env: wp.int32, values: Chunk):
     for j in range(CHUNK):
         i = c * CHUNK + j
         if i < a.shape[0]:

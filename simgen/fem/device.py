@@ -1,8 +1,8 @@
-"""Threads of a process share its device: one at a time gives it work, and lets another in while it waits for results.
+"""Sharing of the device by threads: one at a time launches kernels, and lets another in while it waits for results.
 
-A GPU works on its own. While it makes what one thread waits for, another thread prepares its own kernels, which run on
-another stream. Warp copies with `array.numpy()`, and frees arrays, on CUDA's default stream, which waits for all others
-and lets all others wait. So what is done in every iteration uses `read`, and arrays that are made once.
+While a GPU computes the results of one thread, another thread launches its own kernels on another stream. Warp copies
+with `array.numpy()`, and frees arrays, on CUDA's default stream, which waits for all others and makes all others wait.
+Code that runs in every iteration therefore uses `read`, and arrays that are allocated once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import warp as wp
 
 
 class Queue:
-    """A lock that lets threads in by turns, first come, first served; a plain one may keep to the same thread."""
+    """Lock that serves threads in the order of their arrival; a plain lock may serve the same thread again."""
 
     def __init__(self):
         self._lock, self._turns = threading.Lock(), deque()
@@ -45,12 +45,12 @@ class Queue:
 
     @property
     def mine(self) -> bool:
-        """True for the thread that is in."""
+        """True for the thread that holds the lock."""
         return self._owner == threading.get_ident()
 
     @contextmanager
     def left(self) -> Iterator[None]:
-        """Let other threads in for as long as this one, which is in, waits for the device."""
+        """Release the lock while this thread waits for the device."""
         with self._lock:
             self._waits += 1
         self.__exit__()
@@ -62,31 +62,30 @@ class Queue:
             self.__enter__()
 
     def wait_for_others(self):
-        """Wait until no other thread waits for the device. This one may then do what concerns all of it."""
+        """Wait until no other thread waits for the device: this one may then act on the whole device."""
         while self._waits:
             time.sleep(1e-4)
 
 
 DEVICE = Queue()
 
-# A kernel that takes a second or more to compile is a module of its own: one core compiles a module of Warp, and
-# `load_kernels` compiles as many at once as there are cores.
+# A kernel that takes a second or more to compile is a module of its own: `load_kernels` compiles modules in parallel.
 large_kernel = partial(wp.kernel, module="unique", enable_backward=False)
 
 
 def load_kernels(device: str):
-    """Compile the kernels of all modules that are imported for a GPU, as many modules at once as there are cores.
+    """Compile the kernels of all imported modules for a GPU, as many modules at once as there are cores.
 
-    Warp would compile each one when a kernel of it is first launched, one after the other.
+    Otherwise Warp compiles one module after the other, when it first launches a kernel of it.
     """
     if not wp.get_device(device).is_cpu:
         wp.force_load(device, max_workers=os.cpu_count())
 
 
 def read(*arrays) -> list[np.ndarray]:
-    """The values of arrays on one device. Until the kernels before have ended, other threads may use the device.
+    """Copy arrays of one device to the host; on a CPU these are views.
 
-    They must not change what this thread works on. On a CPU these are views.
+    Other threads may use the device until the kernels before have ended. They must not change this thread's arrays.
     """
     if DEVICE.mine:
         _wait_for(arrays[0].device)
@@ -95,8 +94,7 @@ def read(*arrays) -> list[np.ndarray]:
 
 
 def _wait_for(device: wp.Device):
-    """Let others in until the kernels of this thread's stream have ended. A CPU has done them when they are launched.
-    """
+    """Let others in until the kernels of this thread's stream have ended; on a CPU they have."""
     if device.is_cpu:
         return
     stream = device.stream
@@ -108,7 +106,7 @@ def _wait_for(device: wp.Device):
 
 @contextmanager
 def recording(device) -> Iterator[wp.ScopedCapture]:
-    """Kernels that are launched inside become a graph. No thread may wait for the device meanwhile."""
+    """Record the kernels that are launched inside as a graph. No thread may wait for the device meanwhile."""
     DEVICE.wait_for_others()
     with wp.ScopedCapture(device=device) as recorded:
         yield recorded

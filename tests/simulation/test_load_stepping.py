@@ -46,7 +46,8 @@ def test_multipliers_rest_far_from_balance(block, monkeypatch):
 
     def watch(balance, x):
         measured = measure(balance, x)
-        out_of_balance.append(float(measured.size[0] / measured.load[0]) if measured.load[0] else np.inf)
+        load = float(measured.load_norm[0])
+        out_of_balance.append(float(measured.residual_norm[0]) / load if load else np.inf)
         return measured
 
     def watch_update(contact):

@@ -1,1 +1,1 @@
-"""Frictional contact with rigid bodies: candidates, tractions, forces, multipliers and what is measured of them."""
+"""Contact with rigid shapes: tractions, multipliers, forces and their tangent, candidates, resultants."""

@@ -1,14 +1,15 @@
-"""Which faces can touch the rigid shape in an increment: the others need not be looked at until it has ended.
+"""Candidates: the faces that can touch the rigid shape in an increment. Kernels skip the others until it has ended.
 
-A face is a candidate if one of its quadrature points is nearer to the shape, at the predicted state, than the indenter
-moves in the increment plus one edge, or if a multiplier at one of its corners presses. No point of a body moves further
-than the indenter that presses it; beside an indenter a surface rises by less.
+A face is a candidate if the distance of one of its quadrature points from the shape, at the predicted state, is less
+than the indenter's travel in the increment plus one edge, or if a multiplier at one of its corners is positive. No
+point of a body moves further than the indenter that presses it; beside an indenter a surface rises by less.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from simgen.fem.batch_arrays import Envs, IndexTable, Indices, Scalars, Vectors
 from simgen.fem.contact.traction import Surface, face_point, face_positions, gap_at, gap_lower_bound
 from simgen.fem.material.neo_hookean import real
 
@@ -16,11 +17,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def no_candidates_kernel(
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    count_out: wp.array(dtype=wp.int32),
-):
+def no_candidates_kernel(active: Envs, count_out: Indices):
     env = active[wp.tid()]
     if env >= 0:
         count_out[env] = 0
@@ -28,14 +25,9 @@ def no_candidates_kernel(
 
 @wp.kernel
 def find_candidates_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    travel: wp.array(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, x: Vectors, travel: Scalars, active: Envs,
     # outputs
-    count_out: wp.array(dtype=wp.int32),
-    candidates_out: wp.array2d(dtype=wp.int32),
-    is_candidate_out: wp.array2d(dtype=wp.int32),
+    count_out: Indices, candidates_out: IndexTable, is_candidate_out: IndexTable,
 ):
     f, lane = wp.tid()
     env = active[lane]

@@ -1,14 +1,15 @@
-"""Forces of a contact, and its tangent as an action on vectors and as blocks. The formulas are in ``traction.py``.
+"""Kernels for the forces of a contact and its tangent, as an action on vectors and as blocks.
 
-A face is read and written once: its nodes' forces are summed over its points before they are scattered. The tangent
-is kept at the points that touch, in the order of the candidates: environments, whose candidates differ, lie side by
-side.
+The formulas are in ``traction.py``. A face is read and written once: the forces of its nodes are summed over its points
+before they are scattered. The tangent is stored for points that touch, in the order of the candidates, so that
+environments, whose candidates differ, lie side by side.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from simgen.fem.batch_arrays import Envs, IndexTable, SingleVectors, Vectors
 from simgen.fem.blocks import Blocks, add_block, block, store_block
 from simgen.fem.contact.traction import (
     FACE_NODES,
@@ -30,14 +31,11 @@ face_vectors_f = wp.types.matrix(shape=(FACE_NODES, 3), dtype=wp.float32)
 
 @large_kernel
 def contact_residual_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, x: Vectors, active: Envs,
     # outputs
-    residual_out: wp.array2d(dtype=wp.float64),
-    sums_out: wp.array2d(dtype=wp.vec4d),
+    residual_out: Vectors, sums_out: wp.array2d(dtype=wp.vec4d),
 ):
-    """Forces, and integrals of edge (t - lambda, tau - lambda_t) against the multiplier shape functions."""
+    """Add forces, and integrals of edge (t - lambda, tau - lambda_t) times the multiplier shape functions."""
     k, lane = wp.tid()
     env = active[lane]
     f = candidate_face(s, k, env)
@@ -72,15 +70,8 @@ def contact_residual_kernel(
 
 
 @large_kernel
-def contact_tangent_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    tangent_out: Blocks,
-    touching_out: wp.array2d(dtype=wp.int32),
-):
-    """Keep the tangent at the points that touch, and which these are (a bit each): it serves many Krylov iterations."""
+def contact_tangent_kernel(s: Surface, x: Vectors, active: Envs, tangent_out: Blocks, touching_out: IndexTable):
+    """Store the tangent at points that touch, and the points, a bit each: they serve many Krylov iterations."""
     k, lane = wp.tid()
     env = active[lane]
     f = candidate_face(s, k, env)
@@ -97,7 +88,7 @@ def contact_tangent_kernel(
 
 
 @wp.func
-def touching_points(s: Surface, touching: wp.array2d(dtype=wp.int32), k: wp.int32, env: wp.int32) -> wp.int32:
+def touching_points(s: Surface, touching: IndexTable, k: wp.int32, env: wp.int32) -> wp.int32:
     """Points of candidate k that touch, a bit each; 0 if there is no such candidate or environment (env < 0)."""
     if candidate_face(s, k, env) < 0:
         return 0
@@ -111,13 +102,9 @@ def touches_at(touching: wp.int32, q: wp.int32) -> wp.bool:
 
 @wp.kernel
 def contact_action_kernel(
-    s: Surface,
-    tangent: Blocks,
-    touching: wp.array2d(dtype=wp.int32),
-    v: wp.array2d(dtype=wp.float32),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, tangent: Blocks, touching: IndexTable, v: SingleVectors, active: Envs,
     # outputs
-    action_out: wp.array2d(dtype=wp.float32),
+    action_out: SingleVectors,
 ):
     k, lane = wp.tid()
     env = active[lane]
@@ -147,15 +134,10 @@ def contact_action_kernel(
 
 @wp.func
 def face_block(
-    tangent: Blocks,
-    points: wp.int32,
-    shapes: wp.array2d(dtype=wp.float64),
-    k: wp.int32,
-    a: wp.int32,
-    b: wp.int32,
-    env: wp.int32,
+    tangent: Blocks, points: wp.int32, shapes: wp.array2d(dtype=wp.float64),
+    k: wp.int32, a: wp.int32, b: wp.int32, env: wp.int32,
 ) -> mat33f:
-    """The tangent between two of a face's shape functions (q, nodes)."""
+    """Tangent between two of a face's shape functions (q, node)."""
     total = mat33f()
     for q in range(shapes.shape[0]):
         if touches_at(points, q):
@@ -165,11 +147,7 @@ def face_block(
 
 @wp.kernel
 def contact_blocks_kernel(
-    s: Surface,
-    tangent: Blocks,
-    touching: wp.array2d(dtype=wp.int32),
-    shapes: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, tangent: Blocks, touching: IndexTable, shapes: wp.array2d(dtype=wp.float64), active: Envs,
     block_index: wp.array3d(dtype=wp.int32),
     # outputs
     blocks_out: Blocks,
@@ -187,14 +165,7 @@ def contact_blocks_kernel(
 
 
 @wp.kernel
-def contact_diagonal_kernel(
-    s: Surface,
-    tangent: Blocks,
-    touching: wp.array2d(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    diagonal_out: Blocks,
-):
+def contact_diagonal_kernel(s: Surface, tangent: Blocks, touching: IndexTable, active: Envs, diagonal_out: Blocks):
     k, lane = wp.tid()
     env = active[lane]
     points = touching_points(s, touching, k, env)

@@ -1,12 +1,13 @@
-"""What contact remembers: multipliers, which follow the tractions, and where slip began to count.
+"""Kernels for the history of a contact: multipliers, stiffness factors, and the anchors from which slip counts.
 
-Gathering and scattering only; the formulas are in ``traction.py``.
+The formulas are in ``traction.py``.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from simgen.fem.batch_arrays import Envs, IndexTable, Scalars, Vectors
 from simgen.fem.contact.traction import (
     Surface,
     candidate_face,
@@ -24,25 +25,18 @@ from simgen.geometry.signed_distance import distance
 wp.set_module_options({"enable_backward": False})
 
 
-# Most that a face's stiffness is raised by: where an increment begins, and where it is solved again because the surface
-# overlaps the shape too far. A surface that is held so stiffly everywhere locks: forces rise by 1 to 7 %.
-MOST_STIFFENING, MOST_IN_INCREMENT = 16.0, 128.0
-HELD_OVERLAP = wp.constant(wp.float64(0.15))  # of a face's edge: beyond, its stiffness grows with the overlap
+# Largest factors on a face's stiffness: at the start of an increment, and if the increment is solved again for a deep
+# overlap. With such a stiffness on all faces the surface locks: forces rise by 1 to 7 %.
+MAX_STIFFENING, MAX_IN_INCREMENT = 16.0, 128.0
+ALLOWED_OVERLAP = wp.constant(wp.float64(0.15))  # share of a face's edge: beyond, its stiffness grows with the overlap
 
 
 @large_kernel
-def stiffen_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    most: wp.float64,
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    stiffening_out: wp.array2d(dtype=wp.float64),
-):
-    """The stiffness that a face needs at x, where an increment begins, as a power of two from 1 to ``most``.
+def stiffen_kernel(s: Surface, x: Vectors, most: wp.float64, active: Envs, stiffening_out: Vectors):
+    """Stiffness factor of a face for the increment that begins at x: a power of two from 1 to ``most``.
 
-    That is its largest multiplier over E, or what holds a deep overlap. It is held during the increment: a stiffness
-    that followed every change would be one more nonlinearity.
+    It covers the face's largest multiplier over E, or a deep overlap. It is constant during the increment: a stiffness
+    that changed with the state would be one more nonlinearity.
     """
     f, lane = wp.tid()
     env = active[lane]
@@ -55,8 +49,8 @@ def stiffen_kernel(
         nodes = face_positions(s, x, f, env)
         for q in range(s.areas.shape[1]):
             overlap = -gap_at(s, face_point(nodes, s.shapes, q), f, q, env) / s.edges[f]
-            if overlap > HELD_OVERLAP:
-                needed = wp.max(needed, s.stiffening[f, env] * overlap / HELD_OVERLAP)
+            if overlap > ALLOWED_OVERLAP:
+                needed = wp.max(needed, s.stiffening[f, env] * overlap / ALLOWED_OVERLAP)
     factor = real(1.0)
     while factor < needed and factor < most:
         factor *= real(2.0)
@@ -65,20 +59,15 @@ def stiffen_kernel(
 
 @large_kernel
 def anchor_kernel(
-    s: Surface,
-    x_start: wp.array2d(dtype=wp.float64),
-    x_predicted: wp.array2d(dtype=wp.float64),
-    rotation_start: wp.array(dtype=mat33),
-    origin_start: wp.array(dtype=vec3),
-    carried: wp.array3d(dtype=vec3),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, x_start: Vectors, x_predicted: Vectors, rotation_start: wp.array(dtype=mat33),
+    origin_start: wp.array(dtype=vec3), carried: wp.array3d(dtype=vec3), active: Envs,
     # outputs
     anchor_out: wp.array3d(dtype=vec3),
 ):
-    """Where slip begins to count, in the shape's frame.
+    """Anchors from which slip counts, in the shape's frame.
 
-    A point in contact: behind the start by the slip that it carries. Else on the straight path to the predicted state:
-    where a point that is apart by g0 and would overlap by -g1 enters, or at the path's end if it is not to enter.
+    In contact, the anchor is the start minus the slip carried over. Otherwise it lies on the straight path to the
+    predicted state: where a point with gap g0 at the start and g1 < 0 at the end enters contact, or at the path's end.
     """
     k, lane = wp.tid()
     env = active[lane]
@@ -102,25 +91,21 @@ def anchor_kernel(
 
 @large_kernel
 def carry_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    was_candidate: wp.array2d(dtype=wp.int32),
-    stiffening: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, x: Vectors, was_candidate: IndexTable, stiffening: Vectors, active: Envs,
     # outputs
     carried_out: wp.array3d(dtype=vec3),
 ):
-    """The slip, in the shape's frame, that makes the next increment begin with the friction traction of this state.
+    """Slip carried over, in the shape's frame: with it the next increment begins with the friction of this state.
 
-    The multipliers meet the tractions only on average around a corner. Were slip counted anew at every increment, what
-    differs at a point would be forgotten, and a contact that sticks would creep with the number of increments.
+    Multipliers equal the tractions only on average around a corner. Without the carried slip the difference at a point
+    would be lost, and a sticking contact would creep with the number of increments.
     """
     k, lane = wp.tid()
     env = active[lane]
     f = candidate_face(s, k, env)
     if f < 0:
         return
-    touched = was_candidate[f, env] == 1  # else its anchor is of an earlier increment, or of another press
+    touched = was_candidate[f, env] == 1  # otherwise the anchor is an old one
     nodes = face_positions(s, x, f, env)
     k_inverse = s.edges[f] / (stiffening[f, env] * s.friction_stiffness)
     for q in range(s.areas.shape[1]):
@@ -132,13 +117,13 @@ def carry_kernel(
 
 
 @wp.func
-def moved_normal(s: Surface, sums: wp.array2d(dtype=wp.vec4d), weight: real, slot: wp.int32, env: wp.int32) -> real:
+def updated_normal(s: Surface, sums: wp.array2d(dtype=wp.vec4d), weight: real, slot: wp.int32, env: wp.int32) -> real:
     return wp.max(s.normal[slot, env] + sums[slot, env][0] / weight, real(0.0))
 
 
 @wp.func
-def moved_tangential(
-    s: Surface, sums: wp.array2d(dtype=wp.vec4d), weight: real, normal: real, slot: wp.int32, env: wp.int32
+def updated_tangential(
+    s: Surface, sums: wp.array2d(dtype=wp.vec4d), weight: real, normal: real, slot: wp.int32, env: wp.int32,
 ) -> vec3:
     found = sums[slot, env]
     return return_to_cone(
@@ -147,56 +132,38 @@ def moved_tangential(
 
 
 @wp.kernel
-def change_kernel(
-    s: Surface,
-    weights: wp.array(dtype=wp.float64),
-    sums: wp.array2d(dtype=wp.vec4d),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    change_out: wp.array2d(dtype=wp.float64),
-):
-    """Squared change and squared size of the multipliers in an update, summed (lumped, area times edge)."""
+def change_kernel(s: Surface, weights: Scalars, sums: wp.array2d(dtype=wp.vec4d), active: Envs, change_out: Vectors):
+    """Sum the squared change and squared size of the multipliers in an update (lumped, area times edge)."""
     slot, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     w = weights[slot]
-    normal = moved_normal(s, sums, w, slot, env)
+    normal = updated_normal(s, sums, w, slot, env)
     dn = normal - s.normal[slot, env]
-    dt = moved_tangential(s, sums, w, normal, slot, env) - s.tangential[slot, env]
+    dt = updated_tangential(s, sums, w, normal, slot, env) - s.tangential[slot, env]
     wp.atomic_add(change_out, 0, env, w * (dn * dn + wp.dot(dt, dt)))
     wp.atomic_add(change_out, 1, env, w * normal * normal)
 
 
 @wp.kernel
-def update_kernel(
-    s: Surface,
-    weights: wp.array(dtype=wp.float64),
-    sums: wp.array2d(dtype=wp.vec4d),
-    active: wp.array(dtype=wp.int32),
-):
+def update_kernel(s: Surface, weights: Scalars, sums: wp.array2d(dtype=wp.vec4d), active: Envs):
     """Move the multipliers."""
     slot, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     w = weights[slot]
-    normal = moved_normal(s, sums, w, slot, env)
-    s.tangential[slot, env] = moved_tangential(s, sums, w, normal, slot, env)
+    normal = updated_normal(s, sums, w, slot, env)
+    s.tangential[slot, env] = updated_tangential(s, sums, w, normal, slot, env)
     s.normal[slot, env] = normal
 
 
 @wp.kernel
 def extrapolate_kernel(
-    s: Surface,
-    normal_before: wp.array2d(dtype=wp.float64),
-    tangential_before: wp.array2d(dtype=vec3),
-    factor: wp.array(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, normal_before: Vectors, tangential_before: wp.array2d(dtype=vec3), factor: Scalars, active: Envs,
 ):
-    """Move the multipliers on along the line from those before: displacements that go on without them meet the forces
-    of the last state.
-    """
+    """Extrapolate the multipliers as the displacements are: otherwise these meet the forces of the last state."""
     slot, lane = wp.tid()
     env = active[lane]
     if env < 0:

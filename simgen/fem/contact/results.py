@@ -1,12 +1,10 @@
-"""What is measured of a contact: gaps, forces and moments, overlap.
-
-Gathering and scattering only; the formulas are in ``traction.py``.
-"""
+"""Kernels for results of a contact: gaps, forces and moments, overlap. The formulas are in ``traction.py``."""
 
 from __future__ import annotations
 
 import warp as wp
 
+from simgen.fem.batch_arrays import Envs, Scalars, Vectors
 from simgen.fem.contact.traction import (
     Surface,
     candidate_face,
@@ -22,17 +20,11 @@ from simgen.fem.material.neo_hookean import real, vec3
 
 wp.set_module_options({"enable_backward": False})
 
-SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # of the limit: where a traction is returned to the cone, it is rounded
+SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # share of the cone's radius that counts as on the cone: rounding
 
 
 @large_kernel
-def gap_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    gap_out: wp.array3d(dtype=wp.float64),
-):
+def gap_kernel(s: Surface, x: Vectors, active: Envs, gap_out: wp.array3d(dtype=wp.float64)):
     f, q, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -42,16 +34,12 @@ def gap_kernel(
 
 @large_kernel
 def resultant_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, x: Vectors, active: Envs,
     # outputs
-    force_out: wp.array(dtype=vec3),
-    moment_out: wp.array(dtype=vec3),
-    sums_out: wp.array2d(dtype=wp.float64),
+    force_out: wp.array(dtype=vec3), moment_out: wp.array(dtype=vec3), sums_out: Vectors,
 ):
-    """Force and moment on the sensor; rows of ``sums_out``: area in contact, integral of g^2 there, max -g, and the
-    area in contact where friction is at its limit.
+    """Force and moment on the sensor. Rows of ``sums_out``: contact area, integral of g^2 over it, max -g, and the
+    contact area that slides.
     """
     k, lane = wp.tid()
     env = active[lane]
@@ -75,14 +63,11 @@ def resultant_kernel(
 
 @large_kernel
 def corner_forces_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    first: wp.int32,
+    s: Surface, x: Vectors, active: Envs, first: wp.int32,
     # outputs
     force_out: wp.array3d(dtype=wp.float64),
 ):
-    """Forces (slot, component, lane) on the sensor, shared among the corners of faces by their linear shape functions.
+    """Forces (slot, component, lane) on the sensor, distributed to corners by the faces' linear shape functions.
 
     Lane 0 is the environment ``active[first]``.
     """
@@ -103,18 +88,13 @@ def corner_forces_kernel(
 
 @large_kernel
 def nearest_kernel(
-    s: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    dense: wp.array2d(dtype=wp.float64),
-    at_rest: wp.float64,
-    active: wp.array(dtype=wp.int32),
+    s: Surface, x: Vectors, dense: wp.array2d(dtype=wp.float64), at_rest: wp.float64, active: Envs,
     # outputs
-    distance_out: wp.array(dtype=wp.float64),
-    of_edge_out: wp.array(dtype=wp.float64),
+    distance_out: Scalars, of_edge_out: Scalars,
 ):
-    """Least distance of the shape from the surface at points with shape functions ``dense`` (point, nodes).
+    """Least distance of the shape from the surface at points with shape functions ``dense`` (point, node).
 
-    And the largest overlap over the edge of its own face, of what lies deeper than ``at_rest``.
+    Also the largest overlap beyond ``at_rest``, over the edge of its face.
     """
     f, lane = wp.tid()
     env = active[lane]
@@ -133,15 +113,11 @@ def nearest_kernel(
 
 @large_kernel
 def room_kernel(
-    s: Surface,
-    other: Surface,
-    x: wp.array2d(dtype=wp.float64),
-    dense: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    s: Surface, other: Surface, x: Vectors, dense: wp.array2d(dtype=wp.float64), active: Envs,
     # outputs
-    room_out: wp.array(dtype=wp.float64),
+    room_out: Scalars,
 ):
-    """Least distance from another contact's shape that is left beyond the overlap, at points that overlap the shape."""
+    """Least distance from another contact's shape minus the overlap, at points that overlap this shape."""
     f, lane = wp.tid()
     env = active[lane]
     if env < 0:

@@ -5,26 +5,27 @@ Normal traction at a surface point: ``t = max(0, lambda - k g)``. Friction tract
 92, 1991). ``s`` is the slip since the start of the increment, or since the point's entry into contact if that came
 later.
 
-k is a number times E over the face's edge, so that a mesh holds the indenter equally well at any size, and so do its
-fine and its coarse faces (as in Nitsche's method: Chouly and Hild, SIAM J. Numer. Anal. 51, 2013). Where the pressure
-exceeds E, k grows with it (see ``stiffen_kernel``): under fillets pressures reach 9 E, and with one k for all faces the
-surface overlaps the indenter there by half a face.
+k is a number times E over the face's edge, so that meshes of any size, and their fine and coarse faces, hold the
+indenter equally well (as in Nitsche's method: Chouly and Hild, SIAM J. Numer. Anal. 51, 2013). Where the pressure
+exceeds E, k grows with it (see ``stiffen_kernel``): under fillets pressures reach 9 E, and with the same k for all
+faces the surface overlaps the indenter there by half a face.
 
 Multipliers are linear on each face (one per corner) and contact is integrated over the quadratic faces at 12 points:
 with one multiplier per quadratic node they oscillate against incompressibility. An update moves each multiplier by the
-mean of t - lambda (and tau - lambda_t) around its corner, weighted by area / k, as stationarity of the Lagrangian asks;
-its fixed point is the projection of the tractions. What remains at a point between the two is carried as slip into the
-next increment (``contact.py``): if it is forgotten, a contact that sticks creeps with every step.
+mean of t - lambda (and tau - lambda_t) around its corner, weighted by area / k, as stationarity of the Lagrangian
+requires. Its fixed point is the projection of the tractions. The difference that remains at a point is carried as slip
+into the next increment (``contact.py``): otherwise a sticking contact creeps with every step.
 
-The cone uses t itself, so that Coulomb's law holds at every point whatever the mesh; its derivative by the gap makes
-the tangent of sliding points unsymmetric. A cone from the lagged lambda is symmetric, but where a patch is as large as
-a face, lambda and t differ from point to point, and a sphere dragged across a coarse mesh lost a third of its friction.
+The cone uses t itself, so that Coulomb's law holds at every point of any mesh. Its derivative by the gap makes the
+tangent of sliding points unsymmetric. A cone of the lagged lambda is symmetric, but where a patch is as large as a
+face, lambda and t differ from point to point: a sphere dragged across a coarse mesh lost a third of its friction.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from simgen.fem.batch_arrays import Vectors
 from simgen.fem.elements.element_fields import gather
 from simgen.fem.material.neo_hookean import mat33, real, vec3
 from simgen.geometry.signed_distance import Probe, RigidShape, distance, probe
@@ -40,7 +41,7 @@ face_vectors = wp.types.matrix(shape=(FACE_NODES, 3), dtype=wp.float64)  # one f
 
 @wp.struct
 class Surface:
-    """The faces of one contact term and where its rigid shape stands, per environment."""
+    """Faces of one contact, its rigid shapes and their poses, and its history, per environment."""
 
     positions: wp.array(dtype=vec3)  # (node,) rest positions, mm
     faces: wp.array2d(dtype=wp.int32)  # (face, 6)
@@ -53,12 +54,12 @@ class Surface:
     shape_of: wp.array(dtype=wp.int32)  # (env,)
     rotation: wp.array(dtype=mat33)  # (env,) shape frame -> sensor frame
     origin: wp.array(dtype=vec3)  # (env,) mm
-    anchor: wp.array3d(dtype=vec3)  # (face, q, env) mm, shape frame: where the point was when its slip began to count
+    anchor: wp.array3d(dtype=vec3)  # (face, q, env) mm, shape frame: point from which slip counts
     normal: wp.array2d(dtype=wp.float64)  # (slot, env) lambda
     tangential: wp.array2d(dtype=vec3)  # (slot, env) lambda_t
     edges: wp.array(dtype=wp.float64)  # (face,) mm: an edge of a triangle of the face's area
-    candidates: wp.array2d(dtype=wp.int32)  # (k, env) faces that can touch in this increment, so many of them:
-    count: wp.array(dtype=wp.int32)  # (env,)
+    candidates: wp.array2d(dtype=wp.int32)  # (k, env) faces that can touch in this increment
+    count: wp.array(dtype=wp.int32)  # (env,) candidates
     stiffening: wp.array2d(dtype=wp.float64)  # (face, env) factor on both stiffnesses in this increment
     stiffness: wp.float64  # k times edge, of the normal traction
     friction_stiffness: wp.float64  # k times edge, of the friction traction
@@ -88,7 +89,7 @@ def candidate_face(s: Surface, k: wp.int32, env: wp.int32) -> wp.int32:
 
 
 @wp.func
-def face_positions(s: Surface, x: wp.array2d(dtype=wp.float64), f: wp.int32, env: wp.int32) -> face_vectors:
+def face_positions(s: Surface, x: Vectors, f: wp.int32, env: wp.int32) -> face_vectors:
     """Deformed positions of the face's six nodes, (6, 3) mm; load them once per face."""
     positions = face_vectors()
     for a in range(FACE_NODES):
@@ -160,7 +161,7 @@ def return_to_cone(trial: vec3, radius: real) -> vec3:
 
 @wp.func
 def return_tangent(trial: vec3, radius: real, plane: mat33) -> mat33:
-    """Derivative of :func:`return_to_cone` within the tangent plane: the plane's projector while it sticks."""
+    """Derivative of :func:`return_to_cone` within the tangent plane; the plane's projector where it sticks."""
     size = wp.length(trial)
     if size <= radius:
         return plane
@@ -181,7 +182,7 @@ def traction_at(s: Surface, position: vec3, f: wp.int32, q: wp.int32, env: wp.in
     if out.pressure <= real(0.0):
         out.pressure = real(0.0)
         return out
-    found = probe_in_sensor_frame(s, position, f, q, env)  # most points are open: normal and curvature are for the rest
+    found = probe_in_sensor_frame(s, position, f, q, env)  # most points end above, without normal and curvature
     out.normal = found.normal
     out.tangent = normal_k * wp.outer(out.normal, out.normal) - out.pressure * found.curvature
     if s.friction > real(0.0):

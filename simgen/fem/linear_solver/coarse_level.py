@@ -11,6 +11,7 @@ import scipy.sparse as sparse
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, IndexTable, Indices
 from simgen.fem.blocks import TILE, Blocks, block
 from simgen.fem.linear_solver import dense_inverse
 from simgen.fem.linear_solver.aggregation import MOTIONS
@@ -23,13 +24,8 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def galerkin_kernel(
-    row_starts: wp.array(dtype=wp.int32),
-    neighbours: wp.array(dtype=wp.int32),
-    blocks: Blocks,
-    motions: wp.array2d(dtype=wp.int32),
-    basis: wp.array2d(dtype=vec3f),
-    m: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    row_starts: Indices, neighbours: Indices, blocks: Blocks, motions: IndexTable, basis: wp.array2d(dtype=vec3f),
+    m: wp.int32, active: Envs,
     # outputs
     matrices_out: dense_inverse.Matrices,
 ):
@@ -50,13 +46,7 @@ def galerkin_kernel(
 
 
 @wp.kernel
-def clear_kernel(
-    m: wp.int32,
-    used: wp.int32,
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    matrices_out: dense_inverse.Matrices,
-):
+def clear_kernel(m: wp.int32, used: wp.int32, active: Envs, matrices_out: dense_inverse.Matrices):
     """Zero, except for ones on the diagonal of padding rows."""
     row, lane = wp.tid()
     env = active[lane]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, SingleVectors
 from simgen.fem.blocks import TILE
 from simgen.fem.device import recording
 from simgen.fem.material.neo_hookean import single
@@ -44,13 +45,9 @@ def store_block(matrices: Matrices, m: wp.int32, i: wp.int32, j: wp.int32, env: 
 
 @wp.kernel
 def scale_kernel(
-    m: wp.int32,
-    first: wp.int32,
-    k: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    m: wp.int32, first: wp.int32, k: wp.int32, active: Envs,
     # outputs
-    matrices_out: Matrices,
-    column_out: wp.array3d(dtype=wp.float32),
+    matrices_out: Matrices, column_out: wp.array3d(dtype=wp.float32),
 ):
     """Copy block column k of the panel's diagonal square, with its pivot inverted, and scale block row k."""
     place, lane = wp.tid()
@@ -68,11 +65,7 @@ def scale_kernel(
 
 @wp.kernel
 def eliminate_kernel(
-    column: wp.array3d(dtype=wp.float32),
-    m: wp.int32,
-    first: wp.int32,
-    k: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    column: wp.array3d(dtype=wp.float32), m: wp.int32, first: wp.int32, k: wp.int32, active: Envs,
     # outputs
     matrices_out: Matrices,
 ):
@@ -94,13 +87,9 @@ def eliminate_kernel(
 
 @wp.kernel
 def panels_kernel(
-    matrices: Matrices,
-    m: wp.int32,
-    first: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    matrices: Matrices, m: wp.int32, first: wp.int32, active: Envs,
     # outputs
-    column_out: wp.array3d(dtype=wp.float32),
-    rows_out: wp.array3d(dtype=wp.float32),
+    column_out: wp.array3d(dtype=wp.float32), rows_out: wp.array3d(dtype=wp.float32),
 ):
     """Copy the panel's block columns, and its block rows times the inverse of its square, which is in its place."""
     j, p, lane = wp.tid()
@@ -116,11 +105,8 @@ def panels_kernel(
 
 @wp.kernel
 def update_kernel(
-    column: wp.array3d(dtype=wp.float32),
-    rows: wp.array3d(dtype=wp.float32),
-    m: wp.int32,
-    first: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    column: wp.array3d(dtype=wp.float32), rows: wp.array3d(dtype=wp.float32), m: wp.int32, first: wp.int32,
+    active: Envs,
     # outputs
     matrices_out: Matrices,
 ):
@@ -147,14 +133,7 @@ def update_kernel(
 
 
 @wp.kernel
-def multiply_kernel(
-    matrices: Matrices,
-    m: wp.int32,
-    x: wp.array2d(dtype=wp.float32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    y_out: wp.array2d(dtype=wp.float32),
-):
+def multiply_kernel(matrices: Matrices, m: wp.int32, x: SingleVectors, active: Envs, y_out: SingleVectors):
     """Add a part of the columns of a strip of rows times x. The matrix is symmetric: rows are read as columns."""
     strip, part, lane = wp.tid()
     env = active[lane]

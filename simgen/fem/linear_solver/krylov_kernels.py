@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from simgen.fem.batch_arrays import Envs, Indices, Scalars, SingleVectors, Vectors
 from simgen.fem.chunks import CHUNK, chunk_dot, load_chunk, store_chunk
 from simgen.fem.material.neo_hookean import real, single
 
@@ -20,13 +21,7 @@ IMAGES_PER_THREAD = 4  # inner products with a new image in one thread: most sys
 
 
 @wp.kernel
-def dots_kernel(
-    a: wp.array2d(dtype=Any),
-    b: wp.array2d(dtype=Any),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    products_out: wp.array(dtype=wp.float64),
-):
+def dots_kernel(a: wp.array2d(dtype=Any), b: wp.array2d(dtype=Any), active: Envs, products_out: Scalars):
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -43,15 +38,9 @@ for _kind in (wp.float64, wp.float32):
 
 @wp.kernel
 def begin_kernel(
-    b: wp.array2d(dtype=wp.float64),
-    squares: wp.array(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    b: Vectors, squares: Scalars, active: Envs,
     # outputs
-    residual_out: wp.array2d(dtype=wp.float32),
-    size_out: wp.array(dtype=wp.float64),
-    count_out: wp.array(dtype=wp.int32),
-    relative_out: wp.array(dtype=wp.float64),
-    stagnated_out: wp.array(dtype=wp.int32),
+    residual_out: SingleVectors, size_out: Scalars, count_out: Indices, relative_out: Scalars, stagnated_out: Indices,
 ):
     i, lane = wp.tid()
     env = active[lane]
@@ -71,13 +60,9 @@ def begin_kernel(
 
 @wp.kernel
 def clear_kernel(
-    count: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
+    count: Indices, active: Envs,
     # outputs
-    products_out: wp.array3d(dtype=wp.float64),
-    square_out: wp.array(dtype=wp.float64),
-    along_out: wp.array(dtype=wp.float64),
-    residual_square_out: wp.array(dtype=wp.float64),
+    products_out: wp.array3d(dtype=wp.float64), square_out: Scalars, along_out: Scalars, residual_square_out: Scalars,
 ):
     env = active[wp.tid()]
     if env < 0:
@@ -92,10 +77,7 @@ def clear_kernel(
 
 @wp.kernel
 def project_kernel(
-    images: wp.array3d(dtype=wp.float32),
-    image: wp.array2d(dtype=wp.float32),
-    count: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
+    images: wp.array3d(dtype=wp.float32), image: SingleVectors, count: Indices, active: Envs,
     # outputs
     products_out: wp.array3d(dtype=wp.float64),
 ):
@@ -116,18 +98,11 @@ def project_kernel(
 
 @wp.kernel
 def orthogonalize_kernel(
-    direction: wp.array2d(dtype=wp.float32),
-    image: wp.array2d(dtype=wp.float32),
-    residual: wp.array2d(dtype=wp.float32),
-    products: wp.array3d(dtype=wp.float64),
-    inverse_squares: wp.array2d(dtype=wp.float64),
-    count: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
+    direction: SingleVectors, image: SingleVectors, residual: SingleVectors, products: wp.array3d(dtype=wp.float64),
+    inverse_squares: Vectors, count: Indices, active: Envs,
     # outputs
-    directions_out: wp.array3d(dtype=wp.float32),
-    images_out: wp.array3d(dtype=wp.float32),
-    square_out: wp.array(dtype=wp.float64),
-    along_out: wp.array(dtype=wp.float64),
+    directions_out: wp.array3d(dtype=wp.float32), images_out: wp.array3d(dtype=wp.float32), square_out: Scalars,
+    along_out: Scalars,
 ):
     """Store the direction and its image, made orthogonal to the others; sum its square and product with the residual.
 
@@ -150,16 +125,9 @@ def orthogonalize_kernel(
 
 @wp.kernel
 def advance_kernel(
-    images: wp.array3d(dtype=wp.float32),
-    square: wp.array(dtype=wp.float64),
-    along: wp.array(dtype=wp.float64),
-    count: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
+    images: wp.array3d(dtype=wp.float32), square: Scalars, along: Scalars, count: Indices, active: Envs,
     # outputs
-    inverse_squares_out: wp.array2d(dtype=wp.float64),
-    steps_out: wp.array2d(dtype=wp.float64),
-    residual_out: wp.array2d(dtype=wp.float32),
-    residual_square_out: wp.array(dtype=wp.float64),
+    inverse_squares_out: Vectors, steps_out: Vectors, residual_out: SingleVectors, residual_square_out: Scalars,
 ):
     """Take from the residual what the last image has of it; squares of what is residual_square."""
     c, lane = wp.tid()
@@ -178,12 +146,7 @@ def advance_kernel(
 
 
 @wp.kernel
-def select_unsolved_kernel(
-    relative: wp.array(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    keep_out: wp.array(dtype=wp.int32),
-):
+def select_unsolved_kernel(relative: Scalars, active: Envs, keep_out: Indices):
     """Systems of which nothing is residual_square, or nothing to be had, rest."""
     lane = wp.tid()
     env = active[lane]
@@ -193,13 +156,9 @@ def select_unsolved_kernel(
 
 @wp.kernel
 def compact_kernel(
-    keep: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    most: wp.int32,
+    keep: Indices, active: Envs, most: wp.int32,
     # outputs
-    kept_out: wp.array(dtype=wp.int32),
-    iterations_out: wp.array(dtype=wp.int32),
-    unfinished_out: wp.array(dtype=wp.int32),
+    kept_out: Indices, iterations_out: Indices, unfinished_out: Indices,
 ):
     """Compact the list to the systems to keep, in order; another iteration follows if any is left, up to ``most``."""
     lane = wp.tid()
@@ -222,17 +181,9 @@ def compact_kernel(
 
 @wp.kernel
 def check_convergence_kernel(
-    residual_square: wp.array(dtype=wp.float64),
-    tolerance: real,
-    loose: real,
-    tight: real,
-    size: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    residual_square: Scalars, tolerance: real, loose: real, tight: real, size: wp.int32, active: Envs,
     # outputs
-    count_out: wp.array(dtype=wp.int32),
-    stagnated_out: wp.array(dtype=wp.int32),
-    relative_out: wp.array(dtype=wp.float64),
-    keep_out: wp.array(dtype=wp.int32),
+    count_out: Indices, stagnated_out: Indices, relative_out: Scalars, keep_out: Indices,
 ):
     """Keep systems whose residual is above their tolerance, or above ``tight`` if that is less.
 
@@ -259,14 +210,10 @@ def check_convergence_kernel(
 
 @wp.kernel
 def seed_kernel(
-    residual: wp.array2d(dtype=wp.float32),
-    images: wp.array3d(dtype=wp.float32),
-    inverse_squares: wp.array2d(dtype=wp.float64),
-    count: wp.array(dtype=wp.int32),
-    stagnated: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
+    residual: SingleVectors, images: wp.array3d(dtype=wp.float32), inverse_squares: Vectors, count: Indices,
+    stagnated: Indices, active: Envs,
     # outputs
-    seed_out: wp.array2d(dtype=wp.float32),
+    seed_out: SingleVectors,
 ):
     """Vector whose preconditioned form is the next direction: the residual, or the last image where it stagnated.
 
@@ -286,12 +233,9 @@ def seed_kernel(
 
 @wp.kernel
 def substitute_kernel(
-    products: wp.array3d(dtype=wp.float64),
-    inverse_squares: wp.array2d(dtype=wp.float64),
-    count: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
+    products: wp.array3d(dtype=wp.float64), inverse_squares: Vectors, count: Indices, active: Envs,
     # outputs
-    steps_out: wp.array2d(dtype=wp.float64),
+    steps_out: Vectors,
 ):
     """Turn steps along the orthogonal images into steps along the directions, by back substitution."""
     env = active[wp.tid()]
@@ -305,13 +249,9 @@ def substitute_kernel(
 
 @wp.kernel
 def end_kernel(
-    directions: wp.array3d(dtype=wp.float32),
-    steps: wp.array2d(dtype=wp.float64),
-    count: wp.array(dtype=wp.int32),
-    size: wp.array(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
+    directions: wp.array3d(dtype=wp.float32), steps: Vectors, count: Indices, size: Scalars, active: Envs,
     # outputs
-    x_out: wp.array2d(dtype=wp.float64),
+    x_out: Vectors,
 ):
     i, lane = wp.tid()
     env = active[lane]

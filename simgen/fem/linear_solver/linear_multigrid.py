@@ -7,6 +7,7 @@ import scipy.sparse as sparse
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.blocks import Blocks, block, clear, invert_kernel, load, of_environment, store, zeros
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver.aggregation import coarse_space, largest_eigenvalue
@@ -38,12 +39,7 @@ def chebyshev(largest: float, steps: int, spread: float) -> list[tuple[float, fl
 
 @wp.func
 def row_residual(
-    row_starts: wp.array(dtype=wp.int32),
-    columns: wp.array(dtype=wp.int32),
-    blocks: Blocks,
-    x: wp.array2d(dtype=wp.float32),
-    b: wp.array2d(dtype=wp.float32),
-    row: wp.int32,
+    row_starts: Indices, columns: Indices, blocks: Blocks, x: SingleVectors, b: SingleVectors, row: wp.int32,
     env: wp.int32,
 ) -> vec3f:
     r, begin, end = load(b, row, env), row_starts[row], row_starts[row + 1]
@@ -58,14 +54,9 @@ def row_residual(
 
 @wp.kernel
 def residual_kernel(
-    row_starts: wp.array(dtype=wp.int32),
-    columns: wp.array(dtype=wp.int32),
-    blocks: Blocks,
-    x: wp.array2d(dtype=wp.float32),
-    b: wp.array2d(dtype=wp.float32),
-    active: wp.array(dtype=wp.int32),
+    row_starts: Indices, columns: Indices, blocks: Blocks, x: SingleVectors, b: SingleVectors, active: Envs,
     # outputs
-    residual_out: wp.array2d(dtype=wp.float32),
+    residual_out: SingleVectors,
 ):
     row, lane = wp.tid()
     env = active[lane]
@@ -76,13 +67,9 @@ def residual_kernel(
 
 @wp.kernel
 def chebyshev_start_kernel(
-    inverse: Blocks,
-    b: wp.array2d(dtype=wp.float32),
-    step: single,
-    active: wp.array(dtype=wp.int32),
+    inverse: Blocks, b: SingleVectors, step: single, active: Envs,
     # outputs
-    direction_out: wp.array2d(dtype=wp.float32),
-    x_out: wp.array2d(dtype=wp.float32),
+    direction_out: SingleVectors, x_out: SingleVectors,
 ):
     """The first step, from x = 0."""
     row, lane = wp.tid()
@@ -96,18 +83,10 @@ def chebyshev_start_kernel(
 
 @wp.kernel
 def chebyshev_kernel(
-    row_starts: wp.array(dtype=wp.int32),
-    columns: wp.array(dtype=wp.int32),
-    blocks: Blocks,
-    inverse: Blocks,
-    x: wp.array2d(dtype=wp.float32),
-    b: wp.array2d(dtype=wp.float32),
-    keep: single,
-    step: single,
-    active: wp.array(dtype=wp.int32),
+    row_starts: Indices, columns: Indices, blocks: Blocks, inverse: Blocks, x: SingleVectors, b: SingleVectors,
+    keep: single, step: single, active: Envs,
     # outputs
-    direction_out: wp.array2d(dtype=wp.float32),
-    x_out: wp.array2d(dtype=wp.float32),
+    direction_out: SingleVectors, x_out: SingleVectors,
 ):
     row, lane = wp.tid()
     env = active[lane]

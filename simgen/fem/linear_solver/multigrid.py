@@ -16,6 +16,7 @@ import scipy.sparse as sparse
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, SingleVectors
 from simgen.fem.blocks import Blocks, block, clear, invert_kernel, load, store, zeros
 from simgen.fem.chunks import chunks, load_chunk, store_chunk
 from simgen.fem.elements.elasticity import Elasticity
@@ -31,14 +32,7 @@ QUADRATIC_SPREAD = 3.0  # largest over smallest eigenvalue that is smoothed
 
 
 @wp.kernel
-def smooth_kernel(
-    inverse: Blocks,
-    residual: wp.array2d(dtype=wp.float32),
-    step: single,
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    x_out: wp.array2d(dtype=wp.float32),
-):
+def smooth_kernel(inverse: Blocks, residual: SingleVectors, step: single, active: Envs, x_out: SingleVectors):
     node, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -48,12 +42,7 @@ def smooth_kernel(
 
 
 @wp.kernel
-def negative_kernel(
-    a: wp.array2d(dtype=wp.float32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    negative_out: wp.array2d(dtype=wp.float32),
-):
+def negative_kernel(a: SingleVectors, active: Envs, negative_out: SingleVectors):
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, Indices, Scalars, SingleVectors, Vectors
 from simgen.fem.linear_solver.factor import SparseFactor
 from simgen.fem.linear_solver.krylov import Dots
 from simgen.fem.linear_solver.multigrid import Multigrid
@@ -25,12 +26,9 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def pressures_kernel(
-    schur: wp.array(dtype=wp.float32),
-    r: wp.array2d(dtype=wp.float32),
-    n_displacements: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    schur: wp.array(dtype=wp.float32), r: SingleVectors, n_displacements: wp.int32, active: Envs,
     # outputs
-    z_out: wp.array2d(dtype=wp.float32),
+    z_out: SingleVectors,
 ):
     i, lane = wp.tid()
     env = active[lane]
@@ -41,13 +39,7 @@ def pressures_kernel(
 
 
 @wp.kernel
-def free_part_kernel(
-    gradient: wp.array2d(dtype=wp.float64),
-    fixed: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    free_out: wp.array2d(dtype=wp.float32),
-):
+def free_part_kernel(gradient: Vectors, fixed: Indices, active: Envs, free_out: SingleVectors):
     i, lane = wp.tid()
     env = active[lane]
     if env >= 0:
@@ -56,14 +48,9 @@ def free_part_kernel(
 
 @wp.kernel
 def border_kernel(
-    response: wp.array2d(dtype=wp.float32),
-    stiffness: wp.array(dtype=wp.float64),
-    along: wp.array(dtype=wp.float64),
-    r: wp.array2d(dtype=wp.float32),
-    row: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    response: SingleVectors, stiffness: Scalars, along: Scalars, r: SingleVectors, row: wp.int32, active: Envs,
     # outputs
-    z_out: wp.array2d(dtype=wp.float32),
+    z_out: SingleVectors,
 ):
     i, lane = wp.tid()
     env = active[lane]

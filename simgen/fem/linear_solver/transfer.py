@@ -7,6 +7,7 @@ import scipy.sparse as sparse
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.material.neo_hookean import single
 
 wp.set_module_options({"enable_backward": False})
@@ -14,15 +15,10 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def sparse_kernel(
-    row_starts: wp.array(dtype=wp.int32),
-    columns: wp.array(dtype=wp.int32),
-    values: wp.array(dtype=wp.float32),
-    x: wp.array2d(dtype=wp.float32),
-    factor: single,
-    keep: wp.bool,
-    active: wp.array(dtype=wp.int32),
+    row_starts: Indices, columns: Indices, values: wp.array(dtype=wp.float32), x: SingleVectors, factor: single,
+    keep: wp.bool, active: Envs,
     # outputs
-    y_out: wp.array2d(dtype=wp.float32),
+    y_out: SingleVectors,
 ):
     """y = factor times M x, plus y if ``keep``."""
     row, lane = wp.tid()

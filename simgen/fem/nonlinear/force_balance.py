@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, Indices, Vectors
 from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.device import read
 from simgen.fem.material.neo_hookean import real, vec3
@@ -20,15 +21,9 @@ SMALLEST_MULTIPLIERS = 1e-6  # E mm, L2 norm of the contact multipliers: a conta
 
 @wp.kernel
 def balance_kernel(
-    internal: wp.array2d(dtype=wp.float64),
-    surface: wp.array2d(dtype=wp.float64),
-    step: wp.array2d(dtype=wp.float64),
-    fixed: wp.array(dtype=wp.int32),
-    n_displacements: wp.int32,
-    active: wp.array(dtype=wp.int32),
+    internal: Vectors, surface: Vectors, step: Vectors, fixed: Indices, n_displacements: wp.int32, active: Envs,
     # outputs
-    residual_out: wp.array2d(dtype=wp.float64),
-    sums_out: wp.array2d(dtype=wp.float64),
+    residual_out: Vectors, sums_out: Vectors,
 ):
     """Residual of the free rows. Rows of ``sums_out``: squares of the loads and of the residual, its virtual work.
 
@@ -62,13 +57,7 @@ def balance_kernel(
 
 
 @wp.kernel
-def first_loads_kernel(
-    surface: wp.array2d(dtype=wp.float64),
-    nodes: wp.int32,
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    sums_out: wp.array2d(dtype=wp.float64),
-):
+def first_loads_kernel(surface: Vectors, nodes: wp.int32, active: Envs, sums_out: Vectors):
     """Sum of the sizes of the nodes' loads, while ``surface`` has those of the first contact alone."""
     c, lane = wp.tid()
     env = active[lane]
@@ -82,14 +71,7 @@ def first_loads_kernel(
 
 
 @wp.kernel
-def work_kernel(
-    residual: wp.array2d(dtype=wp.float64),
-    step: wp.array2d(dtype=wp.float64),
-    n_displacements: wp.int32,
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    sums_out: wp.array2d(dtype=wp.float64),
-):
+def work_kernel(residual: Vectors, step: Vectors, n_displacements: wp.int32, active: Envs, sums_out: Vectors):
     """Virtual work of the forces along a step's displacements; squares of the residual and of the step, all rows."""
     c, lane = wp.tid()
     env = active[lane]

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.linear_solver.krylov import ConjugateResiduals
 from simgen.fem.linear_solver.krylov_kernels import STRICT_ITERATIONS
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
@@ -21,12 +22,7 @@ KRYLOV_PER_ROUND = 4
 
 
 @wp.kernel
-def clear_rows_kernel(
-    rows: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    action_out: wp.array2d(dtype=wp.float32),
-):
+def clear_rows_kernel(rows: Indices, active: Envs, action_out: SingleVectors):
     i, lane = wp.tid()
     env = active[lane]
     if env >= 0:

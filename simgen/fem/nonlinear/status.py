@@ -1,7 +1,7 @@
-"""Outcomes of a press at one depth: each is a sentence, and each belongs to one of four kinds.
+"""Outcomes of a press at one depth, each with a sentence for users.
 
-A sample is **converged** if its forces balance, and **valid** if, besides, no element is inside out. A press **fails**
-where the solver finds no state, and **ends as planned** where the job or the geometry stops it.
+A sample is **converged** if its forces balance, and **valid** if in addition no element is inside out. A press
+**fails** where the solver finds no state, and **ends as planned** where the job or the geometry stops it.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy as np
 class Status(IntEnum):
     """Outcome of a press at one depth; ``sentence`` says what it means and what to try.
 
-    ``has_values``: forces and displacements of this depth are stored. ``is_planned_end``: the press was meant to end.
+    ``has_values``: forces and displacements of this depth are stored. ``is_planned_end``: the press ended as planned.
     ``is_failure``: neither.
     """
 
     CONVERGED = 0
     NEWTON_STALLED = 1
-    INVERTED = 2  # of older datasets: Newton's method now passes through such states
+    INVERTED = 2  # in older datasets only: Newton's method now passes through such states
     LINEAR_SOLVER_STALLED = 3
     NEVER_TOUCHES = 4
     STARTS_INSIDE = 5
