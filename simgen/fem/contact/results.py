@@ -27,9 +27,8 @@ SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # share of the cone's radius that
 def gap_kernel(s: Surface, x: Vectors, active: Envs, gap_out: wp.array3d(dtype=wp.float64)):
     f, q, lane = wp.tid()
     env = active[lane]
-    if env < 0:
-        return
-    gap_out[f, q, env] = gap_at(s, face_point(face_positions(s, x, f, env), s.shapes, q), f, q, env)
+    if env >= 0:
+        gap_out[f, q, env] = gap_at(s, face_point(face_positions(s, x, f, env), s.shapes, q), f, q, env)
 
 
 @large_kernel

@@ -60,9 +60,8 @@ def residual_kernel(
 ):
     row, lane = wp.tid()
     env = active[lane]
-    if env < 0:
-        return
-    store(residual_out, row, env, row_residual(row_starts, columns, blocks, x, b, row, env))
+    if env >= 0:
+        store(residual_out, row, env, row_residual(row_starts, columns, blocks, x, b, row, env))
 
 
 @wp.kernel

@@ -35,19 +35,17 @@ QUADRATIC_SPREAD = 3.0  # largest over smallest eigenvalue that is smoothed
 def smooth_kernel(inverse: Blocks, residual: SingleVectors, step: single, active: Envs, x_out: SingleVectors):
     node, lane = wp.tid()
     env = active[lane]
-    if env < 0:
-        return
-    change = step * (block(inverse, node, env) * load(residual, node, env))
-    store(x_out, node, env, load(x_out, node, env) + change)
+    if env >= 0:
+        change = step * (block(inverse, node, env) * load(residual, node, env))
+        store(x_out, node, env, load(x_out, node, env) + change)
 
 
 @wp.kernel
 def negative_kernel(a: SingleVectors, active: Envs, negative_out: SingleVectors):
     c, lane = wp.tid()
     env = active[lane]
-    if env < 0:
-        return
-    store_chunk(negative_out, c, env, -load_chunk(a, c, env))
+    if env >= 0:
+        store_chunk(negative_out, c, env, -load_chunk(a, c, env))
 
 
 class Multigrid:

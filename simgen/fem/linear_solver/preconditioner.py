@@ -32,10 +32,9 @@ def pressures_kernel(
 ):
     i, lane = wp.tid()
     env = active[lane]
-    if env < 0:
-        return
-    row = n_displacements + i
-    z_out[row, env] = -r[row, env] / schur[i]
+    if env >= 0:
+        row = n_displacements + i
+        z_out[row, env] = -r[row, env] / schur[i]
 
 
 @wp.kernel

@@ -58,30 +58,6 @@ def test_blocks_are_the_tangent_among_displacements_or_linear_ones(element, line
         np.testing.assert_allclose(found, expected, rtol=0, atol=SINGLE * np.abs(expected).max())
 
 
-def test_the_contact_s_diagonal_is_that_of_its_tangent():
-    nodes, _, _, faces = box()
-    active = ActiveEnvironments(1, "cpu")
-    contact = Contact(P2P1, nodes, top(nodes, faces), (20.0, 20.0), 0.5, "cpu", active)
-    contact.set_shapes([rigid_shape(Kind.SPHERE, 3.5)])
-    pose = np.eye(4)[None].copy()
-    pose[0, 1, 3] = 0.2
-    contact.set_pose(pose)
-    contact.linearize(wp.zeros((nodes.size, 1), dtype=wp.float64, device="cpu"))
-    made = blocks.zeros(len(nodes), 1, "cpu")
-    contact.diagonal(made)
-    diagonal = blocks.of_environment(made, 0)
-    touched = np.flatnonzero(np.abs(diagonal).max(axis=(1, 2)) > 0.0)
-    assert len(touched) > 5
-    for node in touched[::5]:
-        for i in range(3):
-            out = wp.zeros((nodes.size, 1), dtype=wp.float32, device="cpu")
-            unit = np.eye(nodes.size)[:, 3 * node + i : 3 * node + i + 1]
-            contact.tangent(wp.array(unit, dtype=wp.float32, device="cpu"), out)
-            column = out.numpy().reshape(-1, 3)[node]
-            allowed = SINGLE * np.abs(column).max()
-            np.testing.assert_allclose(diagonal[node, :, i], column, rtol=0, atol=allowed)
-
-
 def test_the_matrix_has_the_pattern_s_blocks():
     _, tets, n_corners, _ = box()
     pattern = BlockPattern(n_corners, tets[:, :4], [], "cpu")
