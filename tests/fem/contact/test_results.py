@@ -12,10 +12,10 @@ def test_a_flat_overlap_presses_with_stiffness_times_depth_times_area():
     nodes, term = contact(0.0, CUBE)
     rest = state(np.zeros(3 * len(nodes)))
     term.set_pose(pose(0.0, 0.01, 0.0))
-    force, moment, rms, deepest, _ = term.resultants(rest)
+    force, moment, rms, deepest, area, _ = term.resultants(rest)
     np.testing.assert_allclose(force[0], [0.0, K * 0.01 * 36.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(moment[0], 0.0, atol=1e-12)
-    assert rms[0] == pytest.approx(0.01) and deepest[0] == pytest.approx(0.01)
+    assert rms[0] == pytest.approx(0.01) and deepest[0] == pytest.approx(0.01) and area[0] == pytest.approx(36.0)
     nodal = forces(term, rest).reshape(-1, 3).sum(axis=0)
     np.testing.assert_allclose(nodal, -force[0], atol=1e-12)
 
