@@ -129,7 +129,7 @@ def advance_kernel(
     # outputs
     inverse_squares_out: Vectors, steps_out: Vectors, residual_out: SingleVectors, residual_square_out: Scalars,
 ):
-    """Take from the residual what the last image has of it; squares of what is residual_square."""
+    """Subtract the residual's projection onto the last image; sum the squares of the new residual."""
     c, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -147,7 +147,7 @@ def advance_kernel(
 
 @wp.kernel
 def select_unsolved_kernel(relative: Scalars, active: Envs, keep_out: Indices):
-    """Systems of which nothing is residual_square, or nothing to be had, rest."""
+    """Keep systems whose residual is positive and finite."""
     lane = wp.tid()
     env = active[lane]
     if env >= 0:

@@ -55,7 +55,7 @@ class Block:
         self.add_tangent(v, out, reduced=False)
 
     def iterations(self) -> int:
-        """Of the Krylov solver, to 1e-6."""
+        """Iterations of the Krylov solver to 1e-6."""
         b, x = (wp.zeros((self.n, 1), dtype=wp.float64, device="cpu") for _ in range(2))
         b.assign(self.load[:, None])
         self.body.active.choose(np.ones(1, dtype=bool))

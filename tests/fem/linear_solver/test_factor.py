@@ -28,7 +28,7 @@ def test_a_factor_inverts_the_tangent_it_was_made_of():
     v = np.where(fixed, 0.0, rng.normal(size=fixed.shape))
 
     def error(x) -> float:
-        """Of K^-1 (K v) with the factor, K at state x."""
+        """Relative error of K^-1 (K v) with the factor, K at state x."""
         body.linearize(wp.array(x[:, None], dtype=wp.float64, device="cpu"))
         force, found = (wp.zeros((len(v), 1), dtype=wp.float32, device="cpu") for _ in range(2))
         body.tangent(wp.array(v[:, None], dtype=wp.float32, device="cpu"), force)
