@@ -200,7 +200,7 @@ def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_for_a_d
     while len(one.tries) < 2:
         spent = stepping.cost[0, 0]
         stepping.go_on()
-    assert spent > doubt and len(one.tries[0].rows) == 1
+    assert spent > doubt and len(one.tries[0].samples) == 1
 
 
 def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):

@@ -15,7 +15,7 @@ def tried(*tries):
     press = Press(0, np.eye(4), 0.0, 3, 0.0)
     for samples, status, failed in tries:
         one = press.next_try()
-        one.rows, one.status, one.failed = [{}] * samples, status, failed
+        one.samples, one.status, one.failed = [{}] * samples, status, failed
     own = list(press.tries)
     press.settle()
     return press, own
@@ -37,7 +37,7 @@ def test_the_second_try_takes_half_steps():
                                    (failed(2), UNDER_WAY)])  # fmt: skip
 def test_a_press_goes_on_while_its_tries_do_not_decide(tries):
     press, _ = tried(*tries)
-    assert press.status is None and press.rows == [] and press.displacement is None
+    assert press.status is None and press.samples == [] and press.displacement is None
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_press_goes_on_while_its_tries_do_not_decide(tries):
 def test_the_first_try_counts_unless_it_failed_and_then_the_one_that_got_further(tries, kept):
     press, own = tried(*tries)
     assert press.kept is own[kept] and press.tries == [own[kept]]
-    assert press.status == press.kept.status and press.rows is press.kept.rows
+    assert press.status == press.kept.status and press.samples is press.kept.samples
 
 
 def test_a_press_that_nobody_holds_gives_its_samples_back_at_once():
