@@ -26,7 +26,7 @@ from simgen.geometry.rigid_shape import signed_distance
 from simgen.geometry.signed_distance import RigidShape
 from simgen.plotting.surface_plot import PLAIN
 from simgen.sensors.indenter import indenter_names, load_indenter
-from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.indenter_pose import advanced
 from simgen.sensors.sensor import load_sensor
 from simgen.sensors.support import distance_to_outline
 from simgen.simulation.press import PressResult, Scene, press

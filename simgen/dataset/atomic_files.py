@@ -1,4 +1,4 @@
-"""Files and folders that are whole or not there, also after a power cut: written aside, flushed to disk, renamed."""
+"""Atomic writes of files and folders: written aside, flushed to disk, then renamed. They survive a power cut."""
 
 import errno
 import glob
@@ -14,19 +14,19 @@ from pathlib import Path
 from simgen.dataset.folder_lock import locked_new, remove_abandoned
 from simgen.errors import InputError, writing
 
-ROOM = 64 * 2**20  # bytes: more than HDF5 keeps in its caches, and than a sample and its mesh take
+ROOM = 64 * 2**20  # bytes: more than HDF5's caches, and more than a sample with its mesh
 
 
 @dataclass(frozen=True)
 class Aside:
-    """A file that lies aside, flushed, until it is put in its place."""
+    """A flushed file that waits to be put in place."""
 
     temporary: Path
     sha256: str
 
 
 def write_aside(folder: Path, data: bytes) -> Aside:
-    """A new file in the folder, on the disk when this returns."""
+    """Write a new file into the folder and flush it to disk."""
     temporary = folder / uuid.uuid4().hex
     with open(temporary, "wb") as file:
         file.write(data)
@@ -36,7 +36,7 @@ def write_aside(folder: Path, data: bytes) -> Aside:
 
 
 def put_in_place(root: Path, files: Mapping[str, Aside]) -> None:
-    """Rename files to these paths below the root, which is on the same disk; flush the folders that may be new."""
+    """Rename files to paths below a root on the same disk, and flush their folders."""
     for name, file in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(file.temporary, root / name)
@@ -45,13 +45,13 @@ def put_in_place(root: Path, files: Mapping[str, Aside]) -> None:
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Raises `InputError` if the file cannot be written; what was there before then stays."""
+    """Write a file atomically. Raises `InputError` if it cannot be written; the old file then stays."""
     with writing(file):
         put_in_place(file.parent, {file.name: write_aside(file.parent, data)})
 
 
 def flush(path: Path) -> None:
-    """What a file holds, or which files a folder has, is on the disk when this returns."""
+    """Flush a file's content, or a folder's list of files, to disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -60,31 +60,31 @@ def flush(path: Path) -> None:
 
 
 def flush_tree(folder: Path) -> None:
-    """Flush a folder and all that is below it."""
+    """Flush a folder and everything below it."""
     for path in folder.rglob("*"):
         flush(path)
     flush(folder)
 
 
 def check_new(path: Path) -> None:
-    """Raises `InputError` unless a path is free, or an empty folder."""
+    """Raise `InputError` unless a path is free or an empty folder."""
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise InputError(f"{path}: exists already; remove it, or choose another --output")
 
 
 def check_room(folder: Path) -> None:
-    """Raises `OSError` if the disk is all but full: before libraries write that would end the process if it were."""
+    """Raise `OSError` if the disk is nearly full: some libraries end the process when a write fails."""
     if shutil.disk_usage(folder).free < ROOM:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
 
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """A folder aside, held by this process, which takes its place at ``path`` when the block ends without an error.
+    """Make and lock a folder aside, and rename it to ``path`` when the block ends without an error.
 
-    Raises `FileExistsError` if a folder that is not empty is there by then.
+    Raises `FileExistsError` if ``path`` has become a folder that is not empty.
     """
-    with suppress(OSError):  # what cannot be removed is not in the way
+    with suppress(OSError):  # leftovers do no harm
         partial = path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 32}.partial")
         remove_abandoned(folder for folder in partial if folder.is_dir())
     with locked_new(lambda text: path.with_name(f".{path.name}.{text}.partial")) as folder:

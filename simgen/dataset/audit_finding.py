@@ -1,4 +1,4 @@
-"""What an audit says: one line for each thing that it looked at, and which samples are to blame."""
+"""Findings of an audit: a line for each check, and the samples that fail it."""
 
 import json
 from collections.abc import Sequence
@@ -6,16 +6,17 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-SHOWN = 5  # samples that a note names; all are in `Finding.bad`
+SHOWN = 5  # most samples that a note names; `Finding.bad` has all
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of an audit; ``passed`` is None for a figure that is stated but has no limit.
+    """One line of an audit.
 
-    bad : samples to be solved again, (press, depth)
-    listed : samples to know of, (press, depth), which solving again would not mend
-    spoiled : names of manifests that, or files of which, have changed
+    passed : None for a figure without a limit
+    bad : samples (press, depth) that must be solved again
+    spoiled : names of manifests that have changed, or whose files have changed
+    listed : samples (press, depth) to know of; a new solution would not mend them
     """
 
     subject: str
@@ -34,18 +35,20 @@ class Finding:
 
 
 def as_json(findings: Sequence[Finding]) -> str:
-    """All of the findings, of which each names all that is bad."""
+    """Format findings as JSON, with all bad samples."""
     return json.dumps([asdict(finding) for finding in findings], indent=1) + "\n"
 
 
 def named(
     subject: str, what: str, values: np.ndarray, limit: float, form: str, total: bool = False, of=None
 ) -> Finding:
-    """Whether values of presses (n,), or of samples (n, depths), are at most ``limit``; names those that are not.
+    """Check values of presses (n,), or of samples (n, depths), against a limit, and name those above it.
 
-    Samples are to be solved again; what holds for a whole press was planned, and solving does not mend it. A value that
-    is no number fails. Only samples where ``of`` (n, depths) are looked at. What is shown is the greatest value, or all
-    together.
+    Bad samples must be solved again; bad presses were planned so, and a new solution does not mend them. NaN fails.
+
+    form : format of the shown value, with its unit
+    total : show the sum of all values, not the largest
+    of : mask (n, depths) of the samples to check; by default all
     """
     looked_at = np.ones(values.shape, bool) if of is None else of
     wrong = looked_at & ~(values <= limit)
@@ -58,13 +61,14 @@ def named(
 
 
 def not_looked_at(subject: str, what: str, why: str) -> Finding:
+    """State that a check does not apply, and why."""
     return Finding(subject, what, "not looked at", "stated", None, f"{what}: {why}")
 
 
 def name(what: str, bad: tuple[tuple[int, ...], ...]) -> str:
-    """The first of those to blame, (press,) or (press, depth), in words; empty if there are none."""
+    """Name the first bad presses (press,) or samples (press, depth) in words; empty text without any."""
     if not bad:
         return ""
-    first = "; ".join(", ".join(f"{of} {i}" for of, i in zip(("press", "depth"), place, strict=False))
-                      for place in bad[:SHOWN])  # fmt: skip
+    places = [zip(("press", "depth"), place, strict=False) for place in bad[:SHOWN]]
+    first = "; ".join(", ".join(f"{axis} {index}" for axis, index in place) for place in places)
     return f"{what}: {first}" + (f"; and {len(bad) - SHOWN} more" if len(bad) > SHOWN else "")

@@ -1,9 +1,8 @@
-"""The files that hold some presses of an array, and arrays of thousands of chunks read fast.
+"""Files of zarr arrays, written and read fast: the file of one shard, and arrays of thousands of chunks.
 
-zarr works in one thread of the process, however many shards are written or audited side by side, and spends 0.3 to
-0.7 ms of Python on each chunk, 2 to 3 ms on an array. Displacements have a chunk for every sample, 720 in a shard of
-36 presses: zarrs writes and reads them without Python in between. The other arrays, thirty of them, have a single
-chunk in a shard, which is made here.
+zarr uses one thread of the process, and spends 0.3 to 0.7 ms of Python on each chunk and 2 to 3 ms on each array.
+Displacements have a chunk for each sample, 720 in a shard of 36 presses; zarrs writes and reads them without Python.
+The other thirty arrays have a single chunk in a shard; `chunk_file` makes it.
 """
 
 import os
@@ -23,33 +22,33 @@ from zarr.storage import LocalStore, MemoryStore
 
 from simgen.errors import system_errors
 
-# Level 5 makes samples 2.4 % smaller in five times the time: more than four threads of a GPU's machine had.
+# Level 5 makes samples 2.4 % smaller but takes five times as long, too long for four threads beside a GPU.
 COMPRESSION = {"cname": "zstd", "clevel": 2}  # and byte shuffle
 
-# With one thread the chunks of a file are in the same order every time; shards are what is done side by side. What
-# zarrs cannot do it refuses, or the bytes would depend on who wrote them.
+# One thread keeps the order of a file's chunks; shards run in parallel instead. Strict: falling back to zarr would
+# change the bytes.
 PIPELINE = {
     "codec_pipeline.path": "zarrs.ZarrsCodecPipeline",
     "codec_pipeline.strict": True,
     "threading.max_workers": 1,
 }
-# Settings are the process's, and an array keeps those that it was opened with. Arrays that others open meanwhile get
-# them, too: those in a folder are then read by zarrs, those in memory by zarr as ever.
+# zarr's settings are global, and an array keeps those that it was opened with. Arrays that other threads open meanwhile
+# get them too: zarrs then reads those in folders, zarr those in memory as before.
 OPENING = threading.Lock()
 
 
 @cache
 def make_threads():
-    """Have zarr make the threads in which it calls zarrs: once in a process, as many as it has cores.
+    """Make zarr create its thread pool, once in a process, with a thread for each core.
 
-    The pipeline's single thread would be all that a process has, and shards would wait for each other.
+    Otherwise the pool would have the pipeline's single thread, and shards would wait for each other.
     """
     with zarr.config.set({"threading.max_workers": max(4, os.cpu_count() or 1)}):
         zarr.open_group(MemoryStore(), mode="w")
 
 
 def open_sharded(root: Path, name: str, mode: str = "r") -> zarr.Array:
-    """A sharded array of the zarr group in a folder."""
+    """Open a sharded array of the zarr group in a folder, to be read and written by zarrs."""
     with OPENING:
         make_threads()
         with zarr.config.set(PIPELINE):
@@ -57,9 +56,9 @@ def open_sharded(root: Path, name: str, mode: str = "r") -> zarr.Array:
 
 
 def sharded_files(root: Path, name: str, presses: range, stored: np.ndarray, aside: Path) -> dict[str, bytes]:
-    """Files, by path below ``root``, that hold ``stored`` (presses, ...) at these presses of a sharded array.
+    """Make the files, by path below ``root``, that hold values (presses, ...) of these presses in a sharded array.
 
-    They are made in a folder below ``aside``, which is removed.
+    ``aside`` is a folder for temporary files.
     """
     rows = slice(presses.start, presses.stop)
     with tempfile.TemporaryDirectory(dir=aside) as scratch:
@@ -73,26 +72,24 @@ def sharded_files(root: Path, name: str, presses: range, stored: np.ndarray, asi
                  for file in sorted(chunks.rglob("*")) if file.is_file()}  # fmt: skip
     if found:
         return found
-    # zarrs makes none for fill values alone.
+    # zarrs writes no file for fill values alone.
     to_buffer = default_buffer_prototype().buffer.from_bytes
     contents = {f"{name}/zarr.json": to_buffer((root / name / "zarr.json").read_bytes())}
-    # A setting of this array alone: zarr's own are the process's, and shards are written side by side.
+    # Set this for the array alone: zarr's own settings are global, and other threads write shards.
     array = zarr.open_array(MemoryStore(contents), path=name, mode="r+").with_config({"write_empty_chunks": True})
     array[rows] = stored
     return {key: buffer.to_bytes() for key, buffer in contents.items() if not key.endswith("zarr.json")}
 
 
 def chunk_path(name: str, number: int, dimensions: int) -> str:
-    """Path of the file that holds the presses of a shard, by its number; no other axis is divided."""
+    """Path of the file that holds a shard's presses; the other axes are not divided."""
     return "/".join([name, "c", str(number), *["0"] * (dimensions - 1)])
 
 
-def chunk_file(
-    name: str, number: int, stored: np.ndarray, presses_per_chunk: int, fill: float
-) -> dict[str, bytes]:
-    """The one file, by path, that holds ``stored`` (presses, ...) in an array of which a chunk is all of some presses.
+def chunk_file(name: str, number: int, stored: np.ndarray, presses_per_chunk: int, fill: float) -> dict[str, bytes]:
+    """Make the single file, by path, of values (presses, ...) in an array with one chunk for each shard.
 
-    Little-endian numbers in C order, then Blosc: the codecs of zarr v3 that ``COMPRESSION`` stands for.
+    It holds little-endian numbers in C order, compressed by Blosc: the codecs of zarr v3 that `COMPRESSION` sets.
     """
     chunk = np.full((presses_per_chunk, *stored.shape[1:]), fill, stored.dtype.newbyteorder("<"))
     chunk[: len(stored)] = stored
@@ -101,16 +98,16 @@ def chunk_file(
 
 
 def check_frames(array: zarr.Array, root: Path, name: str, not_read: Collection[str]) -> None:
-    """Raises `ValueError` where a file of an array that Blosc has compressed is not as long as it says.
+    """Raise `ValueError` if a file that Blosc has compressed is not as long as its header says.
 
-    c-blosc would read beyond its end, and the process would end there. Files at the paths ``not_read`` are left out.
+    c-blosc would read beyond its end and end the process. Files at the paths ``not_read`` are left out.
     """
     if not any(isinstance(codec, BloscCodec) for codec in array.metadata.codecs):
         return
     for file in (root / name / "c").rglob("*"):
         if file.is_file() and file.relative_to(root).as_posix() not in not_read:
             with open(file, "rb") as opened:
-                head = opened.read(16)  # version, version of the codec, flags, item, length, block, compressed length
+                head = opened.read(16)  # the last four bytes are the compressed size
             if len(head) < 16 or int.from_bytes(head[12:], "little") != file.stat().st_size:
                 raise ValueError(f"{file.relative_to(root)}: not what Blosc writes")
 

@@ -1,16 +1,19 @@
-"""The contact patch of a sample: which points of a sensor's touchable surface touch the indenter."""
+"""Contact patches: the points of a sensor's touchable surface that touch the indenter."""
 
 import numpy as np
 import warp as wp
 
 from simgen.config.indenter_path import moved
 from simgen.config.warp_device import start_warp
+from simgen.dataset.pressed_indenters import pressed_indenters
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import FACET_M, pressed_indenters, touchable_points
+from simgen.dataset.touch_audit import FACET_M
+from simgen.dataset.touchable import touchable_points
 from simgen.errors import InputError
 from simgen.geometry.rigid_shape import shape_array
 from simgen.geometry.signed_distance import RigidShape, distance
-from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.indenter_pose import advanced
+from simgen.units import MM, MM_PER_M
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,20 +29,20 @@ def _distance_kernel(
     # outputs
     distance_out: wp.array2d(dtype=wp.float64),
 ):
-    """Signed distance, mm, of displaced points (m) from each sample's shape, where it is."""
+    """Signed distance, mm, of displaced points (m) from each sample's indenter."""
     sample, point = wp.tid()
     local = wp.transpose(rotation[sample]) * (rest[point] + displacement[sample, point] - tip[sample])
-    distance_out[sample, point] = distance(shapes[indenter[sample]], wp.float64(1000.0) * local)
+    distance_out[sample, point] = distance(shapes[indenter[sample]], wp.float64(MM_PER_M) * local)
 
 
 class ContactPatches:
-    """A point touches if it is at most `FACET_M` from the indenter, or in it.
+    """Contact patches of one sensor. A point touches if it is inside the indenter or at most `FACET_M` away.
 
     points : (point,) vertices of the touchable surface
-    device : where distances are found, cpu or cuda:N
+    device : where distances are computed, cpu or cuda:N
 
-    Raises `InputError` if the dataset was imported, and does not say what may touch, or if an indenter is no more what
-    it was.
+    Raises `InputError` for an imported dataset, which does not know its touchable surface, and for an indenter whose
+    file has changed.
     """
 
     def __init__(self, dataset: Dataset, sensor: str, device: str = "cpu"):
@@ -55,12 +58,13 @@ class ContactPatches:
         )
 
     def touching(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
-        """(sample, point) whether each touches; arguments as in `gap`."""
+        """Mask (sample, point) of points that touch the indenter; arguments as in `gap`."""
         return self.gap(press, step, displacement) <= FACET_M
 
     def gap(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
-        """(sample, point) signed distance from the indenter, m, in samples of these presses and depths, (sample,) each.
+        """Signed distance (sample, point), m, of points from the indenter.
 
+        press, step : (sample,) each
         displacement : (sample, point, 3) m, of `points` alone; or (sample, point) of ``wp.vec3d`` on the device
         """
         pose = moved(self._first_touch[press], self._path.offsets_m[step], self._path.turns_rad[step])
@@ -76,4 +80,4 @@ class ContactPatches:
         found = wp.empty(displacement.shape, dtype=wp.float64, device=self.device)
         inputs = [self._shapes, *inputs, displacement]
         wp.launch(_distance_kernel, dim=found.shape, inputs=inputs, outputs=[found], device=self.device)
-        return found.numpy() * 1e-3
+        return found.numpy() * MM

@@ -1,7 +1,7 @@
-"""Folders that one process at a time writes into.
+"""Locks of folders, so that one process at a time writes into a folder.
 
-The operating system lets go of a lock when its process ends, however it ends, so that nothing has to be cleaned up
-after a kill. Locks of flock(2): they hold between the machines of an NFS, too.
+Locks are flock(2) locks. The operating system releases them when their process ends, also after a kill. They hold
+between the machines of an NFS too.
 """
 
 import errno
@@ -17,27 +17,24 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 LOCK = ".lock"
-NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # what a file system without them answers
+NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # errors of a file system without locks
 
 
 class LockedError(Exception):
-    """Somebody else holds the folder: who, as a sentence's end."""
+    """Another process or call has locked the folder; the text names it."""
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder. Raises `LockedError` at once if another process, or another call in this one, does.
-
-    Raises `FileNotFoundError` if the folder is gone.
-    """
+    """Lock a folder. Raises `LockedError` at once if it is locked, `FileNotFoundError` if it is gone."""
     handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         if not _lock(handle, folder):
             raise LockedError(os.pread(handle, 1000, 0).decode(errors="replace") or "an unknown process")
-        if os.fstat(handle).st_ino != os.stat(folder / LOCK).st_ino:  # removed, and made again, meanwhile
+        if os.fstat(handle).st_ino != os.stat(folder / LOCK).st_ino:  # removed and made again meanwhile
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / LOCK))
         about = f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%Y-%m-%d %H:%M:%S %Z')}"
-        with suppress(OSError):  # a full disk: the lock holds all the same
+        with suppress(OSError):  # a full disk; the lock holds nevertheless
             os.ftruncate(handle, 0)
             os.pwrite(handle, about.encode(), 0)
         try:
@@ -51,9 +48,9 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def locked_new(named: Callable[[str], Path]) -> Iterator[Path]:
-    """Make and hold a folder; ``named`` makes its path of a text that is used once.
+    """Make and lock a folder; ``named`` turns a unique text into its path.
 
-    Somebody who removes what nobody holds may come between; then another folder is made.
+    Another process can remove the folder before it is locked; then the next one is made.
     """
     with ExitStack() as stack:
         for last in (False, False, False, True):
@@ -69,7 +66,7 @@ def locked_new(named: Callable[[str], Path]) -> Iterator[Path]:
 
 
 def holder(folder: Path) -> str | None:
-    """Who holds a folder; None if nobody does, or nobody can tell."""
+    """Name the process that has locked a folder; None without one, or on a file system without locks."""
     if not (folder / LOCK).exists():
         return None
     handle = os.open(folder / LOCK, os.O_RDONLY)
@@ -86,7 +83,7 @@ def holder(folder: Path) -> str | None:
 
 
 def remove_abandoned(paths: Iterable[Path]) -> str | None:
-    """Remove files, and folders that nobody holds. Returns who holds one that is left, or None."""
+    """Remove files and unlocked folders. Returns the holder of a locked folder that stays, or None."""
     left = None
     for path in paths:
         try:
@@ -95,10 +92,10 @@ def remove_abandoned(paths: Iterable[Path]) -> str | None:
                     for entry in path.iterdir():
                         if entry.name != LOCK:
                             _remove(entry)
-            _remove(path)  # the lock's file last, when it is closed: NFS keeps files that are open
+            _remove(path)  # the lock's file last, once closed: NFS keeps open files
         except LockedError as error:
             left = str(error)
-        except FileNotFoundError:  # somebody else has removed it meanwhile
+        except FileNotFoundError:  # another process has removed it
             pass
     return left
 
@@ -108,7 +105,7 @@ def _remove(path: Path) -> None:
 
 
 def _lock(handle: int, folder: Path) -> bool:
-    for _ in range(3):  # `holder` has it for an instant
+    for _ in range(3):  # `holder` locks for an instant
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return True

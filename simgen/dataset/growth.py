@@ -1,9 +1,9 @@
-"""Adding trajectories to a dataset: a job whose ``trajectories.count`` is raised goes on where the smaller one ended.
+"""Growth of a dataset: a job with a larger ``trajectories.count`` adds trajectories to the dataset of the smaller job.
 
-Contacts come from a sequence, so those of the smaller job are the first ones of the larger. The new plan is written
-into a folder aside. Renaming this folder to `GROWING` commits the growth. If a run is killed after that, the next run
-moves the remaining files into place. Finished shards stay as they are. Only a last shard that was not full is solved
-again, with the presses that fill it.
+Contacts come from a sequence, so the larger job begins with the contacts of the smaller one. The new plan is written
+into a folder aside, and renaming this folder to `GROWING` commits the growth. If a run is killed after that, the next
+run moves the remaining files into place. Finished shards stay. Only a last shard that was not full is solved again, now
+full.
 """
 
 import json
@@ -24,22 +24,22 @@ from simgen.dataset.splits import split_presses
 from simgen.dataset.writer import as_stored, check_same, filling, folder_aside, forget, grows, with_count, write_plan
 from simgen.errors import InputError, writing
 
-# Planned arrays that have more rows with more trajectories; the others are the same.
+# Beginnings and ends of names of planned arrays that grow with the trajectories.
 GROW = ("press/", "refused/"), ("/pose", "/pressable_steps")
-SAME_PLAN = 1e-9  # m and rad: another processor may round a contact otherwise
+SAME_PLAN = 1e-9  # m and rad; another processor may round a contact differently
 
 
 def grow(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
-    """Add the trajectories that the job has and the dataset lacks. Do nothing for another job, or without a dataset.
+    """Add the trajectories that the job has and the dataset lacks; do nothing for another job or without a dataset.
 
-    Arguments are those of `simgen.dataset.writer.open_or_create`. Raises `InputError` where code, sensors or indenters
-    are others than the dataset's, where its contacts are not the first ones of the job, and while it is being filled.
+    Arguments are those of `simgen.dataset.writer.open_or_create`. Raises `InputError` if code, sensors, indenters or
+    first contacts differ from the dataset's, and while another run fills the dataset.
     """
     finish_growth(path)
     if not path.exists() or not grows(Dataset(path), job):
         return
     with filling(Dataset(path)):
-        dataset = Dataset(path)  # another run may have added trajectories before this one had the right to
+        dataset = Dataset(path)  # read again: another run may have grown it before this one locked it
         if grows(dataset, job):
             _grow(dataset, attributes, planned, job)
 
@@ -63,10 +63,7 @@ def _grow(dataset: Dataset, attributes: Mapping[str, Any], planned: Mapping[str,
 
 
 def finish_growth(path: Path) -> None:
-    """Complete a growth that a kill has cut short, if there is one.
-
-    Raises `InputError` if another process is doing so.
-    """
+    """Complete a growth that a kill has interrupted. Raises `InputError` while another process completes it."""
     if (path / GROWING).exists():
         try:
             with writing(path), locked(path):
@@ -76,7 +73,7 @@ def finish_growth(path: Path) -> None:
 
 
 def _extended(dataset: Dataset, name: str, values: np.ndarray) -> np.ndarray:
-    """A planned array that begins with what the dataset has. Raises `InputError` if the two differ there."""
+    """Append new rows of a planned array to the dataset's. Raises `InputError` if the first rows differ."""
     beginnings, ends = GROW
     grows = name.startswith(beginnings) or name.endswith(ends)
     first_refused = name.startswith("refused/") and name not in dataset.root
@@ -92,11 +89,11 @@ def _extended(dataset: Dataset, name: str, values: np.ndarray) -> np.ndarray:
 
 
 def _put_plan_in_place(path: Path) -> None:
-    """Move the files of the new plan to where the old ones are; whatever was moved already stays."""
+    """Move the files of the new plan over the old ones; a second call moves the files that are left."""
     growing = path / GROWING
     new = {file.relative_to(growing).as_posix() for file in growing.rglob("*") if file.is_file()}
     manifest = f"manifest/{PLAN}"
-    if manifest in new:  # the old one is still in its place
+    if manifest in new:  # the old manifest is still in place
         old, kept = ({*json.loads((folder / manifest).read_text())["sha256"]} for folder in (path, growing))
         for name in old - kept:
             (path / name).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""HDF5 files of others, read so that whatever is wrong with them is one line: the file, the key, what is expected."""
+"""Safe reading of HDF5 files from other programs: each error is one line with file, key and what is expected."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from simgen.errors import InputError, shown
 
 
 def open_hdf5(path: Path) -> h5py.File:
-    """The file, open for reading. Raises `InputError` if it is none of HDF5."""
+    """Open a file for reading. Raises `InputError` if it is not HDF5."""
     try:
         return h5py.File(path, "r")
     except OSError as error:
@@ -18,10 +18,10 @@ def open_hdf5(path: Path) -> h5py.File:
 
 
 def member_at(path: Path, file: h5py.File, key: str) -> h5py.Group | h5py.Dataset | None:
-    """The group or the dataset at a key; None if there is none.
+    """Find the group or dataset at a key; None if there is none.
 
-    Raises `InputError` if it lies in another file: through an external link, or as external or virtual storage. A file
-    from somebody else must not make us read what else lies on this machine.
+    Raises `InputError` if it lies in another file, by an external link or by external or virtual storage: a file from
+    elsewhere must not make us read other files of this machine.
     """
     found = file
     for name in filter(None, key.split("/")):
@@ -30,7 +30,7 @@ def member_at(path: Path, file: h5py.File, key: str) -> h5py.Group | h5py.Datase
         if found.id.links.get_info(name.encode()).type == h5py.h5l.TYPE_EXTERNAL:
             raise _elsewhere(path, key, os.fsdecode(found.id.links.get_val(name.encode())[0]))
         found = found.get(name)
-    if found is not None and found.file.filename != file.filename:  # a soft link may lead through an external one
+    if found is not None and found.file.filename != file.filename:  # a soft link can lead through an external one
         raise _elsewhere(path, key, found.file.filename)
     if isinstance(found, h5py.Dataset) and (others := _storage(found) - {file.filename, "."}):
         raise _elsewhere(path, key, min(others))
@@ -38,7 +38,7 @@ def member_at(path: Path, file: h5py.File, key: str) -> h5py.Group | h5py.Datase
 
 
 def _storage(stored: h5py.Dataset) -> set[str]:
-    """Names of the files other than its own that hold a dataset's values."""
+    """Names of the files, besides its own, that hold a dataset's values."""
     virtual = {source.file_name for source in stored.virtual_sources()} if stored.is_virtual else set()
     return virtual | {name for name, _, _ in stored.external or ()}
 
@@ -48,19 +48,21 @@ def _elsewhere(path: Path, key: str, other: str) -> InputError:
 
 
 def group_at(path: Path, file: h5py.File, key: str) -> h5py.Group:
+    """Find the group at a key. Raises `InputError` if there is none, and as `member_at`."""
     if not isinstance(found := member_at(path, file, key), h5py.Group):
         raise InputError(f"{path}: {key}: not there, expected a group")
     return found
 
 
 def dataset_at(path: Path, file: h5py.File, key: str) -> h5py.Dataset:
+    """Find the dataset at a key. Raises `InputError` if there is none, and as `member_at`."""
     if not isinstance(found := member_at(path, file, key), h5py.Dataset):
         raise InputError(f"{path}: {key}: not there, expected numbers")
     return found
 
 
 def numbers(path: Path, stored: h5py.Dataset) -> np.ndarray:
-    """All values of a dataset in float64. Raises `InputError` unless they are finite numbers."""
+    """Read all values of a dataset as float64. Raises `InputError` unless they are finite numbers."""
     try:
         values = stored[...].astype(float)
     except (OSError, ValueError) as error:

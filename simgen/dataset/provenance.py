@@ -1,4 +1,4 @@
-"""Where a dataset comes from: the version, commit, sources and packages that made it, and how two origins differ."""
+"""Provenance of a dataset: version, commit, source hash and packages, and the difference of two provenances."""
 
 import hashlib
 import subprocess
@@ -14,7 +14,7 @@ PACKAGES = ("warp-lang", "numpy", "scipy", "pymetis", "zarr", "zarrs", "numcodec
 
 
 def code_version() -> dict[str, str | bool | None]:
-    """Version, sha256 of the sources, and in a checkout the commit and whether tracked files differ from it."""
+    """Version and sha256 of the sources; in a checkout also the commit, and ``dirty`` if tracked files differ."""
     commit = _git("rev-parse", "HEAD") if (PACKAGE.parent / ".git").exists() else None
     dirty = bool(_git("status", "--porcelain", "--untracked-files=no")) if commit else None
     return {"version": simgen.__version__, "source": source_hash(), "commit": commit, "dirty": dirty}
@@ -27,7 +27,7 @@ def file_hash(path: Path) -> str:
 
 
 def source_hash(package: Path = PACKAGE) -> str:
-    """sha256 of the names and contents of a package's own .py files: the same in a checkout and in a wheel."""
+    """sha256 of names and contents of a package's .py files; the same in a checkout and in a wheel."""
     digest = hashlib.sha256()
     for file in sorted(package.rglob("*.py")):
         content = hashlib.sha256(file.read_bytes()).hexdigest()
@@ -40,7 +40,7 @@ def package_versions() -> dict[str, str]:
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """One line ``key.sub: old -> new`` for each leaf in which two nested mappings differ."""
+    """Compare two nested mappings: a line ``key.sub: old -> new`` for each leaf that differs."""
     flat_old, flat_new = _flatten(old), _flatten(new)
     keys = [*flat_old, *(key for key in flat_new if key not in flat_old)]
     return [

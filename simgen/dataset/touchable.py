@@ -1,4 +1,4 @@
-"""The touchable surface of a sensor: its points, and the area that each stands for."""
+"""Touchable surface of a sensor: its points, and the area that belongs to each point."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import touchable_points
 
 
 @dataclass(frozen=True)
 class TouchableSurface:
-    """vertices (v, 3) m and outward triangles (t, 3) of the whole sensor, at rest
+    """Touchable surface of a sensor at rest.
 
+    vertices, triangles : (v, 3) m and outward (t, 3), of the whole sensor
     points : (n,) vertices of the touchable surface
-    areas : (n,) m2, a third of the triangles around each point of which all corners are touchable
+    areas : (n,) m2, a third of each point's triangles whose corners are all touchable
     """
 
     vertices: np.ndarray
@@ -23,14 +23,20 @@ class TouchableSurface:
     areas: np.ndarray
 
     def on_vertices(self, values: np.ndarray) -> np.ndarray:
-        """(v,) of values of the points (n,); NaN elsewhere."""
+        """Spread values (n,) of the points to all vertices, (v,); NaN elsewhere."""
         whole = np.full(len(self.vertices), np.nan)
         whole[self.points] = values
         return whole
 
 
+def touchable_points(dataset: Dataset | Mapping[str, np.ndarray], sensor: str) -> np.ndarray:
+    """Vertices (n,) of a sensor's surface that can touch an indenter."""
+    on_surface = np.unique(dataset[f"{sensor}/surface_triangles"])
+    return on_surface[dataset[f"{sensor}/touchable"][on_surface]]
+
+
 def touchable_surface(dataset: Dataset | Mapping[str, np.ndarray], sensor: str) -> TouchableSurface:
-    """The touchable surface of a sensor, from a dataset or from the arrays of a plan."""
+    """Find the touchable surface of a sensor, from a dataset or from the arrays of a plan."""
     vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
     touchable = dataset[f"{sensor}/touchable"]
     points = touchable_points(dataset, sensor)

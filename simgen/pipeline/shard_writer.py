@@ -13,7 +13,7 @@ from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import forget, manifest_aside, write_aside
 from simgen.errors import NOT_WRITABLE, InputError
 from simgen.fem.nonlinear.status import is_valid
-from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.indenter_pose import advanced
 from simgen.simulation.press import PressResult
 
 

@@ -14,13 +14,13 @@ from scipy.spatial import ConvexHull
 
 from simgen.config.indenter_path import moved
 from simgen.config.warp_device import start_warp
+from simgen.dataset.pressed_indenters import pressed_indenters
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import pressed_indenters
 from simgen.errors import InputError
 from simgen.plotting.html import image
 from simgen.plotting.surface_plot import camera, draw_surface, gif
 from simgen.report.choice import NOTHING_YET, furthest_press
-from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.indenter_pose import advanced
 
 FRAME_MS, HOLD_MS = 180, 1200  # for each depth, and for the last one
 SHAFT_M = 5e-3  # length of the indenter that is drawn

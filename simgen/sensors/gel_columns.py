@@ -1,8 +1,8 @@
-"""The gel of a sensor in columns along a press axis: its surface, its thickness, and what is rigid behind it.
+"""Columns of gel along a press axis: height of the surface, thickness, height of the rigid body behind.
 
-A column is a line parallel to the press axis, on a square lattice around that axis. Along it, from the indenter into
-the sensor, lie the touchable surface, the gel, and then a held back, or a gap and a rigid core. Columns that leave the
-gel where nothing is rigid behind it have no thickness. Lengths in mm.
+A column is a line parallel to the press axis, on a square lattice around that axis. From the indenter on, a column
+meets the touchable surface, the gel, and then the held back, or a gap and the rigid core. A column that leaves the gel
+elsewhere has no thickness. Lengths are in mm.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from simgen.units import MM_PER_M
 wp.set_module_options({"enable_backward": False})
 real, vec3, mat33 = wp.float64, wp.vec3d, wp.mat33d
 
-BODY = 3  # kind of the core's own faces; those of the gel are FREE, HELD and CORE
-LAYERS = ENTRY, FREE_EXIT, HELD_EXIT, INNER_EXIT, BODY_ENTRY = range(5)  # where a column first meets some faces
-# Kind of a face -> its layer where the column enters the body there, and where the column leaves the body.
+BODY = 3  # kind of the core's own faces; faces of the gel are FREE, HELD or CORE
+LAYERS = ENTRY, FREE_EXIT, HELD_EXIT, INNER_EXIT, BODY_ENTRY = range(5)  # first crossings of a column
+# Kind of a face -> layers of a column that enters the body there, and of one that leaves it.
 LAYER_OF = {FREE: (ENTRY, FREE_EXIT), HELD: (-1, HELD_EXIT), CORE: (-1, INNER_EXIT), BODY: (BODY_ENTRY, -1)}
 
 
@@ -45,9 +45,9 @@ class Lattice:
 class Columns:
     """Columns under n poses, each (n, columns) mm. Heights are along +y of the indenter's frame.
 
-    surface : height at which the column meets the touchable surface; inf where it meets none
-    rigid : height of the held back or of the core behind it; inf where there is none
-    thickness : of the gel between surface and back, or of the skin before the gap to the core; 1 where there is none
+    surface : height of the touchable surface; inf in columns that miss it
+    rigid : height of the held back or the core; inf in columns without one
+    thickness : of the gel before the back, or of the skin before the gap; 1 in columns without gel
     """
 
     surface: np.ndarray
@@ -96,7 +96,7 @@ def columns_kernel(
     layer = layer_of[kinds[f], wp.where(area > real(0.0), 1, 0)]
     if area == real(0.0) or layer < 0:
         return
-    edge = real(-1.0e-9)  # columns on an edge belong to both faces, so that none falls between them
+    edge = real(-1.0e-9)  # a column on an edge belongs to both faces, so that no column falls between faces
     for i in range(first_i, last_i + 1):
         x = real(i)
         for k in range(first_k, last_k + 1):
@@ -110,10 +110,10 @@ def columns_kernel(
 
 
 class GelColumns:
-    """The surfaces of one sensor, from which `Columns` are cut for poses of an indenter."""
+    """Surfaces of one sensor, ready to be cut into `Columns` for any pose of an indenter."""
 
     def __init__(self, sensor: Sensor):
-        wp.load_module(__name__, device="cpu")  # before threads launch its kernels: each would compile it
+        wp.load_module(__name__, device="cpu")  # threads that launch kernels would each compile them
         vertices, faces = sensor.surface.vertices, sensor.surface.faces
         kinds = np.asarray(sensor.surface_region, dtype=np.int32)
         if sensor.core is not None:
@@ -128,7 +128,7 @@ class GelColumns:
         ]
 
     def __call__(self, poses: np.ndarray, lattice: Lattice) -> Columns:
-        """The columns under poses (n, 4, 4) m, indenter frame -> sensor frame."""
+        """Cut columns under poses (n, 4, 4) m, indenter frame -> sensor frame."""
         seen = wp.empty((len(poses), len(self._vertices)), dtype=vec3, device="cpu")
         rotation = wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device="cpu")
         origin = wp.array(poses[:, :3, 3] * MM_PER_M, dtype=vec3, device="cpu")
@@ -142,15 +142,12 @@ class GelColumns:
         return _columns(*np.moveaxis(layers.numpy(), 1, 0))
 
 
-def _columns(
-    entry: np.ndarray, free: np.ndarray, held: np.ndarray, inner: np.ndarray, body: np.ndarray
-) -> Columns:
-    """Columns from the least heights (n, columns) at which they meet the faces of each layer."""
+def _columns(entry: np.ndarray, free: np.ndarray, held: np.ndarray, inner: np.ndarray, body: np.ndarray) -> Columns:
+    """Columns from the least heights (n, columns) of the five layers."""
     on_back = (held < free) & (held < inner)
     on_core = (inner < free) & (inner < held) & (body < np.inf)
     with np.errstate(invalid="ignore"):
         thickness = np.where(on_back, held, inner) - entry
         counts = (on_back | on_core) & (thickness > 0.0)
-    return Columns(
-        entry, np.where(counts, np.where(on_back, held, body), np.inf), np.where(counts, thickness, 1.0)
-    )
+    rigid = np.where(counts, np.where(on_back, held, body), np.inf)
+    return Columns(entry, rigid, np.where(counts, thickness, 1.0))

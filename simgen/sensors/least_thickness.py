@@ -1,14 +1,13 @@
-"""The share of the gel's thickness that an indenter leaves where it leaves least.
+"""The least share of the gel's thickness that an indenter leaves anywhere under it.
 
-In each column along the press axis (see `gel_columns`) lies gel of thickness t between the touchable surface
-and what is rigid behind it. The indenter, moved from its first touch along its path, ends a distance l before the
-rigid body, measured in the same column. It leaves the share l / t. A skin over a core has the gap in front of the core
-as well: l counts the gap, t is the skin's thickness alone, as in `pairing.Room`. So the share is above 1 until
-the gap is used up. It is negative where the indenter ends in the rigid body. Columns without gel, and columns that
-leave the gel at a free surface, do not count.
+Each column along the press axis (see `gel_columns`) has gel of thickness t in front of a rigid body. The indenter moves
+along its path from first touch and ends at a distance l before the rigid body, in the same column. It leaves the share
+l / t. If the rigid body is a core behind a gap, l includes the gap and t is the skin's thickness alone, as in
+`pairing.Room`. The share is then above 1 until the gap is closed. It is negative if the indenter ends inside the rigid
+body. Columns without gel, and columns that leave the gel at a free surface, do not count.
 
-Where indenters first touch and where they leave least are found on the lattice, so both miss the true place by half a
-column at most: with a fillet of 1 mm and columns of 0.25 mm by less than 0.02 mm of height.
+First touch and least share are found on the lattice, so each is off by half a column at most. With a fillet of 1 mm and
+columns of 0.25 mm the height is off by less than 0.02 mm.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ from simgen.units import MM_PER_M
 wp.set_module_options({"enable_backward": False})
 
 SPACING_MM = 0.25  # of the columns
-LEAST_ACROSS = 20  # columns between the axis and the rim of the widest indenter: small ones have finer columns
-STARTS_MM = 1.0  # above the highest indenter, where the search for an indenter's face begins
-ENDS_MM = 10.0  # below the tip plane and the widest indenter's reach, where it ends
-STEPS, CLOSE_MM = 200, 1e-6  # of the search
-MOST_VALUES = 4_000_000  # of columns that are held at a time
+LEAST_ACROSS = 20  # columns between the axis and the rim of the widest indenter; refines them for small indenters
+STARTS_MM = 1.0  # above the highest indenter: sphere tracing begins here
+ENDS_MM = 10.0  # below the tip plane, less the widest indenter's reach: sphere tracing ends here
+STEPS, CLOSE_MM = 200, 1e-6  # of sphere tracing: most steps, tolerance
+MOST_VALUES = 4_000_000  # values of columns in memory at a time
 
 
 @wp.kernel
@@ -47,7 +46,7 @@ def face_kernel(
     # outputs
     height: wp.array3d(dtype=wp.float64),
 ):
-    """Height (position, shape, column) mm of each shape's face; -inf in columns that pass it by. Sphere tracing."""
+    """Height (position, shape, column) mm of each shape's face, by sphere tracing; -inf in columns that miss it."""
     p, s, m = wp.tid()
     x = wp.vec3d(columns[p, m][0], starts, columns[p, m][1])
     height[p, s, m] = -wp.float64(wp.inf)
@@ -68,7 +67,7 @@ def touch_kernel(
     # outputs
     touch: wp.array2d(dtype=wp.float64),
 ):
-    """Travel (pose, shape) mm to first touch; the shapes' faces are those of position 0."""
+    """Travel (pose, shape) mm to first touch, at position 0."""
     n, s = wp.tid()
     least = wp.float64(wp.inf)
     for m in range(surface.shape[1]):
@@ -89,7 +88,7 @@ def left_kernel(
     least_share: wp.array3d(dtype=wp.float64),
     least_room: wp.array3d(dtype=wp.float64),
 ):
-    """Least share (pose, shape, position) that is left at a depth, and the depth mm at which ``share`` is left."""
+    """Least share (pose, shape, position) left at each position's depth, and the depth, mm, that leaves ``share``."""
     n, s, p = wp.tid()
     least, room = wp.float64(wp.inf), wp.float64(wp.inf)
     for m in range(rigid.shape[1]):
@@ -115,7 +114,7 @@ def support_kernel(
     least_share: wp.array3d(dtype=wp.float64),
     least_room: wp.array3d(dtype=wp.float64),
 ):
-    """Lower both where a shape meets the support in a column without gel on a back. Sphere tracing from first touch."""
+    """Lower share and depth where a shape meets the support beside the gel, by sphere tracing from first touch."""
     n, s, p = wp.tid()
     room = least_room[n, s, p]
     ahead = rotation[n] * wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))
@@ -129,7 +128,7 @@ def support_kernel(
                 if gap < wp.float64(CLOSE_MM):
                     room = wp.min(room, gone)
                     break
-                # Outside the grid of a sampled distance the gap may be too large; its margin is wider than this step.
+                # Beyond the grid of a sampled distance the gap may be too large; the grid's margin bounds the step.
                 gone += wp.min(gap, wp.float64(MARGIN_MM))
                 if gone > room:
                     break
@@ -139,10 +138,10 @@ def support_kernel(
 
 
 class LeastThickness:
-    """The share that indenters leave of one sensor's gel.
+    """Least share of one sensor's gel that each indenter leaves.
 
     shapes : the indenters, in the order of the results
-    path : from first touch. Its points count, the ways between them do not
+    path : path from first touch; only its points count, not the segments between them
     """
 
     def __init__(self, sensor: Sensor, shapes: Sequence[RigidShape], path: IndenterPath):
@@ -150,11 +149,11 @@ class LeastThickness:
         self._support = None if sensor.support is None else shape_array([sensor.support.shape("cpu")])
         reach = max(map(lateral_reach, shapes))
         spacing = min(SPACING_MM, reach / LEAST_ACROSS)
-        # Moves are rounded to whole columns, and turns to as much half way to the rim, so that fine steps share places.
+        # Moves are rounded to columns, turns to one column half way to the rim: points of fine paths share positions.
         unit = np.array([spacing, spacing, 2.0 * spacing / reach])
         places = np.column_stack([path.offsets_m[:, [0, 2]] * MM_PER_M, path.turns_rad])
         places = unit * np.round(places / unit)
-        # Position 0 is that of the first touch; a press stays there.
+        # Position 0 is first touch; a straight press has no other.
         places, self._position = np.unique(np.vstack([np.zeros(3), places]), axis=0, return_inverse=True)
         order = np.argsort(np.arange(len(places)) != self._position[0], kind="stable")
         places, self._position = places[order], np.argsort(order)[self._position[1:]]
@@ -182,34 +181,35 @@ class LeastThickness:
         return height.numpy()
 
     def shares(self, poses: np.ndarray) -> np.ndarray:
-        """Least share (n, shapes) that is left over the whole path; inf where an indenter reaches over no gel.
+        """Least share (n, shapes) over the whole path; inf where no gel lies under an indenter.
 
         poses : (n, 4, 4) m, indenter frame -> sensor frame, near the surface
         """
         return self._least(poses, 0.0)[0].min(axis=2)
 
     def depths_that_leave(self, poses: np.ndarray, share: float) -> np.ndarray:
-        """Largest depth (n, shapes, point of the path) m that leaves a share, with the indenter at that point's offset
-        and turn; inf where it reaches over no gel.
+        """Largest depth (n, shapes, point of the path) m that leaves a share; inf where no gel lies under an indenter.
+
+        The indenter has the point's offset and turn.
         """
         return self._least(poses, share)[1][:, :, self._position] / MM_PER_M
 
     def steps_that_leave(self, poses: np.ndarray, share: float) -> np.ndarray:
-        """Number (n, shapes) of points at the beginning of the path that all leave a share."""
+        """Number (n, shapes) of the path's first points that all leave a share."""
         too_deep = self._path.depths_m > self.depths_that_leave(poses, share)
         return np.where(too_deep.any(axis=2), too_deep.argmax(axis=2), len(self._path))
 
     def _least(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Least share left and largest depth mm, (n, shapes, position) each."""
-        threads = os.cpu_count() or 1  # Python lets go of its lock while a kernel runs
+        """Least share and largest depth mm, (n, shapes, position) each, for poses in threads."""
+        threads = os.cpu_count() or 1  # kernels release the interpreter's lock
         at_once = MOST_VALUES // (8 * self._height.shape[2])
         size = max(1, -(-min(at_once, len(poses)) // threads))
         with ThreadPoolExecutor(threads) as pool:
-            parts = list(pool.map(lambda i: self._some(poses[i : i + size], share), range(0, len(poses), size)))
+            parts = list(pool.map(lambda i: self._batch(poses[i : i + size], share), range(0, len(poses), size)))
         empty = np.empty((0, *self._height.shape[1::-1]))
         return tuple(np.concatenate([empty, *each]) for each in zip(*parts, strict=True)) if parts else (empty, empty)
 
-    def _some(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+    def _batch(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
         columns = self._gel(poses, self._lattice)
         surface, rigid, thickness = (
             wp.array(np.ascontiguousarray(each), dtype=wp.float64, device="cpu")
@@ -230,7 +230,7 @@ class LeastThickness:
 
 
 def _cropped(square: Lattice, height: np.ndarray) -> tuple[Lattice, wp.array]:
-    """The smallest lattice that holds all columns of an indenter, and the heights there."""
+    """Crop a lattice to the columns that meet an indenter."""
     side = 2 * square.half_x + 1
     covered = np.isfinite(height).any(axis=(0, 1)).reshape(side, side)
     half_x, half_z = (

@@ -1,8 +1,7 @@
-"""Parametric surfaces of the bundled sensors, from tables of measured dimensions. mm in the tables, metres
-out.
+"""Parametric surfaces of the bundled sensors, from tables of measured dimensions in mm. Surfaces are in metres.
 
 `PolarBody` is a body around a line along x, given by its radius over (x, angle): the BioTac's skin and core.
-`Dome` is a height field over a D-shaped outline with an upright wall and a rounded rim: the DIGIT's gel.
+`dome_surface` is a height field over a D-shaped outline with an upright wall and a rounded rim: the DIGIT's gel.
 """
 
 import numpy as np
@@ -16,9 +15,9 @@ from simgen.units import MM
 
 
 class PolarBody:
-    """Radius about the line y = axis_y, z = 0 over x and the angle from -y; even in the angle.
+    """Radius about the line y = axis_y, z = 0, as an even function of the angle from -y, and of x.
 
-    r^2 is interpolated along x: near a round tip it is linear in x, so the cap comes out round.
+    Along x, r^2 is interpolated: it is linear in x near a round tip, so the cap is round.
     """
 
     def __init__(self, table: PolarTable, axis_y: float):
@@ -26,18 +25,18 @@ class PolarBody:
         self.axis_y = axis_y
         self.x = np.concatenate([[table.tip_mm], rows[:, 0]])
         angles = np.radians(table.angles_deg)
-        # Mirrored at both ends: the radius is even about the pad (0) and about the nail (pi).
+        # Mirror at both ends: the radius is even about the pad (0) and about the nail (pi).
         mirrored = np.concatenate([-angles[:0:-1], angles, 2.0 * np.pi - angles[-2::-1]])
         radius = np.concatenate([rows[:, :0:-1][:, :-1], rows[:, 1:], rows[:, -2:0:-1]], axis=1)
         self.over_angle = PchipInterpolator(mirrored, radius, axis=1)
 
     def squared(self, angles: np.ndarray) -> PchipInterpolator:
-        """r^2 in mm2 as a function of x, for each of the angles (a,) in 0..pi."""
+        """Interpolate r^2, mm2, over x, for each of the angles (a,) in 0..pi."""
         radius = self.over_angle(angles)
         return PchipInterpolator(self.x, np.concatenate([np.zeros((1, len(angles))), radius**2]), axis=0)
 
     def stations(self, spacing: float) -> np.ndarray:
-        """x of the rings, mm, evenly spaced along the profile: without the tip, with the rear's edge."""
+        """Return x of the rings, mm, evenly spaced along the profile; the tip is left out, the rear edge included."""
         s = np.linspace(0.0, 1.0, 4001)
         x = self.x[0] + (self.x[-1] - self.x[0]) * s**2
         r = np.sqrt(self.squared(np.array([np.pi / 2]))(x)[:, 0])
@@ -46,16 +45,13 @@ class PolarBody:
         return np.interp(np.linspace(0.0, arc[-1], count + 1)[1:], arc, x)
 
     def surface(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-        """Closed outward triangulation with edges of about ``spacing`` mm: vertices (v, 3) in mm, faces (f,
-        3).
-        """
+        """Triangulate with edges of about ``spacing`` mm: vertices (v, 3) mm, faces (f, 3); closed, outward."""
         stations = self.stations(spacing)
-        around = 2 * int(
-            np.ceil(np.pi * np.sqrt(self.squared(np.linspace(0, np.pi, 19))(self.x).max()) / spacing)
-        )
+        widest = np.sqrt(self.squared(np.linspace(0, np.pi, 19))(self.x).max())
+        around = 2 * int(np.ceil(np.pi * widest / spacing))
         angle = 2.0 * np.pi * np.arange(around) / around
         radius = np.sqrt(self.squared(np.minimum(angle, 2.0 * np.pi - angle))(stations))
-        # The flat rear end: its edge is drawn in towards the middle.
+        # The flat rear end: its edge shrinks towards the middle.
         rear_rings = int(np.ceil(radius[-1].min() / spacing))
         shrink = 1.0 - np.arange(1, rear_rings) / rear_rings
         x = np.concatenate([stations, np.full(len(shrink), stations[-1])])
@@ -65,15 +61,12 @@ class PolarBody:
             self.axis_y - radius * np.cos(angle),
             radius * np.sin(angle),
         ], axis=-1)  # fmt: skip
-        vertices = np.concatenate(
-            [[[self.x[0], self.axis_y, 0.0]], ring.reshape(-1, 3), [[x[-1], self.axis_y, 0.0]]]
-        )
-        faces = closed_rings(len(x), around)
-        return vertices, faces
+        poles = np.array([[self.x[0], self.axis_y, 0.0], [x[-1], self.axis_y, 0.0]])
+        return np.concatenate([poles[:1], ring.reshape(-1, 3), poles[1:]]), closed_rings(len(x), around)
 
 
 def closed_rings(rings: int, around: int) -> np.ndarray:
-    """Faces of a stack of rings between two poles: vertex 0, then ring by ring, then the last vertex."""
+    """Faces (f, 3) of a stack of rings between two poles. Vertex 0 and the last vertex are the poles."""
     i = np.arange(around)
     j = (i + 1) % around
     first = np.column_stack([np.zeros(around, int), 1 + i, 1 + j])
@@ -87,7 +80,7 @@ def closed_rings(rings: int, around: int) -> np.ndarray:
 
 
 def outward(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
-    """A surface in metres, turned so that it encloses a positive volume."""
+    """Make a surface in metres from vertices in mm, oriented to enclose a positive volume."""
     surface = trimesh.Trimesh(vertices * MM, faces, process=False)
     if surface.volume < 0:
         surface.invert()
@@ -95,7 +88,7 @@ def outward(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
 
 
 def shell_surface(shell: PolarShell) -> trimesh.Trimesh:
-    """Outer and inner surface of a skin, the inner one facing into the cavity; m."""
+    """Outer and inner surface of a skin, m; the inner one faces into the cavity."""
     outer = outward(*PolarBody(shell.outer, shell.axis_y_mm).surface(shell.spacing_mm))
     inner = outward(*PolarBody(shell.inner, shell.axis_y_mm).surface(shell.spacing_mm))
     inner.invert()
@@ -105,13 +98,13 @@ def shell_surface(shell: PolarShell) -> trimesh.Trimesh:
 def core_body(
     table: PolarTable, axis_y: float, spacing: float, shell: PolarShell, clearance: float
 ) -> trimesh.Trimesh:
-    """The rigid core, kept at least ``clearance`` (mm) inside the skin's inner surface; m."""
+    """Make the rigid core, m, at least ``clearance`` (mm) inside the skin's inner surface."""
     core = outward(*PolarBody(table, axis_y).surface(spacing))
     skin = outward(*PolarBody(shell.inner, shell.axis_y_mm).surface(shell.spacing_mm))
     wall = ClosestPoint(skin.vertices, skin.faces)
     vertices = np.array(core.vertices)
     near = np.flatnonzero(cKDTree(skin.vertices).query(vertices)[0] < 2.0 * shell.spacing_mm * MM)
-    for _ in range(3):  # moving off one wall can bring a vertex near another
+    for _ in range(3):  # a move off one wall can bring a vertex near another
         on, _, face = wall(vertices[near])
         inwards = -skin.face_normals[face]
         missing = clearance * MM - np.einsum("ij,ij->i", vertices[near] - on, inwards)
@@ -121,10 +114,9 @@ def core_body(
 
 
 def outline(dome: Dome, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Closed D-shaped outline: points (n, 2) as (x, z) in mm and their inward unit normals (n, 2).
+    """Make a closed D-shaped outline: points (n, 2) as (x, z) mm, and inward unit normals (n, 2).
 
-    Straight sides of half width w join a half circle of radius w at the tip and two rounded corners at the
-    rear end.
+    Straight sides at half width w join a half circle of radius w at the tip and two rounded corners at the rear end.
     """
     w, c, e, r = dome.half_width_mm, dome.arch_center_x_mm, dome.end_x_mm, dome.corner_radius_mm
 
@@ -151,7 +143,7 @@ def outline(dome: Dome, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def dome_surface(dome: Dome) -> trimesh.Trimesh:
-    """Closed surface of the gel: flat back, upright wall, rounded rim, dome; m."""
+    """Make the closed surface of the gel, m: flat back, upright wall, rounded rim, dome."""
     crown = RectBivariateSpline(dome.x_mm, dome.z_mm, np.array(dome.thickness_mm), kx=3, ky=3)
     spacing, fillet = dome.spacing_mm, dome.rim_radius_mm
     rim, normal = outline(dome, spacing)
@@ -159,8 +151,7 @@ def dome_surface(dome: Dome) -> trimesh.Trimesh:
     def thickness(points: np.ndarray) -> np.ndarray:
         return crown(points[:, 0], np.abs(points[:, 1]), grid=False)
 
-    # Inwards from the wall's top edge: a quarter circle in distance and height, then rings that shrink to the
-    # middle.
+    # Inwards from the wall's top edge: a quarter circle, then rings that shrink to the middle.
     top = thickness(rim) - fillet
     rings = [(rim, np.zeros(len(rim)))]
     wall_rings = int(np.ceil(top.max() / spacing))
@@ -182,10 +173,3 @@ def dome_surface(dome: Dome) -> trimesh.Trimesh:
         np.column_stack([p[:, 0], dome.back_y_mm - height, p[:, 1]]) for p, height in poles
     ])  # fmt: skip
     return outward(vertices, closed_rings(len(rings), len(rim)))
-
-
-def advanced(pose: np.ndarray, travel: np.ndarray | float) -> np.ndarray:
-    """Poses (..., 4, 4) of an indenter, moved by travel (...), m, along its own +y: where it presses."""
-    moved = pose.copy()
-    moved[..., :3, 3] += np.asarray(travel)[..., None] * pose[..., :3, 1]
-    return moved

@@ -1,7 +1,7 @@
-"""A tactile sensor: its gel's true surface and meshes, its rigid core, named regions, camera and electrodes.
+"""A tactile sensor as it is simulated: surface, meshes, rigid core, regions, camera and electrodes.
 
-`load_sensor` takes the name of a bundled sensor or a folder with a ``sensor.yaml`` (see
-`simgen.sensors.sensor_schema`). Everything is in metres, in the sensor's own frame.
+`load_sensor` reads a bundled sensor or a folder with a ``sensor.yaml`` (see `simgen.sensors.sensor_schema`). Lengths
+are in metres, in the sensor's own frame.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Camera:
 
     position: np.ndarray  # (3,) m
     looks_along: np.ndarray  # (3,) unit vector
-    up: np.ndarray  # (3,) unit vector: the image's upward direction
+    up: np.ndarray  # (3,) unit vector, upwards in the image
     vertical_field_of_view_deg: float
     width_px: int
     height_px: int
@@ -36,34 +36,34 @@ class Camera:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One sensor, ready to be meshed, pressed and drawn. Lengths in m."""
+    """One sensor with its meshes. Lengths in m."""
 
     name: str
-    surface: trimesh.Trimesh  # fine closed true surface of the gel (with its cavity, if it has one)
+    surface: trimesh.Trimesh  # closed true surface of the gel in fine triangles, with the cavity's surface
     surface_region: np.ndarray  # (faces,) 0 touchable, 1 held, 2 facing the core
     simulation_mesh: SimulationMesh
     output_mesh: OutputMesh
     materials: dict[str, Material]  # presets by name
-    core: trimesh.Trimesh | None  # rigid body inside; the mesh's ``facing_core`` faces may meet it
+    core: trimesh.Trimesh | None  # rigid body inside; the mesh's ``facing_core`` faces can meet it
     core_friction: float
     electrodes: np.ndarray | None  # (k, 3) m, on the core
     camera: Camera | None
     held_regions: dict[str, np.ndarray]  # name -> (faces,) bool on ``surface``
-    output_moves_with: np.ndarray | None = None  # (v, 3) points of the gel for vertices off it; None: the vertices
-    support: Support | None = None  # rigid body under the gel; free faces may come to lie on it
+    output_moves_with: np.ndarray | None = None  # (v, 3) m, points of the gel; None: the vertices
+    support: Support | None = None  # rigid body under the gel; free faces can meet it
 
     @property
     def output_points(self) -> np.ndarray:
-        """(v, 3) m, the points of the gel whose values the vertices of the output mesh have."""
+        """Points of the gel, (v, 3) m, with which the vertices of the output mesh move."""
         return self.output_mesh.vertices if self.output_moves_with is None else self.output_moves_with
 
 
 def load_sensor(model: str | Path, mesh: str = "default", output: OutputMeshFile | None = None) -> Sensor:
-    """The sensor with its simulation mesh ``default``, ``coarse`` or ``fine``, and its output mesh.
+    """Load a sensor with its simulation mesh ``default``, ``coarse`` or ``fine``, and its output mesh.
 
-    Meshes come from the sensor's own folder (the bundled ones), else from the user's cache, else they are
-    made, gated and cached. A file of tetrahedra, ``output``, replaces the sensor's own output mesh. Raises
-    InputError on a bad ``sensor.yaml``, mesh file or mesh.
+    Meshes come from the sensor's folder or from the user's cache. Missing meshes are made, checked by the quality gates
+    and cached. ``output``, a file of tetrahedra, replaces the sensor's own output mesh. Raises InputError for a bad
+    ``sensor.yaml``, mesh file or mesh.
     """
     shape = load_geometry(model)
     description = shape.description
@@ -93,15 +93,15 @@ def load_sensor(model: str | Path, mesh: str = "default", output: OutputMeshFile
 
 
 def remake(model: str | Path) -> list[str]:
-    """Make all meshes of a sensor again, gate them and write them into its folder: a line on each.
+    """Make and check all meshes of a sensor, write them into its folder, and return a line about each.
 
-    Raises InputError where a mesh fails its gates; what was there before then stays.
+    Raises InputError if a mesh fails its quality gates; the old files then stay.
     """
     return sensor_meshes.remake(load_geometry(model))
 
 
 def place_electrodes(electrodes: Electrodes, core: trimesh.Trimesh) -> np.ndarray:
-    """Electrodes (k, 3) in m in the sensor's frame, moved to the nearest points of the core."""
+    """Electrodes (k, 3) m in the sensor's frame, moved to the nearest points of the core."""
     x, z = (np.array(axis) / np.linalg.norm(axis) for axis in (electrodes.x_axis, electrodes.z_axis))
     own = np.column_stack([electrodes.x_mm, electrodes.y_mm, electrodes.z_mm])
     points = (np.array(electrodes.origin_mm) + own @ np.array([x, np.cross(z, x), z])) * MM
@@ -109,7 +109,7 @@ def place_electrodes(electrodes: Electrodes, core: trimesh.Trimesh) -> np.ndarra
 
 
 def place_camera(settings: CameraSettings) -> Camera:
-    """Camera and lights in the sensor's frame; light angles count from the image's right to its top."""
+    """Place camera and lights in the sensor's frame. Angles of lights count from the image's right to its top."""
     forward, up = (np.array(v) / np.linalg.norm(v) for v in (settings.looks_along, settings.up))
     right = np.cross(forward, up)
     position = np.array(settings.position_mm) * MM

@@ -1,4 +1,4 @@
-"""The shape of a sensor, before any mesh is made: the gel's true surface with its regions, and the rigid core."""
+"""The shape of a sensor before meshing: the gel's true surface with its regions, and the rigid core."""
 
 import hashlib
 import json
@@ -21,31 +21,31 @@ from simgen.sensors import polar_bodies
 from simgen.sensors.sensor_schema import Core, Gel, MeshSize, Selection, SensorDescription, read_description
 from simgen.units import MM
 
-FINEST_PIECES = 100_000  # triangles, at most, into which a user's surface is cut to follow its regions
-MESHING_VERSION = 2  # part of every mesh's source: raise it when the same settings make other meshes
+FINEST_PIECES = 100_000  # most triangles of a surface that is refined to follow its regions
+MESHING_VERSION = 2  # part of each mesh's source hash; raise it when the same settings give other meshes
 
 
 @dataclass(frozen=True)
 class SensorGeometry:
-    """What a ``sensor.yaml`` says about shape, before any mesh is made."""
+    """Shape of a sensor, as its ``sensor.yaml`` describes it. Lengths in m."""
 
     description: SensorDescription
     folder: Path
-    plain: trimesh.Trimesh  # the surface as it came, for the mesher
-    true: LabelledSurface  # the same in triangles fine enough to follow its regions
-    held_regions: dict[str, np.ndarray]
-    own_vertices: np.ndarray | None  # of a user's tetrahedral file
+    plain: trimesh.Trimesh  # the surface as given, for the mesher
+    true: LabelledSurface  # the same surface in triangles fine enough to follow its regions
+    held_regions: dict[str, np.ndarray]  # name -> (faces,) bool on ``true``
+    own_vertices: np.ndarray | None  # (v, 3) of a user's tetrahedral file
     own_tetrahedra: np.ndarray | None
     core: trimesh.Trimesh | None
-    source: str  # hash of everything above
+    source: str  # hash of all the above
 
     def mesh_source(self, settings: MeshSize | str) -> str:
-        """Hash of surface and settings: what a mesh is made from."""
+        """Hash of the surface and the settings that a mesh is made from."""
         text = settings if isinstance(settings, str) else settings.model_dump_json(exclude_none=True)
         return hashlib.sha256(f"{MESHING_VERSION} {self.source} {text}".encode()).hexdigest()
 
     def selected(self, points: np.ndarray) -> np.ndarray:
-        """Which points (n, 3) lie in any held region."""
+        """Mask (n,) of points (n, 3) that lie in a held region."""
         held = np.zeros(len(points), dtype=bool)
         for selection in self.description.held.values():
             held |= select(selection, points, self.folder)
@@ -53,9 +53,9 @@ class SensorGeometry:
 
 
 def sensor_folder(model: str | Path) -> Path:
-    """The folder of a bundled sensor's name or of a user's path; raises InputError where there is none.
+    """Folder of a bundled sensor's name or of a user's path. Raises InputError if it has no ``sensor.yaml``.
 
-    A text that is a bundled name means that one: a folder of the same name is ``./digit``, or a `Path`.
+    The text ``digit`` is the bundled sensor. A user's folder of that name is ``./digit``, or a `Path`.
     """
     folder = resource("sensor_models") / model if model in bundled_sensors() else Path(model)
     folder = folder.parent if folder.name == "sensor.yaml" else folder
@@ -70,7 +70,7 @@ def bundled_sensors() -> list[str]:
 
 
 def load_geometry(model: str | Path) -> SensorGeometry:
-    """The true surface with its regions, the core and the user's own tetrahedra."""
+    """Load the true surface with its regions, the core and the user's tetrahedra. Raises InputError."""
     folder = sensor_folder(model)
     path = folder / "sensor.yaml"
     description = read_description(path)
@@ -83,30 +83,22 @@ def load_geometry(model: str | Path) -> SensorGeometry:
     if core is not None:
         cavity = cavity_faces(surface)
         if not cavity.any():
-            raise InputError(
-                f"{path}: core: the gel has no cavity for it: its surface must have an inner closed shell"
-            )
+            raise InputError(f"{path}: core: the gel has no cavity for it: its surface must have an inner closed shell")
         region[cavity] = CORE
     held_regions = {}
     for name, selection in description.held.items():
         inside = select(selection, surface.triangles_center, folder)
         if not inside.any():
-            raise InputError(
-                f"{path}: held.{name}: selects no triangle of the surface, at least one is needed"
-            )
+            raise InputError(f"{path}: held.{name}: selects no triangle of the surface, at least one is needed")
         held_regions[name] = inside
         region[inside] = HELD
-    return SensorGeometry(
-        description, folder, plain, LabelledSurface(surface, region), held_regions, vertices, tetrahedra,
-        core, geometry_source(description, folder),
-    )  # fmt: skip
+    true, source = LabelledSurface(surface, region), geometry_source(description, folder)
+    return SensorGeometry(description, folder, plain, true, held_regions, vertices, tetrahedra, core, source)
 
 
 def geometry_source(description: SensorDescription, folder: Path) -> str:
     """Hash of the keys that decide shape and regions, and of the files that they name."""
-    shape = description.model_dump(
-        include={"gel", "held", "core"}, exclude={"core": {"friction"}}, exclude_none=True
-    )
+    shape = description.model_dump(include={"gel", "held", "core"}, exclude={"core": {"friction"}}, exclude_none=True)
     digest = hashlib.sha256(json.dumps(shape, sort_keys=True).encode())
     for file in sorted(_files(shape)):
         digest.update((folder / file).read_bytes())
@@ -121,11 +113,11 @@ def _files(value) -> set[str]:
 
 
 def gel_surface(gel: Gel, folder: Path) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
-    """Closed surface of the gel, and the vertices and tetrahedra of a tetrahedral file."""
+    """Closed surface of the gel, and vertices and tetrahedra if a file gives them (else None)."""
     if gel.mesh is not None:
         return mesh_files.read_mesh(folder / gel.mesh.file, gel.mesh.unit)
     path = folder / "sensor.yaml"
-    with parsing(path, "a gel"):  # whatever sizes lead to that make no body
+    with parsing(path, "a gel"):  # sizes can be valid alone and yet make no body together
         shell, dome = gel.polar_shell, gel.dome
         surface = polar_bodies.shell_surface(shell) if shell is not None else polar_bodies.dome_surface(dome)
         mesh_files.check_body(path, surface)
@@ -145,7 +137,7 @@ def core_surface(core: Core, gel: Gel, folder: Path) -> trimesh.Trimesh:
 
 
 def refined(surface: trimesh.Trimesh, size: MeshSize | str) -> trimesh.Trimesh:
-    """The same surface in triangles no longer than the mesh's edges, or in `FINEST_PIECES` of them at most."""
+    """Refine a surface to triangles no longer than the mesh's edges, and to `FINEST_PIECES` triangles at most."""
     wanted = np.inf if isinstance(size, str) else size.edge_length_mm * MM
     vertices, faces = surface.vertices, surface.faces
     while np.ptp(vertices[faces], axis=1).max() > wanted and 4 * len(faces) <= FINEST_PIECES:
@@ -153,10 +145,8 @@ def refined(surface: trimesh.Trimesh, size: MeshSize | str) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def cut_at_edges(
-    surface: trimesh.Trimesh, held: dict[str, Selection], folder: Path, reach: float
-) -> trimesh.Trimesh:
-    """The same surface with triangle edges along the edges of all held regions; see `region_edges.cut`."""
+def cut_at_edges(surface: trimesh.Trimesh, held: dict[str, Selection], folder: Path, reach: float) -> trimesh.Trimesh:
+    """Cut a surface along the edges of all held regions; see `region_edges.cut`."""
     for selection in held.values():
         inside = partial(select, selection, folder=folder)
         meeting = patches_at(len(surface.vertices), surface.faces, smooth_patches(surface))
@@ -166,7 +156,7 @@ def cut_at_edges(
 
 
 def cavity_faces(surface: trimesh.Trimesh) -> np.ndarray:
-    """Which faces belong to closed shells that enclose a void: their signed volume is negative."""
+    """Mask (f,) of faces of closed shells that enclose a void: their signed volume is negative."""
     inside = np.zeros(len(surface.faces), dtype=bool)
     for faces in shells(surface):
         inside[faces] = enclosed_volume(surface.vertices, surface.faces[faces]) < 0
@@ -174,7 +164,7 @@ def cavity_faces(surface: trimesh.Trimesh) -> np.ndarray:
 
 
 def select(selection: Selection, points: np.ndarray, folder: Path) -> np.ndarray:
-    """Which points (n, 3) in m a selection of a ``sensor.yaml`` holds: (n,) bool."""
+    """Mask (n,) of points (n, 3) m that a selection of a ``sensor.yaml`` covers."""
     mm = points / MM
     if plane := selection.plane:
         return np.abs(mm[:, "xyz".index(plane.axis)] - plane.at_mm) <= plane.within_mm
@@ -194,6 +184,6 @@ def select(selection: Selection, points: np.ndarray, folder: Path) -> np.ndarray
 
 @lru_cache(maxsize=4)
 def _body(path: Path, unit: str, changed: int) -> ClosestPoint:
-    """Closest points on a mesh file as it was when it had ``changed`` last."""
+    """Closest points on a mesh file; ``changed``, its time stamp, is part of the cache's key."""
     body, _, _ = mesh_files.read_mesh(path, unit)
     return ClosestPoint(body.vertices, body.faces)

@@ -1,4 +1,4 @@
-"""From a sensor's true surface to its gated simulation and output meshes: made, found again, or made anew."""
+"""Simulation and output meshes of a sensor: made from its true surface, checked, stored, and found again."""
 
 from __future__ import annotations
 
@@ -39,55 +39,49 @@ from simgen.sensors.sensor_schema import MeshSize
 from simgen.units import MM
 
 NAMES = ("default", "coarse", "fine")  # of simulation meshes
-EXACT = 1e-9  # m: a user's own vertices are on the surface already
-ATTEMPTS = 4  # fTetWild differs from run to run; one mesh in many fails a gate
+EXACT = 1e-9  # m; vertices of a user's own tetrahedra lie on the surface already
+ATTEMPTS = 4  # fTetWild is not reproducible, and one mesh in many fails a gate
 MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 35,000
 LEAST_ENVELOPE = 1e-3  # of an edge's length
-FARTHEST = 0.02  # of the gel's longest side: how far off the gel a vertex of a job's own output mesh may lie
-LIMIT = 5.0  # envelopes that a node may move onto its patches; a mid-edge node also bridges the bulge
+FARTHEST = 0.02  # of the gel's longest side: largest distance of a given output mesh's vertex from the gel
+LIMIT = 5.0  # envelopes; largest move of a node onto its patches; a mid-edge node also bridges the bulge
 
 
 def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:
-    """The committed, cached or newly made simulation mesh of that name."""
+    """Load the simulation mesh of that name from the folder or the cache, or make it. Raises InputError."""
     settings = getattr(geometry.description.meshes, name)
     if settings is None:
-        raise InputError(
-            f"{geometry.folder / 'sensor.yaml'}: meshes.{name}: not there, needed for mesh = {name!r}"
-        )
+        raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes.{name}: not there, needed for mesh = {name!r}")
     source = geometry.mesh_source(settings)
     committed = mesh_files.load_mesh(geometry.folder / f"{name}.npz", SimulationMesh, source)
-    return committed or mesh_files.cached(
-        source, SimulationMesh, lambda: make_simulation_mesh(geometry, settings)[0]
-    )
+    return committed or mesh_files.cached(source, SimulationMesh, lambda: make_simulation_mesh(geometry, settings)[0])
 
 
 class OutputMeshFile(NamedTuple):
-    """A file of tetrahedra whose vertices are stored, and the unit of its coordinates, m or mm."""
+    """A file of tetrahedra that replaces the output mesh, and the unit of its coordinates, m or mm."""
 
     path: Path
     unit: str
 
 
 def output_mesh(geometry: SensorGeometry) -> OutputMesh:
-    """The output mesh: the user's own tetrahedra, or the committed, cached or newly made one."""
+    """Load the output mesh from the user's tetrahedra, the folder or the cache, or make it. Raises InputError."""
     settings = output_settings(geometry)
     source = geometry.mesh_source(settings) + "-output"
     if settings == "as_given":
         return output_of(geometry, geometry.own_vertices, geometry.own_tetrahedra, source, geometry.selected)
     committed = mesh_files.load_mesh(geometry.folder / "output.npz", OutputMesh, source)
-    return committed or mesh_files.cached(
-        source, OutputMesh, lambda: make_output_mesh(geometry, settings, source)[0]
-    )
+    return committed or mesh_files.cached(source, OutputMesh, lambda: make_output_mesh(geometry, settings, source)[0])
 
 
 def output_from_file(
     geometry: SensorGeometry, file: OutputMeshFile, solved: SimulationMesh
 ) -> tuple[OutputMesh, np.ndarray]:
-    """The output mesh in a file of tetrahedra, and the points (v, 3) m of the gel with which its vertices move.
+    """Read an output mesh, and find the points (v, 3) m of the gel with which its vertices move.
 
-    Vertices and tetrahedra keep the order of the file. A vertex off the gel moves with the nearest point of the gel's
-    surface. A vertex is held if it lies in a held region, or if that point does. Raises InputError for a file that
-    `mesh_files.read_mesh` refuses, for one without tetrahedra, and for a vertex further off the gel than `FARTHEST`.
+    Vertices and tetrahedra keep the file's order. A vertex off the gel moves with the nearest point of the gel's
+    surface. A vertex is held if it lies in a held region or if this point does. Raises InputError for a file that
+    `mesh_files.read_mesh` refuses, a file without tetrahedra, and a vertex further off the gel than `FARTHEST`.
     """
     path = file.path
     _, vertices, tetrahedra = mesh_files.read_mesh(path, file.unit)
@@ -118,7 +112,7 @@ def output_settings(geometry: SensorGeometry) -> MeshSize | str:
 
 
 def remake(geometry: SensorGeometry) -> list[str]:
-    """Make and gate every mesh of the sensor, then write them into its folder; a line of text about each."""
+    """Make and check all meshes of a sensor, then write them into its folder; return a line about each."""
     made = []
     for name in NAMES:
         settings = getattr(geometry.description.meshes, name)
@@ -128,14 +122,11 @@ def remake(geometry: SensorGeometry) -> list[str]:
     if settings != "as_given":
         source = geometry.mesh_source(settings) + "-output"
         made.append(("output", source, *make_output_mesh(geometry, settings, source)))
-    return [
-        _replace(geometry.folder / f"{name}.npz", mesh, source, quality)
-        for name, source, mesh, quality in made
-    ]
+    return [_replace(geometry.folder / f"{name}.npz", mesh, source, quality) for name, source, mesh, quality in made]
 
 
 def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality: MeshQuality) -> str:
-    """Write a mesh over the one before; a line that says what it is and what has changed."""
+    """Write a mesh and return a line that compares it with the old file."""
     points = "vertices" if isinstance(mesh, OutputMesh) else "nodes"
     before = "new"
     if path.is_file():
@@ -147,7 +138,7 @@ def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality
 
 
 def edge_lengths(geometry: SensorGeometry, size: MeshSize):
-    """Wanted edge length, m: a number, or a function of points that grows towards the held regions."""
+    """Wanted edge length, m: a number, or a function of points (n, 3) m that grows towards the held regions."""
     fine = size.edge_length_mm * MM
     if size.held_edge_length_mm is None:
         return fine
@@ -161,7 +152,7 @@ def edge_lengths(geometry: SensorGeometry, size: MeshSize):
 
 
 def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedMesh, MeshQuality]:
-    """A gated mesh of curved tetrahedra. Raises InputError with numbers where no attempt passes the gates."""
+    """Make curved tetrahedra that pass the quality gates. Raises InputError with figures if all attempts fail."""
     as_given = size == "as_given"
     if as_given and geometry.own_tetrahedra is None:
         raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes: as_given needs a file of tetrahedra")
@@ -189,7 +180,7 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
 
 
 def check_count(geometry: SensorGeometry, size: MeshSize) -> None:
-    """Raises InputError for edges so short that meshing would take days, and all memory."""
+    """Raise InputError for edges so short that meshing would take days and all memory."""
     extents = np.ptp(geometry.plain.vertices, axis=0) / MM
     least = float((extents.prod() / MOST_CELLS) ** (1 / 3))
     path = geometry.folder / "sensor.yaml"
@@ -202,15 +193,13 @@ def check_count(geometry: SensorGeometry, size: MeshSize) -> None:
 def end_at_regions(
     vertices: np.ndarray, tetrahedra: np.ndarray, true: LabelledSurface
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tetrahedra whose boundary triangles are held or not as a whole, where elements stay well shaped."""
+    """Align boundary triangles with the edges of held regions, where elements stay well shaped."""
     meeting = true.patches_at(vertices, boundary_triangles(tetrahedra)[0])
     return align(vertices, tetrahedra, boundary_edges(tetrahedra), true.is_held, meeting)
 
 
-def make_simulation_mesh(
-    geometry: SensorGeometry, size: MeshSize | str
-) -> tuple[SimulationMesh, MeshQuality]:
-    """A gated simulation mesh and its numbers."""
+def make_simulation_mesh(geometry: SensorGeometry, size: MeshSize | str) -> tuple[SimulationMesh, MeshQuality]:
+    """Make a simulation mesh that passes the quality gates, and return its quality too."""
     curved, quality = make_curved(geometry, size)
     held = np.zeros(len(curved.nodes), dtype=bool)
     held[curved.faces[curved.region == HELD]] = True
@@ -226,7 +215,7 @@ def make_simulation_mesh(
 
 
 def make_output_mesh(geometry: SensorGeometry, size: MeshSize, source: str) -> tuple[OutputMesh, MeshQuality]:
-    """A gated output mesh and its numbers: the straight tetrahedra below a curved mesh."""
+    """Make an output mesh, the straight tetrahedra of a curved mesh that passes the gates; return its quality too."""
     curved, quality = make_curved(geometry, size)
     return output_of(geometry, curved.nodes[: curved.n_corners], curved.tetrahedra[:, :4], source), quality
 
@@ -238,9 +227,9 @@ def output_of(
     source: str,
     held_at: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> OutputMesh:
-    """The output mesh on given tetrahedra, with its regions.
+    """Make the output mesh of given tetrahedra. Raises InputError if one is inverted.
 
-    ``held_at`` says which points (n, 3) of the boundary are held, (n,) bool; without it, all corners of held triangles.
+    held_at : maps points (n, 3) m of the boundary to their mask (n,); by default, corners of held triangles are held
     """
     if (signed_volumes(vertices, tetrahedra) <= 0).any():
         raise InputError(f"sensor {geometry.description.name}: inverted tetrahedra in the output mesh")

@@ -1,6 +1,6 @@
-"""The rigid body that a gel rests on, and the free faces of the gel that can reach it.
+"""The rigid support under a gel, and the gel's free faces that can reach it.
 
-A bonded gel that is pressed near its rim bulges over the edge of its bond and comes to lie on what goes on there.
+A bonded gel that is pressed near its rim bulges over the edge of its bond and meets the support there.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from simgen.geometry.tetrahedra import SimulationMesh
 from simgen.sensors.sensor_schema import SupportPlane, SupportSettings
 from simgen.units import MM
 
-SPACING_MM = 0.25  # grid of the signed distance, as the core's
-MARGIN_MM = 3.0  # that the grid reaches beyond the body
-THICKNESS_MM = 5.0  # of a plate: gel beside its edge does not come to lie below it
-RESTS_MM = 0.05  # how far a gel that rests on a body may be off it, or in it
-# How far along the surface gel comes from that is pressed down onto the support, over the gel's height: as far as
-# presses go (`trajectories.max_indentation_ratio`). On the DIGIT 2.4 mm: its wall, its rim and a little of its dome.
+SPACING_MM = 0.25  # of the grid of the signed distance, as for the core
+MARGIN_MM = 3.0  # of the grid around the body
+THICKNESS_MM = 5.0  # of a plate: gel beside its edge does not get below it
+RESTS_MM = 0.05  # largest gap or overlap of a gel that rests on a body
+# Largest distance from the bond, over the gel's height, of gel that is pressed onto the support: as deep as presses go
+# (`trajectories.max_indentation_ratio`). On the DIGIT 2.4 mm: its wall, its rim and a little of its dome.
 REACH = 0.6
 
 
 @dataclass(frozen=True)
 class Plate:
-    """A flat plate of `THICKNESS_MM` whose outline is the gel's, grown by a margin with round corners.
+    """A flat plate of `THICKNESS_MM`. Its outline is the gel's, grown by a margin with round corners.
 
     axis : 0, 1 or 2, perpendicular to the plate's face
     at_mm : where the face lies along the axis
@@ -50,7 +50,7 @@ class Plate:
 
     @property
     def bounds_mm(self) -> np.ndarray:
-        """Lowest and highest coordinates (2, 3)."""
+        """Lowest and highest coordinates (2, 3) mm."""
         corners = self.outline_mm.reshape(-1, 2)
         across = np.stack([corners.min(axis=0) - self.beyond_mm, corners.max(axis=0) + self.beyond_mm])
         faces = sorted([self.at_mm, self.at_mm - self.side * THICKNESS_MM])
@@ -74,7 +74,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Support:
-    """The support that a gel rests on.
+    """The rigid body that a gel rests on.
 
     body : a plate, or a closed mesh in m
     friction : Coulomb coefficient; None: the material's
@@ -91,7 +91,7 @@ class Support:
         return self.body.distance(points) if isinstance(self.body, Plate) else mesh_distance(self.body, points)
 
     def shape(self, device: str) -> RigidShape:
-        """The body as a rigid shape in the sensor's frame, its distance sampled every `SPACING_MM`."""
+        """Rigid shape in the sensor's frame; its distance is sampled every `SPACING_MM`."""
         if isinstance(self.body, Plate):
             return sampled_distance(self.body.distance, self.body.bounds_mm, SPACING_MM, MARGIN_MM)
         return sampled_shape(self.body, SPACING_MM, MARGIN_MM, device)
@@ -100,8 +100,8 @@ class Support:
 def load_support(keys: SupportSettings, folder: Path, gel: LabelledSurface) -> Support:
     """Make the support of a gel.
 
-    Raises InputError where no triangle of the gel lies in the plane or the gel lies on both sides of it, where the
-    mesh file makes no closed body, and where the free surface is off the body by more than `RESTS_MM`.
+    Raises InputError if no triangle of the gel lies in the plane, if the gel lies on both sides of the plane, if the
+    mesh file makes no closed body, or if the free surface is off the body by more than `RESTS_MM`.
     """
     path, digest = folder / "sensor.yaml", hashlib.sha256(keys.model_dump_json(exclude_none=True).encode())
     if keys.plane is not None:
@@ -157,10 +157,10 @@ def distance_to_outline(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
 
 
 def faces_in_reach(support: Support, mesh: SimulationMesh) -> np.ndarray:
-    """The free faces (f, 6) that can come to lie on the support.
+    """Select the free faces (f, 6) that can meet the support.
 
-    These have a corner within `REACH` times the gel's height of a free face's corner that rests on the support: of the
-    outline of the bond, or of a face that lies on the support unbonded.
+    A selected face has a corner within `REACH` times the gel's height of a resting corner. Resting corners are the free
+    faces' corners on the support: the outline of the bond, or faces that lie on the support unbonded.
     """
     corners, faces = np.unique(mesh.touchable[:, :3], return_inverse=True)
     height = support.distance(mesh.nodes[corners])

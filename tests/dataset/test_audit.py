@@ -8,7 +8,6 @@ import trimesh
 from simgen.config.outputs import OUTPUTS
 from simgen.dataset.audit import check, passes, to_repair
 from simgen.dataset.reader import ADDED_LATER, Dataset
-from simgen.dataset.touch_audit import nearest_on_surface, pressed_indenters
 from simgen.errors import InputError
 from simgen.pipeline.run import run
 from simgen.report.effort import effort_section
@@ -27,21 +26,6 @@ def failures(dataset: Dataset) -> set[str]:
 def test_a_sound_dataset_passes(dataset):
     assert failures(dataset) == set()
     assert passes(check(dataset))
-
-
-def test_an_audit_reads_a_mesh_in_its_unit(tmp_path):
-    """And finds another one, if the unit or the file has changed since."""
-    block = trimesh.creation.box([8.0, 4.0, 6.0])
-    block.export(tmp_path / "block.stl")
-    plan = fake.make_plan(fake.make_job(indenters=[{"file": f"{tmp_path}/block.stl", "unit": "mm"}, "sphere_7mm"]))
-    dataset = run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
-    block_read, sphere = pressed_indenters(dataset)
-    np.testing.assert_allclose(np.ptp(block_read.extent, axis=0), [8e-3, 4e-3, 6e-3])
-    assert dataset.indenters == ("block", "sphere_7mm") == (block_read.name, sphere.name)
-    assert dataset.attributes["indenters"]["block"]["unit"] == "mm"
-    block.apply_scale(0.5).export(tmp_path / "block.stl")
-    with pytest.raises(InputError, match="block: not the indenter that was pressed"):
-        pressed_indenters(dataset)
 
 
 HELD, FREE = int(np.argmax(fake.HELD)), int(np.argmin(fake.HELD))
@@ -261,22 +245,6 @@ def test_what_is_repaired_has_the_bytes_of_an_undisturbed_run(dataset):
     again = run(fake.make_plan(dataset.job), dataset.path, **how)
     assert [report.shard for report in reports] == [1, 3] and passes(check(again))
     assert fake.contents(dataset.path) == before
-
-
-def test_nearest_on_surface_of_a_sphere():
-    """Against the closed form: a facet is off its sphere by (circumradius)^2 / 2 R, at most edge^2 / 6 R."""
-    rng = np.random.default_rng(0)
-    outward = rng.normal(size=(50, 3))
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    height = rng.uniform(0.0, 1e-3, 50)
-    points = (fake.RADIUS_M + height)[:, None] * outward
-    distance, normal = nearest_on_surface(fake.VERTICES, fake.BALL.faces, points)
-    sagitta = fake.BALL.edges_unique_length.max() ** 2 / (6 * fake.RADIUS_M)
-    assert np.abs(distance - height).max() < sagitta
-    smoothed, facet = np.degrees(np.arccos(np.clip(np.einsum("nki,ni->kn", normal, outward), -1, 1)))
-    assert smoothed.max() < 0.5 * facet.max()
-    # A facet's normal is that of its centre, off by up to its circumradius over R.
-    assert facet.max() < np.degrees(fake.BALL.edges_unique_length.max() / np.sqrt(3) / fake.RADIUS_M)
 
 
 def test_a_dataset_from_before_stabilisation_passes(tmp_path):

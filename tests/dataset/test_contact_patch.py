@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 
 from simgen.dataset.contact_patch import ContactPatches
+from simgen.dataset.pressed_indenters import pressed_indenters
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import FACET_M, pressed_indenters
+from simgen.dataset.touch_audit import FACET_M
 from simgen.errors import InputError
 from simgen.pipeline.run import run
 from simgen.sensors.indenter import signed_distance
-from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.indenter_pose import advanced
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,15 @@
 
 import fake
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from simgen.config.resources import PACKAGE
 from simgen.dataset import provenance
 from simgen.dataset.writer import create, open_or_create
 from simgen.errors import InputError
+
+LEAF = st.integers() | st.dictionaries(st.sampled_from("xy"), st.integers())
 
 
 def package(folder, **files):
@@ -45,3 +49,9 @@ def test_a_dataset_of_other_sources_is_refused(tmp_path):
     open_or_create(tmp_path / "d.zarr", old, plan.arrays, plan.job)
     with pytest.raises(InputError, match=r"holds another dataset \(code\.source: aa -> bb\)"):
         open_or_create(tmp_path / "d.zarr", new, plan.arrays, plan.job)
+
+
+@given(st.dictionaries(st.sampled_from("abc"), LEAF))
+def test_difference_is_empty_between_equals_and_names_what_is_new(data):
+    assert provenance.difference(data, data) == []
+    assert provenance.difference(data, {**data, "new": 1}) == ["new: (absent) -> 1"]

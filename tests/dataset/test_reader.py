@@ -1,20 +1,15 @@
 """The dataset: round trip, fill values, overflow, provenance, and shards that nobody shares."""
 
 import json
-import subprocess
-import sys
 
 import fake
 import numpy as np
 import pytest
 import zarr
-from hypothesis import given
-from hypothesis import strategies as st
 
 from dataset.shards import make, shard_values, write_shard
 from simgen.config.job_schema import FINEST_STEP_M
 from simgen.dataset.chunk_files import chunk_path
-from simgen.dataset.provenance import difference
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.pipeline.run import run
@@ -128,37 +123,6 @@ def test_a_rotten_chunk_is_an_error_not_the_end_of_the_process(dataset, name, sp
 def test_the_job_in_a_dataset_is_the_job(dataset):
     assert dataset.job.hash == fake.make_job().hash == dataset.attributes["job_hash"]
     assert json.loads((dataset.path / "zarr.json").read_text())["attributes"]["job"]["name"] == "fake"
-
-
-LEAF = st.integers() | st.dictionaries(st.sampled_from("xy"), st.integers())
-
-
-@given(st.dictionaries(st.sampled_from("abc"), LEAF))
-def test_difference_is_empty_between_equals_and_names_what_is_new(data):
-    assert difference(data, data) == []
-    assert difference(data, {**data, "new": 1}) == ["new: (absent) -> 1"]
-
-
-def test_shards_do_not_wait_for_each_others_threads():
-    """zarr calls zarrs in the threads of its loop: in a new process there are several, not the pipeline's one.
-
-    Two calls that wait for each other end only if both are under way.
-    """
-    code = """
-import asyncio, tempfile, threading
-from pathlib import Path
-import zarr
-from simgen.dataset.chunk_files import open_sharded
-with tempfile.TemporaryDirectory() as folder:
-    zarr.create_array(Path(folder) / "a", shape=(4, 4), chunks=(1, 4), shards=(4, 4), dtype="int16")
-    array = open_sharded(Path(folder), "a", mode="r+")
-    array[:] = 1
-    both = threading.Barrier(2)
-    async def meet():
-        await asyncio.gather(*(asyncio.to_thread(both.wait, 20.0) for _ in range(2)))
-    asyncio.run_coroutine_threadsafe(meet(), zarr.core.sync.loop[0]).result(30.0)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
 def test_a_dataset_from_before_the_rule_of_thin_gel_has_its_job_and_hash(tmp_path):

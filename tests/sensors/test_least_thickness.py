@@ -12,9 +12,9 @@ from simgen.config.indenter_path import press_path, with_legs
 from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD
 from simgen.geometry.rigid_shape import sampled_shape, signed_distance
 from simgen.sensors.indenter import load_indenter
+from simgen.sensors.indenter_pose import advanced
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.pairing import indenter_poses, sample_contacts
-from simgen.sensors.polar_bodies import advanced
 from simgen.sensors.sensor import load_sensor
 from simgen.sensors.sensor_schema import SupportPlane
 from simgen.sensors.support import Support, plate_under

@@ -15,6 +15,7 @@ from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD
 from simgen.geometry.developed_skin import Skin
 from simgen.geometry.rigid_shape import mesh_distance, signed_distance
 from simgen.sensors.indenter import load_indenter
+from simgen.sensors.indenter_pose import advanced
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.pairing import (
     Contacts,
@@ -25,7 +26,6 @@ from simgen.sensors.pairing import (
     sample_contacts,
     unfold,
 )
-from simgen.sensors.polar_bodies import advanced
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.first_touch import first_touch
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from simgen.geometry import mesh_files
-from simgen.geometry.curved_tetrahedra import CORE, HELD
+from simgen.geometry.curved_tetrahedra import CORE
 from simgen.geometry.surface import ClosestPoint, shells
-from simgen.sensors.sensor import place_electrodes
 from simgen.sensors.sensor_geometry import load_geometry
 from simgen.units import MM
 from simgen.verification.validate.published_geometry import gel_thickness, touchable_distances, wall_thickness
@@ -86,24 +85,3 @@ def test_the_core_lies_inside_the_cavity_with_its_clearance(reference):
     print(f"core: mean {distance.mean():.4f} mm, max {distance.max():.4f} mm")
     assert distance.mean() <= MEAN
     assert distance.max() <= MOST
-
-
-def test_electrodes_sit_on_the_core_in_mirrored_pairs():
-    biotac = load_geometry("biotac")
-    electrodes = place_electrodes(biotac.description.electrodes, biotac.core)
-    assert electrodes.shape == (19, 3)
-    assert ClosestPoint(biotac.core.vertices, biotac.core.faces)(electrodes)[1].max() < 1e-9
-    mirrored = electrodes * [1, 1, -1]
-    nearest = np.linalg.norm(electrodes[:, None] - mirrored[None], axis=2).min(axis=1)
-    assert nearest.max() < 0.1 * MM  # the triangulation of the core is not symmetric
-    assert (electrodes[:, 1] < 0).all()  # all on the pad's side
-    tip = electrodes[6:10]  # E7 to E10 stand on the slanted facet behind the fingertip
-    assert tip[:, 0].max() < electrodes[[1, 2, 3], 0].min()
-
-
-def test_held_regions_have_their_measured_area():
-    regions = load_geometry("biotac")
-    area = {n: regions.true.surface.area_faces[f].sum() / MM**2 for n, f in regions.held_regions.items()}
-    assert area["nail_plate"] == pytest.approx(17.0 * 6.84, rel=0.03)  # x -17..0, |z| <= 3.42
-    assert area["rear_plate"] == pytest.approx(7.0 * 6.6, rel=0.15)  # the round face clips the corners of the box
-    assert load_geometry("digit").true.area(HELD) / MM**2 == pytest.approx(422.5, rel=0.005)

@@ -235,11 +235,6 @@ def slab(folder, **support):
     return folder
 
 
-@pytest.fixture
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("SIMGEN_CACHE", str(tmp_path / "cache"))
-
-
 def table(folder, y_mm=2.0):
     body = trimesh.creation.box([26.0, THICKNESS_MM, 26.0])
     body.apply_translation([0.0, y_mm + THICKNESS_MM / 2.0, 0.0])

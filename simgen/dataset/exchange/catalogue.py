@@ -11,7 +11,7 @@ from simgen.dataset.exchange.result_files import ResultFile
 from simgen.dataset.exchange.selection import Track
 from simgen.errors import InputError
 from simgen.sensors.indenter import indenter_names
-from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.indenter_pose import advanced
 
 
 @dataclass(frozen=True)

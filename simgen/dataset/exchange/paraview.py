@@ -18,11 +18,11 @@ from simgen.config.outputs import AT_SURFACE
 from simgen.config.warp_device import start_warp
 from simgen.dataset.atomic_files import check_room
 from simgen.dataset.exchange.selection import PressSelection, Track, vertex_flags
+from simgen.dataset.pressed_indenters import pressed_indenter
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import pressed_indenter
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import is_valid
-from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.indenter_pose import advanced
 
 
 def export_vtk(selection: PressSelection, folder: Path, track: Track) -> None:

@@ -15,7 +15,7 @@ from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import is_valid
-from simgen.sensors.polar_bodies import advanced
+from simgen.sensors.indenter_pose import advanced
 
 SHOWN = 12  # numbers that a message lists
 

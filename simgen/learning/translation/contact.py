@@ -3,8 +3,8 @@
 import numpy as np
 
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import vertex_normals
 from simgen.dataset.touchable import TouchableSurface, touchable_surface
+from simgen.geometry.surface_normals import vertex_normals
 
 # Of the deepest point: what is pressed in at least so far belongs to the contact. Of shares from 0 to 0.75 this one's
 # centroid is, in true meshes, nearest to that of the points which touch the indenter (docs/translation.md).

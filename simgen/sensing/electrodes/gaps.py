@@ -13,9 +13,9 @@ import warp as wp
 
 from simgen.config.warp_device import check_device
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import nearest_on_surface
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values
+from simgen.geometry.surface_normals import nearest_on_surface
 from simgen.sensors.sensor import place_electrodes
 from simgen.sensors.sensor_geometry import cavity_faces, load_geometry
 
