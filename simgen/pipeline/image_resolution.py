@@ -1,8 +1,8 @@
-"""Is an output mesh fine enough for the camera behind it? Images show its triangles, which are flat.
+"""Check of an output mesh's edge length for the camera behind it, whose images show the mesh's flat triangles.
 
-`benchmarks/output_edges.py` compares images of one press on output meshes with the image on edges of 0.3 mm: the mean
-difference in the contact, over the mean signal. Edges of 0.4 contact radii cost 2 to 7 %, of 0.5 to 0.7 contact radii 7
-to 17 %, of 0.8 contact radii 20 to 35 %, of 1.1 contact radii 33 to 61 %.
+`benchmarks/output_edges.py` compares images of one press with the image on edges of 0.3 mm. The mean difference in the
+contact, over the mean signal, is 2 to 7 % for edges of 0.4 contact radii, 7 to 17 % for 0.5 to 0.7, 20 to 35 % for 0.8,
+and 33 to 61 % for 1.1.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ from simgen.sensors.indenter import Indenter, mesh_distance, signed_distance
 from simgen.sensors.sensor import Camera, Sensor
 from simgen.units import MM_PER_M
 
-LONGEST, WANTED = 0.6, 0.4  # contact radii: longer edges get a remark, which recommends edges of WANTED
-POINTS, SECTIONS = 201, 4  # of the grid on which a contact is measured: on a side, and along the depth
+LONGEST, WANTED = 0.6, 0.4  # contact radii: edges above LONGEST get a remark, which recommends WANTED
+POINTS, SECTIONS = 201, 4  # of the grid on which a contact is measured: along each side, and along the depth
 
 
 def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], depth_m: float) -> list[str]:
-    """One sentence if images of sensor ``name`` hardly show the smallest contact at the deepest depth, m; else none.
+    """Remark, in one sentence, that images hardly show the smallest contact at the deepest depth, m; else return none.
 
-    A sensor without a camera has no images. Edges shorter than a pixel would show no more.
+    There is no remark without a camera, or if edges are shorter than a pixel.
     """
     if sensor.camera is None:
         return []
@@ -39,7 +39,7 @@ def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], dept
 
 
 def contact_radius(indenter: Indenter, depth_m: float) -> float:
-    """Radius, m, of the largest circle in the outline of what lies up to a depth, m, behind an indenter's tip."""
+    """Radius, m, of the largest circle in the outline of an indenter's part within a depth, m, behind its tip."""
     low, high = MM_PER_M * indenter.extent
     axes = [np.linspace(low[axis], high[axis], POINTS) for axis in (0, 2)]
     heights = high[1] - MM_PER_M * depth_m * np.arange(1, SECTIONS + 1) / SECTIONS
@@ -55,13 +55,13 @@ def contact_radius(indenter: Indenter, depth_m: float) -> float:
 
 
 def touched_edge(mesh: OutputMesh) -> float:
-    """Median length, m, of the edges of surface triangles that may be touched."""
+    """Median length, m, of the edges of touchable surface triangles."""
     triangles = mesh.surface_triangles[mesh.touchable[mesh.surface_triangles].all(axis=1)]
     corners = mesh.vertices[triangles]
     return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
 
 def pixel(camera: Camera, mesh: OutputMesh) -> float:
-    """Width, m, that a pixel sees of the surface that may be touched, at its middle."""
+    """Width, m, of a pixel on the middle of the touchable surface."""
     away = (mesh.vertices[mesh.touchable].mean(axis=0) - camera.position) @ camera.looks_along
     return float(2.0 * away * np.tan(np.radians(0.5 * camera.vertical_field_of_view_deg)) / camera.height_px)

@@ -1,6 +1,6 @@
-"""Run a plan: a task solves and writes some shards, and workers take one after the other.
+"""Run of a plan: tasks solve and write shards, and workers take one task after the other.
 
-No task depends on another, on the number of workers or on their order, so the dataset does not either.
+Tasks do not depend on each other, so the dataset does not depend on the number or order of workers.
 """
 
 import time
@@ -21,11 +21,11 @@ from simgen.pipeline.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.pipeline.shard_writer import Failure
 from simgen.pipeline.workers import Workers
 
-# In all tasks that a GPU's process solves at once, where these have several shards. They are many more than are under
-# way at once, because a shard waits for its hardest press, and the others must keep the device busy. The host keeps
-# their samples until their shard has ended: 2.5 MB for a press of the paired job, in single precision.
+# Presses in all tasks that a GPU's process solves at once, if tasks have several shards. They are many more than the
+# device presses at once: a shard waits for its hardest press, and the others keep the device busy. The host keeps
+# samples until their shard has ended, 2.5 MB for a press of the paired job in single precision.
 PRESSES_PER_GPU_PROCESS = 4608
-SMALLER = 8  # times: a task that broke down is tried again in parts of which most may be sound
+SMALLER = 8  # a task that failed is tried again in so many parts, most of which may succeed
 
 
 def run(
@@ -37,13 +37,17 @@ def run(
     build: Callable[[Job, str, str], Presser] = fem_presser,
     again: Collection[int] = (),
 ) -> Dataset:
-    """Fill a dataset: create it, go on with it or add trajectories to it, and solve every shard that is not finished.
+    """Create or open a dataset, add new trajectories, and solve every unfinished shard.
 
-    `workers` of `workers.start_workers`; None is this very process. `on_start` is told how many presses are
-    there already, `on_report` what came of each shard. Finished shards that `again` names are solved once more. An
-    interrupt closes the workers and leaves a dataset that the same call completes. A shard whose task raised, or ended
-    its process, twice is left unfinished, and its report carries the error. Raises `InputError` if `output` holds
-    another dataset, is being filled by another run, or cannot be written any more, and if the scheduler is lost.
+    workers : of `workers.start_workers`; None solves in this process
+    on_start : called with the number of presses that are finished already
+    on_report : called with the report of each shard
+    build : makes the function that solves presses
+    again : finished shards to solve once more
+
+    After an interrupt or a kill, the same call completes the dataset. A shard whose task fails twice, by an exception
+    or a dead process, stays unfinished, and its report carries the error. Raises `InputError` if `output` holds another
+    dataset, is locked by another run or cannot be written, and if the scheduler is lost.
     """
     if workers is None:
         check_device(plan.device)
@@ -76,9 +80,9 @@ def run(
 def _reports(
     dataset: Dataset, parts: list[list[int]], job: Job, workers: Workers, build: Callable[[Job, str, str], Presser]
 ) -> Iterator[ShardReport]:
-    """What came of all shards. Parts that broke down are tried once more, after the others and smaller.
+    """Yield reports of all shards. Failed parts are tried once more after the others, in smaller parts.
 
-    What shares a process with a task that kills it dies with it, so they are tried one at a time.
+    A task that kills its process kills the tasks beside it, so failed parts are tried one at a time.
     """
     again = []
     for part, outcome in _solve(dataset, parts, job, workers, build):
@@ -94,7 +98,7 @@ def _reports(
 def _solve(
     dataset: Dataset, parts: list[list[int]], job: Job, workers: Workers, build: Callable[[Job, str, str], Presser]
 ) -> Iterator[tuple[list[int], list[ShardReport] | Failure]]:
-    """Parts as they are solved, and what came of each."""
+    """Yield parts with their outcomes, as they end."""
     path = dataset.path.resolve()
     tasks = [(path, part, job, workers.device, build) for part in parts]
     for task, outcome in workers.map(_guarded, tasks):
@@ -102,13 +106,13 @@ def _solve(
 
 
 def _guarded(arguments: tuple) -> list[ShardReport] | Failure:
-    """Solve some shards; what goes wrong is data too."""
+    """Solve some shards; an exception becomes a `Failure`."""
     try:
         return run_shards(*arguments)
     except Exception as error:
         failure = Failure.of(error)
         if failure.errno is not None and not str(getattr(error, "filename", "")).startswith(str(arguments[0])):
-            return replace(failure, errno=None, final=False)  # a file of somebody else's
+            return replace(failure, errno=None, final=False)  # a file outside the dataset
         return failure
 
 
@@ -120,12 +124,12 @@ def _of_shards(dataset: Dataset, part: list[int], outcome: list[ShardReport] | F
 
 
 def divide(shards: list[int], size: int) -> list[list[int]]:
-    """Runs of at most ``size`` shards."""
+    """Divide shards into parts of at most ``size``."""
     return [shards[first : first + size] for first in range(0, len(shards), size)]
 
 
 def shards_per_task(shards: int, job: Job, workers: Workers) -> int:
-    """As many as a GPU's task has room for, or fewer, so that all processes have the same number of tasks."""
+    """Number of shards in a GPU's task: as many as fit, or fewer, so that all processes have as many tasks."""
     most = max(1, PRESSES_PER_GPU_PROCESS // (workers.tasks_at_once * job.dataset.presses_per_shard))
     rounds = max(1, -(-shards // (most * workers.count)))
     return max(1, -(-shards // (rounds * workers.count)))

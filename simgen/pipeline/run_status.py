@@ -1,4 +1,4 @@
-"""How far a run is: what is finished, who is at work, how fast, and what went wrong."""
+"""Status of a run: finished presses, the process at work, speed, and errors."""
 
 import time
 from dataclasses import dataclass
@@ -9,20 +9,20 @@ from simgen.dataset.folder_lock import holder
 from simgen.dataset.reader import Dataset
 from simgen.fem.nonlinear.status import NOT_THERE, in_words, is_valid
 
-# What a shard's line says at least.
+# Keys that a shard's line of the timings must have, with their types.
 SHARD = {"shard": int, "presses": int, "failed": int, "finished": int | float, "error": str | None}
 
 
 @dataclass(frozen=True)
 class RunStatus:
-    """State of a dataset that is, or was, being filled.
+    """Status of a run into a dataset.
 
-    presses, finished : how many there are to be, and how many are there
-    failed : samples of finished shards that failed, of all sensors
-    at_work : the process that fills it, and since when; None if there is none
-    last_s : seconds since the last shard was finished; None if there is none
-    rate : presses a second since the last run began, the start of its workers with it; None before its first shard
-    errors : shards that could not be written and are not there yet, with the reason
+    presses, finished : number of presses in all, and of finished ones
+    failed : failed samples of finished shards, of all sensors
+    at_work : the process that fills the dataset, and since when; None without one
+    last_s : seconds since the last shard was finished; None before the first one
+    rate : presses a second since the last run began, start of the workers included; None before its first shard
+    errors : unfinished shards with the error of their last try
     """
 
     presses: int
@@ -35,20 +35,20 @@ class RunStatus:
 
     @property
     def left_s(self) -> float | None:
-        """Seconds that the rest will take at this rate, if somebody is at work."""
+        """Seconds that the rest will take at this rate; None if no process is at work."""
         if not self.rate or self.at_work is None:
             return None
         return (self.presses - self.finished) / self.rate
 
 
 def run_status(dataset: Dataset, now: float | None = None) -> RunStatus:
-    """What the manifests, the lock and the timings say; `now` is a time of `time.time`."""
+    """Read the status from manifests, lock and timings. ``now`` is in s as of `time.time`."""
     now = time.time() if now is None else now
     there = dataset.finished()
     finished = sum(len(dataset.shard_presses(shard)) for shard in there)
     lines = dataset.timings()
     began = max((line["began"] for line in lines if isinstance(line.get("began"), int | float)), default=now)
-    latest = {line["shard"]: line for line in lines if _is_of_shard(line)}  # one may have been solved again
+    latest = {line["shard"]: line for line in lines if _is_of_shard(line)}  # the last try of each shard
     whole = sorted((latest[shard] for shard in there if shard in latest), key=lambda line: line["finished"])
     done = [line for line in whole if line["finished"] > began]
     rate = sum(line["presses"] for line in done) / (done[-1]["finished"] - began) if done else None
@@ -68,7 +68,7 @@ def _is_of_shard(line: dict) -> bool:
 
 
 def outcomes(dataset: Dataset) -> dict[str, int]:
-    """Samples of all sensors by their outcome in words; those that are valid, or not there yet, are left out."""
+    """Count the samples of all sensors by outcome in words; valid and unfinished samples are left out."""
     status = np.concatenate([dataset[f"{sensor}/status"].ravel() for sensor in dataset.sensors])
     codes, counts = np.unique(status[~is_valid(status) & (status != NOT_THERE)], return_counts=True)
     words = [f"{in_words(code)}: {dataset.sentence(code)}" for code in codes]

@@ -1,4 +1,4 @@
-"""Writing what came of a shard's presses, a sensor at a time, while the next sensor is solved."""
+"""Writes the results of a shard, sensor by sensor, while the next sensor is solved."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ from simgen.simulation.press import PressResult
 
 @dataclass(frozen=True)
 class Failure:
-    """What an exception says, without the values that it would hold, and the operating system's number, if any.
+    """An exception as text, with the operating system's number if it has one.
 
-    final : nothing would be better another time: inputs stay what they are, a disk stays full
+    final : a second try would fail too, because of a bad input or a full disk
     """
 
     sentence: str
@@ -30,6 +30,7 @@ class Failure:
 
     @classmethod
     def of(cls, error: Exception) -> "Failure":
+        """Describe an exception."""
         number = getattr(error, "errno", None)
         return cls(f"{type(error).__name__}: {error}", number, isinstance(error, InputError) or number in NOT_WRITABLE)
 
@@ -38,9 +39,9 @@ class ShardWriter:
     """Writes one shard's files into a folder aside.
 
     presses : (n,) numbers of the shard's presses
-    outcomes : status -> number of samples, of all sensors, valid ones left out
+    outcomes : status -> number of samples that are not valid, of all sensors
     seconds : sensor -> seconds of solving
-    failure : why it could not be written, of the first sensor, or None; known when ``files`` has been asked for
+    failure : the first sensor's error in writing, or None; known once `files` has returned
     """
 
     def __init__(self, dataset: Dataset, shard: int, folder: Path, threads: ThreadPoolExecutor):
@@ -50,14 +51,14 @@ class ShardWriter:
         self._first_touch = np.zeros(len(self.presses))
 
     def take(self, sensor: str, results: Sequence[PressResult], contact_pose: np.ndarray) -> None:
-        """Begin to write the results (n,) of a sensor; those of the reference sensor come first.
+        """Begin to write the results (n,) of a sensor; the reference sensor must come first.
 
         contact_pose (n, 4, 4): indenter frame -> shared frame, m.
         """
         dataset, touch = self.dataset, np.array([result.touch for result in results])
         values = _columns(dataset, sensor, results)
         if sensor == dataset.sensors[0]:
-            # Where the reference sensor is never touched, press/pose stays at the contact and travels start there.
+            # If a press never touches the reference sensor, press/pose stays at the contact, and travel counts from it.
             self._first_touch = np.nan_to_num(touch)
             values["press/pose"] = advanced(contact_pose, self._first_touch)
         values[f"{sensor}/touch"] = touch - self._first_touch
@@ -66,14 +67,14 @@ class ShardWriter:
         self._writing.append(self._threads.submit(self._write, values))
 
     def _write(self, values: dict[str, Sequence]) -> "dict[str, Aside] | Failure":
-        """Files by path, or what went wrong."""
+        """Write files by path; an exception becomes a `Failure`."""
         try:
             return write_aside(self.dataset, self.shard, values, self._folder)
         except Exception as error:
             return Failure.of(error)
 
     def files(self) -> tuple[dict[str, Aside], dict[str, Aside]]:
-        """The shard's files and its manifest, by path, when all are written; none if something went wrong."""
+        """Wait for the shard's files and manifest, by path; both are empty after a failure."""
         files: dict[str, Aside] = {}
         for writing in self._writing:
             written = writing.result()
@@ -90,19 +91,19 @@ class ShardWriter:
 
 
 def put_shards_in_place(dataset: Dataset, writers: Sequence[ShardWriter]) -> None:
-    """Put all shards that could be written in their places, their manifests last."""
+    """Put the files of all shards without failure in place, manifests last."""
     files, manifests = {}, {}
     for writer in writers:
         of_shard, manifest = writer.files()
         files |= of_shard
         manifests |= manifest
-    # One that is solved again has a manifest, which does not fit while its files are exchanged.
+    # A shard that is solved again has an old manifest, which is wrong while files are replaced.
     forget(dataset, [writer.shard for writer in writers if writer.failure is None])
     put_in_place(dataset.path, files)
     put_in_place(dataset.path, manifests)
 
 
 def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, Sequence]:
-    """Results of a shard as those arrays that the dataset has for the sensor, a press at a time."""
+    """Collect a sensor's results in the dataset's arrays, press by press."""
     kept = (output.name for output in dataset.job.kept_outputs(sensor))
     return {f"{sensor}/{name}": [result.outputs[name] for result in results] for name in kept}

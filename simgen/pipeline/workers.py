@@ -1,4 +1,4 @@
-"""The processes that solve: a local cluster, a dask scheduler's workers, or this very process.
+"""Workers that solve tasks: a local cluster, the workers of a dask scheduler, or this process.
 
 Only this file imports dask.
 """
@@ -19,28 +19,32 @@ from simgen.config.warp_device import check_device
 from simgen.errors import InputError
 from simgen.pipeline.shard import Presser, fem_presser, prepare
 
-# Threads of a GPU's process. Each solves a task; the presses of all tasks share the device (see ``pool``). One shard is
-# a task where shards have their default size, so what has ended is written early. With 128, 74 s of the paired job's
-# 377 s went into its last presses (2b75018, one H200): hard presses of the last shards began late.
+# Threads of a GPU's process. Each solves a task, and the presses of all tasks share the device (see ``pool``). A task
+# is one shard of the default size, so finished shards are written early. With 128 threads, 74 s of the paired job's
+# 377 s went into its last presses (2b75018, one H200), because hard presses of the last shards began late.
 TASKS_PER_GPU_PROCESS = 256
-TASKS_PER_THREAD = 2  # submitted and not finished: one runs, one waits
-LONGEST_SILENCE = "1 hour"  # of a process until it is given up: one call of the mesher may take minutes
-ANSWER_S = 10.0  # within which a scheduler must answer
-LONGEST_WAIT_S = 300.0  # for as many workers as are asked for
-STARTS = 3  # of a process that is killed as it starts
+TASKS_PER_THREAD = 2  # submitted tasks: one runs, one waits
+LONGEST_SILENCE = "1 hour"  # of a process before it counts as lost; one call of the mesher can take minutes
+ANSWER_S = 10.0  # timeout for the scheduler's answer
+LONGEST_WAIT_S = 300.0  # for the wanted number of workers
+STARTS = 3  # attempts to start a process that is killed as it starts
 
-# A terminal interrupts the whole process group; only the parent should answer, and end the workers itself.
+# A terminal interrupts the whole process group; only the parent answers, and ends the workers.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-# Threads that write shards must not keep those that feed a GPU from Python for Python's usual 5 ms.
+# Threads that write shards must not block threads that feed a GPU for Python's usual 5 ms.
 SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
-# dask would look at the stacks of all threads every 10 ms, for its dashboard.
+# Otherwise dask samples the stacks of all threads every 10 ms, for its dashboard.
 NO_PROFILE = {"distributed.worker.profile.enabled": False}
 
 
 class Workers:
-    """``count`` processes, and the ``device`` as they see it: one with a GPU of its own sees no other.
+    """Processes that solve tasks.
 
-    Each process solves ``tasks_at_once`` tasks at a time.
+    device : as each process sees it; a process with a GPU of its own sees no other GPU
+    count : number of processes
+    start : starts them; returns dask's client and futures that prepare the processes. None: solve in this process
+    close : ends them
+    tasks_at_once : tasks that a process solves at a time
     """
 
     def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, list]] | None = None,
@@ -50,12 +54,12 @@ class Workers:
 
     @cached_property
     def started(self) -> tuple[Any, list]:
-        """dask's client of the processes, which start when it is first asked for, and what prepares them."""
+        """dask's client and preparing futures; the first access starts the processes."""
         return self._start()
 
     @property
     def about(self) -> str:
-        """Where the workers are, how many they are now, and where dask shows what they do (pages that need bokeh)."""
+        """Number and address of the workers, and dask's dashboard, which needs bokeh."""
         if self._start is None:
             return "this process alone"
         client = self.started[0]
@@ -68,9 +72,9 @@ class Workers:
         return f"{workers} at {client.scheduler.address}{dashboard}"
 
     def map(self, function: Callable, arguments: list) -> Iterator[tuple[Any, Any]]:
-        """Arguments with their results, as they come; in place of a result, the error that kept it from coming.
+        """Yield arguments with their results as they come; an exception takes the place of a missing result.
 
-        Workers may join and leave meanwhile. Raises `InputError` if their scheduler is lost.
+        Workers can join and leave meanwhile. Raises `InputError` if the scheduler is lost.
         """
         if not arguments or self._start is None:
             yield from ((argument, function(argument)) for argument in arguments)
@@ -79,13 +83,13 @@ class Workers:
         from distributed.comm import CommClosedError
 
         client, preparing = self.started
-        # Before, dask would give a worker that is ready, and has a second thread, the task of one that is not.
+        # Otherwise dask gives a ready worker with a free thread the task that prepares another worker.
         wait(preparing)
-        preparing.clear()  # or what a worker that dies had prepared would be waited for again
+        preparing.clear()  # do not wait again for a worker that dies
         waiting, submitted, futures = iter(arguments), {}, as_completed()
 
         def submit() -> None:
-            """No more than workers will soon take, so that a long job stays light on the scheduler."""
+            """Submit only what workers will soon take, to keep the scheduler's load small."""
             bound = TASKS_PER_THREAD * max(1, sum(client.nthreads().values()))
             for argument in islice(waiting, max(0, bound - len(submitted))):
                 future = client.submit(function, argument, pure=False)
@@ -102,7 +106,7 @@ class Workers:
                 except KilledWorker as error:
                     died = error.allowed_failures + 1
                     result = RuntimeError(f"{died} processes that were at it died, killed or out of memory")
-                except Exception as error:  # as where simgen is not installed
+                except Exception as error:  # for instance if a worker lacks simgen
                     result = error
                 yield submitted.pop(future), result
                 submit()
@@ -118,13 +122,17 @@ def start_workers(
     scheduler: str | None = None,
     build: Callable[[Job, str, str], Presser] = fem_presser,
 ) -> Iterator[Workers]:
-    """Workers for a job.
+    """Make workers for a job, and close them at the end.
 
-    `count` processes of a local cluster (default: one per core or GPU; no more than shards), all those of a
-    `scheduler`, which see the same file system, once there are `count` or after `LONGEST_WAIT_S`, or this process if
-    that is "sync". Those of a local cluster load their sensors, scenes and kernels as soon as they start; with GPUs
-    that is at once, as cores are free while the caller plans. Raises `InputError` for a device that this machine has
-    not, unless the workers are elsewhere, and for a process that does not start, when the workers are first asked for.
+    Without ``scheduler``, a local cluster of ``count`` processes solves, by default one for each core or GPU and no
+    more than shards. Its processes load sensors, scenes and kernels as soon as they start. GPU processes start at
+    once. CPU processes start when they are first needed, because they would slow the caller's planning.
+
+    With the address of a ``scheduler``, its workers solve once there are ``count`` of them or after `LONGEST_WAIT_S`.
+    They must see the same file system. With "sync", this process solves.
+
+    Raises `InputError` for a device that this machine lacks, unless the workers are elsewhere, for a scheduler that
+    does not answer, and, on first use, for a process that does not start.
     """
     if scheduler is None or scheduler == "sync":
         check_device(device)
@@ -138,12 +146,12 @@ def start_workers(
 
     if scheduler is not None:
         try:
-            get_backend(parse_address(scheduler)[0])  # raises for an unknown kind of address, which a client would try
+            get_backend(parse_address(scheduler)[0])  # refuses an unknown kind of address, which a client would try
             client = Client(scheduler, timeout=ANSWER_S)
-        except Exception as error:  # dask's, of many kinds, for addresses that are none
+        except Exception as error:  # dask raises many kinds for bad addresses
             allowed = "allowed: the address of one that answers, as tcp://host:8786, or sync"
             raise InputError(f"scheduler {scheduler!r}: {str(error) or type(error).__name__}; {allowed}") from None
-        with silence_logging_cmgr("CRITICAL"), client:  # a lost scheduler would be pages of tracebacks
+        with silence_logging_cmgr("CRITICAL"), client:  # a lost scheduler logs pages of tracebacks
 
             def joined() -> tuple[Client, list]:
                 if count:
@@ -177,7 +185,7 @@ def start_workers(
 
 
 def visible_gpus(device: str) -> list[str]:
-    """What CUDA_VISIBLE_DEVICES calls the GPUs of ``cuda`` (all that are visible here) or ``cuda:N``."""
+    """Names in CUDA_VISIBLE_DEVICES of the GPUs of ``cuda`` (all visible ones) or ``cuda:N``."""
     import warp as wp
 
     names = os.environ.get("CUDA_VISIBLE_DEVICES")
@@ -187,18 +195,18 @@ def visible_gpus(device: str) -> list[str]:
 
 
 def local_cluster(environments: list[dict[str, str]]):
-    """A dask cluster on this machine: a process for each environment, which it keeps when it is started again.
+    """Make a dask cluster on this machine, with a process for each environment, also when it starts again.
 
-    A process with a GPU of its own has several threads: the presses of their tasks are solved together (see ``pool``),
-    and what one task writes does not hold up the others.
+    A process with a GPU of its own has several threads. The presses of their tasks are solved together (see ``pool``),
+    and no task waits while another one writes.
     """
     from dask.distributed import Nanny, Scheduler, SpecCluster, Status
     from distributed.system import MEMORY_LIMIT
 
     class QuickNanny(Nanny):
-        """Ends its worker after half a second, not five: whatever it is still doing is no use to anybody.
+        """Ends its worker after half a second, not five; unfinished work is of no use.
 
-        One that is killed as it first starts is started again, as dask does later; it would give up all of them.
+        A worker that is killed as it first starts is started again, where dask would give up all workers.
         """
 
         async def instantiate(self) -> Status:
@@ -210,12 +218,12 @@ def local_cluster(environments: list[dict[str, str]]):
             raise RuntimeError(f"killed or out of memory {STARTS} times as it started")
 
         async def close(self, timeout: float = 0.5, reason: str = "nanny-close"):
-            with suppress(TimeoutError):  # it has been killed, and takes its time
+            with suppress(TimeoutError):  # the worker was killed and has not ended yet
                 return await super().close(timeout, reason)
 
     logging.getLogger("distributed.process").setLevel(logging.WARNING)  # a worker that frees a GPU outlives the cluster
     shared = {"silence_logs": "CRITICAL", "dashboard": False, "config": NO_PROFILE}
-    shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's own would be a share by cores
+    shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's default is a share by cores
     threads = [TASKS_PER_GPU_PROCESS if environment else 1 for environment in environments]
     preload = [[IGNORE_INTERRUPTS, *([SHORT_TURNS] if environment else [])] for environment in environments]
     workers = {
@@ -223,14 +231,14 @@ def local_cluster(environments: list[dict[str, str]]):
         for i, (count, environment, before) in enumerate(zip(threads, environments, preload, strict=True))
     }
     options = {"host": "127.0.0.1", "port": 0, "dashboard_address": "127.0.0.1:0", "dashboard": None}
-    # Two other processes take what was at work in one that died, then `simgen.pipeline.run` decides.
+    # Two other processes try the tasks of a dead one, then `simgen.pipeline.run` decides.
     options |= {"allowed_failures": 2, "worker_ttl": LONGEST_SILENCE}
     here = {"cls": Scheduler, "options": options}
     return SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL")
 
 
 def scheduler_address(file: Path) -> str:
-    """The address in a file that `dask scheduler --scheduler-file` wrote. Raises `InputError` if it holds none."""
+    """Read the address in a file that `dask scheduler --scheduler-file` wrote. Raises `InputError` without one."""
     try:
         address = json.loads(file.read_text(encoding="utf-8"))["address"]
     except OSError as error:
@@ -244,7 +252,7 @@ def scheduler_address(file: Path) -> str:
 
 
 def cores() -> int:
-    """Those that this process may use."""
+    """Number of cores that this process may use."""
     from dask.system import CPU_COUNT  # respects cgroup limits and affinity
 
     return CPU_COUNT

@@ -1,6 +1,7 @@
 """Workers: a scheduler's address, what they say of themselves, and errors that come back as data."""
 
 import json
+import os
 
 import fake
 import psutil
@@ -9,7 +10,7 @@ from dask.distributed import Client
 
 from simgen.errors import InputError
 from simgen.pipeline import workers
-from simgen.pipeline.workers import Workers, local_cluster, scheduler_address, start_workers
+from simgen.pipeline.workers import TASKS_PER_GPU_PROCESS, Workers, local_cluster, scheduler_address, start_workers
 
 DIES = """
 import os, pathlib, signal
@@ -106,3 +107,22 @@ def test_a_file_without_an_address_is_refused(tmp_path, text, words):
         file.write_bytes(text.encode("latin1"))
     with pytest.raises(InputError, match=f"scheduler file .*scheduler.json: {words}"):
         scheduler_address(file)
+
+
+def test_a_worker_that_is_ready_first_does_not_get_the_task_of_another():
+    """With a second thread it could: two tasks in one process, one after the other, and an idle process."""
+    with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in "01"]) as cluster, Client(cluster) as client:
+        client.wait_for_workers(2)
+        preparing = [client.submit(fake.process_after, seconds, workers=[address], pure=False)
+                     for seconds, address in zip((0.1, 2.0), client.nthreads(), strict=True)]  # fmt: skip
+        found = dict(Workers("cpu", 2, lambda: (client, preparing)).map(fake.process_after, [1.0, 1.1]))
+    assert found.keys() == {1.0, 1.1} and len(set(found.values())) == 2
+
+
+def test_every_gpu_has_a_worker_that_sees_no_other():
+    """Environments reach the processes before anything is imported there."""
+    with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in ("3", "5")]) as cluster, Client(cluster) as client:
+        client.wait_for_workers(2)
+        seen = client.run(lambda: os.environ["CUDA_VISIBLE_DEVICES"])
+        assert sorted(seen.values()) == ["3", "5"]
+        assert set(client.nthreads().values()) == {TASKS_PER_GPU_PROCESS}

@@ -1,9 +1,8 @@
-"""The files by which a dataset explains itself, to people and to machines: ``README.md``, ``presses.csv``, and
-``croissant.json``, which describes them and the arrays in the vocabulary of MLCommons.
+"""The card of a dataset: ``README.md``, ``presses.csv`` and ``croissant.json``, a description for machines.
 
-They are made from the arrays and the attributes alone: no date, no host. A run writes them when its last shard is
-there; from then on they are their owner's to edit, and no manifest vouches for them. They are written again where one
-is missing, or where the table is another one after a repair; a ``README.md`` that is there stays.
+A card depends on the arrays and attributes alone; it has no date and no host. A run writes it after its last shard.
+Owners may edit it, so manifests have no checksums of it. Missing files are written again, and so are the table and
+``croissant.json`` if a repair has changed the table. An existing ``README.md`` stays.
 """
 
 from pathlib import Path
@@ -19,9 +18,9 @@ CARD = ("README.md", "presses.csv", "croissant.json")
 
 
 def write_card(dataset: Dataset, aside: Path) -> None:
-    """Write what the card of a dataset lacks, by way of a folder ``aside`` on its disk.
+    """Write the missing or outdated files of a card; ``aside`` is a folder on the same disk for temporary files.
 
-    Raises `InputError` if it cannot be written.
+    Raises `InputError` if they cannot be written.
     """
     table = presses_csv(dataset)
     texts = dict(zip(CARD, (readme(dataset), table, croissant(dataset, table)), strict=True))
@@ -34,7 +33,7 @@ def write_card(dataset: Dataset, aside: Path) -> None:
 
 
 def forget_card(dataset: Dataset) -> None:
-    """Remove the card of a dataset that is about to change; a ``README.md`` that its owner has edited stays."""
+    """Remove the card of a dataset that will change, except a ``README.md`` that its owner has edited."""
     file = dataset.path / "README.md"
     edited = file.is_file() and file.read_bytes() != readme(dataset).encode()
     for name in CARD:
@@ -43,4 +42,5 @@ def forget_card(dataset: Dataset) -> None:
 
 
 def has_card(dataset: Dataset) -> bool:
+    """Check that all files of the card exist."""
     return all((dataset.path / name).is_file() for name in CARD)

@@ -1,7 +1,7 @@
 """``croissant.json``: the dataset in the Croissant vocabulary (MLCommons, version 1.0; http://mlcommons.org/croissant).
 
-Croissant knows tables, not zarr: ``presses.csv`` is a record set that its readers load, the arrays are listed with
-shape, type, unit and meaning, and the files of the zarr folder are named.
+Croissant has tables, not zarr arrays. Its readers load ``presses.csv`` as a record set. A second record set lists the
+arrays with shape, type, unit and meaning.
 """
 
 import hashlib
@@ -56,7 +56,7 @@ CONTEXT = {
 
 
 def croissant(dataset: Dataset, table: str) -> str:
-    """The text of the file; ``table`` is that of ``presses.csv``."""
+    """Make the text of the file; ``table`` is the text of ``presses.csv``."""
     license = dataset.job.dataset.license
     described = {
         "@context": CONTEXT,
@@ -114,14 +114,14 @@ def _presses(dataset: Dataset) -> dict[str, Any]:
 
 
 def _arrays(dataset: Dataset) -> dict[str, Any]:
-    """All arrays of the zarr folder, as records that stand in this very file."""
+    """List all arrays of the zarr folder, as records within this file."""
     fields = ("path", "shape", "dtype", "unit", "about")
     records = []
     members = dataset.root.members(max_depth=None)
     for path, array in sorted((path, member) for path, member in members if isinstance(member, zarr.Array)):
         about = array.attrs
-        shape = " x ".join(map(str, array.shape))
-        record = (path, shape, str(np.dtype(array.dtype)), about.get("unit", ""), about.get("about", ""))
+        shape, dtype = " x ".join(map(str, array.shape)), str(np.dtype(array.dtype))
+        record = (path, shape, dtype, about.get("unit", ""), about.get("about", ""))
         records.append({f"arrays/{key}": value for key, value in zip(fields, record, strict=True)})
     return {
         "@type": "cr:RecordSet",

@@ -1,4 +1,4 @@
-"""``presses.csv``: a line for each press."""
+"""``presses.csv``, the table of presses in a dataset's card: a line for each press."""
 
 import csv
 import io
@@ -21,7 +21,7 @@ SHARED = {
 
 
 def columns(dataset: Dataset) -> dict[str, tuple[str, str]]:
-    """Type, in the vocabulary of schema.org, and meaning of each column."""
+    """Map each column to its type, in the vocabulary of schema.org, and its meaning."""
     of_sensors = {
         f"{sensor}_converged": ("sc:Integer", f"number of the depths with a valid sample of {sensor}, which has "
                                               "converged and no element inside out")
@@ -31,7 +31,7 @@ def columns(dataset: Dataset) -> dict[str, tuple[str, str]]:
 
 
 def presses_csv(dataset: Dataset) -> str:
-    """The table as text, with a line of names."""
+    """Make the text of the table, with a header."""
     trajectory, indenter, split = (dataset[f"press/{key}"] for key in ("trajectory", "indenter", "split"))
     contact = dataset["press/contact_pose"][:, :3, 3]
     valid = [np.count_nonzero(is_valid(dataset[f"{sensor}/status"]), axis=1) for sensor in dataset.sensors]

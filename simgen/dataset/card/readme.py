@@ -1,4 +1,4 @@
-"""``README.md`` of a dataset: what it is, how it was made, what it is worth, how to read it."""
+"""``README.md`` of a dataset: its contents, accuracy, origin, and how to read it."""
 
 import re
 from collections.abc import Iterator
@@ -39,19 +39,17 @@ METHOD = (
 
 
 def readme(dataset: Dataset) -> str:
-    """The text of the card, Markdown with the front matter that dataset hubs read."""
+    """Make the text in Markdown, with the front matter that dataset hubs read."""
     sections = (_front_matter, _head, _contents, _worth, _making, _reading, _terms)
     return "\n\n".join("\n".join(section(dataset)) for section in sections) + "\n"
 
 
 def summary(dataset: Dataset) -> str:
-    """The dataset in one sentence."""
+    """Describe the dataset in one sentence."""
     job = dataset.job
-    return (
-        f"Simulated touch: {job.trajectories.count:,} contacts x {len(job.indenters)} indenters x "
-        f"{job.steps_in_words} on "
-        f"{' and '.join(dataset.sensors)}: displacement of every vertex, force, moment, and a certificate of accuracy."
-    )
+    counts = f"{job.trajectories.count:,} contacts x {len(job.indenters)} indenters x {job.steps_in_words}"
+    kept = "displacement of every vertex, force, moment, and a certificate of accuracy"
+    return f"Simulated touch: {counts} on {' and '.join(dataset.sensors)}: {kept}."
 
 
 def _front_matter(dataset: Dataset) -> Iterator[str]:
@@ -165,7 +163,7 @@ def _terms(dataset: Dataset) -> Iterator[str]:
 
 
 def _plain(text: str) -> str:
-    """A user's text as the page shows it: no character of it counts as Markdown or HTML."""
+    """Escape a user's text so that no character counts as Markdown or HTML."""
     return re.sub(r"[^\w .,;:'=()/%+-]", lambda found: f"&#{ord(found[0])};", text)
 
 

@@ -1,7 +1,7 @@
-"""Datasets in the formats of others: written (`exporting`) and read (`importing`).
+"""Exchange of datasets with other programs: `exporting` writes their formats, `importing` reads them.
 
-``result_files`` are the HDF5 layouts of the ACROSS framework and of biotac_sim, ``training_arrays`` memory-mapped numpy
-arrays, ``paraview`` time series of meshes.
+Formats: ``result_files``, HDF5 as ACROSS and biotac_sim lay it out; ``training_arrays``, memory-mapped numpy arrays;
+``paraview``, time series of meshes.
 """
 
 from simgen.dataset.exchange.result_files import ResultFile, Sample, is_result_file, write

@@ -12,11 +12,11 @@ from simgen.dataset.reader import Dataset
 
 PAIRS = "filtered_dataset_pairs.npy"
 PAIR_COLUMNS = ("job_ind", "job_name", "trial_ind", "env_ind", "distance", "digit_step_ind", "biotac_step_ind")
-SHUFFLE_SEED = 0  # ACROSS splits by the row's number, and relies on rows that were shuffled with this seed
+SHUFFLE_SEED = 0  # ACROSS splits by row number, so rows must be shuffled
 
 
 def export_across(selection: PressSelection, folder: Path, track: Track) -> None:
-    """One file for each sensor and, for two, the table of the samples that both of them have."""
+    """Write a file for each sensor, and for two sensors the table of samples that both have."""
     job = selection.dataset.job.name
     for sensor in selection.sensors:
         found = SensorSamples(selection.dataset, sensor).of(track(selection.presses, sensor))
@@ -27,7 +27,7 @@ def export_across(selection: PressSelection, folder: Path, track: Track) -> None
 
 
 def export_biotac_sim(selection: PressSelection, folder: Path, track: Track) -> None:
-    """One file for each sensor and trajectory: the layout has no trials."""
+    """Write a file for each sensor and trajectory, since the layout has no trials."""
     dataset = selection.dataset
     for sensor in selection.sensors:
         samples = SensorSamples(dataset, sensor)
@@ -39,10 +39,10 @@ def export_biotac_sim(selection: PressSelection, folder: Path, track: Track) -> 
 
 
 def pairs(selection: PressSelection) -> np.ndarray:
-    """(pair, 7) text, with the columns of `PAIR_COLUMNS`: where to find each pair of samples, distance in m.
+    """Table (pair, 7) of text that locates each pair of samples; columns are `PAIR_COLUMNS`, distance in m.
 
-    All is text, as numpy makes of rows that mix names and numbers. Both steps are the same: depths are from first touch
-    on each sensor. Rows are shuffled, always in the same way.
+    numpy turns rows of names and numbers into text. Both steps are equal, since depths count from first touch on each
+    sensor. Rows are shuffled with a fixed seed.
     """
     dataset = selection.dataset
     trajectory, indenter, depth = dataset["press/trajectory"], dataset["press/indenter"], dataset["depth"]
@@ -56,15 +56,15 @@ def pairs(selection: PressSelection) -> np.ndarray:
 
 
 def about(dataset: Dataset) -> dict[str, str | int]:
-    """Attributes of a file: the job that it came from, how its dataset has grown, and the code."""
+    """Attributes of a file: its job, the growth of its dataset, and the code."""
     known = {"job": dataset.attributes["job"], "code": dataset.attributes.get("code")}
-    if dataset.grown_from:  # which decides the splits, as the job does
+    if dataset.grown_from:  # growth changes the splits
         known["grown_from"] = dataset.grown_from
     return {key: json.dumps(value) for key, value in known.items()}
 
 
 def write_rest_mesh(dataset: Dataset, sensor: str, folder: Path) -> None:
-    """What coordinates have moved from: ``rest_<sensor>.vtu``, and ``.tet`` as the published loaders read meshes, m."""
+    """Write the rest mesh, m: ``rest_<sensor>.vtu``, and ``.tet``, which the published loaders read."""
     rest, tetrahedra = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/tetrahedra"]
     mesh = meshio.Mesh(rest, [("tetra", tetrahedra)], point_data=vertex_flags(dataset, sensor))
     mesh.write(folder / f"rest_{sensor}.vtu")

@@ -1,4 +1,4 @@
-"""What result files hold, before any of their arrays is read: which samples of which sensor, where, how deep."""
+"""Catalogue of result files, made before any array is read: samples, sensors, indenters, poses and depths."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from simgen.sensors.indenter_pose import advanced
 
 @dataclass(frozen=True)
 class Place:
-    """Where a sample is in its file; the depth in m, None where the file does not say."""
+    """Location of a sample in its file. ``depth_m`` is None if the file does not state it."""
 
     path: Path
     trial: int
@@ -27,15 +27,17 @@ class Place:
 
 @dataclass
 class Catalogue:
-    """All samples of the files.
+    """All samples of some files.
 
     samples : sensor -> (trial, indenter) -> its samples
-    indenters : names, in the order of their env
-    first_touch : sensor -> (trial, indenter) -> (4, 4) m, indenter frame -> frame that the sensors share, where it
-        first touches the sensor; those of which the files say it
-    sensor_pose : as that, sensor frame -> shared frame
-    own_jobs : what the files of simgen say of the job they came from, JSON; one at most
-    grown_from : how many trajectories their dataset had before each growth
+    indenters : name -> its env
+    first_touch : sensor -> (trial, indenter) -> pose (4, 4) m of the indenter at first touch, indenter frame -> shared
+        frame of the sensors; only where the files state it
+    sensor_pose : the same, sensor frame -> shared frame
+    own_jobs : job of files that simgen wrote, as JSON -> a file with it; one job at most
+    grown_from : numbers of trajectories of their dataset before each growth
+    files : file -> its sensor and layout
+    indenters_stated : False if names follow from the published order of environments
     """
 
     samples: dict[str, dict[tuple[int, str], list[Place]]] = field(default_factory=dict)
@@ -49,22 +51,25 @@ class Catalogue:
 
     @property
     def trials(self) -> list[int]:
+        """Numbers of the trajectories, rising."""
         return sorted({trial for presses in self.samples.values() for trial, _ in presses})
 
     @property
     def names(self) -> list[str]:
+        """Names of the indenters, in the order of their env."""
         return sorted(self.indenters, key=self.indenters.__getitem__)
 
     def depths(self) -> list[float | None]:
+        """Depths of all samples, m."""
         return [place.depth_m for presses in self.samples.values() for places in presses.values() for place in places]
 
 
 def read_catalogue(paths: Sequence[Path], meshes: Mapping[str, Path], track: Track) -> Catalogue:
-    """Look through files whose sensors have these rest meshes.
+    """List the samples of files; ``meshes`` maps sensors to their rest meshes.
 
-    A file of biotac_sim is a trajectory: its number is the attribute ``trial`` that simgen writes, or how many files of
-    its sensor come before it. Raises `InputError` for a file that cannot be read, a sensor without a mesh, a mesh
-    without a file, and files of several jobs.
+    A file of biotac_sim is a trajectory. Its number is the attribute ``trial`` if simgen wrote it, else the number of
+    earlier files of its sensor. Raises `InputError` for an unreadable file, a sensor without a mesh, a mesh without a
+    file, and files of several jobs.
     """
     found = Catalogue({sensor: {} for sensor in meshes}, first_touch={sensor: {} for sensor in meshes},
                       sensor_pose={sensor: {} for sensor in meshes})  # fmt: skip
@@ -80,7 +85,7 @@ def read_catalogue(paths: Sequence[Path], meshes: Mapping[str, Path], track: Tra
 
 
 def _sensor_of(file: ResultFile, meshes: Mapping[str, Path]) -> str:
-    """The sensor of a file; where it does not say, the only one."""
+    """Sensor of a file; if the file does not name it, the only sensor with a mesh."""
     if file.sensor is None and len(meshes) == 1:
         return next(iter(meshes))
     if file.sensor is None:
@@ -130,7 +135,7 @@ def _grown_from(file: ResultFile) -> tuple[int, ...]:
 
 
 def _trajectory(found: Catalogue, file: ResultFile, sensor: str) -> int:
-    """Number of the trajectory that a file of biotac_sim is."""
+    """Number of the trajectory in a file of biotac_sim."""
     number = file.attributes.get("trial", sum(each["sensor"] == sensor for each in found.files.values()))
     if not isinstance(number, int | np.integer) or number < 0:
         raise InputError(f"{file.path}: attribute trial: {number!r} is not the number of a trajectory")
@@ -138,7 +143,7 @@ def _trajectory(found: Catalogue, file: ResultFile, sensor: str) -> int:
 
 
 def _indenter(found: Catalogue, file: ResultFile, env: int, name: str | None) -> str:
-    """By its name in the file, else by the order of the published environments."""
+    """Name of an env's indenter, from the file or from the published order of environments."""
     if name is None:
         published = indenter_names()
         if env >= len(published):

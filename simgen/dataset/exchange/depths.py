@@ -1,4 +1,4 @@
-"""The depths of an imported dataset, which are even, and where samples of files go on them."""
+"""Depths of an imported dataset, which are evenly spaced, and the depth to which each sample belongs."""
 
 from collections.abc import Mapping
 
@@ -13,9 +13,9 @@ ROUNDING_M = 1e-9  # depths of a dataset are whole nanometres
 
 
 def depth_axis(found: Catalogue, asked: str | None, own: Job | None) -> dict[str, float | int]:
-    """Keys of `job.Depths`, mm: as asked (``first:last:count``), as the job of the files, or as they state.
+    """Choose the keys of a job's depths, mm: as asked (``first:last:count``), of the files' job, or as the files state.
 
-    Raises `InputError` where the files state none, or uneven ones, and none are asked for.
+    Raises `InputError` if nothing is asked for and the files state no depths or uneven ones.
     """
     depths = found.depths()
     stated = sorted({round(depth, 9) for depth in depths if depth is not None})
@@ -45,11 +45,11 @@ def _parsed(text: str) -> dict[str, float | int]:
 
 
 def on_axis(found: Catalogue, path: IndenterPath) -> tuple[dict[str, dict[tuple[int, str], dict[int, Place]]], int]:
-    """Sensor -> press -> index of the depth -> its sample; and how many samples have no place.
+    """Assign samples to depths: sensor -> press -> index of the depth -> sample; and count the samples left out.
 
-    A sample goes to the nearest depth of a press, if none is nearer to that and it is within half a spacing; without a
-    depth, step j is the j-th. With legs, which depths do not tell apart, step j is always the j-th. Raises `InputError`
-    for a step beyond the last one, and if no sample is left.
+    In a straight press, a sample goes to the nearest depth within half a spacing; the nearest sample wins. Step j
+    without a stated depth goes to depth j. On a path with legs, where depths repeat, step j always goes to depth j.
+    Raises `InputError` for a step beyond the last one, and if no sample is left.
     """
     axis = path.depths_m
     placed = {sensor: {key: _press(places, axis, path.is_a_press) for key, places in presses.items()}

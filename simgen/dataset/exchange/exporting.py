@@ -1,4 +1,4 @@
-"""Export of a dataset, or a part of it, in one of four formats."""
+"""Export of a dataset, or of a part, in one of four formats."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -35,13 +35,13 @@ def export(
     split: str | None = None,
     track: Track = untracked,
 ) -> tuple[PressSelection, list[Path]]:
-    """Write a new folder, whole or not at all; returns what was exported and the files.
+    """Write a new folder, atomically; returns the exported selection and the files.
 
-    sensors, trajectories, split : see `selection.select`; vtk, which makes many files, takes the first
-        trajectory alone unless they are named
+    sensors, trajectories, split : see `selection.select`; vtk, which makes many files, exports the first trajectory
+        alone unless trajectories are given
 
-    Raises `InputError` for an unknown format, sensor, trajectory or split, if no sample is left, and for a folder that
-    holds files already or cannot be written.
+    Raises `InputError` for an unknown format, sensor, trajectory or split, for an empty selection, and for a folder
+    that holds files or cannot be written.
     """
     if format not in FORMATS:
         raise InputError(f"--format {format!r}: allowed: {', '.join(FORMATS)}")

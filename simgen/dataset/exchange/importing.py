@@ -1,9 +1,9 @@
-"""Import of result files of ACROSS and biotac_sim as a dataset, which `simgen.dataset.reader.Dataset` reads.
+"""Import of result files of ACROSS and biotac_sim as a dataset.
 
-Displacements are coordinates less the rest positions of a mesh that the user gives. What the files do not say is not
-made up: numbers are NaN or -1, arrays of the plan are not there (``held``, ``touchable``, ``press/contact_pose``), the
-job has no keys for it, and the attribute ``source`` says where all came from. ``<sensor>/stated_depth`` (press, depth)
-holds the depths of the files, m, which need not be the even ones of the dataset.
+Displacements are coordinates less the rest positions of a mesh that the user gives. Nothing that the files lack is made
+up: numbers are NaN or -1, arrays of the plan (``held``, ``touchable``, ``press/contact_pose``) and keys of the job are
+left out. The attribute ``source`` names the files. ``<sensor>/stated_depth`` (press, depth) holds the depths of the
+files, m; the dataset's own depths are even.
 """
 
 import json
@@ -31,7 +31,7 @@ from simgen.errors import InputError, writing
 
 ABSENT = 100  # status of a sample that no file holds
 STATUS = {"0": "In a file that was imported.", str(ABSENT): "In none of the files that were imported."}
-FARTHEST_M = 1e-2  # of a vertex from rest: no press is deeper
+FARTHEST_M = 1e-2  # largest displacement of a vertex; no press is deeper
 
 
 def import_results(
@@ -43,15 +43,15 @@ def import_results(
     origins_mm: Sequence[str] = (),
     track: Track = untracked,
 ) -> Dataset:
-    """Make a dataset of result files, whole or not at all.
+    """Make a dataset from result files, atomically.
 
-    meshes : ``SENSOR=FILE`` for each sensor: its rest mesh of tetrahedra, m
-    name : of the job; by default that of the files, if simgen wrote them, or that of the output
-    depths_mm : ``first:last:count``, where the files say no depths, or uneven ones: each sample goes to the nearest
-    origins_mm : ``SENSOR=X,Y,Z`` where the origin of the mesh lies in the coordinates of the files, if it is not their
-        own; biotac_sim puts the sensor at 0,50,0
+    meshes : ``SENSOR=FILE`` for each sensor, its rest mesh of tetrahedra, m
+    name : name of the job; by default the name of the files' job, if simgen wrote them, else that of the output
+    depths_mm : ``first:last:count`` if the files state no depths or uneven ones; each sample goes to the nearest depth
+    origins_mm : ``SENSOR=X,Y,Z``, origin of the mesh in the coordinates of the files, by default 0,0,0; biotac_sim has
+        0,50,0
 
-    Raises `InputError` for what cannot be read, does not fit together or cannot be written.
+    Raises `InputError` for files that cannot be read or do not fit together, and if the output cannot be written.
     """
     check_new(output)
     rest = read_rest_meshes(meshes, origins_mm)
@@ -71,7 +71,7 @@ def import_results(
 
 
 def _own_job(found: Catalogue) -> Job | None:
-    """The job that files of simgen came from."""
+    """Job of files that simgen wrote."""
     for text, path in found.own_jobs.items():
         try:
             return job_from_resolved(json.loads(text), f"{path}: job")
@@ -83,7 +83,7 @@ def _own_job(found: Catalogue) -> Job | None:
 def _job(
     found: Catalogue, rest: Mapping[str, RestMesh], axis: dict, legs: list[dict], own: Job | None, name: str
 ) -> Job:
-    """What the files say of a job; Dataset fills in defaults, which then mean nothing."""
+    """Make a job from what the files state; its other keys have defaults that mean nothing."""
     return job_from_dict(
         {
             "name": name,
@@ -157,7 +157,7 @@ def _planned(
 def _splits(
     trials: np.ndarray, of_press: np.ndarray, indenter: np.ndarray, job: Job, own: Job | None, grown_from: Sequence[int]
 ) -> np.ndarray:
-    """(press,) int8. Presses of a job of simgen stay in their splits: what was trained on is not tested on."""
+    """Splits (press,) int8. Presses of a job of simgen keep their splits, so that training data stay training data."""
     if own is None or trials[-1] >= own.trajectories.count:
         return split_by_trajectory(len(trials), job.seed)[of_press]
     split = split_by_trajectory(own.trajectories.count, own.seed, grown_from)[trials[of_press]]
@@ -175,7 +175,7 @@ def _keys(found: Catalogue) -> list[tuple[int, str]]:
 def _fill(
     dataset: Dataset, found: Catalogue, rest: Mapping[str, RestMesh], samples: Mapping, track: Track
 ) -> None:
-    """Write the shards, of which the arrays of one sensor are in memory at a time."""
+    """Write the shards; arrays of one sensor are in memory at a time."""
     keys = _keys(found)
     with TemporaryDirectory(dir=dataset.path) as staging, closing(_Reader(dataset, rest)) as reader:
         for shard in track(range(dataset.shards), "shards"):
@@ -193,7 +193,7 @@ def _fill(
 
 
 def _reference(found: Catalogue, key: tuple[int, str]) -> np.ndarray:
-    """press/pose: where the first sensor of which the files say so is first touched."""
+    """``press/pose``: the indenter's pose at first touch of the first sensor with a known one; else NaN."""
     known = (found.first_touch[sensor][key] for sensor in found.samples if key in found.first_touch[sensor])
     return next(known, np.full((4, 4), np.nan))
 
@@ -214,7 +214,7 @@ class _Reader:
             file.close()
 
     def read(self, sensor: str, presses: Sequence[Mapping[int, Place]]) -> dict[str, list[np.ndarray]]:
-        """Arrays of a sensor by path, for presses given by the places of their depths; NaN where there is none."""
+        """Read arrays of a sensor, by path, for presses that map depths to places; NaN at other depths."""
         columns = {name: [np.full(array.shape, np.nan, "float32" if array.chunk else float) for _ in presses]
                    for name, array in self.dataset.arrays.items() if name.startswith(f"{sensor}/")}  # fmt: skip
         for row, places in enumerate(presses):

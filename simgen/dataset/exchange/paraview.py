@@ -1,9 +1,9 @@
-"""Export to time series that ParaView opens: for each press and sensor one of the sensor and one of the indenter.
+"""Export to time series for ParaView: for each press and sensor, one of the sensor and one of the indenter.
 
-``trajectory_<i>/<indenter>/<sensor>.pvd`` and ``<sensor>_indenter.pvd`` name a file for each step. The time is the
-depth in mm, or the step's number where the indenter does more than press. Coordinates are deformed, in m, in the frame
-that the sensors share. An imported dataset may not say where its sensors lie: then they are in the sensor's own frame,
-and the indenter is left out. It is also left out where its file has changed or is gone.
+``trajectory_<i>/<indenter>/<sensor>.pvd`` and ``<sensor>_indenter.pvd`` name a file for each step. Time is the depth in
+mm, or the number of the step on a path with legs. Coordinates are deformed, in m, in the shared frame of the sensors.
+They are in the sensor's own frame if an imported dataset lacks the sensor's pose; then the indenter is left out. The
+indenter is also left out if its file has changed or is gone.
 """
 
 from collections.abc import Iterable
@@ -26,9 +26,9 @@ from simgen.sensors.indenter_pose import advanced
 
 
 def export_vtk(selection: PressSelection, folder: Path, track: Track) -> None:
-    """Two files for each press, sensor and depth: select few."""
+    """Write two files for each press, sensor and depth."""
     dataset = selection.dataset
-    start_warp()  # which the shapes of indenters need
+    start_warp()  # meshes of indenters need it
     trajectory, indenter = dataset["press/trajectory"], dataset["press/indenter"]
     indenters = {index: _shape(dataset, index) for index in np.unique(indenter[selection.presses]).tolist()}
     for sensor in selection.sensors:
@@ -39,7 +39,7 @@ def export_vtk(selection: PressSelection, folder: Path, track: Track) -> None:
 
 
 def _shape(dataset: Dataset, index: int) -> pyvista.PolyData | None:
-    """None where the indenter that was pressed is not to be had any more."""
+    """Surface of an indenter; None if its file has changed or is gone."""
     try:
         mesh = pressed_indenter(dataset, index).mesh()
     except InputError:
@@ -62,7 +62,7 @@ class _Series:
         self.touched = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
 
     def write(self, press: int, indenter: pyvista.PolyData | None, folder: Path) -> None:
-        """All valid samples of a press; nothing where there is none."""
+        """Write all valid samples of a press; nothing without any."""
         steps = np.flatnonzero(self.valid[press])
         if not len(steps):
             return

@@ -1,4 +1,4 @@
-"""The meshes that coordinates of result files have moved from, as a user gives them."""
+"""Rest meshes of the sensors in result files, as the user gives them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from simgen.geometry.tetrahedra import boundary_triangles
 class RestMesh:
     """A sensor at rest.
 
-    arrays : those of a dataset's plan; held and touchable only if the file says which vertices are
-    origin : (3,) m, where the mesh's origin lies in the coordinates of the result files
+    arrays : mesh arrays of a dataset's plan; ``held`` and ``touchable`` only if the file has them
+    origin : (3,) m, origin of the mesh in the coordinates of the result files
     """
 
     path: Path
@@ -26,19 +26,19 @@ class RestMesh:
 
     @property
     def in_files(self) -> np.ndarray:
-        """(vertex, 3) m: rest positions in the coordinates of the result files."""
+        """Rest positions (vertex, 3) m in the coordinates of the result files."""
         return self.arrays["rest_positions"] + self.origin
 
     @property
     def rounding(self) -> float:
-        """One unit in the last place, m, of the largest coordinate in float32: what is held may seem to move by it."""
+        """Last place of the largest coordinate in float32, m: rounding can move held vertices by it."""
         return float(np.spacing(np.float32(np.abs(self.in_files).max())))
 
 
 def read_rest_meshes(meshes: Sequence[str], origins_mm: Sequence[str] = ()) -> dict[str, RestMesh]:
-    """Read ``SENSOR=FILE`` (.vtu .tet .msh .mesh, tetrahedra, m), with origins ``SENSOR=X,Y,Z`` (default 0,0,0).
+    """Read ``SENSOR=FILE`` (.vtu .tet .msh .mesh, tetrahedra, m) with origins ``SENSOR=X,Y,Z`` (mm, default 0,0,0).
 
-    Raises `InputError` for text of another kind, a file that is no such mesh, and an origin without a mesh.
+    Raises `InputError` for other text, a file without tetrahedra, and an origin without a mesh.
     """
     paths, origins = _by_sensor("--mesh", "FILE", meshes), _by_sensor("--origin-mm", "X,Y,Z", origins_mm)
     if not paths:

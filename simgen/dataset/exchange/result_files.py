@@ -1,4 +1,4 @@
-"""Result files of others: the HDF5 layouts of the ACROSS framework and of biotac_sim, written and read.
+"""HDF5 result files in the layouts of ACROSS and biotac_sim: reading and writing.
 
 ACROSS (wzaielamri/across_framework), ``results_<sensor>_<job>.hdf5``; a trial is a contact, an env an indenter, a step
 a depth::
@@ -11,8 +11,8 @@ biotac_sim (NVlabs/biotac_sim), one contact per file::
 
     step_<j>/nodal_coords/env_<k>, step_<j>/net_force_vecs/env_<k>
 
-Files of simgen add attributes, which readers of these layouts do not look at: to the file what it came from, to each
-``env_<k>`` of the coordinates the name of the indenter, its pose, the depth, and the pose of the sensor.
+simgen adds attributes, which other readers ignore. The file has its origin; each ``env_<k>`` of the coordinates has the
+indenter's name and pose, the depth, and the sensor's pose.
 """
 
 from __future__ import annotations
@@ -39,11 +39,14 @@ STATED = ("indenter", "pose", "depth_m", "sensor_pose")  # attributes of a sampl
 class Sample:
     """One press at one depth, in the frame of its file.
 
+    The last four are None if the file does not state them.
+
     nodal_coordinates : (v, 3) m, of the deformed mesh
     force : (3,) N, on the sensor
-    indenter, pose, depth_m : name, indenter frame -> frame of the file (4, 4) in m at this depth, and depth from first
-        touch in m; None where the file does not say
-    sensor_pose : frame of the file -> frame that the sensors share (4, 4) in m, for this press; None as before
+    indenter : its name
+    pose : (4, 4) m, indenter frame -> frame of the file, at this depth
+    depth_m : depth from first touch
+    sensor_pose : (4, 4) m, frame of the file -> shared frame of the sensors
     """
 
     trial: int
@@ -58,9 +61,9 @@ class Sample:
 
 
 def write(path: Path, layout: str, sensor: str, samples: Iterable[Sample], about: Mapping[str, str | int]) -> None:
-    """Write samples into one file; ``about`` becomes attributes of the file. It appears whole or not at all.
+    """Write samples into one file, atomically; ``about`` becomes attributes of the file.
 
-    Raises InputError where biotac_sim's layout, which has no trials, is asked to hold several.
+    Raises InputError for several trials in the layout biotac_sim, which has none.
     """
     partial = path.with_name(path.name + ".partial")
     trials = set()
@@ -90,7 +93,7 @@ def _write_sample(file: h5py.File, layout: str, sensor: str, sample: Sample) -> 
 
 
 def is_result_file(path: Path) -> bool:
-    """Whether a file is HDF5 with trials or steps at its root; other recordings share the suffix."""
+    """Check that a file is HDF5 with trials or steps at its root; recordings have the same suffix."""
     if not h5py.is_hdf5(path):
         return False
     with h5py.File(path) as file:
@@ -98,10 +101,11 @@ def is_result_file(path: Path) -> bool:
 
 
 class ResultFile:
-    """A result file in either layout, open for reading (a context manager).
+    """A result file, open for reading; a context manager. Errors are InputError with file, key and what is expected.
 
-    ``layout``; ``sensor``: the name in its groups or attributes, None in a file of biotac_sim; ``attributes`` of the
-    file. Raises InputError, here and in `sample`, with file, key and what is expected there.
+    layout : ``across`` or ``biotac_sim``
+    sensor : name in its groups or attributes; None in a file of biotac_sim
+    attributes : of the file
     """
 
     def __init__(self, path: str | Path):
@@ -128,7 +132,7 @@ class ResultFile:
         self._file.close()
 
     def presses(self) -> dict[tuple[int, int], list[int]]:
-        """(trial, env) -> its steps, all in rising order; at least one."""
+        """Map (trial, env) to its steps, all rising; raises InputError if there are none."""
         found: dict[tuple[int, int], list[int]] = {}
         for trial in self._trials or [0]:
             steps = self._group(f"trial_{trial}" if self._trials else "/")
@@ -140,6 +144,7 @@ class ResultFile:
         return dict(sorted(found.items()))
 
     def sample(self, trial: int, env: int, step: int) -> Sample:
+        """Read one sample."""
         coordinates = self._dataset(f"{self._key(trial, step, COORDINATES)}/env_{env}")
         force = self._dataset(f"{self._key(trial, step, FORCES)}/env_{env}")
         if coordinates.ndim != 2 or coordinates.shape[1] != 3:
@@ -150,7 +155,7 @@ class ResultFile:
         return Sample(trial, env, step, **values, **self.stated(trial, env, step))
 
     def stated(self, trial: int, env: int, step: int) -> dict[str, Any]:
-        """What the file says of a sample beside its arrays: some of indenter, pose, depth_m, sensor_pose."""
+        """Read the attributes of a sample that the file has: indenter, pose, depth_m, sensor_pose."""
         coordinates = self._dataset(f"{self._key(trial, step, COORDINATES)}/env_{env}")
         found = {key: coordinates.attrs[key] for key in STATED if key in coordinates.attrs}
         if not isinstance(name := found.get("indenter", ""), str):
@@ -196,6 +201,6 @@ class ResultFile:
 
 
 def _numbered(group: h5py.Group, name: str) -> list[int]:
-    """The numbers i of the members ``<name>_<i>`` of a group, rising."""
+    """Numbers i of the members ``<name>_<i>`` of a group, rising."""
     found = (re.fullmatch(rf"{name}_(\d+)", key) for key in group)
     return sorted(int(match[1]) for match in found if match)

@@ -1,4 +1,4 @@
-"""Which samples of a dataset are exported: sensors, and presses by trajectory and split."""
+"""Selection of samples for export: sensors, and presses by trajectory and split."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,22 +17,23 @@ from simgen.errors import InputError
 from simgen.fem.nonlinear.status import is_valid
 from simgen.sensors.indenter_pose import advanced
 
-SHOWN = 12  # numbers that a message lists
+SHOWN = 12  # most numbers in a message
 
 
 class Track(Protocol):
-    """Shows how far a loop is; ``rich.progress.track`` is one."""
+    """Shows the progress of a loop, as ``rich.progress.track``."""
 
     def __call__(self, sequence: Sequence, description: str) -> Iterable: ...
 
 
 def untracked(sequence: Sequence, description: str) -> Iterable:
+    """Show no progress."""
     return sequence
 
 
 @dataclass(frozen=True)
 class PressSelection:
-    """Presses (n,), rising, of a dataset on some of its sensors."""
+    """Presses (n,) of a dataset, rising, on some of its sensors."""
 
     dataset: Dataset
     sensors: tuple[str, ...]
@@ -40,27 +41,27 @@ class PressSelection:
 
     @cached_property
     def paired(self) -> np.ndarray:
-        """(n, depth) bool: samples that are valid on all of the sensors."""
+        """Mask (n, depth) of samples that are valid on all sensors of the selection."""
         return np.all([is_valid(self.dataset[f"{sensor}/status"][self.presses]) for sensor in self.sensors], axis=0)
 
     def check(self) -> None:
-        """Raises `InputError` unless there is a sample."""
+        """Raise `InputError` if no sample is selected."""
         if not self.paired.any():
             on = " and ".join(self.sensors)
             raise InputError(f"{self.dataset.path}: of what is chosen no sample is there on {on}")
 
     def by_trajectory(self) -> dict[int, "PressSelection"]:
-        """The same, a trajectory at a time."""
-        of = self.dataset["press/trajectory"][self.presses]
-        return {int(one): PressSelection(self.dataset, self.sensors, self.presses[of == one]) for one in np.unique(of)}
+        """Divide the selection by trajectory."""
+        own = self.dataset["press/trajectory"][self.presses]
+        return {int(i): PressSelection(self.dataset, self.sensors, self.presses[own == i]) for i in np.unique(own)}
 
 
 def select(
     dataset: Dataset, sensors: Sequence[str] = (), trajectories: str | None = None, split: str | None = None
 ) -> PressSelection:
-    """Choose by names of sensors (none: all), by text such as ``0:10`` or ``3,7`` (ends excluded), and by split.
+    """Select by sensors (default: all), by trajectories, text such as ``0:10`` (end excluded) or ``3,7``, and by split.
 
-    Raises `InputError` for what the dataset does not have, or where nothing is left.
+    Raises `InputError` for an unknown name or number, and for an empty selection.
     """
     for sensor in sensors:
         if sensor not in dataset.sensors:
@@ -80,7 +81,7 @@ def select(
 
 
 def _numbers(path: Path, text: str, there: np.ndarray) -> list[int]:
-    """Numbers of trajectories that a text names, all of them there."""
+    """Parse numbers of trajectories. Raises `InputError` for one that the dataset lacks."""
     numbers: list[int] = []
     for part in text.split(","):
         if not (match := re.fullmatch(r"\s*(\d+)\s*(?::\s*(\d+)\s*)?", part)):
@@ -115,7 +116,7 @@ class SensorSamples:
         self.first_touch = first_touch(dataset, sensor)
 
     def of(self, presses: Iterable[int]) -> Iterator[Sample]:
-        """One press after the other, which alone is in memory."""
+        """Yield the valid samples of presses, with one press in memory at a time."""
         for press in presses:
             steps = np.flatnonzero(self.valid[press])
             displacement = self.dataset.displacement(self.sensor, int(press)) if len(steps) else ()
@@ -138,7 +139,7 @@ def _known(pose: np.ndarray) -> np.ndarray | None:
 
 
 def first_touch(dataset: Dataset, sensor: str) -> np.ndarray:
-    """(press, 4, 4) m: indenter frame -> frame of the sensor, where it first touches the sensor; NaN if never."""
+    """Poses (press, 4, 4) m at first touch, indenter frame -> sensor frame; NaN without first touch or sensor pose."""
     pose = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
     to_sensor = dataset[f"{sensor}/pose"]
     known = np.isfinite(to_sensor).all(axis=(1, 2))
@@ -148,6 +149,6 @@ def first_touch(dataset: Dataset, sensor: str) -> np.ndarray:
 
 
 def vertex_flags(dataset: Dataset, sensor: str) -> dict[str, np.ndarray]:
-    """(vertex,) uint8 of what is known of the vertices: held, touchable."""
+    """Flags of the vertices that the dataset has, held and touchable, (vertex,) uint8 each."""
     found = {name: dataset.get(f"{sensor}/{name}") for name in ("held", "touchable")}
     return {name: flags.astype(np.uint8) for name, flags in found.items() if flags is not None}

@@ -1,6 +1,6 @@
-"""Export to numpy arrays for training, to be read by ``np.load(..., mmap_mode="r")``.
+"""Export to numpy arrays for training, for ``np.load(..., mmap_mode="r")``.
 
-All have one row for each sample that is there on all of the sensors.
+Arrays of samples have a row for each sample that is valid on all sensors.
 """
 
 import json
@@ -18,7 +18,7 @@ OF_SAMPLE = {"force": "N", "moment": "N m"}
 
 
 class _Folder:
-    """The arrays of a folder, and what its index says of them."""
+    """Writes arrays into a folder and collects its index."""
 
     def __init__(self, folder: Path):
         self.folder, self.index = folder, {}
@@ -26,9 +26,9 @@ class _Folder:
     def write(
         self, name: str, shape: tuple[int, ...], dtype: np.dtype, axes: str, unit: str, blocks: Iterable[np.ndarray]
     ) -> None:
-        """Blocks of rows one after the other, never all in memory.
+        """Write an array block by block of rows, so that it never is in memory as a whole.
 
-        They are written, not mapped: on a full disk that is an error, and a mapped file would end the process.
+        A full disk is an error here; a memory-mapped file would end the process.
         """
         dtype, path = dtype.newbyteorder("<"), self.folder / f"{name}.npy"
         path.parent.mkdir(exist_ok=True)
@@ -44,9 +44,9 @@ class _Folder:
 
 
 def export_npy(selection: PressSelection, folder: Path, track: Track) -> None:
-    """Columns of the samples, and for each sensor its mesh, displacements, forces; ``index.json`` says what is what."""
+    """Write columns of the samples, mesh, displacements and forces of each sensor, and ``index.json``."""
     dataset, files = selection.dataset, _Folder(folder)
-    row, step = np.nonzero(selection.paired)  # a press after the other, its depths in order
+    row, step = np.nonzero(selection.paired)  # press by press, depths in order
     press = selection.presses[row]
     columns = {name: dataset[f"press/{name}"][press] for name in ("trajectory", "indenter", "split")}
     for name, values in {"press": press, **columns, "step": step}.items():
@@ -100,6 +100,6 @@ def export_npy(selection: PressSelection, folder: Path, track: Track) -> None:
 
 
 def _surface_vertices(dataset: Dataset, sensor: str) -> dict[str, np.ndarray]:
-    """The indices, by path, of the vertices to which stress and traction belong, where the dataset has such outputs."""
+    """Vertices of stress and traction, by path; empty in a dataset without these outputs."""
     name = f"{sensor}/surface_vertices"
     return {name: dataset[name]} if name in dataset.root else {}

@@ -1,101 +1,17 @@
-"""The card of a dataset: what stands in it is what is in the dataset, and Croissant's own reader takes it."""
+"""The card of a dataset: when it is written, and that its owner may edit it."""
 
 import csv
 import hashlib
 import io
 import json
-import logging
-import re
 import shutil
-from html.parser import HTMLParser
 
 import fake
-import numpy as np
-import pytest
-import trimesh
-import yaml
-from bad_files import attributes
-from markdown_it import MarkdownIt
 
-from simgen.config.job import load_job
+from dataset.card.conftest import JOB
 from simgen.dataset.card import CARD
-from simgen.dataset.card.readme import readme
 from simgen.dataset.reader import Dataset
-from simgen.pipeline.plan import sensor_identity
 from simgen.pipeline.run import run
-from simgen.sensors.sensor import load_sensor
-
-JOB = {"trajectories": {"count": 20}, "dataset": {"leave_out": "ring_7mm", "license": "CC-BY-4.0"}}
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    path = tmp_path_factory.mktemp("card") / "fake.zarr"
-    return run(fake.make_plan(fake.make_job(**JOB)), path, build=fake.failing_presser)
-
-
-@pytest.fixture(scope="module")
-def text(dataset):
-    return (dataset.path / "README.md").read_text()
-
-
-def test_the_job_in_the_card_makes_the_dataset_again(dataset, text, tmp_path):
-    (tmp_path / "job.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
-    assert load_job(tmp_path / "job.yaml").hash == dataset.attributes["job_hash"]
-
-
-def test_its_counts_are_those_of_the_arrays(text):
-    """Twenty trajectories, 16, 2 and 2; the ring, left out, stalls after two of four depths."""
-    assert "| sphere_7mm | 16 | 2 | 0 | 2 | 80 of 80 | 80 of 80 |" in text
-    assert "| ring_7mm | 0 | 0 | 2 | 18 | 40 of 80 | 40 of 80 |" in text
-    assert "- 80 failed: Stalled." in text
-    assert "Licence of this dataset: CC-BY-4.0." in text
-
-
-def test_planned_ends_are_no_part_of_what_was_to_be_pressed(tmp_path):
-    """Four trajectories, four depths; the worst certificate is that of the valid samples."""
-    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.ending_presser)
-    text = readme(dataset)
-    counts = {"sphere_7mm": "12 of 12", "ring_7mm": "8 of 8", "texture_14mm": "12 of 16"}
-    for indenter, found in counts.items():
-        assert re.search(rf"^\| {indenter} .*\| {found} \| {found} \|$", text, re.MULTILINE)
-    assert "- 8 not pressed: Too strong.\n- 16 not pressed: No room.\n- 8 inside out: Inside out." in text
-    assert re.search(r"^\| digit \| .* \| 0 \| 3\.0e-06 \|$", text, re.MULTILINE)
-    rows = list(csv.DictReader(io.StringIO((dataset.path / "presses.csv").read_text())))
-    assert [int(row["digit_converged"]) for row in rows] == 4 * [3, 2, 3]
-
-
-def test_its_front_matter_is_yaml(text):
-    known = yaml.safe_load(text.split("---\n")[1])
-    assert known["pretty_name"] == "fake" and known["license"] == "CC-BY-4.0"
-
-
-def test_the_table_of_presses(dataset):
-    rows = list(csv.DictReader(io.StringIO((dataset.path / "presses.csv").read_text())))
-    assert [int(row["press"]) for row in rows] == list(range(60))
-    assert [dataset.indenters.index(row["indenter"]) for row in rows] == dataset["press/indenter"].tolist()
-    contact = [[float(row[f"contact_{axis}_m"]) for axis in "xyz"] for row in rows]
-    np.testing.assert_allclose(contact, dataset["press/contact_pose"][:, :3, 3], atol=0.5e-9)
-    names = dict(zip(("train", "validation", "test", "none"), (0, 1, 2, -1), strict=True))
-    assert [names[row["split"]] for row in rows] == dataset["press/split"].tolist()
-    assert [int(row["digit_converged"]) for row in rows] == np.sum(dataset["digit/status"] == 0, axis=1).tolist()
-
-
-def test_croissant_s_own_reader_takes_it(dataset, caplog):
-    """Without an error; it recommends a date of publication, which a run cannot know."""
-    croissant = pytest.importorskip("mlcroissant", reason="mlcroissant is not installed (the dev extra)")
-    with caplog.at_level(logging.WARNING):
-        read = croissant.Dataset(dataset.path / "croissant.json")
-    assert not read.metadata.ctx.issues.errors
-    warnings = [str(issue) for issue in read.metadata.ctx.issues.warnings]
-    assert all("datePublished" in warning for warning in warnings), warnings
-    presses = list(read.records("presses"))  # it compares the file's sha256, too
-    assert [press["presses/press"] for press in presses] == list(range(60))
-    assert presses[1]["presses/indenter"] == b"ring_7mm"
-    listed = {record["arrays/path"]: record for record in read.records("arrays")}
-    assert listed["digit/displacement"]["arrays/shape"] == f"60 x 4 x {len(fake.VERTICES)} x 3"
-    members = {path for path, member in dataset.root.members(max_depth=None) if hasattr(member, "shape")}
-    assert set(listed) == members
 
 
 def test_a_card_that_was_not_written_is_written_by_the_same_command(dataset):
@@ -128,68 +44,6 @@ def test_a_repair_leaves_the_owner_s_text_and_renews_the_table(dataset, tmp_path
     assert known["sha256"] == hashlib.sha256((path / "presses.csv").read_bytes()).hexdigest()
 
 
-class Page(HTMLParser):
-    """The tags and the text that a browser would show of a card."""
-
-    def __init__(self, card: str):
-        super().__init__()
-        self.tags, self.text = [], ""
-        self.feed(MarkdownIt().enable("table").render(card.split("---\n", 2)[2]))
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append(tag)
-
-    def handle_data(self, data):
-        self.text += data
-
-
-def test_a_user_s_words_are_text_in_it_and_no_markup(tmp_path):
-    """The names of indenters are those of files, which may hold anything."""
-    spoiled = "<img src=x onerror=alert(1)>![a](b) `c` *d* |e| &lt;"
-    pin = trimesh.creation.box([4e-3, 2e-3, 4e-3])
-
-    def page(folder, name, license, source):
-        folder.mkdir()
-        pin.export(folder / f"{name}.stl")
-        job = fake.make_job(
-            sensors={"digit": {"model": "digit"}},
-            indenters=[f"{folder}/{name}.stl", "sphere_7mm"],
-            trajectories={"count": 20},
-            dataset={"leave_out": name, "license": license},
-        )
-        run(fake.make_plan(job), folder / "d.zarr", build=fake.fake_presser)
-        material = {"youngs_modulus_pa": 1e5, "poisson_ratio": 0.4, "friction": 0.5, "source": source}
-        sensor = {"material": material, "fluid": "none", "simulation_mesh": "0" * 64}
-        attributes(sensors={"digit": sensor})(folder / "d.zarr")
-        return Page(readme(Dataset(folder / "d.zarr")))
-
-    plain = page(tmp_path / "plain", "pin", "MIT", "measured")
-    found = page(tmp_path / "spoiled", spoiled, "MIT <b>*or*</b> [x](y)", spoiled)
-    assert found.tags == plain.tags and "table" in plain.tags
-    above_the_job = found.text.partition("This job, in a file")[0]
-    assert above_the_job.count(spoiled) == 3  # the row, the sentence about the test, the material
-    assert "MIT <b>*or*</b> [x](y)." in found.text
-
-
-def test_the_job_in_it_ends_where_the_card_says(tmp_path):
-    """A path may hold the very line that would end the block of code."""
-    folder = tmp_path / "a\n```\n<b>"
-    folder.mkdir()
-    trimesh.creation.box([4e-3, 2e-3, 4e-3]).export(folder / "pin.stl")
-    job = fake.make_job(indenters=[f"{folder}/pin.stl"])
-    dataset = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
-    assert "b" not in Page((dataset.path / "README.md").read_text()).tags
-
-
 def test_an_unfinished_dataset_has_none(tmp_path):
     dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.overflowing_presser)
     assert Dataset(dataset.path).unfinished() and not [name for name in CARD if (dataset.path / name).exists()]
-
-
-def test_a_sensor_s_material_stands_in_it_with_its_source(tmp_path):
-    plan = fake.make_plan(fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}}))
-    own = sensor_identity(plan.job, "digit", load_sensor("digit", "coarse"))
-    plan.attributes = {**plan.attributes, "sensors": {"digit": own}}
-    dataset = run(plan, tmp_path / "d.zarr", build=fake.fake_presser)
-    (line,) = [each for each in (dataset.path / "README.md").read_text().splitlines() if each.startswith("- digit: E")]
-    assert "E = 539000 Pa, nu = 0.499, friction 0.78 (" in line and own["material"]["source"] in line

@@ -35,3 +35,12 @@ def ending(tmp_path_factory):
 def one_sided(tmp_path_factory):
     """As `dataset`, but the ring never touches the first sensor, and reaches every depth on the second."""
     return make_dataset(tmp_path_factory.mktemp("exchange") / "one_sided.zarr", fake.missing_presser)
+
+
+@pytest.fixture
+def tetrahedron(tmp_path):
+    """A mesh of one cell, 1 cm wide, and its vertices."""
+    vertices = 1e-2 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    path = tmp_path / "cell.tet"
+    path.write_text("".join("v {} {} {} 0\n".format(*vertex) for vertex in vertices) + "t 0 1 2 3\n")
+    return path, vertices

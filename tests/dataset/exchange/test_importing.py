@@ -8,6 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
+from dataset.exchange.conftest import make_dataset
+from dataset.exchange.foreign_files import of_others, spoiled
 from simgen.dataset.audit import check, passes, to_repair
 from simgen.dataset.exchange import ResultFile, write
 from simgen.dataset.exchange.exporting import export
@@ -17,7 +19,6 @@ from simgen.dataset.splits import IN_NONE
 from simgen.errors import InputError
 from simgen.pipeline.run_status import run_status
 from simgen.sensors.indenter import indenter_names
-from tests.dataset.exchange.conftest import make_dataset
 
 
 def import_all(folder, output, suffix="vtu", **options):
@@ -167,27 +168,6 @@ def test_damage_is_found_and_not_repaired(dataset, tmp_path):
         to_repair(imported, findings)
 
 
-@pytest.fixture
-def tetrahedron(tmp_path):
-    """A mesh of one cell, 1 cm wide, and its vertices."""
-    vertices = 1e-2 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
-    path = tmp_path / "cell.tet"
-    path.write_text("".join("v {} {} {} 0\n".format(*vertex) for vertex in vertices) + "t 0 1 2 3\n")
-    return path, vertices
-
-
-def of_others(path, layout, samples, sensor="digit"):
-    """A file without any attribute; ``samples`` are (trial, env, step, coordinates, depth or None)."""
-    with h5py.File(path, "w") as file:
-        for trial, env, step, coordinates, depth in samples:
-            head, tail = (f"trial_{trial}/step_{step}", f"_{sensor}") if layout == "across" else (f"step_{step}", "")
-            file[f"{head}/nodal_coords{tail}/env_{env}"] = coordinates
-            file[f"{head}/net_force_vecs{tail}/env_{env}"] = [0.0, step + 1.0, 0.0]
-            if depth is not None:
-                file[f"{head}/max_contact_distances/env_{env}"] = depth
-    return path
-
-
 def test_files_of_others_go_by_step_and_published_order(tetrahedron, tmp_path):
     mesh, rest = tetrahedron
     files = [
@@ -240,34 +220,6 @@ def test_a_sensor_elsewhere_in_its_world(dataset, tetrahedron, tmp_path):
     for name in ("press/pose", "digit/pose"):
         np.testing.assert_allclose(imported[name], dataset[name][of_trajectory], atol=1e-15)
     assert passes(check(imported))  # what is held has not moved
-
-
-def test_uneven_depths_go_to_the_nearest(tetrahedron, tmp_path):
-    mesh, rest = tetrahedron
-    depths = [0.0, 0.9e-4, 1.02e-4, 2.2e-4, 2.9e-4, 5e-4]
-    samples = [(7, 0, step, rest + depth, depth) for step, depth in enumerate(depths)]
-    file = of_others(tmp_path / "results_digit_x.hdf5", "across", samples)
-    with pytest.raises(InputError, match=r"6 uneven depths from 0 to 0\.5 mm; add --depths-mm"):
-        import_results([file], [f"digit={mesh}"], tmp_path / "x.zarr")
-    imported = import_results([file], [f"digit={mesh}"], tmp_path / "x.zarr", depths_mm="0.1:0.4:4")
-    np.testing.assert_array_equal(imported["press/trajectory"], [7])
-    np.testing.assert_array_equal(imported["digit/stated_depth"], [[1.02e-4, 2.2e-4, 2.9e-4, np.nan]])
-    np.testing.assert_array_equal(imported["digit/status"], [[0, 0, 0, ABSENT]])
-    assert imported.attributes["source"]["samples_left_out"] == 3
-
-
-def test_even_depths_of_the_files_are_those_of_the_dataset(tetrahedron, tmp_path):
-    mesh, rest = tetrahedron
-    samples = [(0, 0, step, rest, 0.3e-3 + 0.2e-3 * step) for step in range(3)]
-    file = of_others(tmp_path / "results_digit_x.hdf5", "across", samples)
-    imported = import_results([file], [f"digit={mesh}"], tmp_path / "x.zarr")
-    np.testing.assert_allclose(imported["depth"], [0.3e-3, 0.5e-3, 0.7e-3], rtol=1e-12)
-    assert (imported["digit/status"] == 0).all() and imported.attributes["source"]["samples_left_out"] == 0
-
-
-def spoiled(rest, **changes):
-    sample = {"trial": 0, "env": 0, "step": 0, "coordinates": rest, "depth": 1e-3}
-    return tuple((sample | changes).values())
 
 
 @pytest.mark.parametrize(
@@ -348,31 +300,6 @@ def test_links_within_a_file_are_followed(tetrahedron, tmp_path):
         opened["trial_0/step_0"] = h5py.SoftLink("/aside")
     imported = import_results([file], [f"digit={mesh}"], tmp_path / "x.zarr")
     np.testing.assert_allclose(imported.displacement("digit", 0, 0), np.full((4, 3), 1e-4), rtol=1e-6)
-
-
-def test_files_that_do_not_belong_together(tetrahedron, tmp_path):
-    mesh, rest = tetrahedron
-    one, other = (of_others(tmp_path / f"results_digit_{name}.hdf5", "across", [spoiled(rest)]) for name in "ab")
-    output = tmp_path / "x.zarr"
-    with pytest.raises(InputError, match="trajectory 0 of digit is in another file, too; import one job at a time"):
-        import_results([one, other], [f"digit={mesh}"], output)
-    for file, job in ((one, "{}"), (other, "[]")):
-        with h5py.File(file, "a") as opened:
-            opened.attrs["job"] = job
-    with pytest.raises(InputError, match="of another job than"):
-        import_results([one, other], [f"digit={mesh}"], output)
-    with h5py.File(one, "a") as opened:
-        opened.attrs["job"] = "{"
-    with pytest.raises(InputError, match="attribute job: not what simgen wrote"):
-        import_results([one], [f"digit={mesh}"], output)
-    nameless = of_others(tmp_path / "results.hdf5", "biotac_sim", [spoiled(rest)])
-    with h5py.File(nameless, "a") as opened:
-        opened.attrs["trial"] = "first"
-    with pytest.raises(InputError, match="attribute trial: 'first' is not the number of a trajectory"):
-        import_results([nameless], [f"digit={mesh}"], output)
-    with pytest.raises(InputError, match="does not name its sensor; import it with one --mesh alone"):
-        import_results([nameless], [f"digit={mesh}", f"biotac={mesh}"], output)
-    assert not output.exists()
 
 
 def test_a_dataset_that_is_there_stays(dataset, tmp_path):

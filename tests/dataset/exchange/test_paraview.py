@@ -69,9 +69,3 @@ def test_the_indenter_is_where_it_presses(one_sided, folder):
 def test_nothing_for_a_press_that_never_touched(folder):
     assert {path.name for path in (folder / "trajectory_1/ring_7mm").iterdir()} == {
         "biotac", "biotac.pvd", "biotac_indenter.pvd"}  # fmt: skip
-
-
-def test_by_default_the_first_trajectory_alone(dataset, tmp_path):
-    selection, _ = export(dataset, "vtk", tmp_path / "out", ["digit"])
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"trajectory_0"}
-    assert set(dataset["press/trajectory"][selection.presses]) == {0}

@@ -1,0 +1,82 @@
+"""Writing a shard: arrays by sensor, poses at first touch, files that appear only when the shard is whole."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import fake
+import numpy as np
+import pytest
+
+from simgen.dataset.reader import Dataset
+from simgen.dataset.writer import create, folder_aside
+from simgen.errors import InputError
+from simgen.pipeline.shard_writer import Failure, ShardWriter, put_shards_in_place
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    plan = fake.make_plan(fake.make_job())
+    create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
+    return Dataset(tmp_path / "d.zarr")
+
+
+def write(dataset: Dataset, shards: range, build=fake.fake_presser) -> list[ShardWriter]:
+    """Press and write shards; returns their writers."""
+    indenter, contact = dataset["press/indenter"], dataset["press/contact_pose"]
+    with folder_aside(dataset) as folder, ThreadPoolExecutor(2) as threads:
+        writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
+        for sensor in dataset.sensors:
+            presser = build(dataset.job, sensor, "cpu")
+            for writer in writers:
+                own = contact[writer.presses]
+                writer.take(sensor, presser(indenter[writer.presses].tolist(), own), own)
+        assert dataset.finished() == []
+        put_shards_in_place(dataset, writers)
+    return writers
+
+
+def test_poses_are_at_first_touch_of_the_reference_sensor(dataset):
+    """The fake press touches after 10, 20, 30 um of travel, by indenter, on both sensors."""
+    write(dataset, range(dataset.shards))
+    moved = dataset["press/pose"] - dataset["press/contact_pose"]
+    travel = 1e-5 * (dataset["press/indenter"] + 1)
+    np.testing.assert_allclose(moved[:, :3, 3], travel[:, None] * dataset["press/contact_pose"][:, :3, 1], atol=1e-15)
+    assert not moved[:, :3, :3].any()
+    np.testing.assert_array_equal(dataset["biotac/touch"], 0.0)
+
+
+def test_a_press_that_never_touches_keeps_the_contact_pose(dataset):
+    """The ring never touches the DIGIT; the fake press touches the BioTac after 20 um from the given pose."""
+    write(dataset, range(dataset.shards), fake.missing_presser)
+    ring = dataset["press/indenter"] == 1
+    np.testing.assert_array_equal(np.isnan(dataset["digit/touch"]), ring)
+    np.testing.assert_array_equal(dataset["press/pose"][ring], dataset["press/contact_pose"][ring])
+    assert np.isfinite(dataset["press/pose"]).all()
+    np.testing.assert_array_equal(dataset["biotac/touch"], np.where(ring, 2e-5, 0.0))
+
+
+def test_results_are_stored_with_their_press_and_counted(dataset):
+    (writer,) = write(dataset, range(2, 3), fake.failing_presser)
+    assert dataset.finished() == [2] and writer.presses.tolist() == [4, 5]
+    stalled = dataset["press/indenter"][4] == 1
+    assert stalled and writer.outcomes == {1: 2 * 2}  # two sensors, two of four depths
+    assert writer.seconds == {"digit": 0.02, "biotac": 0.02} and writer.failure is None
+    expected = fake.fake_result(2, dataset["press/contact_pose"][5], dataset["depth"], 0.0)
+    np.testing.assert_array_equal(dataset["biotac/force"][5], expected.force)
+    np.testing.assert_array_equal(dataset["biotac/certificate/residual"][5], expected.certificate["residual"])
+
+
+def test_a_shard_that_does_not_fit_is_left_out_with_its_reason(dataset):
+    (first,) = write(dataset, range(1), fake.overflowing_presser)
+    assert dataset.finished() == []
+    assert first.failure.sentence.startswith("OverflowError: digit/displacement") and not first.failure.final
+
+
+@pytest.mark.parametrize(
+    ("error", "final"),
+    [(InputError("bad"), True), (OSError(28, "No space left on device"), True), (OSError(5, "I/O error"), False),
+     (RuntimeError("stalled"), False)],
+)  # fmt: skip
+def test_a_failure_is_final_if_a_second_try_would_fail_too(error, final):
+    failure = Failure.of(error)
+    assert failure.final == final and failure.errno == getattr(error, "errno", None)
+    assert failure.sentence == f"{type(error).__name__}: {error}"
