@@ -1,9 +1,12 @@
-"""Indenters of a dataset, loaded again from its job, as long as they are those that were pressed."""
+"""Indenters of a dataset: loaded again from its job if they have not changed, and their poses at first touch."""
+
+import numpy as np
 
 from simgen.dataset.provenance import difference
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.sensors.indenter import Indenter, chosen_indenter
+from simgen.sensors.indenter_pose import advanced
 
 
 def pressed_indenters(dataset: Dataset) -> list[Indenter]:
@@ -18,3 +21,13 @@ def pressed_indenter(dataset: Dataset, index: int) -> Indenter:
     if stored is not None and (changes := difference(stored, own.identity())):
         raise InputError(f"{name}: not the indenter that was pressed ({'; '.join(changes)})")
     return own
+
+
+def first_touch(dataset: Dataset, sensor: str) -> np.ndarray:
+    """Poses (press, 4, 4) m at first touch, indenter frame -> sensor frame; NaN without first touch or sensor pose."""
+    pose = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
+    to_sensor = dataset[f"{sensor}/pose"]
+    known = np.isfinite(to_sensor).all(axis=(1, 2))
+    pose[known] = np.linalg.inv(to_sensor[known]) @ pose[known]
+    pose[~known] = np.nan
+    return pose

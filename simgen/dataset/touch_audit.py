@@ -6,57 +6,20 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import warp as wp
 
-from simgen.config.indenter_path import moved
-from simgen.config.warp_device import start_warp
 from simgen.dataset.audit_finding import Finding, named, not_looked_at
-from simgen.dataset.pressed_indenters import pressed_indenters
+from simgen.dataset.contact_patch import FACET_M, FIRST_TOUCH, ContactPatches
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touchable import touchable_points
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values
-from simgen.geometry.rigid_shape import shape_array
-from simgen.geometry.signed_distance import RigidShape, distance
 from simgen.geometry.surface_normals import nearest_on_surface
-from simgen.sensors.indenter_pose import advanced
 from simgen.sensors.sensor_meshes import FARTHEST
-from simgen.units import MM, MM_PER_M
-
-wp.set_module_options({"enable_backward": False})
+from simgen.units import UM_PER_M
 
 RIGID = 1e-9  # largest deviation of a rotation matrix from orthogonality: a few products in float64
-# The output mesh is a polyhedron. A contact on the true surface lies off its facets by up to edge^2 / (8 radius), which
-# is 0.05 mm for edges of 1.6 mm on a radius of 6.5 mm, and normals differ by some degrees. Its vertices lie off the
-# simulated surface too, so they overlap the indenter more than the certificate says: by up to 7 um in the smoke
-# dataset, by 41 um with linear elements.
-FACET_M = 5e-5
 FACET_DEG = 6.0
 SHARDS_AT_ONCE = min(8, os.cpu_count() or 1)  # a shard takes about 0.3 GB of memory
 LAUNCHING = threading.Lock()  # Warp's kernels, one at a time
-
-
-@wp.kernel
-def _nearest_vertex_kernel(
-    shapes: wp.array(dtype=RigidShape),
-    indenter: wp.array(dtype=wp.int32),
-    rest: wp.array(dtype=wp.vec3d),
-    displacement: wp.array4d(dtype=wp.float64),
-    rotation: wp.array(dtype=wp.mat33d),
-    press: wp.array(dtype=wp.int32),
-    depth: wp.array(dtype=wp.int32),
-    origin: wp.array(dtype=wp.vec3d),
-    # outputs
-    distance_out: wp.array(dtype=wp.float64),
-):
-    """Least signed distance, mm, of displaced vertices from the indenter of each sample; depth -1 is at rest."""
-    sample, vertex = wp.tid()
-    i, j = press[sample], depth[sample]
-    x = rest[vertex] - origin[sample]
-    if j >= 0:
-        x += wp.vec3d(displacement[i, j, vertex, 0], displacement[i, j, vertex, 1], displacement[i, j, vertex, 2])
-    local = wp.transpose(rotation[sample]) * x
-    wp.atomic_min(distance_out, sample, distance(shapes[indenter[i]], wp.float64(MM_PER_M) * local))
 
 
 def pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
@@ -75,7 +38,7 @@ def pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     vertices, triangles = dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"]
     off, normals = nearest_on_surface(vertices, triangles, point)
     cosine = np.clip(np.einsum("ni,nki->nk", direction, normals).max(axis=1), -1.0, 1.0)
-    yield named(sensor, "contact distance", off * 1e6, allowed_m(dataset, sensor) * 1e6, "{:.1f} um")
+    yield named(sensor, "contact distance", off * UM_PER_M, allowed_m(dataset, sensor) * UM_PER_M, "{:.1f} um")
     angle = np.degrees(np.arccos(cosine))
     if _has_mesh_of_the_job(dataset, sensor):
         yield Finding(sensor, "contact angle", f"{angle.max(initial=0.0):.2f} deg", "stated", None)
@@ -99,7 +62,6 @@ def _has_mesh_of_the_job(dataset: Dataset, sensor: str) -> bool:
 
 def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     """Check that held vertices rest, touched ones lie on the indenter, and converged samples have displacements."""
-    start_warp()
     check = _DisplacementCheck(dataset, sensor)
     if check.why_not:
         yield not_looked_at(sensor, "on the indenter", check.why_not)
@@ -115,11 +77,11 @@ def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     else:
         yield named(sensor, "held vertices move", moved, check.rounding, "{:g} m")
     yield named(sensor, "displacement gaps", gap, 0.0, "{:.0f}", total=True)
-    if check.why_not or not len(check.touchable):
+    if check.why_not or not len(check.patches.points):
         return
-    allowed = allowed_m(dataset, sensor) * 1e6
-    yield named(sensor, "in the indenter", overlap * 1e6, allowed, "{:.1f} um")
-    yield named(sensor, "off the indenter", apart * 1e6, allowed, "{:.1f} um")
+    allowed = allowed_m(dataset, sensor) * UM_PER_M
+    yield named(sensor, "in the indenter", overlap * UM_PER_M, allowed, "{:.1f} um")
+    yield named(sensor, "off the indenter", apart * UM_PER_M, allowed, "{:.1f} um")
 
 
 class _DisplacementCheck:
@@ -134,15 +96,10 @@ class _DisplacementCheck:
             self.rounding = dataset.attributes["source"]["meshes"][sensor]["rounding_m"]
             self.why_not = "the files that were imported do not say how far a mesh may overlap it"
             return
-        self.touchable = touchable_points(dataset, sensor)
-        self.rest = dataset[f"{sensor}/rest_positions"][self.touchable]
         self.stated = dataset[f"{sensor}/certificate/max_penetration_m"]
-        first_touch = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
-        self.first_touch = np.linalg.inv(dataset[f"{sensor}/pose"]) @ first_touch
         self.touched = dataset[f"{sensor}/force"].any(axis=2)  # nothing touches a lifted indenter
-        self.indenter = dataset["press/indenter"]
         try:
-            self.shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)])
+            self.patches = ContactPatches(dataset, sensor)
         except InputError as error:
             self.why_not = str(error)
 
@@ -158,35 +115,21 @@ class _DisplacementCheck:
         gap = converged & ~np.isfinite(displacement).all(axis=(2, 3))
         overlap, apart = np.zeros(converged.shape), np.zeros(converged.shape)
         at = np.nonzero(converged & ~gap)
-        if len(at[0]) and not self.why_not and len(self.touchable):
-            at_rest, nearest = self._nearest(rows, displacement, *at)
+        if len(at[0]) and not self.why_not and len(self.patches.points):
+            at_rest, nearest = self._nearest(presses, displacement, *at)
             overlap[at] = -nearest - self.stated[rows][at]
             apart[at] = np.where(self.touched[rows][at], nearest - np.maximum(at_rest, 0.0)[at[0]], 0.0)
         return rows, moved, gap, overlap, apart
 
     def _nearest(
-        self, rows: slice, displacement: np.ndarray, press: np.ndarray, depth: np.ndarray
+        self, presses: range, displacement: np.ndarray, press: np.ndarray, depth: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Least distance, m, of vertices from the indenter: at rest, at first touch of each press (n,); and in samples
         (s,), given by rows in the shard and depths."""
-        count, path = rows.stop - rows.start, self.dataset.indenter_path
-        press, depth = np.append(np.arange(count), press), np.append(np.full(count, -1), depth)
-        offsets = np.where(depth[:, None] < 0, 0.0, path.offsets_m[depth])
-        turns = np.where(depth < 0, 0.0, path.turns_rad[depth])
-        pose = moved(self.first_touch[rows][press], offsets, turns)
-        arrays = [
-            (self.indenter[rows], wp.int32),
-            (self.rest, wp.vec3d),
-            (displacement[:, :, self.touchable], wp.float64),
-            (pose[:, :3, :3], wp.mat33d),
-            (press, wp.int32),
-            (depth, wp.int32),
-            (pose[:, :3, 3], wp.vec3d),
-        ]
-        inputs = [wp.array(np.ascontiguousarray(values), dtype=kind, device="cpu") for values, kind in arrays]
-        least = wp.full(len(press), np.inf, dtype=wp.float64, device="cpu")
+        count, points = len(presses), self.patches.points
+        moved = displacement[press[:, None], depth[:, None], points]
+        moved = np.concatenate([np.zeros((count, *moved.shape[1:])), moved])
+        press, depth = np.append(np.arange(count), press), np.append(np.full(count, FIRST_TOUCH), depth)
         with LAUNCHING:
-            dim = (len(press), len(self.rest))
-            wp.launch(_nearest_vertex_kernel, dim=dim, inputs=[self.shapes, *inputs], outputs=[least], device="cpu")
-        distances = least.numpy() * MM
-        return distances[:count], distances[count:]
+            least = self.patches.gap(presses.start + press, depth, moved).min(axis=1)
+        return least[:count], least[count:]

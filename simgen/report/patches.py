@@ -6,9 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from simgen.dataset.contact_patch import ContactPatches
+from simgen.dataset.contact_patch import FACET_M, ContactPatches
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import FACET_M
 from simgen.dataset.touchable import touchable_surface
 from simgen.errors import InputError
 from simgen.plotting.html import picture, tiles

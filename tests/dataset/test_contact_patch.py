@@ -4,10 +4,9 @@ import fake
 import numpy as np
 import pytest
 
-from simgen.dataset.contact_patch import ContactPatches
+from simgen.dataset.contact_patch import FACET_M, ContactPatches
 from simgen.dataset.pressed_indenters import pressed_indenters
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import FACET_M
 from simgen.errors import InputError
 from simgen.pipeline.run import run
 from simgen.sensors.indenter import signed_distance

@@ -6,8 +6,9 @@ import fake
 import numpy as np
 import pytest
 
+from simgen.dataset.contact_patch import FACET_M
 from simgen.dataset.reader import Dataset
-from simgen.dataset.touch_audit import FACET_M, allowed_m, displacements, pairing
+from simgen.dataset.touch_audit import allowed_m, displacements, pairing
 from simgen.dataset.writer import create
 from simgen.pipeline.run import run
 

@@ -15,7 +15,7 @@ from simgen.dataset.card.presses import columns
 from simgen.dataset.card.readme import METHOD, summary
 from simgen.dataset.reader import Dataset
 
-CONTEXT = {
+NAMESPACES = {
     "@language": "en",
     "@vocab": "https://schema.org/",
     "sc": "https://schema.org/",
@@ -23,35 +23,13 @@ CONTEXT = {
     "dct": "http://purl.org/dc/terms/",
     "rai": "http://mlcommons.org/croissant/RAI/",
     "conformsTo": "dct:conformsTo",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
-    "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "examples": {"@id": "cr:examples", "@type": "@json"},
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "equivalentProperty": "cr:equivalentProperty",
-    "fileObject": "cr:fileObject",
-    "fileProperty": "cr:fileProperty",
-    "fileSet": "cr:fileSet",
-    "format": "cr:format",
-    "includes": "cr:includes",
-    "isLiveDataset": "cr:isLiveDataset",
-    "jsonPath": "cr:jsonPath",
-    "key": "cr:key",
-    "md5": "cr:md5",
-    "parentField": "cr:parentField",
-    "path": "cr:path",
-    "recordSet": "cr:recordSet",
-    "references": "cr:references",
-    "regex": "cr:regex",
-    "repeated": "cr:repeated",
-    "replace": "cr:replace",
-    "samplingRate": "cr:samplingRate",
-    "separator": "cr:separator",
-    "source": "cr:source",
-    "subField": "cr:subField",
-    "transform": "cr:transform",
+}
+TERMS = """citeAs column data dataType examples extract field equivalentProperty fileObject fileProperty fileSet format
+    includes isLiveDataset jsonPath key md5 parentField path recordSet references regex repeated replace samplingRate
+    separator source subField transform"""
+TYPES = {"data": "@json", "examples": "@json", "dataType": "@vocab"}
+CONTEXT = NAMESPACES | {
+    term: {"@id": f"cr:{term}", "@type": TYPES[term]} if term in TYPES else f"cr:{term}" for term in TERMS.split()
 }
 
 

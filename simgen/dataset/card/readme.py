@@ -40,8 +40,11 @@ METHOD = (
 
 def readme(dataset: Dataset) -> str:
     """Make the text in Markdown, with the front matter that dataset hubs read."""
-    sections = (_front_matter, _head, _contents, _worth, _making, _reading, _terms)
-    return "\n\n".join("\n".join(section(dataset)) for section in sections) + "\n"
+    sections = {"What is in it": _contents, "What its samples are worth": _worth, "How it was made": _making,
+                "How to read it": _reading, "Limits, licence, sources": _terms}  # fmt: skip
+    parts = [_front_matter(dataset), _head(dataset)]
+    parts += [(f"## {title}", "", *section(dataset)) for title, section in sections.items()]
+    return "\n\n".join(map("\n".join, parts)) + "\n"
 
 
 def summary(dataset: Dataset) -> str:
@@ -68,8 +71,6 @@ def _head(dataset: Dataset) -> Iterator[str]:
 
 
 def _contents(dataset: Dataset) -> Iterator[str]:
-    yield "## What is in it"
-    yield ""
     indenter, split = dataset["press/indenter"], split_names(dataset["press/split"])
     kinds = [*SPLITS, *(["none"] if "none" in split else [])]
     header = ["presses of", *kinds, *(f"valid samples of {sensor}" for sensor in dataset.sensors)]
@@ -90,8 +91,6 @@ def _contents(dataset: Dataset) -> Iterator[str]:
 
 
 def _worth(dataset: Dataset) -> Iterator[str]:
-    yield "## What its samples are worth"
-    yield ""
     yield "A sample is valid if its forces balance and no element is inside out anywhere."
     yield "Worst over the valid samples; every sample carries its own."
     yield ""
@@ -121,8 +120,6 @@ def _others(dataset: Dataset) -> Iterator[str]:
 
 def _making(dataset: Dataset) -> Iterator[str]:
     code, packages = dataset.attributes.get("code", {}), dataset.attributes.get("packages", {})
-    yield "## How it was made"
-    yield ""
     commit = f", commit {code['commit'][:12]}" if code.get("commit") else ""
     changed = " with changes" if code.get("dirty") else ""
     yield f"simgen {code.get('version', '')}{commit}{changed}, on {dataset.attributes.get('device', 'cpu')};"
@@ -144,16 +141,12 @@ def _making(dataset: Dataset) -> Iterator[str]:
 
 
 def _reading(dataset: Dataset) -> Iterator[str]:
-    yield "## How to read it"
-    yield ""
     yield READING.format(path=f"{dataset.job.name}.zarr", sensor=dataset.sensors[0])
     yield ""
     yield "`simgen check` verifies it, `simgen report` shows it, `simgen export` writes it for other readers."
 
 
 def _terms(dataset: Dataset) -> Iterator[str]:
-    yield "## Limits, licence, sources"
-    yield ""
     way = "straight line" if dataset.indenter_path.is_a_press else "path of straight legs and turns"
     yield from (f"- {limit.format(way=way)}" for limit in LIMITS)
     yield f"- Licence of this dataset: {_plain(dataset.job.dataset.license or 'its maker has stated none')}."

@@ -8,6 +8,7 @@ from simgen.config.indenter_path import IndenterPath
 from simgen.config.job_schema import Job
 from simgen.dataset.exchange.catalogue import Catalogue, Place
 from simgen.errors import InputError
+from simgen.units import MM_PER_M
 
 ROUNDING_M = 1e-9  # depths of a dataset are whole nanometres
 
@@ -27,13 +28,13 @@ def depth_axis(found: Catalogue, asked: str | None, own: Job | None) -> dict[str
         return own.depths_mm.model_dump()
     if not stated:
         raise InputError("the files do not say how deep their steps are; add --depths-mm first:last:count")
-    even = np.linspace(stated[0], stated[-1], len(stated))
-    if np.abs(even - stated).max() > ROUNDING_M:
+    first, last = MM_PER_M * stated[0], MM_PER_M * stated[-1]
+    if np.abs(np.linspace(stated[0], stated[-1], len(stated)) - stated).max() > ROUNDING_M:
         raise InputError(
-            f"the files hold {len(stated)} uneven depths from {1e3 * stated[0]:g} to {1e3 * stated[-1]:g} mm; "
+            f"the files hold {len(stated)} uneven depths from {first:g} to {last:g} mm; "
             "add --depths-mm first:last:count, and each sample goes to the nearest"
         )
-    return {"first": round(1e3 * stated[0], 6), "last": round(1e3 * stated[-1], 6), "count": len(stated)}
+    return {"first": round(first, 6), "last": round(last, 6), "count": len(stated)}
 
 
 def _parsed(text: str) -> dict[str, float | int]:
@@ -56,7 +57,8 @@ def on_axis(found: Catalogue, path: IndenterPath) -> tuple[dict[str, dict[tuple[
               for sensor, presses in found.samples.items()}  # fmt: skip
     kept = sum(len(press) for presses in placed.values() for press in presses.values())
     if not kept:
-        raise InputError(f"no sample is at depths of {1e3 * axis[0]:g} to {1e3 * axis[-1]:g} mm; see --depths-mm")
+        first, last = MM_PER_M * axis[[0, -1]]
+        raise InputError(f"no sample is at depths of {first:g} to {last:g} mm; see --depths-mm")
     return placed, len(found.depths()) - kept
 
 

@@ -28,10 +28,11 @@ from simgen.dataset.reader import Dataset, path_arrays
 from simgen.dataset.splits import SPLITS, leave_out, split_by_trajectory
 from simgen.dataset.writer import manifest_aside, write_aside, write_plan
 from simgen.errors import InputError, writing
+from simgen.units import MM_PER_M
 
 ABSENT = 100  # status of a sample that no file holds
 STATUS = {"0": "In a file that was imported.", str(ABSENT): "In none of the files that were imported."}
-FARTHEST_M = 1e-2  # largest displacement of a vertex; no press is deeper
+FARTHEST_MM = 10.0  # largest displacement of a vertex; no press is deeper
 
 
 def import_results(
@@ -115,7 +116,7 @@ def _attributes(found: Catalogue, rest: Mapping[str, RestMesh], job: Job, left_o
                 sensor: {
                     "name": mesh.path.name,
                     "sha256": file_hash(mesh.path),
-                    "origin_mm": (1e3 * mesh.origin).tolist(),
+                    "origin_mm": (MM_PER_M * mesh.origin).tolist(),
                     "rounding_m": mesh.rounding,
                 }
                 for sensor, mesh in rest.items()
@@ -232,9 +233,9 @@ class _Reader:
             vertices = len(sample.nodal_coordinates)
             raise InputError(f"{where}: {vertices} vertices, but the mesh of {sensor} has {len(rest)}")
         moved = sample.nodal_coordinates - rest
-        if (farthest := np.linalg.norm(moved, axis=1).max()) > FARTHEST_M:
+        if (farthest_mm := MM_PER_M * np.linalg.norm(moved, axis=1).max()) > FARTHEST_MM:
             raise InputError(
-                f"{where}: a vertex is {1e3 * farthest:.3g} mm from the mesh of {sensor}, at most {1e3 * FARTHEST_M:g} "
+                f"{where}: a vertex is {farthest_mm:.3g} mm from the mesh of {sensor}, at most {FARTHEST_MM:g} "
                 "is allowed; the mesh must be at rest, in m, its vertices in the same order, its origin at --origin-mm"
             )
         return moved

@@ -23,6 +23,7 @@ from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import is_valid
 from simgen.sensors.indenter_pose import advanced
+from simgen.units import MM_PER_M
 
 
 def export_vtk(selection: PressSelection, folder: Path, track: Track) -> None:
@@ -90,7 +91,7 @@ class _Series:
             values = np.full((len(points), *self.dataset.arrays[f"{self.sensor}/{name}"].shape[2:]), np.nan, np.float32)
             values[self.surface_vertices] = self.dataset.of_samples(f"{self.sensor}/{name}", press, int(step))
             mesh.point_data[f"{name}_Pa"] = values
-        mesh.field_data["depth_mm"] = [1e3 * self.offsets[press, step, 1]]
+        mesh.field_data["depth_mm"] = [MM_PER_M * self.offsets[press, step, 1]]
         mesh.field_data["force_N"] = (pose[:3, :3] @ self.force[press, step])[None]
         return mesh
 
@@ -99,6 +100,7 @@ class _Series:
         collection = ElementTree.SubElement(root, "Collection")
         for step, file in files:
             name = file.relative_to(path.parent).as_posix()
-            time = f"{1e3 * self.offsets[press, step, 1]:.9g}" if self.dataset.indenter_path.is_a_press else f"{step}"
+            depth_mm = MM_PER_M * self.offsets[press, step, 1]
+            time = f"{depth_mm:.9g}" if self.dataset.indenter_path.is_a_press else f"{step}"
             ElementTree.SubElement(collection, "DataSet", timestep=time, part="0", file=name)
         ElementTree.ElementTree(root).write(path, xml_declaration=True)

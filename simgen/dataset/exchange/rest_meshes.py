@@ -10,6 +10,7 @@ import numpy as np
 from simgen.errors import InputError
 from simgen.geometry.mesh_files import read_mesh
 from simgen.geometry.tetrahedra import boundary_triangles
+from simgen.units import MM
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def _origin(sensor: str, text: str) -> np.ndarray:
         x = y = z = np.nan
     if not np.isfinite([x, y, z]).all():
         raise InputError(f"--origin-mm {sensor}={text}: write it as SENSOR=X,Y,Z, such as biotac=0,50,0")
-    return 1e-3 * np.array([x, y, z])
+    return MM * np.array([x, y, z])
 
 
 def _arrays(sensor: str, path: Path) -> dict[str, np.ndarray]:

@@ -151,7 +151,7 @@ class ResultFile:
             raise InputError(f"{self.path}: {coordinates.name}: shape {coordinates.shape}, expected (vertex, 3) in m")
         if force.shape != (3,):
             raise InputError(f"{self.path}: {force.name}: shape {force.shape}, expected (3,) in N")
-        values = {"nodal_coordinates": self._numbers(coordinates), "force": self._numbers(force)}
+        values = {"nodal_coordinates": numbers(self.path, coordinates), "force": numbers(self.path, force)}
         return Sample(trial, env, step, **values, **self.stated(trial, env, step))
 
     def stated(self, trial: int, env: int, step: int) -> dict[str, Any]:
@@ -189,9 +189,6 @@ class ResultFile:
                 if name.startswith(f"{COORDINATES}_"):
                     return name.removeprefix(f"{COORDINATES}_")
         raise InputError(f"{self.path}: {trial}: no step_<j>/{COORDINATES}_<sensor> in it")
-
-    def _numbers(self, stored: h5py.Dataset) -> np.ndarray:
-        return numbers(self.path, stored)
 
     def _group(self, key: str) -> h5py.Group:
         return group_at(self.path, self._file, key)

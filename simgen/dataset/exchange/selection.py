@@ -11,11 +11,11 @@ import numpy as np
 
 from simgen.config.indenter_path import moved
 from simgen.dataset.exchange.result_files import Sample
+from simgen.dataset.pressed_indenters import first_touch
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import is_valid
-from simgen.sensors.indenter_pose import advanced
 
 SHOWN = 12  # most numbers in a message
 
@@ -136,16 +136,6 @@ class SensorSamples:
 
 def _known(pose: np.ndarray) -> np.ndarray | None:
     return pose if np.isfinite(pose).all() else None
-
-
-def first_touch(dataset: Dataset, sensor: str) -> np.ndarray:
-    """Poses (press, 4, 4) m at first touch, indenter frame -> sensor frame; NaN without first touch or sensor pose."""
-    pose = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
-    to_sensor = dataset[f"{sensor}/pose"]
-    known = np.isfinite(to_sensor).all(axis=(1, 2))
-    pose[known] = np.linalg.inv(to_sensor[known]) @ pose[known]
-    pose[~known] = np.nan
-    return pose
 
 
 def vertex_flags(dataset: Dataset, sensor: str) -> dict[str, np.ndarray]:

@@ -9,8 +9,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from simgen.dataset.contact_patch import ContactPatches
-from simgen.dataset.touch_audit import FACET_M
+from simgen.dataset.contact_patch import FACET_M, ContactPatches
 from simgen.errors import InputError
 from simgen.learning.training.data import MeshSamples, TrainingData
 
