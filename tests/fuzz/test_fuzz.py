@@ -21,8 +21,9 @@ import yaml
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from simgen.config.choices import MESH_SUFFIXES
 from simgen.config.job import load_job
-from simgen.config.job_schema import MESH_SUFFIXES, Job
+from simgen.config.job_schema import Job
 from simgen.config.resources import resource
 from simgen.dataset import audit
 from simgen.dataset.layout import faults

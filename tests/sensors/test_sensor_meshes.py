@@ -11,9 +11,8 @@ from sensors.slab import SLAB, write_sensor
 from simgen.config.resources import resource
 from simgen.errors import InputError
 from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD, determinants
-from simgen.geometry.interpolation import locate
+from simgen.geometry.interpolation import interpolation_matrix, locate
 from simgen.geometry.mesh_quality import LEAST_DETERMINANT, LEAST_MEAN_RATIO, components, curved_area, mean_ratio
-from simgen.geometry.tetrahedra import interpolation_matrix
 from simgen.sensors.sensor import load_sensor, remake
 from simgen.sensors.sensor_geometry import load_geometry
 from simgen.sensors.sensor_meshes import OutputMeshFile
