@@ -13,7 +13,7 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.chunks import CHUNK, chunks
-from simgen.fem.material.neo_hookean import mat33f, vec3f
+from simgen.fem.precision import mat33f, vec3f
 
 wp.set_module_options({"enable_backward": False})
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from simgen.fem.batch_arrays import SingleVectors
-from simgen.fem.material.neo_hookean import real
+from simgen.fem.precision import real
 
 wp.set_module_options({"enable_backward": False})
 

@@ -10,8 +10,8 @@ import warp as wp
 
 from simgen.fem.device import read
 from simgen.fem.elements.element import TRIANGLE_EDGES, barycentric_p2
-from simgen.fem.material.neo_hookean import mat33, real, vec3
 from simgen.fem.nonlinear.status import Status
+from simgen.fem.precision import mat33, real, vec3
 from simgen.geometry.rigid_shape import shape_array
 from simgen.geometry.signed_distance import RigidShape, distance
 

@@ -10,7 +10,7 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.device import read
-from simgen.fem.material.neo_hookean import real
+from simgen.fem.precision import real
 from simgen.simulation.first_touch import dense_shapes
 from simgen.simulation.scene import Scene
 from simgen.simulation.surface_outputs import SurfaceOutputs

@@ -10,7 +10,7 @@ from simgen.config.outputs import BY_NAME
 from simgen.fem.device import read
 from simgen.fem.elements.nodal_stress import NodalStress
 from simgen.fem.linear_solver.pattern import corners_to_nodes
-from simgen.fem.material.neo_hookean import real
+from simgen.fem.precision import real
 from simgen.geometry.interpolation import interpolation_matrix
 from simgen.simulation.scene import Scene
 

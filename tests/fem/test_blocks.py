@@ -6,7 +6,7 @@ import warp as wp
 
 from simgen.fem import blocks
 from simgen.fem.batch_arrays import ActiveEnvironments
-from simgen.fem.material.neo_hookean import mat33f
+from simgen.fem.precision import mat33f
 
 
 @wp.kernel

@@ -11,7 +11,7 @@ import warp as wp
 
 from simgen.fem.batch_arrays import Envs, IndexTable, Indices, Scalars, Vectors
 from simgen.fem.contact.traction import Surface, face_point, face_positions, gap_at, gap_lower_bound
-from simgen.fem.material.neo_hookean import real
+from simgen.fem.precision import real
 
 wp.set_module_options({"enable_backward": False})
 

@@ -35,7 +35,7 @@ from simgen.fem.contact.results import corner_forces_kernel, gap_kernel, nearest
 from simgen.fem.contact.traction import Surface
 from simgen.fem.device import read
 from simgen.fem.elements.element import Element, face_geometry
-from simgen.fem.material.neo_hookean import mat33, vec3
+from simgen.fem.precision import mat33, vec3
 from simgen.geometry.rigid_shape import shape_array
 from simgen.geometry.signed_distance import RigidShape
 

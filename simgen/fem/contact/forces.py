@@ -22,7 +22,7 @@ from simgen.fem.contact.traction import (
 )
 from simgen.fem.device import large_kernel
 from simgen.fem.elements.element_fields import gather, scatter
-from simgen.fem.material.neo_hookean import mat33f, real, single, vec3f
+from simgen.fem.precision import mat33f, real, single, vec3f
 
 wp.set_module_options({"enable_backward": False})
 

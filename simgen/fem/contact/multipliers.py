@@ -19,7 +19,7 @@ from simgen.fem.contact.traction import (
     traction_at,
 )
 from simgen.fem.device import large_kernel
-from simgen.fem.material.neo_hookean import mat33, real, vec3
+from simgen.fem.precision import mat33, real, vec3
 from simgen.geometry.signed_distance import distance
 
 wp.set_module_options({"enable_backward": False})

@@ -16,7 +16,7 @@ from simgen.fem.contact.traction import (
     traction_at,
 )
 from simgen.fem.device import large_kernel
-from simgen.fem.material.neo_hookean import real, vec3
+from simgen.fem.precision import real, vec3
 
 wp.set_module_options({"enable_backward": False})
 

@@ -27,7 +27,7 @@ import warp as wp
 
 from simgen.fem.batch_arrays import Vectors
 from simgen.fem.elements.element_fields import gather
-from simgen.fem.material.neo_hookean import mat33, real, vec3
+from simgen.fem.precision import mat33, real, vec3
 from simgen.geometry.signed_distance import Probe, RigidShape, distance, probe
 
 wp.set_module_options({"enable_backward": False})

@@ -30,7 +30,7 @@ from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.device import read
 from simgen.fem.elements.element import TRIANGLE_EDGES, Element, face_shapes
 from simgen.fem.elements.element_fields import gather
-from simgen.fem.material.neo_hookean import mat33f, real, single, vec3
+from simgen.fem.precision import mat33f, real, single, vec3
 
 wp.set_module_options({"enable_backward": False})
 

@@ -35,17 +35,8 @@ from simgen.fem.elements.stabilisation import (
     reinforce_kernel,
 )
 from simgen.fem.elements.validity import LEVELS, PARTS, inside_out_kernel
-from simgen.fem.material.neo_hookean import (
-    NeoHookean,
-    cofactor,
-    first_piola,
-    first_piola_increment,
-    mat33,
-    mat33f,
-    real,
-    single,
-    vec3f,
-)
+from simgen.fem.material.neo_hookean import NeoHookean, cofactor, first_piola, first_piola_increment
+from simgen.fem.precision import mat33, mat33f, real, single, vec3f
 
 wp.set_module_options({"enable_backward": False})
 

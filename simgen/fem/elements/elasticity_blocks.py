@@ -11,7 +11,8 @@ from simgen.fem.blocks import Blocks, add_block
 from simgen.fem.device import large_kernel
 from simgen.fem.elements.element_fields import corner_gradients, corner_pressures, edge_gradient, interpolate
 from simgen.fem.elements.solid import Modulus, SingleSolid, gradient_metric, modulus
-from simgen.fem.material.neo_hookean import mat33f, single, tangent_block, vec3f
+from simgen.fem.material.neo_hookean import tangent_block
+from simgen.fem.precision import mat33f, single, vec3f
 
 wp.set_module_options({"enable_backward": False})
 

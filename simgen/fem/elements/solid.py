@@ -6,7 +6,8 @@ from typing import Any
 
 import warp as wp
 
-from simgen.fem.material.neo_hookean import cofactor, mat33, mat33f, single, tangent_transposed, tangent_volumetric
+from simgen.fem.material.neo_hookean import cofactor, tangent_transposed, tangent_volumetric
+from simgen.fem.precision import mat33, mat33f, single
 
 wp.set_module_options({"enable_backward": False})
 

@@ -21,7 +21,7 @@ import warp as wp
 
 from simgen.fem.elements.solid import Solid
 from simgen.fem.elements.validity import deformed_corners, is_inside_out, least_at_corners, least_coefficient
-from simgen.fem.material.neo_hookean import real, single
+from simgen.fem.precision import real, single
 
 wp.set_module_options({"enable_backward": False})
 

@@ -17,7 +17,7 @@ from simgen.fem.linear_solver import dense_inverse
 from simgen.fem.linear_solver.aggregation import MOTIONS
 from simgen.fem.linear_solver.pattern import BlockPattern
 from simgen.fem.linear_solver.transfer import Transfer
-from simgen.fem.material.neo_hookean import single, vec3f
+from simgen.fem.precision import single, vec3f
 
 wp.set_module_options({"enable_backward": False})
 

@@ -14,7 +14,7 @@ from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, SingleVectors
 from simgen.fem.blocks import TILE
 from simgen.fem.device import recording
-from simgen.fem.material.neo_hookean import single
+from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
 

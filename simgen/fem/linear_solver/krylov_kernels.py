@@ -8,7 +8,7 @@ import warp as wp
 
 from simgen.fem.batch_arrays import Envs, Indices, Scalars, SingleVectors, Vectors
 from simgen.fem.chunks import CHUNK, chunk_dot, load_chunk, store_chunk
-from simgen.fem.material.neo_hookean import real, single
+from simgen.fem.precision import real, single
 
 wp.set_module_options({"enable_backward": False})
 

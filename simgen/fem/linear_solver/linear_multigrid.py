@@ -13,7 +13,7 @@ from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver.aggregation import coarse_space, largest_eigenvalue
 from simgen.fem.linear_solver.coarse_level import CoarseLevel
 from simgen.fem.linear_solver.pattern import BlockPattern
-from simgen.fem.material.neo_hookean import single, vec3f
+from simgen.fem.precision import single, vec3f
 
 wp.set_module_options({"enable_backward": False})
 

@@ -24,7 +24,7 @@ from simgen.fem.linear_solver.aggregation import largest_eigenvalue
 from simgen.fem.linear_solver.linear_multigrid import LinearMultigrid, chebyshev
 from simgen.fem.linear_solver.pattern import corners_to_nodes
 from simgen.fem.linear_solver.transfer import Transfer
-from simgen.fem.material.neo_hookean import single
+from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
 

@@ -19,7 +19,7 @@ from simgen.fem.batch_arrays import Envs, Indices, Scalars, SingleVectors, Vecto
 from simgen.fem.linear_solver.factor import SparseFactor
 from simgen.fem.linear_solver.krylov import Dots
 from simgen.fem.linear_solver.multigrid import Multigrid
-from simgen.fem.material.neo_hookean import single
+from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
-from simgen.fem.material.neo_hookean import single
+from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
 

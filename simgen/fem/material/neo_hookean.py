@@ -25,13 +25,6 @@ from typing import Any
 
 import warp as wp
 
-real = wp.float64  # of states, forces and certificates
-vec3 = wp.vec3d
-mat33 = wp.mat33d
-single = wp.float32  # of derivatives and of all that solves linear systems, whose errors Newton's method corrects
-vec3f = wp.vec3f
-mat33f = wp.mat33f
-
 
 @dataclass(frozen=True)
 class NeoHookean:

@@ -11,7 +11,7 @@ from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, Indices, Vectors
 from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.device import read
-from simgen.fem.material.neo_hookean import real, vec3
+from simgen.fem.precision import real, vec3
 
 wp.set_module_options({"enable_backward": False})
 

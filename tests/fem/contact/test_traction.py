@@ -9,7 +9,7 @@ from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
 from simgen.fem.contact.traction import Surface, face_positions, gap_lower_bound, return_tangent, return_to_cone
 from simgen.fem.elements.element import P2P1
-from simgen.fem.material.neo_hookean import mat33, real, vec3
+from simgen.fem.precision import mat33, real, vec3
 from simgen.geometry.rigid_shape import rigid_shape, sampled_shape, signed_distance
 from simgen.geometry.signed_distance import Kind
 from simgen.simulation.first_touch import dense_shapes

@@ -7,7 +7,7 @@ import warp as wp
 from simgen.fem.elements import validity
 from simgen.fem.elements.element import TET_EDGES
 from simgen.fem.elements.validity import LEVELS, PARTS, is_inside_out
-from simgen.fem.material.neo_hookean import mat33
+from simgen.fem.precision import mat33
 from simgen.geometry.interpolation import geometry_jacobian
 from tests.fem.box import lattice
 

@@ -10,10 +10,10 @@ from simgen.fem.material.neo_hookean import (
     cofactor,
     first_piola,
     first_piola_increment,
-    mat33,
     tangent_transposed,
     tangent_volumetric,
 )
+from simgen.fem.precision import mat33
 
 MU, GAMMA, P = 0.7, 1.3, 0.4
 
