@@ -57,8 +57,7 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
             f"\n[bold]{sensor.name}[/]: {sensor.tetrahedra:,} tetrahedra, {sensor.nodes:,} nodes, "
             f"{sensor.unknowns:,} unknowns; {sensor.output_vertices:,} output vertices; "
             f"memory: {_size(sensor.bytes_per_press * seen.at_once)} for {under_way}; "
-            f"E = {material.youngs_modulus_pa:g} Pa, nu = {material.poisson_ratio:g}, "
-            f"friction {material.friction:g}"
+            f"{material.elasticity}, friction {material.friction:g}"
         )
         table = Table("term", "carried", "why", box=None, pad_edge=False, padding=(0, 2, 0, 0))
         for term, carried, why in sensor.terms:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import check_device_name, start_warp
@@ -128,9 +129,9 @@ def _with_own_output(job: Job, name: str) -> Sensor:
 
 
 def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
-    """The preset of the sensor with the values that the job puts in its place.
+    """The preset of the sensor with the values that the job replaces.
 
-    Raises `InputError` if the sensor has no such preset.
+    Raises `InputError` if the sensor has no such preset, or if the values do not suit its law.
     """
     choice = job.sensors[name].material
     if choice.preset not in sensor.materials:
@@ -138,7 +139,11 @@ def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
         raise InputError(f"sensors.{name}.material: {choice.preset!r} is not a preset; allowed: {allowed}")
     own = choice.model_dump(exclude={"preset"}, exclude_none=True)
     source = {"source": f"{', '.join(own)} by the job, the rest of preset {choice.preset}"} if own else {}
-    return sensor.materials[choice.preset].model_copy(update={**own, **source})
+    try:
+        return Material.model_validate({**sensor.materials[choice.preset].model_dump(), **own, **source})
+    except ValidationError as error:
+        [found] = error.errors()
+        raise InputError(f"sensors.{name}.material: {found['msg'].removeprefix('Value error, ')}") from error
 
 
 def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:

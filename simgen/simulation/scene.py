@@ -15,7 +15,7 @@ from simgen.fem.elements.cavity import Cavity
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import ELEMENTS
 from simgen.fem.linear_solver.pattern import corners_to_nodes
-from simgen.fem.material.neo_hookean import NeoHookean
+from simgen.fem.material import LAWS
 from simgen.fem.nonlinear.newton import NewtonSolver, per_component
 from simgen.geometry.interpolation import interpolation_matrix
 from simgen.geometry.node_ordering import in_cuthill_mckee_order
@@ -55,7 +55,8 @@ class Scene:
         self.nodes = mesh.nodes[:n] * MM_PER_M
         fixed = per_component(mesh.held[:n])
         split = self.settings.volumetric_split if kind.pressures else None
-        solid = NeoHookean.from_engineering(1.0, material.poisson_ratio, split)
+        law = LAWS[material.law]
+        solid = law.from_engineering(1.0, material.poisson_ratio, split, **material.law_constants)
         active = ActiveEnvironments(batch, device)
         body = Elasticity(kind, self.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
         k = (self.settings.contact_stiffness, self.settings.friction_stiffness)
@@ -100,7 +101,7 @@ class Scene:
         pressure = self.solver.elasticity.n_pressures
         core, supported = self.core_contact is not None, self.support_contact is not None
         return [
-            ("elasticity", True, f"E = {material.youngs_modulus_pa:g} Pa, nu = {material.poisson_ratio:g}"),
+            ("elasticity", True, material.elasticity),
             ("volume constraint", pressure > 0, f"{pressure} pressures" if pressure else "the element has no pressure"),
             ("indenter contact", True, f"{len(self.indenter_contact.host_faces)} touchable faces"),
             ("indenter friction", material.friction > 0, f"Coulomb coefficient {material.friction:g}"),

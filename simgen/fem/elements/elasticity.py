@@ -10,13 +10,14 @@ faster if it read its moduli, but these are 350 bytes an element and environment
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.device import read
-from simgen.fem.elements.elasticity_blocks import REGISTERS, blocks_kernel, corner_blocks_kernel, diagonal_kernel
+from simgen.fem.elements.elasticity_blocks import REGISTERS, block_kernels
 from simgen.fem.elements.element import Element, tet_geometry
 from simgen.fem.elements.element_fields import (
     corner_gradients,
@@ -26,7 +27,7 @@ from simgen.fem.elements.element_fields import (
     scatter_pressures,
     without_mean,
 )
-from simgen.fem.elements.solid import SingleSolid, Solid, extra_gamma, gradient_metric, modulus
+from simgen.fem.elements.solid import SingleSolid, Solid, extra_gamma, gradient_metric, make_modulus
 from simgen.fem.elements.stabilisation import (
     MOST_EXTRA_OF_LAM,
     count_kernel,
@@ -35,56 +36,12 @@ from simgen.fem.elements.stabilisation import (
     reinforce_kernel,
 )
 from simgen.fem.elements.validity import LEVELS, PARTS, inside_out_kernel
-from simgen.fem.material.neo_hookean import NeoHookean, cofactor, first_piola, first_piola_increment
+from simgen.fem.material.law import MOST_CONSTANTS, Law, law_module
+from simgen.fem.material.neo_hookean import NeoHookean
+from simgen.fem.material.volume import cofactor
 from simgen.fem.precision import mat33, mat33f, real, single, vec3f
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.kernel
-def residual_kernel(
-    s: Solid,
-    x: wp.array2d(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    residual_out: wp.array2d(dtype=wp.float64),
-    min_det_out: wp.array(dtype=wp.float64),
-):
-    e, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
-    Fa, Fb, Fc, Fd = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
-    pressures = corner_pressures(s.tetrahedra, x, s.first_pressure, e, env)
-    Pa, Pb, Pc, Pd = mat33(), mat33(), mat33(), mat33()
-    constraints = wp.vec4d()
-    least = real(1.0e30)
-    weight = s.weight[e, env]
-    gamma = s.gamma + s.mu * real(extra_gamma(weight, s.most_extra))
-    for q in range(s.volumes.shape[1]):
-        shapes = s.shapes[q]
-        F = interpolate(shapes, Fa, Fb, Fc, Fd)
-        p = wp.dot(shapes, pressures)
-        J = s.contraction[e, q] * wp.determinant(F)
-        least = wp.min(least, J)
-        P = first_piola(F, s.contraction[e, q] * cofactor(F), s.metric[e, q], J, p, s.mu, gamma)
-        weights = s.volumes[e, q] * shapes
-        Pa += weights[0] * P
-        Pb += weights[1] * P
-        Pc += weights[2] * P
-        Pd += weights[3] * P
-        constraints += (J - real(1.0) - s.pressure_compliance * p) * weights
-    if weight > single(0.0):
-        M = gradient_metric(s.mean_metric[e], weight)
-        da, db, dc, dd = without_mean(ua, ub, uc, ud)
-        Pa += da * M
-        Pb += db * M
-        Pc += dc * M
-        Pd += dd * M
-    scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, residual_out)
-    scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, residual_out)
-    wp.atomic_min(min_det_out, env, least)
 
 
 @wp.kernel
@@ -106,53 +63,111 @@ def state_kernel(
     state_out[i, env] = single(value)
 
 
-@wp.kernel(cuda_max_registers=REGISTERS)
-def tangent_kernel(
-    s: SingleSolid,
-    v: wp.array2d(dtype=wp.float32),
-    active: wp.array(dtype=wp.int32),
-    # outputs
-    action_out: wp.array2d(dtype=wp.float32),
-):
-    e, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
-    Ha, Hb, Hc, Hd = corner_gradients(s.tetrahedra, v, e, env)
-    pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
-    increments = corner_pressures(s.tetrahedra, v, s.first_pressure, e, env)
-    Pa, Pb, Pc, Pd = mat33f(), mat33f(), mat33f(), mat33f()
-    constraints = wp.vec4f()
-    for q in range(s.volumes.shape[1]):
-        shapes = s.shapes[q]
-        m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q, env)
-        dF = interpolate(shapes, Ha, Hb, Hc, Hd)
-        dp = wp.dot(shapes, increments)
-        dP = first_piola_increment(dF, m.cofactor, m.metric, m.alpha, m.beta, dp)
-        weights = s.volumes[e, q] * shapes
-        Pa += weights[0] * dP
-        Pb += weights[1] * dP
-        Pc += weights[2] * dP
-        Pd += weights[3] * dP
-        constraints += (wp.ddot(m.cofactor, dF) - s.pressure_compliance * dp) * weights
-    weight = s.weight[e, env]
-    if weight > single(0.0):
-        M = gradient_metric(s.mean_metric[e], weight)
-        Da, Db, Dc, Dd = without_mean(Ha, Hb, Hc, Hd)
-        Pa += Da * M
-        Pb += Db * M
-        Pc += Dc * M
-        Pd += Dd * M
-    scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, action_out)
-    scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, action_out)
+@cache
+def operator_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel]:
+    """Kernels of the residual and of the tangent's action for a law."""
+    module, modulus = law_module(__name__, law), make_modulus(law)
+
+    @wp.kernel(module=module)
+    def residual_kernel(
+        s: Solid,
+        x: wp.array2d(dtype=wp.float64),
+        active: wp.array(dtype=wp.int32),
+        # outputs
+        residual_out: wp.array2d(dtype=wp.float64),
+        min_det_out: wp.array(dtype=wp.float64),
+    ):
+        e, lane = wp.tid()
+        env = active[lane]
+        if env < 0:
+            return
+        ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
+        Fa, Fb, Fc, Fd = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
+        pressures = corner_pressures(s.tetrahedra, x, s.first_pressure, e, env)
+        Pa, Pb, Pc, Pd = mat33(), mat33(), mat33(), mat33()
+        constraints = wp.vec4d()
+        least = real(1.0e30)
+        weight = s.weight[e, env]
+        gamma = s.gamma + s.mu * real(extra_gamma(weight, s.most_extra))
+        for q in range(s.volumes.shape[1]):
+            shapes = s.shapes[q]
+            F = interpolate(shapes, Fa, Fb, Fc, Fd)
+            p = wp.dot(shapes, pressures)
+            J = s.contraction[e, q] * wp.determinant(F)
+            least = wp.min(least, J)
+            cof = s.contraction[e, q] * cofactor(F)
+            P = law.first_piola(F, cof, s.metric[e, q], J, p, s.mu, gamma, s.constants)
+            weights = s.volumes[e, q] * shapes
+            Pa += weights[0] * P
+            Pb += weights[1] * P
+            Pc += weights[2] * P
+            Pd += weights[3] * P
+            constraints += (J - real(1.0) - s.pressure_compliance * p) * weights
+        if weight > single(0.0):
+            M = gradient_metric(s.mean_metric[e], weight)
+            da, db, dc, dd = without_mean(ua, ub, uc, ud)
+            Pa += da * M
+            Pb += db * M
+            Pc += dc * M
+            Pd += dd * M
+        scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, residual_out)
+        scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, residual_out)
+        wp.atomic_min(min_det_out, env, least)
+
+    @wp.kernel(module=module, cuda_max_registers=REGISTERS)
+    def tangent_kernel(
+        s: SingleSolid,
+        v: wp.array2d(dtype=wp.float32),
+        active: wp.array(dtype=wp.int32),
+        # outputs
+        action_out: wp.array2d(dtype=wp.float32),
+    ):
+        e, lane = wp.tid()
+        env = active[lane]
+        if env < 0:
+            return
+        Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
+        Ha, Hb, Hc, Hd = corner_gradients(s.tetrahedra, v, e, env)
+        pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
+        increments = corner_pressures(s.tetrahedra, v, s.first_pressure, e, env)
+        Pa, Pb, Pc, Pd = mat33f(), mat33f(), mat33f(), mat33f()
+        constraints = wp.vec4f()
+        for q in range(s.volumes.shape[1]):
+            shapes = s.shapes[q]
+            m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q, env)
+            dF = interpolate(shapes, Ha, Hb, Hc, Hd)
+            dp = wp.dot(shapes, increments)
+            dP = law.increment(dF, m, dp)
+            weights = s.volumes[e, q] * shapes
+            Pa += weights[0] * dP
+            Pb += weights[1] * dP
+            Pc += weights[2] * dP
+            Pd += weights[3] * dP
+            constraints += (wp.ddot(m.cofactor, dF) - s.pressure_compliance * dp) * weights
+        weight = s.weight[e, env]
+        if weight > single(0.0):
+            M = gradient_metric(s.mean_metric[e], weight)
+            Da, Db, Dc, Dd = without_mean(Ha, Hb, Hc, Hd)
+            Pa += Da * M
+            Pb += Db * M
+            Pc += Dc * M
+            Pd += Dd * M
+        scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, action_out)
+        scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, action_out)
+
+    return residual_kernel, tangent_kernel
+
+
+operator_kernels(NeoHookean)  # a GPU compiles the default law's with all other kernels
 
 
 class Elasticity:
     """The elastic body: a mesh with its material, seen by the solver as a term (see ``simgen.fem``)."""
 
-    def __init__(self, element: Element, nodes, tetrahedra, n_corners: int, material: NeoHookean, device, active):
+    def __init__(self, element: Element, nodes, tetrahedra, n_corners: int, material: Law, device, active):
         self.material, self.device, self.active = material, device, active
+        self._residual_kernel, self._tangent_kernel = operator_kernels(type(material))
+        self._corner_blocks_kernel, self._blocks_kernel, self._diagonal_kernel = block_kernels(type(material))
         self.host_nodes, self.n_corners = nodes, n_corners
         self.n_displacements = 3 * len(nodes)
         self.n_pressures = n_corners if element.pressures else 0
@@ -170,6 +185,7 @@ class Elasticity:
         self._solid.rest = wp.array(geometry.corner_jacobians, dtype=mat33, device=device)
         rough = tet_geometry(replace(element, quadrature_points=element.preconditioner_points), nodes, tetrahedra)
         tets = wp.array(self.host_tetrahedra, dtype=wp.int32, device=device)
+        constants = np.pad(material.kernel_constants, (0, MOST_CONSTANTS - len(material.kernel_constants)))
         doubles, singles = (real, wp.vec4d, mat33), (single, wp.vec4f, mat33f)
         for s, g, (scalar, vec4, mat) in (
             (self._solid, geometry, doubles), (self._single, geometry, singles), (self._rough, rough, singles)
@@ -183,6 +199,7 @@ class Elasticity:
             s.mean_metric = wp.array(np.einsum("eq,eqij->eij", g.volumes, metric), dtype=mat, device=device)
             s.weight = self.weight
             s.first_pressure = self.n_displacements
+            s.constants = vec4(*constants)
             s.mu, s.gamma, s.pressure_compliance = material.mu, material.gamma, material.pressure_compliance
             s.most_extra = MOST_EXTRA_OF_LAM * material.lam / material.mu
         unknowns = self.n_displacements + self.n_pressures
@@ -197,7 +214,7 @@ class Elasticity:
 
     def residual(self, x, residual_out, min_det_out):
         """Add the internal forces and the volume constraint; lower ``min_det_out`` (env,) to the least det F."""
-        self._launch(residual_kernel, [self._solid, x, self.active], [residual_out, min_det_out])
+        self._launch(self._residual_kernel, [self._solid, x, self.active], [residual_out, min_det_out])
 
     def damp(self, eta: np.ndarray):
         """Damp the derivatives of the environments by eta (env,), see ``damping.py``."""
@@ -210,7 +227,7 @@ class Elasticity:
 
     def tangent(self, v, action_out, reduced: bool = False):
         """Add the action of the derivative on v, by reduced integration for a preconditioner."""
-        self._launch(tangent_kernel, [self._rough if reduced else self._single, v, self.active], [action_out])
+        self._launch(self._tangent_kernel, [self._rough if reduced else self._single, v, self.active], [action_out])
 
     def inverted_elements(self, x) -> np.ndarray:
         """Number of elements (env,) that are inside out somewhere at state x; see ``validity.py``."""
@@ -257,10 +274,10 @@ class Elasticity:
         The latter roughly.
         """
         if linear:
-            self._launch(corner_blocks_kernel, [self._rough, self.active, block_index], [blocks_out])
+            self._launch(self._corner_blocks_kernel, [self._rough, self.active, block_index], [blocks_out])
         else:
-            self._launch(blocks_kernel, [self._single, self._gradients, self.active, block_index], [blocks_out])
+            self._launch(self._blocks_kernel, [self._single, self._gradients, self.active, block_index], [blocks_out])
 
     def diagonal(self, diagonal_out):
         """Add, roughly, the 3 x 3 blocks of each node's displacement by itself, of quadratic elements."""
-        self._launch(diagonal_kernel, [self._rough, self.active], [diagonal_out])
+        self._launch(self._diagonal_kernel, [self._rough, self.active], [diagonal_out])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import warp as wp
 
@@ -9,51 +11,61 @@ from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import TET_EDGES
 from simgen.fem.elements.element_fields import corner_gradients, corner_pressures, interpolate
 from simgen.fem.elements.solid import Solid
-from simgen.fem.material.neo_hookean import cauchy
+from simgen.fem.material.law import Law, law_module
+from simgen.fem.material.neo_hookean import NeoHookean
 
 wp.set_module_options({"enable_backward": False})
 
 COMPONENTS = ("xx", "yy", "zz", "yz", "xz", "xy")
 
 
-@wp.kernel
-def nodal_stress_kernel(
-    s: Solid,
-    x: wp.array2d(dtype=wp.float64),
-    elements: wp.array(dtype=wp.int32),
-    slots: wp.array2d(dtype=wp.int32),
-    points: wp.array(dtype=wp.vec4d),
-    volumes: wp.array(dtype=wp.float64),
-    active: wp.array(dtype=wp.int32),
-    first: wp.int32,
-    # outputs
-    stress_out: wp.array3d(dtype=wp.float64),
-):
-    """Sums of volume times stress (slot, component, lane) over elements; a node without a slot (-1) is left out.
+@cache
+def stress_kernel(law: type[Law]) -> wp.Kernel:
+    """Kernel that sums a law's stress at nodes."""
 
-    Lane 0 is the environment ``active[first]``.
-    """
-    i, lane = wp.tid()
-    env = active[first + lane]
-    if env < 0:
-        return
-    e = elements[i]
-    ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
-    Ra, Rb, Rc, Rd = s.rest[e, 0], s.rest[e, 1], s.rest[e, 2], s.rest[e, 3]
-    pressures = corner_pressures(s.tetrahedra, x, s.first_pressure, e, env)
-    for a in range(points.shape[0]):
-        slot = slots[i, a]
-        if slot >= 0:
-            rest = interpolate(points[a], Ra, Rb, Rc, Rd)
-            F = (rest + interpolate(points[a], ua, ub, uc, ud)) * wp.inverse(rest)
-            J = wp.determinant(F)
-            sigma = volumes[i] * cauchy(F, J, wp.dot(points[a], pressures), s.mu, s.gamma)
-            wp.atomic_add(stress_out, slot, 0, lane, sigma[0, 0])
-            wp.atomic_add(stress_out, slot, 1, lane, sigma[1, 1])
-            wp.atomic_add(stress_out, slot, 2, lane, sigma[2, 2])
-            wp.atomic_add(stress_out, slot, 3, lane, sigma[1, 2])
-            wp.atomic_add(stress_out, slot, 4, lane, sigma[0, 2])
-            wp.atomic_add(stress_out, slot, 5, lane, sigma[0, 1])
+    @wp.kernel(module=law_module(__name__, law))
+    def nodal_stress_kernel(
+        s: Solid,
+        x: wp.array2d(dtype=wp.float64),
+        elements: wp.array(dtype=wp.int32),
+        slots: wp.array2d(dtype=wp.int32),
+        points: wp.array(dtype=wp.vec4d),
+        volumes: wp.array(dtype=wp.float64),
+        active: wp.array(dtype=wp.int32),
+        first: wp.int32,
+        # outputs
+        stress_out: wp.array3d(dtype=wp.float64),
+    ):
+        """Sums of volume times stress (slot, component, lane) over elements; a node without a slot (-1) is left out.
+
+        Lane 0 is the environment ``active[first]``.
+        """
+        i, lane = wp.tid()
+        env = active[first + lane]
+        if env < 0:
+            return
+        e = elements[i]
+        ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
+        Ra, Rb, Rc, Rd = s.rest[e, 0], s.rest[e, 1], s.rest[e, 2], s.rest[e, 3]
+        pressures = corner_pressures(s.tetrahedra, x, s.first_pressure, e, env)
+        for a in range(points.shape[0]):
+            slot = slots[i, a]
+            if slot >= 0:
+                rest = interpolate(points[a], Ra, Rb, Rc, Rd)
+                F = (rest + interpolate(points[a], ua, ub, uc, ud)) * wp.inverse(rest)
+                J = wp.determinant(F)
+                sigma = volumes[i] * law.cauchy(F, J, wp.dot(points[a], pressures), s.mu, s.gamma, s.constants)
+                wp.atomic_add(stress_out, slot, 0, lane, sigma[0, 0])
+                wp.atomic_add(stress_out, slot, 1, lane, sigma[1, 1])
+                wp.atomic_add(stress_out, slot, 2, lane, sigma[2, 2])
+                wp.atomic_add(stress_out, slot, 3, lane, sigma[1, 2])
+                wp.atomic_add(stress_out, slot, 4, lane, sigma[0, 2])
+                wp.atomic_add(stress_out, slot, 5, lane, sigma[0, 1])
+
+    return nodal_stress_kernel
+
+
+stress_kernel(NeoHookean)
 
 
 class NodalStress:
@@ -89,4 +101,5 @@ class NodalStress:
         """
         dim = (self._inputs[0].shape[0], sums.shape[2])
         inputs = [self.body.solid, x, *self._inputs, self.body.active.numbers, first]
-        wp.launch(nodal_stress_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.body.device)
+        kernel = stress_kernel(type(self.body.material))
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.body.device)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import warp as wp
 
-from simgen.fem.material.neo_hookean import cofactor, tangent_transposed, tangent_volumetric
+from simgen.fem.material.law import Law
+from simgen.fem.material.volume import cofactor
 from simgen.fem.precision import mat33, mat33f, single
 
 wp.set_module_options({"enable_backward": False})
@@ -22,13 +24,14 @@ class Solid:
     tetrahedra: wp.array2d(dtype=wp.int32)  # (e, nodes)
     rest: wp.array2d(dtype=mat33)  # (e, 4) dX/dxi at the corners, mm
     shapes: wp.array(dtype=wp.vec4d)  # (q,) linear shape functions
-    metric: wp.array2d(dtype=mat33)  # (e, q) mu dxi/dX dxi/dX^T, see material.first_piola
+    metric: wp.array2d(dtype=mat33)  # (e, q) mu dxi/dX dxi/dX^T, see `simgen.fem.material.law`
     contraction: wp.array2d(dtype=wp.float64)  # (e, q) det dxi/dX, 1/mm3
     volumes: wp.array2d(dtype=wp.float64)  # (e, q), mm3
     mean_metric: wp.array(dtype=mat33)  # (e,) integral of the metric over the element
     weight: wp.array2d(dtype=wp.float32)  # (e, env) of the stabilisation, see stabilisation.py
     first_pressure: wp.int32
     mu: wp.float64
+    constants: wp.vec4d  # of the law beside mu
     gamma: wp.float64
     most_extra: wp.float32  # of gamma / mu that a stabilised element has more, see stabilisation.py
     pressure_compliance: wp.float64
@@ -47,6 +50,7 @@ class SingleSolid:
     weight: wp.array2d(dtype=wp.float32)
     first_pressure: wp.int32
     mu: wp.float32
+    constants: wp.vec4f
     gamma: wp.float32
     most_extra: wp.float32
     pressure_compliance: wp.float32
@@ -69,25 +73,18 @@ def gradient_metric(mean_metric: Any, weight: single):
     return mean_metric.dtype(weight / single(64.0)) * mean_metric
 
 
-@wp.struct
-class Modulus:
-    """The tangent at a point: cof dx/dX (dxi/dX)^T, and metric, alpha and beta of material.first_piola_increment."""
+@cache
+def make_modulus(law: type[Law]) -> wp.Function:
+    """Function for the law's modulus at a quadrature point, with damping and stabilisation."""
 
-    cofactor: mat33f
-    metric: mat33f
-    alpha: wp.float32
-    beta: wp.float32
+    @wp.func
+    def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32, env: wp.int32):
+        J = s.contraction[e, q] * wp.determinant(F)
+        cof = s.contraction[e, q] * cofactor(F)
+        gamma = s.gamma + s.mu * extra_gamma(s.weight[e, env], s.most_extra)
+        out = law.modulus(F, cof, s.metric[e, q], J, p, s.mu, gamma, s.constants)
+        if s.damping[env] > single(0.0):
+            out.metric += (s.damping[env] / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
+        return out
 
-
-@wp.func
-def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32, env: wp.int32) -> Modulus:
-    out = Modulus()
-    J = s.contraction[e, q] * wp.determinant(F)
-    out.cofactor = s.contraction[e, q] * cofactor(F)
-    out.metric = s.metric[e, q]
-    if s.damping[env] > single(0.0):
-        out.metric += (s.damping[env] / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
-    gamma = s.gamma + s.mu * extra_gamma(s.weight[e, env], s.most_extra)
-    out.alpha = tangent_transposed(J, p, s.mu, gamma)
-    out.beta = tangent_volumetric(J, p, s.mu, gamma)
-    return out
+    return modulus

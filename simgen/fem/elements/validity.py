@@ -24,7 +24,7 @@ import warp as wp
 from simgen.fem.elements.element import TET_EDGES
 from simgen.fem.elements.element_fields import corner_gradients, interpolate
 from simgen.fem.elements.solid import Solid
-from simgen.fem.material.neo_hookean import cofactor
+from simgen.fem.material.volume import cofactor
 from simgen.fem.precision import mat33, real
 
 wp.set_module_options({"enable_backward": False})
