@@ -22,9 +22,9 @@ from simgen.simulation.batch_size import bytes_per_press
 from simgen.simulation.press import Scene, SolverSettings, Status, press
 from simgen.units import MM
 from simgen.verification.validate.hard_scenes import GEL, block
-from simgen.verification.validate.law import Law
 from simgen.verification.validate.layer_meshes import make_sensor
 from simgen.verification.validate.meshes import box, on_plane
+from simgen.verification.validate.reference_law import ReferenceLaw
 from simgen.verification.validate.sensors import place_indenter
 
 PLATE_Y_MM = -4.2365  # the DIGIT's
@@ -130,7 +130,7 @@ def test_a_block_between_two_planes_follows_the_closed_form():
     pose[:3, 3] = [0.0, (mesh.nodes[:, 1].min() - 0.5) * MM, 0.0]
     found = press(scene, [rigid_shape(Kind.CUBE, 7.0, 1.0)], pose[None], np.array([0.1, 0.2]) * size * MM)[0]
     assert (found.status == Status.CONVERGED).all()
-    stress, lateral = Law(smooth.poisson_ratio).uniaxial(stretch)
+    stress, lateral = ReferenceLaw(smooth.poisson_ratio).uniaxial(stretch)
     expected = -stress * smooth.youngs_modulus_pa * (size * MM) ** 2
     assert found.force[-1, 1] == pytest.approx(expected, rel=1e-4)
     u, rest = found.displacement[-1] / MM, sensor.output_mesh.vertices / MM

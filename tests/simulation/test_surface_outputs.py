@@ -28,9 +28,9 @@ from simgen.sensors.sensor import Material
 from simgen.simulation.press import Scene, press
 from simgen.verification.validate.equilibrium import make_body, solve
 from simgen.verification.validate.exact import block, homogeneous, stretch_and_shear
-from simgen.verification.validate.law import Law
 from simgen.verification.validate.layer_press import LayerMeshSize, quarter_layer
 from simgen.verification.validate.meshes import on_plane
+from simgen.verification.validate.reference_law import ReferenceLaw
 
 
 def stress_of(body, found, nodes):
@@ -44,8 +44,8 @@ def stress_of(body, found, nodes):
 @pytest.mark.parametrize("poisson_ratio", [0.3, 0.499])
 def test_a_homogeneous_state_has_its_stress_at_every_node(poisson_ratio):
     """sigma = P F^T / det F with the law in numpy, on irregular, bent elements: exact to the solver's balance."""
-    law, body_mesh = Law(poisson_ratio), block(inside_only=False)
-    body, F = make_body(body_mesh, poisson_ratio, "cpu"), stretch_and_shear(1.0 + 0.003 / (poisson_ratio + 0.5))
+    law, body_mesh = ReferenceLaw(poisson_ratio), block(inside_only=False)
+    body, F = make_body(body_mesh, law, "cpu"), stretch_and_shear(1.0 + 0.003 / (poisson_ratio + 0.5))
     fixed = np.zeros(body_mesh.nodes.shape, dtype=bool)
     fixed[body_mesh.faces.ravel()] = True
     found = solve(body, fixed, np.where(fixed, homogeneous(F, body_mesh), 0.0), steps=4)
@@ -58,11 +58,11 @@ def test_a_homogeneous_state_has_its_stress_at_every_node(poisson_ratio):
 @pytest.mark.parametrize("stretch", [0.8, 1.3])
 def test_a_bar_that_is_pulled_has_uniaxial_stress(stretch):
     """The closed form of the law: nominal stress over the deformed area along the pull, nothing across."""
-    mesh, law = block(inside_only=True), Law(0.499)
+    mesh, law = block(inside_only=True), ReferenceLaw(0.499)
     fixed = np.stack([on_plane(mesh.nodes, axis, mesh.nodes[:, axis].min()) for axis in range(3)], axis=1)
     fixed[on_plane(mesh.nodes, 0, mesh.nodes[:, 0].max()), 0] = True
     guess = np.diag([stretch, stretch**-0.5, stretch**-0.5])
-    body = make_body(mesh, 0.499, "cpu")
+    body = make_body(mesh, law, "cpu")
     found = solve(body, fixed, (mesh.nodes - mesh.nodes.min(axis=0)) @ (guess - np.eye(3)), steps=3)
     nominal, lateral = law.uniaxial(stretch)
     every = stress_of(body, found, np.arange(len(mesh.nodes)))

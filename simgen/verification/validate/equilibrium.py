@@ -17,10 +17,11 @@ from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1, TET_EDGES, barycentric_p2, face_shapes, tet_geometry, tet_rule
-from simgen.fem.material.neo_hookean import NeoHookean
+from simgen.fem.material import LAWS
 from simgen.fem.nonlinear.newton import SMALLEST_FORCE, NewtonSolver
 from simgen.fem.nonlinear.status import Status
 from simgen.verification.validate.meshes import Mesh
+from simgen.verification.validate.reference_law import ReferenceLaw
 
 Field = Callable[[np.ndarray], np.ndarray]  # of points (..., 3) mm
 FINE_RULE = 14  # quadrature points (degree 5) of what is measured, against the solver's own 8
@@ -71,9 +72,10 @@ class Equilibrium:
     reactions: np.ndarray
 
 
-def make_body(mesh: Mesh, poisson_ratio: float, device: str) -> Elasticity:
-    """The operator of a P2-P1 body of E = 1, with the volumetric split of presses."""
-    solid = NeoHookean.from_engineering(1.0, poisson_ratio, SolverSettings().volumetric_split)
+def make_body(mesh: Mesh, law: ReferenceLaw, device: str) -> Elasticity:
+    """Make a P2-P1 body of E = 1 with the solver's own functions of a law, and the volumetric split of presses."""
+    split = SolverSettings().volumetric_split
+    solid = LAWS[law.name].from_engineering(1.0, law.poisson_ratio, split, **law.constants)
     active = ActiveEnvironments(1, device)
     return Elasticity(P2P1, mesh.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
 

@@ -22,6 +22,7 @@ from simgen.verification.validate.case import Context, Curve, Outcome, Row, case
 from simgen.verification.validate.equilibrium import make_body
 from simgen.verification.validate.exact import block, pull
 from simgen.verification.validate.meshes import Mesh, top
+from simgen.verification.validate.reference_law import LAWS, YEOH, ReferenceLaw
 
 ROUNDING = "rounding of float64, some thousand operations"
 SINGLE, OF_SINGLE = 1e-5, "rounding of float32, in which derivatives are taken, some hundred operations"
@@ -50,11 +51,10 @@ def random_state(body: Elasticity, seed: int) -> np.ndarray:
 
 @case("exact-frame", "Frame indifference: a rotated state has the same forces, rotated", "quick")
 def frame_indifference(context: Context) -> Outcome:
-    mesh = block(inside_only=False)
-    body = make_body(mesh, 0.499, context.device)
-    n_u = body.n_displacements
+    mesh, rows = block(inside_only=False), []
     Q = rotation(np.array([1.0, 2.0, -0.5]), 2.4)
     shift = np.array([3.0, -1.0, 2.0])
+    n_u = mesh.nodes.size
 
     def rotate(x: np.ndarray) -> np.ndarray:
         moved = (mesh.nodes + x[:n_u].reshape(-1, 3)) @ Q.T + shift - mesh.nodes
@@ -63,16 +63,20 @@ def frame_indifference(context: Context) -> Outcome:
     def turn(r: np.ndarray) -> np.ndarray:
         return np.append((r[:n_u].reshape(-1, 3) @ Q.T).ravel(), r[n_u:])
 
-    x, v = random_state(body, 1), random_state(body, 2)
-    force, action = internal_forces(body, x), tangent_action(body, x, v)
-    of_forces = np.abs(internal_forces(body, rotate(x)) - turn(force)).max() / np.abs(force).max()
-    of_action = np.abs(tangent_action(body, rotate(x), turn(v)) - turn(action)).max() / np.abs(action).max()
-    rigid = np.abs(internal_forces(body, rotate(np.zeros_like(x)))).max()
-    return Outcome([
-        Row("forces, largest difference by largest force", "", of_forces, math.nan, 1e-12, "at most", ROUNDING),
-        Row("tangent, the same", "", of_action, math.nan, SINGLE, "at most", OF_SINGLE),
-        Row("largest force after a rigid motion", "E mm2", rigid, math.nan, 1e-13, "at most", ROUNDING),
-    ])  # fmt: skip
+    for law in (ReferenceLaw(0.499), YEOH):
+        body = make_body(mesh, law, context.device)
+        x, v = random_state(body, 1), random_state(body, 2)
+        force, action = internal_forces(body, x), tangent_action(body, x, v)
+        of_forces = np.abs(internal_forces(body, rotate(x)) - turn(force)).max() / np.abs(force).max()
+        of_action = np.abs(tangent_action(body, rotate(x), turn(v)) - turn(action)).max() / np.abs(action).max()
+        rigid = np.abs(internal_forces(body, rotate(np.zeros_like(x)))).max()
+        rows += [
+            Row(f"forces, largest difference by largest force, {law}", "", of_forces, math.nan, 1e-12, "at most",
+                ROUNDING),
+            Row(f"tangent, the same, {law}", "", of_action, math.nan, SINGLE, "at most", OF_SINGLE),
+            Row(f"largest force after a rigid motion, {law}", "E mm2", rigid, math.nan, 1e-13, "at most", ROUNDING),
+        ]  # fmt: skip
+    return Outcome(rows)
 
 
 def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
@@ -85,29 +89,33 @@ def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
 @case("exact-hooke", "Small strains: the tangent at rest is linear elasticity", "quick")
 def hooke(context: Context) -> Outcome:
     mesh, rows = block(inside_only=False), []
-    for nu in (0.3, 0.499):
-        body = make_body(mesh, nu, context.device)
+    for law in LAWS:
+        body = make_body(mesh, law, context.device)
         v = random_state(body, 3)
-        ours, theirs = tangent_action(body, np.zeros_like(v), v), linear_elastic_action(body, mesh, v)
+        ours = tangent_action(body, np.zeros_like(v), v)
+        theirs = linear_elastic_action(body, law.poisson_ratio, mesh, v)
         difference = np.abs(ours - theirs).max() / np.abs(theirs).max()
-        rows.append(Row(f"tangent at rest against B^T D B, nu = {nu}", "", difference, math.nan, SINGLE, "at most",
+        rows.append(Row(f"tangent at rest against B^T D B, {law}", "", difference, math.nan, SINGLE, "at most",
                         OF_SINGLE))  # fmt: skip
     strain = 1e-6
     next_order = f"strain {strain:g}: the next term of the law is of its order"
-    for nu in (0.3, 0.499):
-        stress, lateral = pull(block(inside_only=True), nu, 1.0 + strain, context.device)
+    for law in LAWS:
+        stress, lateral = pull(block(inside_only=True), law, 1.0 + strain, context.device)
+        ratio = (1.0 - lateral) / strain
         for what, unit, ours, exact in (("Young's modulus", "E", stress / strain, 1.0),
-                                        ("Poisson's ratio", "", (1.0 - lateral) / strain, nu)):  # fmt: skip
-            rows.append(Row(f"{what}, nu = {nu}", unit, ours, exact, 10.0 * strain, "relative", next_order))
+                                        ("Poisson's ratio", "", ratio, law.poisson_ratio)):  # fmt: skip
+            rows.append(Row(f"{what}, {law}", unit, ours, exact, 10.0 * strain, "relative", next_order))
     return Outcome(rows)
 
 
-def linear_elastic_action(body: Elasticity, mesh: Mesh, v: np.ndarray) -> np.ndarray:
+def linear_elastic_action(body: Elasticity, nu: float, mesh: Mesh, v: np.ndarray) -> np.ndarray:
     """Linear elasticity in Voigt's notation, mixed as the solver's: B^T (D B u + m p), m^T B u - p / (lam - gamma)."""
     geometry, m = tet_geometry(P2P1, mesh.nodes, mesh.tetrahedra), body.material
     u, p = v[: body.n_displacements].reshape(-1, 3), v[body.n_displacements :]
     trace = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    D = m.gamma * np.outer(trace, trace) + np.diag([2.0 * m.mu] * 3 + [m.mu] * 3)
+    mu = 0.5 / (1.0 + nu)
+    pointwise = 2.0 * mu * nu / (1.0 - 2.0 * nu) - 1.0 / m.pressure_compliance
+    D = pointwise * np.outer(trace, trace) + np.diag([2.0 * mu] * 3 + [mu] * 3)
     forces, volumes = np.zeros_like(u), np.zeros_like(p)
     for e, tet in enumerate(mesh.tetrahedra):
         for q, volume in enumerate(geometry.volumes[e]):
@@ -127,7 +135,11 @@ def linear_elastic_action(body: Elasticity, mesh: Mesh, v: np.ndarray) -> np.nda
 def tangent(context: Context) -> Outcome:
     rows, curves = [], []
     steps = np.logspace(-1.0, -13.0, 49)
-    for what, (forces, action, x) in (("elasticity", elasticity_term(context)), ("contact", contact_term(context))):
+    for what, (forces, action, x) in (
+        ("elasticity", elasticity_term(context, ReferenceLaw(0.499))),
+        ("Yeoh", elasticity_term(context, YEOH)),
+        ("contact", contact_term(context)),
+    ):
         v = np.random.default_rng(5).normal(size=len(x))
         errors = difference_errors(forces, action(x, v), x, v, steps)
         for name, order in (("forward", 1), ("central", 2)):
@@ -159,9 +171,9 @@ def difference_errors(
     return errors
 
 
-def elasticity_term(context: Context):
+def elasticity_term(context: Context, law: ReferenceLaw):
     """Forces, action of the tangent, and a state."""
-    body = make_body(block(inside_only=False), 0.499, context.device)
+    body = make_body(block(inside_only=False), law, context.device)
     return (lambda x: internal_forces(body, x)), (lambda x, v: tangent_action(body, x, v)), random_state(body, 4)
 
 

@@ -15,8 +15,8 @@ from simgen.verification.validate.case import Context, Curve, Outcome, Row, Tabl
 from simgen.verification.validate.equilibrium import body_load, make_body, solve, surface_load, volume_points
 from simgen.verification.validate.exact import RADII, inflate
 from simgen.verification.validate.inflation import compressible
-from simgen.verification.validate.law import Law
 from simgen.verification.validate.meshes import box, on_plane, perturbed, sphere_shell, top
+from simgen.verification.validate.reference_law import ReferenceLaw
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ def manufactured_errors(field: Manufactured, nu: float, cells: int, device: str)
     edge = 2.0
     h = edge / cells
     mesh = perturbed(box((cells,) * 3, (edge,) * 3), shift=0.12 * h, bend=0.0, inside_only=True)
-    law, body = Law(nu), make_body(mesh, nu, device)
+    law = ReferenceLaw(nu)
+    body = make_body(mesh, law, device)
     fixed = np.zeros(mesh.nodes.shape, dtype=bool)
     loaded = top(mesh.nodes, mesh.faces)
     fixed[np.setdiff1d(mesh.faces, loaded)] = True
@@ -137,8 +138,8 @@ def manufactured(context: Context) -> Outcome:
 
 @case("order-curved", "Curved against straight elements: inflation of a thick-walled sphere", "quick")
 def curved(context: Context) -> Outcome:
-    nu, stretch, counts = 0.499, 1.3, (2, 3, 4, 6)
-    exact, volume = compressible(Law(nu), RADII, stretch), math.pi / 6.0 * (RADII[1] ** 3 - RADII[0] ** 3)
+    law, stretch, counts = ReferenceLaw(0.499), 1.3, (2, 3, 4, 6)
+    exact, volume = compressible(law, RADII, stretch), math.pi / 6.0 * (RADII[1] ** 3 - RADII[0] ** 3)
     sizes = [RADII[0] / count for count in counts]
     labels = ("1 / edges along a quarter circle", "relative error")
     table = Table("Relative errors", ["elements", "edges along a quarter circle", "cavity pressure", "outer radius",
@@ -148,7 +149,7 @@ def curved(context: Context) -> Outcome:
         errors = []
         for count in counts:
             mesh = sphere_shell(count, count, RADII, straight=kind == "straight")
-            found = inflate(mesh, nu, stretch, context.device, steps=2)
+            found = inflate(mesh, law, stretch, context.device, steps=2)
             rest = tet_geometry(P2P1, mesh.nodes, mesh.tetrahedra).volumes.sum() / volume - 1.0
             errors.append((found.pressure / exact.pressure - 1.0, found.outer_radius / exact.outer_radius - 1.0, rest))
             table.rows.append([kind, str(count), *errors[-1]])
@@ -165,5 +166,5 @@ def curved(context: Context) -> Outcome:
         Row("error on the finest mesh, straight by curved", "", better, math.nan, 10.0, "at least",
             "more than one refinement of straight elements, a factor of 4"),
     ]  # fmt: skip
-    note = f"nu = {nu}, cavity {stretch:g} times as wide; reference: the radial problem of our own law."
+    note = f"{law}, cavity {stretch:g} times as wide; reference: the radial problem of our own law."
     return Outcome(rows, [table], curves, [note])
