@@ -26,6 +26,7 @@ from simgen.pipeline.plan import (
 from simgen.sensors.indenter import chosen_indenters
 from simgen.sensors.sensor import load_sensor
 from simgen.sensors.sensor_meshes import output_settings
+from simgen.sensors.sensor_schema import Material
 
 
 def test_contacts_are_drawn_by_the_job_s_own_values():
@@ -105,6 +106,18 @@ def test_an_unknown_preset_names_those_that_there_are():
     job = load_job("smoke.yaml", ["sensors.biotac.material=fluid"])
     with pytest.raises(InputError, match=r"sensors\.biotac\.material: 'fluid' .*allowed: .*effective"):
         chosen_material(job, "biotac", chosen_sensor(job, "biotac"))
+
+
+def test_a_preset_of_another_law_keeps_its_constants_and_must_suit_the_values_of_the_job():
+    values = {"law": "yeoh", "youngs_modulus_pa": 539e3, "poisson_ratio": 0.499, "c20_pa": 2e4, "friction": 0.7}
+    sensor = SimpleNamespace(materials={"solid": Material(**values)})
+    job = load_job("smoke.yaml", ["sensors.digit.material.youngs_modulus_pa=400e3"])
+    material = chosen_material(job, "digit", sensor)
+    assert (material.law, material.youngs_modulus_pa, material.c20_pa) == ("yeoh", 400e3, 2e4)
+    assert material.source == "youngs_modulus_pa by the job, the rest of preset solid"
+    job = load_job("smoke.yaml", ["sensors.digit.material.youngs_modulus_pa=100e3"])
+    with pytest.raises(InputError, match=r"^sensors\.digit\.material: c20_pa = 20000 is not allowed; .*c30_pa$"):
+        chosen_material(job, "digit", sensor)
 
 
 def test_a_fluid_needs_a_cavity_and_is_recorded():

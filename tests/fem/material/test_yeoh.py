@@ -1,9 +1,13 @@
-"""The Yeoh law: neo-Hookean without its constants, and stiffer in shear by the closed form with them."""
+"""The Yeoh law: neo-Hookean without its constants, and stiffer with them, at a point and in a press."""
 
 from dataclasses import replace
 
 import numpy as np
 
+from simgen.geometry.rigid_shape import rigid_shape
+from simgen.geometry.signed_distance import Kind
+from simgen.simulation.press import press
+from simgen.verification.validate.hard_scenes import above_block, block, scene_of
 from tests.fem.material.points import MU, SOLIDS, stress
 
 NEO_HOOKEAN, YEOH = SOLIDS
@@ -30,3 +34,17 @@ def test_c20_leaves_less_to_the_volumetric_part():
     without = type(YEOH).from_engineering(1.0, 0.499, 1.0)
     np.testing.assert_allclose(without.lam - with_c20.lam, 0.8)
     assert with_c20.kernel_constants == (0.1, 0.3)
+
+
+def test_a_press_into_a_block_stiffens_with_depth():
+    """Without constants all forces are the neo-Hookean ones. With them small depths differ little, large ones a lot."""
+    sensor, sphere, depths = block(), rigid_shape(Kind.SPHERE, 3.5), np.array([0.2e-3, 1.0e-3])
+    plain, none, stiffer = (
+        press(scene_of(sensor, "cpu", **law), [sphere], above_block()[None], depths)[0]
+        for law in ({}, {"law": "yeoh"}, {"law": "yeoh", "c20_pa": 2e4, "c30_pa": 2e4})
+    )
+    assert not plain.status.any() and not none.status.any() and not stiffer.status.any()
+    np.testing.assert_allclose(none.force, plain.force, rtol=1e-9, atol=1e-9)
+    gain = stiffer.force[:, 1] / plain.force[:, 1] - 1.0
+    assert 0.0 < gain[0] < 0.2 * gain[1]
+    assert gain[1] > 0.05
