@@ -12,7 +12,7 @@ cof    cofactor of F, J F^-T: turns reference into current area vectors
 p      continuous (P1) pressure-like multiplier of the volume constraint, tension positive
 mu     shear modulus (material); the friction coefficient is always called ``friction``
 lam    Lame's first parameter, 2 mu nu / (1 - 2 nu)
-gamma  the part of ``lam`` that acts pointwise; ``lam - gamma`` acts through p (see material/neo_hookean.py)
+gamma  the part of ``lam`` that acts pointwise; ``lam - gamma`` acts through p (see material/law.py)
 p_c    pressure of the fluid in a cavity, above ambient, compression positive
 g, n   gap (signed distance of the rigid shape) and its gradient, the outward normal of the shape
 t, tau normal traction (compression positive) and friction traction, per unit of rest area

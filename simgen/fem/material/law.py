@@ -63,7 +63,7 @@ class Law:
         if not 0.0 < poisson_ratio < 0.5:
             raise ValueError(f"poisson_ratio = {poisson_ratio}, allowed: above 0 and below 0.5")
         mu = youngs_modulus / (2.0 * (1.0 + poisson_ratio))
-        lam = 2.0 * mu * poisson_ratio / (1.0 - 2.0 * poisson_ratio) - cls.lam_of_shape(**constants)
+        lam = 2.0 * mu * poisson_ratio / (1.0 - 2.0 * poisson_ratio) - cls.lam_of_shape(mu, **constants)
         if lam <= 0.0:
             raise ValueError(f"{constants}: too large for poisson_ratio = {poisson_ratio}")
         if split is None:
@@ -72,8 +72,8 @@ class Law:
         return cls(mu, lam, gamma, pressure_compliance=1.0 / (lam - gamma), **constants)
 
     @classmethod
-    def lam_of_shape(cls, **constants: float) -> float:
-        """Lame's first parameter that W has at rest; the volumetric part gets so much less."""
+    def lam_of_shape(cls, mu: float, **constants: float) -> float:
+        """Lame's first parameter of W at rest. The volumetric part has as much less."""
         return 0.0
 
     @property

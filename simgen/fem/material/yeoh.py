@@ -114,7 +114,7 @@ class Yeoh(Law):
     block, own_block = block, own_block
 
     @classmethod
-    def lam_of_shape(cls, c20: float = 0.0, c30: float = 0.0) -> float:
+    def lam_of_shape(cls, mu: float, c20: float = 0.0, c30: float = 0.0) -> float:
         return 8.0 * c20
 
     @property
