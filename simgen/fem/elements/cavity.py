@@ -1,20 +1,20 @@
-"""An incompressible fluid in the cavity of a hollow body, as a term of the solver.
+"""Incompressible fluid in the cavity of a hollow body, as a term of the solver.
 
-The fluid keeps its volume, and its pressure p_c (compression positive, above ambient) is the Lagrange multiplier of
-that one condition. With x,1 and x,2 the derivatives of the position by a wetted face's own coordinates, the area vector
-x,1 x x,2 points out of the solid into the fluid, and per unit of those coordinates ::
+The fluid keeps its volume. Its pressure p_c (compression positive, above ambient) is the Lagrange multiplier of this
+condition. Let x,1 and x,2 be the derivatives of the position by a wetted face's coordinates. The area vector x,1 x x,2
+points out of the solid into the fluid. Per unit of those coordinates ::
 
     force on the solid      -p_c x,1 x x,2
     V(0) - V(u)             u . (X,1 x X,2 + (X,1 x u,2 + u,1 x X,2) / 2 + u,1 x u,2 / 3)
 
-The second line is the volume that the faces sweep on straight paths: exact for any u and independent of the origin.
-What else closes the cavity must not sweep any: held faces, a rigid core, planes of symmetry in which the faces' rim
-stays. Then the force is the derivative of the volume and its tangent is symmetric (Bonet and Wood, *Nonlinear Continuum
-Mechanics*, 2nd ed., section 8.5; Rumpel and Schweizerhof, Int. J. Numer. Meth. Engng 56, 2003). On quadratic faces
-all integrands are polynomials of degree 4, which the six-point rule integrates exactly.
+The second line is the volume that the faces sweep on straight paths. It is exact for any u and independent of the
+origin. All other walls of the cavity must sweep no volume: fixed faces, a rigid core, planes of symmetry that contain
+the faces' rim. Then the force is the derivative of the volume, and its tangent is symmetric (Bonet and Wood, *Nonlinear
+Continuum Mechanics*, 2nd ed., section 8.5; Rumpel and Schweizerhof, Int. J. Numer. Meth. Engng 56, 2003). On quadratic
+faces all integrands are polynomials of degree 4, which the six-point rule integrates exactly.
 
-The pressure acts on all wetted faces, also where they lie on a core: a film stays between them, and the contact carries
-what exceeds the fluid's pressure.
+The pressure acts on all wetted faces, also where they touch a core: a film stays between them. The contact carries what
+exceeds the fluid's pressure.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from simgen.fem.precision import mat33f, real, single, vec3
 
 wp.set_module_options({"enable_backward": False})
 
-FACE_POINTS = 6  # exact for the volume that quadratic faces sweep
+FACE_POINTS = 6  # exact on quadratic faces
 
 
 @wp.struct
 class Wetted:
-    """The wetted faces, outward from the solid, and the rule that integrates over them."""
+    """Wetted faces, oriented outward from the solid, and their quadrature rule."""
 
     rest: wp.array2d(dtype=wp.float64)  # (3 nodes, 1) rest positions, mm
     faces: wp.array2d(dtype=wp.int32)  # (face, 6)
     shapes: wp.array2d(dtype=wp.float64)  # (q, 6)
     gradients: wp.array2d(dtype=wp.vec2d)  # (q, 6) of the shape functions by the face's coordinates
     weights: wp.array(dtype=wp.float64)  # (q,)
-    row: wp.int32  # of p_c in the state vector, and of the volume in the residual
+    row: wp.int32  # row of p_c in the state vector and of the volume in the residual
 
 
 @wp.struct
 class Tangents:
-    along: vec3  # derivative of a field by the first coordinate of a face
-    across: vec3  # and by the second
+    along: vec3  # derivative of a field by a face's first coordinate
+    across: vec3  # derivative by the second
 
 
 @wp.func
@@ -181,7 +181,7 @@ def cavity_blocks_kernel(
     # outputs
     blocks_out: Blocks,
 ):
-    """K_ab = p_c N_a skew(N_b,2 x,1 - N_b,1 x,2): how the forces turn and grow with the faces."""
+    """Add K_ab = p_c N_a skew(N_b,2 x,1 - N_b,1 x,2), the change of the pressure's forces with the faces."""
     f, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -209,7 +209,7 @@ def resultant_kernel(
     # outputs
     force_out: wp.array2d(dtype=wp.float64),
 ):
-    """Components (3, env) of the force on the solid: minus the pressure times the sum of the nodes' gradients."""
+    """Sum the force on the solid (3, env): minus the pressure times the nodes' gradients."""
     c, i, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -221,11 +221,13 @@ def resultant_kernel(
 
 
 class Cavity:
-    """The fluid behind wetted faces (f, 6) of the rest mesh (nodes in mm).
+    """Fluid behind the wetted faces (f, 6) of a rest mesh, nodes in mm.
 
-    ``row`` is the place of p_c in the state vector, ``fixed`` (node,) or (node, 3) bool what does not move. Raises
-    ValueError where the faces leave an opening whose rim is free. ``injected`` (env,) mm3 is added to the fluid;
-    ``volume``, mm3, is enclosed by the faces at rest (seen from their centre, where something else closes them).
+    ``row`` is the row of p_c in the state vector. ``fixed`` (node,) or (node, 3) bool marks fixed components. Raises
+    ValueError if the faces leave an opening whose rim is free.
+
+    injected : (env,) mm3, added to the fluid
+    volume : mm3, enclosed by the faces at rest. If other walls close the cavity, it is that between faces and their mean
     """
 
     def __init__(self, element: Element, nodes, faces, fixed: np.ndarray, row: int, device, active):
@@ -258,13 +260,13 @@ class Cavity:
         batch_arrays.launch(kernel, len(self.host_faces), [self.wetted, *inputs], outputs)
 
     def residual(self, x, residual_out):
-        """Add the forces of p_c, and to its row the volume that the fluid lacks, mm3: V(0) + injected - V(u)."""
+        """Add the forces of p_c, and to its row the missing volume V(0) + injected - V(u), mm3."""
         self._launch(cavity_residual_kernel, [x, self.active], [residual_out])
         inputs = [self.injected, self.row]
         wp.launch(add_volume_kernel, dim=len(self.injected), inputs=inputs, outputs=[residual_out], device=self.device)
 
     def linearize(self, x):
-        """Keep what the derivative at state x needs; ``gradient`` (3 nodes, env) is that of the volume row by u."""
+        """Store the state x for the tangent; ``gradient`` (3 nodes, env) is the derivative of the volume row by u."""
         batch_arrays.clear(self.active, self.gradient)
         self._launch(cavity_linearize_kernel, [x, self.active], [self._pressure, self._deformed, self.gradient])
 
@@ -273,7 +275,7 @@ class Cavity:
         self._launch(cavity_action_kernel, [self._pressure, self._deformed, v, self.active], [action_out])
 
     def resultant(self, x) -> np.ndarray:
-        """Force (env, 3) on the solid: nothing where the wetted faces are all that closes the cavity."""
+        """Compute the force (env, 3) on the solid: zero if the wetted faces alone close the cavity."""
         self.linearize(x)
         self._force.zero_()
         rows = chunks(len(self.gradient) // 3), 3
@@ -282,12 +284,12 @@ class Cavity:
         return force.T.copy()
 
     def blocks(self, block_index, blocks_out, linear: bool):
-        """Add the derivative by displacements as 3 x 3 blocks between nodes; symmetric once all faces are in."""
+        """Add the derivative by displacements as 3 x 3 blocks between nodes; their sum over faces is symmetric."""
         self._launch(cavity_blocks_kernel, [self._pressure, self._deformed, self.active, block_index], [blocks_out])
 
 
 def open_rim(faces: np.ndarray) -> np.ndarray:
-    """Nodes of those edges that belong to a single face (f, 6 or 3)."""
+    """Nodes of the edges that only one of the faces (f, 6 or 3) has."""
     ends = np.sort(faces[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
     _, first, count = np.unique(ends, axis=0, return_index=True, return_counts=True)
     face, edge = np.divmod(first[count == 1], 3)

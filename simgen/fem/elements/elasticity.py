@@ -1,10 +1,10 @@
 """Residual and tangent action of the elastic body, batched over environments.
 
-One thread handles one element of one environment; kernels gather, call the formulas of ``material.py`` and scatter.
-Derivatives are by an element's own coordinates xi. Those of a quadratic field are linear in them, and known from their
-values at the four corners (``element_fields.py``): an element is read and written once, and a quadrature point costs as
-much as one of a linear element. Derivatives keep nothing but the state. On one CPU core the tangent would be a fifth
-faster if it read its moduli, but these are 350 bytes an element and environment, more than all else that it moves.
+One thread handles one element of one environment. Kernels gather, call the material law's functions and scatter.
+Derivatives are by an element's coordinates xi. Those of a quadratic field are linear in xi, so their values at the four
+corners determine them (``element_fields.py``). An element is read and written once, and a quadrature point costs as
+much as one of a linear element. The tangent recomputes its moduli from the state. On one CPU core it would be a fifth
+faster if it stored them. But they take 350 bytes per element and environment, more than all other data that it moves.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def state_kernel(
     # outputs
     state_out: wp.array2d(dtype=wp.float32),
 ):
-    """Deformed positions, and the other unknowns as they are."""
+    """Store deformed positions, and all other unknowns as they are."""
     i, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -162,7 +162,7 @@ operator_kernels(NeoHookean)  # a GPU compiles the default law's with all other 
 
 
 class Elasticity:
-    """The elastic body: a mesh with its material, seen by the solver as a term (see ``simgen.fem``)."""
+    """Elastic body: a mesh with its material, as a term of the solver (see ``simgen.fem``)."""
 
     def __init__(self, element: Element, nodes, tetrahedra, n_corners: int, material: Law, device, active):
         self.material, self.device, self.active = material, device, active
@@ -230,13 +230,13 @@ class Elasticity:
         self._launch(self._tangent_kernel, [self._rough if reduced else self._single, v, self.active], [action_out])
 
     def inverted_elements(self, x) -> np.ndarray:
-        """Number of elements (env,) that are inside out somewhere at state x; see ``validity.py``."""
+        """Count the elements that are inside out somewhere at state x: (env,); see ``validity.py``."""
         self._count.zero_()
         self._launch(inside_out_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self._count])
         return self._read_count()
 
     def forget(self, marked):
-        """Take the stabilisation from all elements in the listed environments (env,)."""
+        """Remove the stabilisation of all elements in the listed environments (env,)."""
         batch_arrays.clear(marked, self.weight)
 
     def expect(self, x):
@@ -244,17 +244,17 @@ class Elasticity:
         self._launch(expect_kernel, [self._solid, x, self.active], [self.weight])
 
     def stabilise(self, x) -> np.ndarray:
-        """Stabilise elements that are inside out at state x; returns how many (env,) have more of it now."""
+        """Stabilise elements that are inside out at state x, or stabilise them more; return how many: (env,)."""
         self._count.zero_()
         self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, self._count])
         return self._read_count()
 
     def reinforce(self, marked):
-        """Stabilise all elements four times as much that are stabilised, in the listed environments (env,)."""
+        """Stabilise all stabilised elements in the listed environments (env,) four times as much."""
         self._launch(reinforce_kernel, [marked], [self.weight])
 
     def stabilised_elements(self) -> np.ndarray:
-        """Number of elements (env,) that are stabilised in the active environments."""
+        """Count the stabilised elements in the active environments: (env,)."""
         self._count.zero_()
         self._launch(count_kernel, [self.weight, self.active], [self._count])
         return self._read_count()
@@ -265,13 +265,13 @@ class Elasticity:
 
     @property
     def solid(self) -> Solid:
-        """Mesh and material for a kernel that measures the body, in double precision."""
+        """Mesh and material in double precision, for kernels that measure the body."""
         return self._solid
 
     def blocks(self, block_index, blocks_out, linear: bool):
-        """Add the derivative by displacements, or by linear ones alone, as 3 x 3 blocks between nodes or corners.
+        """Add the derivative by displacements as 3 x 3 blocks between nodes.
 
-        The latter roughly.
+        With ``linear``, add that by linear displacements between corners, with the preconditioner's fewer points.
         """
         if linear:
             self._launch(self._corner_blocks_kernel, [self._rough, self.active, block_index], [blocks_out])
@@ -279,5 +279,5 @@ class Elasticity:
             self._launch(self._blocks_kernel, [self._single, self._gradients, self.active, block_index], [blocks_out])
 
     def diagonal(self, diagonal_out):
-        """Add, roughly, the 3 x 3 blocks of each node's displacement by itself, of quadratic elements."""
+        """Add the 3 x 3 block of each node with itself, for quadratic elements, with the preconditioner's points."""
         self._launch(self._diagonal_kernel, [self._rough, self.active], [diagonal_out])

@@ -1,6 +1,6 @@
-"""The tangent as 3 x 3 blocks, between corners, between all nodes, and of each node with itself.
+"""Tangent as 3 x 3 blocks between corners, between all nodes, and of each node with itself, in single precision.
 
-From these the preconditioners are made (``multigrid``, ``factor``). Single precision, as all derivatives.
+``multigrid`` and ``factor`` build preconditioners from these blocks.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from simgen.fem.precision import mat33f, single, vec3f
 wp.set_module_options({"enable_backward": False})
 
 
-# Of a GPU's thread. With this bound twice as many warps are under way: on an H200 the tangent of 256 presses takes
-# 0.72 ms for 0.86, with 96 registers 0.84. In double precision the bound costs more than it gives.
+# Per GPU thread. The bound doubles the number of warps under way: on an H200 the tangent of 256 presses takes 0.72 ms
+# instead of 0.86 (0.84 with 96 registers). In double precision the bound costs more than it gains.
 REGISTERS = 128
 
 
@@ -46,7 +46,7 @@ def times_identity(value: single) -> mat33f:
 
 @wp.func
 def gradient_deviation(a: wp.int32, corner: wp.int32) -> vec3f:
-    """Gradient by xi of node a's quadratic shape function at a corner, without its mean over the element."""
+    """Gradient by xi of node a's quadratic shape function at a corner, minus its mean over the element."""
     i, j = a, a
     if a >= 4:
         i, j = (a - 4) % 3, (a - 3) % 3  # edges 01, 12, 20
@@ -59,7 +59,7 @@ def gradient_deviation(a: wp.int32, corner: wp.int32) -> vec3f:
 
 @wp.func
 def deviation_product(a: wp.int32, b: wp.int32, G: mat33f) -> single:
-    """Force on node a by the displacement of node b, from the stabilisation's strain gradient."""
+    """Stiffness between nodes a and b from the stabilisation's strain gradient."""
     total = single(0.0)
     for corner in range(4):
         total += wp.dot(gradient_deviation(a, corner), G * gradient_deviation(b, corner))
@@ -86,7 +86,7 @@ def block_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
         # outputs
         blocks_out: Blocks,
     ):
-        """Linear shape functions: their gradients are the axes of xi, and for corner 0 minus the sum of these."""
+        """Gradients of linear shape functions are the axes of xi, and minus their sum for corner 0."""
         e, lane = wp.tid()
         env = active[lane]
         if env < 0:
@@ -129,7 +129,7 @@ def block_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
         # outputs
         blocks_out: Blocks,
     ):
-        """Between all nodes; gradients (q, nodes) of their shape functions by xi."""
+        """Blocks between all nodes; ``gradients`` (q, nodes) are those of the shape functions by xi."""
         e, lane = wp.tid()
         env = active[lane]
         if env < 0:
@@ -157,7 +157,7 @@ def block_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
         # outputs
         diagonal_out: Blocks,
     ):
-        """Of quadratic elements: the gradients of shape functions are multiples of the corners', or sums of two."""
+        """Quadratic shape functions have gradients that are multiples of the corners', or sums of two."""
         e, lane = wp.tid()
         env = active[lane]
         if env < 0:

@@ -1,8 +1,8 @@
 """Tetrahedral elements: shape functions, quadrature and the geometry map.
 
-``P2-P1`` is the Taylor-Hood element: quadratic displacement on (possibly curved) ten-node tetrahedra, continuous linear
-pressure. ``P1`` is the linear tetrahedron with constant strain and no pressure; it is there for comparison only.
-Node order is VTK's: corners 0-3, then the middles of the edges 01, 12, 20, 03, 13, 23.
+``P2-P1`` is the Taylor-Hood element: quadratic displacement on (possibly curved) ten-node tetrahedra and continuous
+linear pressure. ``P1`` is the linear tetrahedron with constant strain and no pressure, for comparison only. Node order
+is VTK's: corners 0-3, then the middles of the edges 01, 12, 20, 03, 13, 23.
 """
 
 from __future__ import annotations
@@ -92,12 +92,12 @@ def triangle_rule(points: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Element:
-    """What an element type declares: nodes, pressure nodes and quadrature points of a tetrahedron, and of a face.
+    """Element type: nodes, pressure nodes and quadrature points of a tetrahedron, and quadrature points of a face.
 
-    Contact begins and ends within faces: the more points, the less its force depends on where (measured on a sphere of
-    R = 3.5 mm, 0.5 mm deep, edges of 1.1 mm: 2.4 % too much force with 6 points, 1.4 % with 16).
+    Contact begins and ends within faces, so its force depends on the number of face points: for a sphere of R = 3.5 mm,
+    0.5 mm deep, edges of 1.1 mm, it is 2.4 % too large with 6 points and 1.4 % with 16.
 
-    A preconditioner need not know everything: with half the points, Krylov iterations stay the same to a percent.
+    The preconditioner uses half the points of a tetrahedron: Krylov iterations stay the same within a percent.
     """
 
     name: str
@@ -117,7 +117,7 @@ ELEMENTS = {element.name: element for element in (P2P1, P1)}
 class TetGeometry:
     """Rest geometry of all elements at their quadrature points.
 
-    local_gradients : (q, nodes, 3) derivatives of the shape functions by an element's own coordinates xi
+    local_gradients : (q, nodes, 3) derivatives of the shape functions by an element's coordinates xi
     inverse : (e, q, 3, 3) dxi/dX, 1/mm
     volumes : (e, q) weight times det of the geometry map, mm3
     corner_shapes : (q, 4) linear shape functions
@@ -137,9 +137,9 @@ class TetGeometry:
 
 
 def tet_geometry(element: Element, nodes: np.ndarray, tetrahedra: np.ndarray) -> TetGeometry:
-    """Geometry map of straight or curved elements; nodes (n, 3) mm, tetrahedra (e, 10 or 4).
+    """Evaluate the geometry map of straight or curved elements; nodes (n, 3) mm, tetrahedra (e, 10 or 4).
 
-    Raises ValueError where the map is inverted at a quadrature point.
+    Raises ValueError if the map is inverted at a quadrature point.
     """
     points, weights = tet_rule(element.quadrature_points)
     by_local, at_corners = (_local_gradients(element, at) for at in (points, np.eye(4)))
@@ -154,7 +154,7 @@ def tet_geometry(element: Element, nodes: np.ndarray, tetrahedra: np.ndarray) ->
 
 
 def _local_gradients(element: Element, barycentric: np.ndarray) -> np.ndarray:
-    """Derivatives of the shape functions by the element's own coordinates, (q, nodes, 3), at points (q, 4)."""
+    """Derivatives of the shape functions by the element's coordinates: (q, nodes, 3) at points (q, 4)."""
     if element.nodes == 10:
         by_barycentric = barycentric_p2_gradient(barycentric, TET_EDGES)
     else:
@@ -177,9 +177,9 @@ class FaceGeometry:
 
 
 def face_shapes(element: Element, q: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shape functions at a face's q points: (q, nodes), by the face's coordinates (q, nodes, 2), weights (q,).
+    """Shape functions (q, nodes) at a face's q points, derivatives by its coordinates (q, nodes, 2), weights (q,).
 
-    The weights sum to 1/2, the area of the triangle of the coordinates.
+    The weights sum to 1/2, the area of the reference triangle.
     """
     points, weights = triangle_rule(q)
     if element.nodes == 10:
@@ -190,7 +190,7 @@ def face_shapes(element: Element, q: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def face_geometry(element: Element, nodes: np.ndarray, faces: np.ndarray) -> FaceGeometry:
-    """Surface quadrature of P2 (six nodes) or P1 (three nodes) faces; nodes (n, 3) mm, faces (f, 6)."""
+    """Quadrature of P2 (six nodes) or P1 (three nodes) faces; nodes (n, 3) mm, faces (f, 6)."""
     shapes, by_local, weights = face_shapes(element, element.face_points)
     tangents = np.einsum("fai,qaj->fqij", nodes[faces[:, : shapes.shape[1]]], by_local)
     normals = np.cross(tangents[..., 0], tangents[..., 1])

@@ -1,12 +1,12 @@
-"""Fields on one element, in single and in double precision: their derivatives at its corners, and their nodal forces.
+"""Fields on one element in either precision: derivatives at its corners, and nodal forces.
 
-The derivatives of a quadratic field by the element's coordinates xi are linear functions of them, so that their values
-at the four corners say all. With barycentric coordinates l, at corner k ::
+Derivatives of a quadratic field by the element's coordinates xi are linear in xi, so their values at the four corners
+determine them. With barycentric coordinates l, at corner k ::
 
     du/dl_k = 3 u_k        du/dl_i = 4 u_ik - u_i    (u_ik in the middle of the edge)
     du/dxi_i = du/dl_i - du/dl_0
 
-Those of a linear field are the same at all corners. Nodes are in VTK's order, see ``element.py``.
+A linear field has the same derivatives at all corners. Nodes are in VTK's order, see ``element.py``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def gather(tetrahedra: wp.array2d(dtype=wp.int32), x: wp.array2d(dtype=Any), e: wp.int32, a: wp.int32, env: wp.int32):
-    """The vector of an element's node a."""
+    """Vector at an element's node a."""
     row = 3 * tetrahedra[e, a]
     return wp.vector(x[row, env], x[row + 1, env], x[row + 2, env])
 
@@ -42,7 +42,7 @@ def scatter(
 
 @wp.func
 def corner_gradients(tetrahedra: wp.array2d(dtype=wp.int32), x: wp.array2d(dtype=Any), e: wp.int32, env: wp.int32):
-    """Derivatives by xi of the field with nodal values x, at corners 0 to 3: four matrices 3 x 3."""
+    """Derivatives by xi of the field with nodal values x at corners 0 to 3: four 3 x 3 matrices."""
     u0, u1 = gather(tetrahedra, x, e, 0, env), gather(tetrahedra, x, e, 1, env)
     u2, u3 = gather(tetrahedra, x, e, 2, env), gather(tetrahedra, x, e, 3, env)
     A = wp.matrix_from_cols(u1 - u0, u2 - u0, u3 - u0)
@@ -75,7 +75,7 @@ def scatter_gradients(
     env: wp.int32,
     x: wp.array2d(dtype=Any),
 ):
-    """Add the nodal forces of stresses that do work on the derivatives at the corners: the transpose of the above."""
+    """Add the nodal forces of stresses at the corners: the transpose of `corner_gradients`."""
     a1, a2, a3 = column(A, 0), column(A, 1), column(A, 2)
     b1, b2, b3 = column(B, 0), column(B, 1), column(B, 2)
     c1, c2, c3 = column(C, 0), column(C, 1), column(C, 2)
@@ -102,7 +102,7 @@ def scatter_gradients(
 
 @wp.func
 def without_mean(A: Any, B: Any, C: Any, D: Any):
-    """Deviations of four matrices at the corners from their mean."""
+    """Four matrices at the corners minus their mean."""
     mean = A.dtype(0.25) * (A + B + C + D)
     return A - mean, B - mean, C - mean, D - mean
 
@@ -111,7 +111,7 @@ def without_mean(A: Any, B: Any, C: Any, D: Any):
 def corner_pressures(
     tetrahedra: wp.array2d(dtype=wp.int32), x: wp.array2d(dtype=Any), first: wp.int32, e: wp.int32, env: wp.int32
 ):
-    """Pressures at the corners of a quadratic element; linear ones have none."""
+    """Pressures (4,) at the corners of a quadratic element; zeros for linear elements, which have none."""
     none = type(x[0, env])(0.0)
     p = wp.vector(none, none, none, none)
     if tetrahedra.shape[1] == 10:
@@ -132,13 +132,13 @@ def scatter_pressures(
 
 @wp.func
 def interpolate(shapes: Any, A: Any, B: Any, C: Any, D: Any):
-    """A field that is linear in an element, from its values at the corners."""
+    """Value of a linear field from its values at the corners."""
     return shapes[0] * A + shapes[1] * B + shapes[2] * C + shapes[3] * D
 
 
 @wp.func
 def corner_axis(i: wp.int32) -> wp.vec3f:
-    """Gradient of corner i's linear shape function."""
+    """Gradient by xi of corner i's linear shape function."""
     if i == 0:
         return wp.vec3f(-1.0, -1.0, -1.0)
     axis = wp.vec3f()

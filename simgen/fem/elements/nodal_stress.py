@@ -1,4 +1,4 @@
-"""Cauchy stress at nodes: the mean over the elements that share a node, weighted by their volumes."""
+"""Cauchy stress at nodes: the volume-weighted mean over the elements that share a node."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def stress_kernel(law: type[Law]) -> wp.Kernel:
         # outputs
         stress_out: wp.array3d(dtype=wp.float64),
     ):
-        """Sums of volume times stress (slot, component, lane) over elements; a node without a slot (-1) is left out.
+        """Sum volume times stress (slot, component, lane) over elements; nodes without a slot (-1) are left out.
 
         Lane 0 is the environment ``active[first]``.
         """
@@ -69,9 +69,9 @@ stress_kernel(NeoHookean)
 
 
 class NodalStress:
-    """Stress of a body at some of its nodes (k,), all of them different.
+    """Stress of a body at some of its nodes (k,), without duplicates.
 
-    volumes : (k,) mm3, of the elements around each node: sums of `add_to` over these are stresses
+    volumes : (k,) mm3 of the elements around each node; the sums of `add_to` divided by them are stresses
     """
 
     def __init__(self, body: Elasticity, nodes: np.ndarray):

@@ -1,4 +1,4 @@
-"""Mesh and material of the elastic body, as kernels see them: double precision for forces, single for derivatives."""
+"""Mesh and material of the elastic body as kernel arguments: in double precision for forces, single for derivatives."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from simgen.fem.precision import mat33, mat33f, single
 wp.set_module_options({"enable_backward": False})
 
 
-LEAST_DAMPED = wp.constant(wp.float32(0.02))  # det F: below, damping no longer grows with its inverse
+LEAST_DAMPED = wp.constant(wp.float32(0.02))  # det F below which damping no longer grows with 1 / det F
 
 
 @wp.struct
 class Solid:
-    """Mesh and material of the body in double precision, for its forces; e elements with q quadrature points."""
+    """Mesh and material in double precision, for forces; e elements with q quadrature points."""
 
     tetrahedra: wp.array2d(dtype=wp.int32)  # (e, nodes)
     rest: wp.array2d(dtype=mat33)  # (e, 4) dX/dxi at the corners, mm
@@ -33,13 +33,13 @@ class Solid:
     mu: wp.float64
     constants: wp.vec4d  # of the law beside mu
     gamma: wp.float64
-    most_extra: wp.float32  # of gamma / mu that a stabilised element has more, see stabilisation.py
+    most_extra: wp.float32  # bound of `extra_gamma`, see stabilisation.py
     pressure_compliance: wp.float64
 
 
 @wp.struct
 class SingleSolid:
-    """The same in single precision, for its derivatives."""
+    """Mesh and material in single precision, for derivatives."""
 
     tetrahedra: wp.array2d(dtype=wp.int32)
     shapes: wp.array(dtype=wp.vec4f)
@@ -60,15 +60,15 @@ class SingleSolid:
 
 @wp.func
 def extra_gamma(weight: single, most: single) -> single:
-    """Share of gamma / mu that a stabilised element has on top of the material's."""
+    """gamma / mu that a stabilised element adds to the material's."""
     return wp.min(weight, most)
 
 
 @wp.func
 def gradient_metric(mean_metric: Any, weight: single):
-    """Metric that a stabilised element multiplies the deviation of its corners' gradients with, see stabilisation.py.
+    """Factor of the deviations of the corners' gradients in a stabilised element's stress, see stabilisation.py.
 
-    A quarter for the mean over the corners, a sixteenth of the weight.
+    1/64 is 1/4 for the mean over the corners times 1/16 of the weight.
     """
     return mean_metric.dtype(weight / single(64.0)) * mean_metric
 

@@ -1,18 +1,18 @@
 """Stabilisation of single elements that are about to turn inside out.
 
-Under the rim of an edge the free surface is compressed so far that a neo-Hookean solid folds into itself, at any length
-that the mesh allows (Biot's instability; Hohlfeld and Mahadevan, Phys. Rev. Lett. 106, 2011). Quadratic elements then
-turn inside out between their integration points. A finer mesh has more of them. Two energies keep an element open. Both
-grow with the element's weight w::
+Under an edge the free surface is compressed so far that a neo-Hookean solid folds into itself, at any length that the
+mesh allows (Biot's instability; Hohlfeld and Mahadevan, Phys. Rev. Lett. 106, 2011). Quadratic elements then turn
+inside out between their integration points, and a finer mesh has more such elements. Two energies keep an element open.
+Both grow with its weight w::
 
     w mu / 32  mean over the element of |grad u - mean of grad u|^2     (strain gradient; its length is the element's)
     min(w mu, lam / 4) / 2  (J - 1)^2                                   (volume, pointwise)
 
-The first is quadratic in u, zero for uniform strains of any size and for rotations, and vanishes as h^2 for smooth
-fields. The second raises the bulk stiffness by a quarter at most, so that compressible solids stay so. Weights are zero
-until an element needs one, and never fall during a press. An element gets one when it is nearly flat where an increment
-starts or is expected to end. If it is inside out where the increment has converged, it gets twice as much, and the
-increment is solved again (see ``load_stepping``).
+The first is quadratic in u. It is zero for rotations and for uniform strains of any size, and vanishes as h^2 for
+smooth fields. The second raises the bulk stiffness by at most a quarter, so that compressible solids stay compressible.
+Weights start at zero and never fall during a press. An element gets a weight if it is nearly flat where a load step
+starts or is expected to end. If it is inside out where the load step has converged, its weight is doubled, and the load
+step is solved again (see ``load_stepping``).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ wp.set_module_options({"enable_backward": False})
 
 FIRST, MOST = wp.constant(wp.float32(2.0)), wp.constant(wp.float32(1024.0))  # weights
 MOST_EXTRA_OF_LAM = 0.25
-FLAT = wp.constant(wp.float64(0.2))  # det F somewhere in an element, by its bound, below which it gets a weight
+FLAT = wp.constant(wp.float64(0.2))  # an element whose lower bound of det F is less gets a weight
 
 
 @wp.kernel
@@ -38,9 +38,9 @@ def expect_kernel(
     # outputs
     weight_out: wp.array2d(dtype=wp.float32),
 ):
-    """Give elements that are nearly flat at x their first weight: twice that below half of `FLAT`, four times below 0.
+    """Give elements that are nearly flat at x at least `FIRST`: twice that below half of `FLAT`, four times below 0.
 
-    Those that are all but closed although they have one get twice as much.
+    Weights of elements below a quarter of `FLAT` are doubled.
     """
     e, lane = wp.tid()
     env = active[lane]

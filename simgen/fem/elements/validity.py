@@ -1,4 +1,4 @@
-"""Elements that are inside out somewhere, by a bound over the whole element and not by samples.
+"""Detection of elements that are inside out somewhere, by a bound over the whole element.
 
 The geometry map x(xi) of a deformed quadratic tetrahedron has a derivative that is linear in the barycentric
 coordinates l: dx/dxi = l_0 A_0 + ... + l_3 A_3, with the matrices A_i at the corners (``element_fields.py``). Its
@@ -8,10 +8,10 @@ D(A, A, A) = det A ::
     6 D(A_i, A_j, A_k) = sum over the permutations (a, b, c) of (i, j, k) of det [A_a e_1, A_b e_2, A_c e_3]
 
 A polynomial lies in the convex hull of its coefficients, and those at the corners are its values there. So an element
-is valid if all are positive, and inside out if one at a corner is not. Otherwise it is divided into eight, and each
-part is looked at in the same way: the derivative at a part's corners are means of the A_i. A part that is still
-undecided after `LEVELS` divisions counts as inside out, so that an element that counts as valid is valid everywhere
-(Johnen, Remacle and Geuzaine, "Geometrical validity of curvilinear finite elements", J. Comput. Phys. 233, 2013).
+is valid if all coefficients are positive, and inside out if one at a corner is not. Otherwise it is divided into eight
+parts, and each part is tested in the same way, with means of the A_i at its corners. A part that is still undecided
+after `LEVELS` divisions counts as inside out. So an element that counts as valid is valid everywhere (Johnen, Remacle
+and Geuzaine, "Geometrical validity of curvilinear finite elements", J. Comput. Phys. 233, 2013).
 
 At rest det dX/dxi > 0 in a valid mesh; there, det F = det dx/dxi / det dX/dxi has the sign of det dx/dxi.
 """
@@ -29,11 +29,11 @@ from simgen.fem.precision import mat33, real
 
 wp.set_module_options({"enable_backward": False})
 
-LEVELS = 3  # divisions by eight of what is undecided: the bound is then nearer by 4^3
+LEVELS = 3  # divisions of undecided parts; each makes the bound four times as sharp
 
 
 def _parts() -> np.ndarray:
-    """Corners (8, 4, 4) of the eight parts of a tetrahedron, barycentric: one at each corner, four round a diagonal."""
+    """Barycentric corners (8, 4, 4) of a tetrahedron's eight parts: one at each corner, four round a diagonal."""
     corner = np.eye(4)
     middle = {frozenset(edge): corner[edge].mean(axis=0) for edge in TET_EDGES.tolist()}
 
@@ -58,7 +58,7 @@ def mixed(A: mat33, B: mat33, C: mat33):
 
 @wp.func
 def least_coefficient(A: mat33, B: mat33, C: mat33, D: mat33):
-    """The least of the coefficients that are not at the corners."""
+    """Least coefficient that is not at a corner."""
     cofactors_a, cofactors_b, cofactors_c, cofactors_d = cofactor(A), cofactor(B), cofactor(C), cofactor(D)
     least = wp.min(wp.ddot(cofactors_a, B), wp.min(wp.ddot(cofactors_a, C), wp.ddot(cofactors_a, D)))
     least = wp.min(least, wp.min(wp.ddot(cofactors_b, A), wp.min(wp.ddot(cofactors_b, C), wp.ddot(cofactors_b, D))))
@@ -75,7 +75,7 @@ def least_at_corners(A: mat33, B: mat33, C: mat33, D: mat33):
 
 @wp.func
 def is_inside_out(A: mat33, B: mat33, C: mat33, D: mat33, parts: wp.array(dtype=wp.mat44d), levels: wp.int32):
-    """An element with dx/dxi = A, B, C, D at its corners; the digits of ``number``, base 8, name the part under way."""
+    """Test an element with dx/dxi = A, B, C, D at its corners. Octal digits of ``number`` name the current part."""
     level, number = wp.int32(0), wp.int32(0)
     while level >= 0:
         corners = wp.identity(n=4, dtype=wp.float64)
@@ -83,10 +83,10 @@ def is_inside_out(A: mat33, B: mat33, C: mat33, D: mat33, parts: wp.array(dtype=
             corners = parts[(number >> (3 * (level - 1 - i))) & 7] * corners
         a, b = interpolate(corners[0], A, B, C, D), interpolate(corners[1], A, B, C, D)
         c, d = interpolate(corners[2], A, B, C, D), interpolate(corners[3], A, B, C, D)
-        if not (least_at_corners(a, b, c, d) > real(0.0)):  # nor a number
+        if not (least_at_corners(a, b, c, d) > real(0.0)):  # or not a number
             return True
         if least_coefficient(a, b, c, d) > real(0.0):
-            while level > 0 and (number & 7) == 7:  # the last of its parts: the whole of them is valid
+            while level > 0 and (number & 7) == 7:  # the last part: the level above is valid
                 number = number >> 3
                 level -= 1
             if level == 0:
@@ -102,7 +102,7 @@ def is_inside_out(A: mat33, B: mat33, C: mat33, D: mat33, parts: wp.array(dtype=
 
 @wp.func
 def deformed_corners(s: Solid, x: wp.array2d(dtype=wp.float64), e: wp.int32, env: wp.int32):
-    """Derivatives dx/dxi at an element's corners in state x: four matrices 3 x 3, mm."""
+    """Derivatives dx/dxi at an element's corners in state x: four 3 x 3 matrices, mm."""
     ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
     return s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
 
