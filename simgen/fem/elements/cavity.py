@@ -227,7 +227,7 @@ class Cavity:
     ValueError if the faces leave an opening whose rim is free.
 
     injected : (env,) mm3, added to the fluid
-    volume : mm3, enclosed by the faces at rest. If other walls close the cavity, it is that between faces and their mean
+    volume : mm3, enclosed by the faces at rest. If other walls close the cavity, between the faces and their mean
     """
 
     def __init__(self, element: Element, nodes, faces, fixed: np.ndarray, row: int, device, active):

@@ -26,16 +26,17 @@ MOST_CONSTANTS = 4  # of a law, beside mu
 class Law:
     """Constants of a material in solver units; a subclass is a law and names the functions of its kernels.
 
-    Kernels see derivatives by an element's coordinates xi. With g = dxi/dX, ``F`` is dx/dxi, ``metric`` is mu g g^T and
-    ``cof`` is cof(F) det g. With mu I as metric, xi is X. ``c`` holds mu and `kernel_constants` in its precision.
+    Kernels work in an element's coordinates xi. With g = dxi/dX, ``F`` is dx/dxi, ``metric`` is mu g g^T, and ``cof`` is
+    cof(F) det g. ``J``, ``p``, ``mu`` and ``gamma`` are numbers, and the vector ``c`` holds `kernel_constants`. The
+    first two functions run in double precision, the others in single.
 
-    first_piola(F, cof, metric, J, p, mu, gamma, c) : stress dpsi/dF, 3 x 3, that does work on dF
-    cauchy(F, J, p, mu, gamma, c) : Cauchy stress, with F = dx/dX
-    modulus(F, cof, metric, J, p, mu, gamma, c) : struct with the tangent at a point, single precision. Its fields
-        ``cofactor`` and ``metric`` are cof and the factor of dF in dP: damping adds to the latter
-    increment(dF, modulus, dp) : dP, the change of `first_piola`
-    block(ga, gb, modulus) : 3 x 3 derivative of node a's force by node b's displacement, from gradients by xi
-    own_block(g, modulus, volume) : the same of a node with itself, times a volume
+    first_piola(F, cof, metric, J, p, mu, gamma, c) : stress dpsi/dF, 3 x 3
+    cauchy(F, J, p, mu, gamma, c) : Cauchy stress, 3 x 3, with F = dx/dX
+    modulus(F, cof, metric, J, p, mu, gamma, c) : struct with the tangent at a point, in single precision. Its field
+        ``cofactor`` is cof; ``metric`` is the factor of dF in dP, to which damping adds
+    increment(dF, modulus, dp) : dP, the change of stress with dF and dp
+    block(ga, gb, modulus) : 3 x 3 derivative of node a's force by node b's displacement, from shape gradients by xi
+    own_block(g, modulus, volume) : `block` of a node with itself, times a volume
     """
 
     mu: float  # shear modulus at rest

@@ -1,7 +1,7 @@
-"""A body under prescribed displacements and dead loads, in equilibrium: the solver of presses, without a contact.
+"""Equilibrium of a body under prescribed displacements and dead loads, by the solver of presses without contact.
 
-The loads are one more term of ``simgen.fem``; everything else is the operator, Newton's method and the linear solver
-that presses use. Solver units: mm, and E as the unit of stress, so that a body here has E = 1.
+The loads are one more term of ``simgen.fem``. The operator, Newton's method and the linear solver are those of presses.
+Solver units: mm, and E as the unit of stress, so that a body here has E = 1.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class DeadLoad:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """displacement (n, 3) mm; pressure (corners,), E; reactions (n, 3), E mm2: what the supports add to the loads."""
+    """displacement (n, 3) mm; pressure (corners,), E; reactions (n, 3), E mm2: forces at fixed components."""
 
     displacement: np.ndarray
     pressure: np.ndarray

@@ -1,4 +1,4 @@
-"""Boundary value problems with known answers: exact in finite elements too, but for the inflated sphere.
+"""Boundary value problems with closed forms. Finite elements solve all but the inflated sphere exactly.
 
 Lengths in mm, stresses in units of Young's modulus (E = 1).
 """
@@ -39,7 +39,7 @@ def constant(P: np.ndarray):
 
 
 def multiplier(body: Elasticity, law: ReferenceLaw, J: float) -> float:
-    """The solver's p of a state with det F = J: the part of lam (J - 1) that is not pointwise."""
+    """Pressure unknown of a state with det F = J: the part of lam (J - 1) that is not pointwise."""
     return (law.lam - body.material.gamma) * (J - 1.0)
 
 
@@ -92,7 +92,7 @@ def patch_traction(context: Context) -> Outcome:
 
 
 def hold_against_rigid_motion(mesh: Mesh) -> np.ndarray:
-    """(n, 3) bool: one node whole, one far along x in y and z, one far along z in y."""
+    """Fix (n, 3) bool: one node, another far along x in y and z, a third far along z in y."""
     fixed = np.zeros(mesh.nodes.shape, dtype=bool)
     corners = mesh.nodes[: mesh.n_corners]
     fixed[np.argmin(corners @ [1.0, 1.0, 1.0])] = True

@@ -1,4 +1,4 @@
-"""What the elastic operator must do, with no equation solved: frame indifference, Hooke's law, a consistent tangent.
+"""Cases of the elastic operator alone: frame indifference, Hooke's law, a consistent tangent.
 
 Lengths in mm, stresses in units of Young's modulus (E = 1).
 """
@@ -109,7 +109,7 @@ def hooke(context: Context) -> Outcome:
 
 
 def linear_elastic_action(body: Elasticity, nu: float, mesh: Mesh, v: np.ndarray) -> np.ndarray:
-    """Linear elasticity in Voigt's notation, mixed as the solver's: B^T (D B u + m p), m^T B u - p / (lam - gamma)."""
+    """Linear elasticity in Voigt's notation, as mixed as the solver: B^T (D B u + m p), m^T B u - p / (lam - gamma)."""
     geometry, m = tet_geometry(P2P1, mesh.nodes, mesh.tetrahedra), body.material
     u, p = v[: body.n_displacements].reshape(-1, 3), v[body.n_displacements :]
     trace = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
@@ -172,13 +172,13 @@ def difference_errors(
 
 
 def elasticity_term(context: Context, law: ReferenceLaw):
-    """Forces, action of the tangent, and a state."""
+    """Forces, tangent action and a state of the elastic body."""
     body = make_body(block(inside_only=False), law, context.device)
     return (lambda x: internal_forces(body, x)), (lambda x, v: tangent_action(body, x, v)), random_state(body, 4)
 
 
 def contact_term(context: Context):
-    """The same for a sphere that overlaps the whole top of the block, by 0.3 to 0.6 mm."""
+    """Forces, tangent action and a state of contact: a sphere overlaps the block's top by 0.3 to 0.6 mm."""
     mesh, settings, device = block(inside_only=True), SolverSettings(), context.device
     active = ActiveEnvironments(1, device)
     stiffness = (settings.contact_stiffness, settings.friction_stiffness)

@@ -1,4 +1,4 @@
-"""How fast errors fall with the mesh: a manufactured solution, and curved against straight elements.
+"""Cases on orders of convergence: a manufactured solution, and curved against straight elements.
 
 Lengths in mm, stresses in units of Young's modulus (E = 1).
 """
