@@ -26,7 +26,7 @@ MOST_CONSTANTS = 4  # of a law, beside mu
 class Law:
     """Constants of a material in solver units; a subclass is a law and names the functions of its kernels.
 
-    Kernels work in an element's coordinates xi. With g = dxi/dX, ``F`` is dx/dxi, ``metric`` is mu g g^T, and ``cof`` is
+    Kernels work in an element's coordinates xi. With g = dxi/dX, ``F`` is dx/dxi, ``metric`` is mu g g^T and ``cof`` is
     cof(F) det g. ``J``, ``p``, ``mu`` and ``gamma`` are numbers, and the vector ``c`` holds `kernel_constants`. The
     first two functions run in double precision, the others in single.
 
