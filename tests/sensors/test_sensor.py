@@ -137,7 +137,7 @@ MESH = {"file": "slab.stl", "unit": "mm"}
         ({"materials": {"solid": {**SOLID, "poisson_ratio": 0.5}}}, "poisson_ratio: 0.5 is not .* 0.01 to 0.49999"),
         ({"materials": {"solid": {**SOLID, "friction": float("nan")}}}, "solid.friction: NaN is not .* 0 to 2"),
         ({"materials": {"solid": {**SOLID, "c20_pa": 1e3}}}, "materials.solid: .*constants of law: yeoh"),
-        ({"materials": {"solid": {**SOLID, "law": "gent"}}}, 'solid.law: "gent" is not allowed; allowed: neo_hookean or yeoh'),
+        ({"materials": {"solid": {**SOLID, "law": "gent"}}}, 'solid.law: "gent" .*allowed: neo_hookean or yeoh'),
         ({"core": {"friction": 0.0, "mesh": MESH}}, "core: the gel has no cavity"),
         ({"name": "bad name"}, 'name: "bad name" is not allowed; allowed: letters, digits'),
     ],
