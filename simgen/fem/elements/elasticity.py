@@ -181,14 +181,14 @@ class Elasticity:
         self._positions = wp.array(nodes.ravel(), dtype=wp.float64, device=device)
         self._parts = wp.array(PARTS, dtype=wp.mat44d, device=device)
         self.weight = wp.zeros((len(tetrahedra), active.shape[0]), dtype=wp.float32, device=device)
-        self._solid, self._single, self._rough = Solid(), SingleSolid(), SingleSolid()
+        self._solid, self._single, self._reduced = Solid(), SingleSolid(), SingleSolid()
         self._solid.rest = wp.array(geometry.corner_jacobians, dtype=mat33, device=device)
-        rough = tet_geometry(replace(element, quadrature_points=element.preconditioner_points), nodes, tetrahedra)
+        reduced = tet_geometry(replace(element, quadrature_points=element.preconditioner_points), nodes, tetrahedra)
         tets = wp.array(self.host_tetrahedra, dtype=wp.int32, device=device)
         constants = np.pad(material.kernel_constants, (0, MOST_CONSTANTS - len(material.kernel_constants)))
         doubles, singles = (real, wp.vec4d, mat33), (single, wp.vec4f, mat33f)
         for s, g, (scalar, vec4, mat) in (
-            (self._solid, geometry, doubles), (self._single, geometry, singles), (self._rough, rough, singles)
+            (self._solid, geometry, doubles), (self._single, geometry, singles), (self._reduced, reduced, singles)
         ):  # fmt: skip
             metric = material.mu * np.einsum("eqij,eqkj->eqik", g.inverse, g.inverse)
             s.tetrahedra = tets
@@ -204,9 +204,9 @@ class Elasticity:
             s.most_extra = MOST_EXTRA_OF_LAM * material.lam / material.mu
         unknowns = self.n_displacements + self.n_pressures
         self._single.state = wp.zeros((unknowns, active.shape[0]), dtype=wp.float32, device=device)
-        self._rough.state = self._single.state
+        self._reduced.state = self._single.state
         self._damping = wp.zeros(active.shape[0], dtype=wp.float32, device=device)
-        self._single.damping = self._rough.damping = self._damping
+        self._single.damping = self._reduced.damping = self._damping
         self._count = wp.zeros(active.shape[0], dtype=wp.int32, device=device)
 
     def _launch(self, kernel, inputs, outputs):
@@ -227,7 +227,7 @@ class Elasticity:
 
     def tangent(self, v, action_out, reduced: bool = False):
         """Add the action of the derivative on v, by reduced integration for a preconditioner."""
-        self._launch(self._tangent_kernel, [self._rough if reduced else self._single, v, self.active], [action_out])
+        self._launch(self._tangent_kernel, [self._reduced if reduced else self._single, v, self.active], [action_out])
 
     def inverted_elements(self, x) -> np.ndarray:
         """Count the elements that are inside out somewhere at state x: (env,); see ``validity.py``."""
@@ -274,10 +274,10 @@ class Elasticity:
         With ``linear``, add that by linear displacements between corners, with the preconditioner's fewer points.
         """
         if linear:
-            self._launch(self._corner_blocks_kernel, [self._rough, self.active, block_index], [blocks_out])
+            self._launch(self._corner_blocks_kernel, [self._reduced, self.active, block_index], [blocks_out])
         else:
             self._launch(self._blocks_kernel, [self._single, self._gradients, self.active, block_index], [blocks_out])
 
     def diagonal(self, diagonal_out):
         """Add the 3 x 3 block of each node with itself, for quadratic elements, with the preconditioner's points."""
-        self._launch(self._diagonal_kernel, [self._rough, self.active], [diagonal_out])
+        self._launch(self._diagonal_kernel, [self._reduced, self.active], [diagonal_out])
