@@ -26,8 +26,9 @@ from simgen.learning.training.chain import make_chain
 from simgen.learning.training.checkpoint import load_network
 from simgen.learning.training.data import load_training_data
 from simgen.learning.training.fit import Training, epoch_seed
+from simgen.learning.training.latent_translation import LatentTranslation
 from simgen.learning.training.metrics import mesh_errors
-from simgen.learning.training.recipes import Inputs, latents, latents_at_rest, translation
+from simgen.learning.training.network_data import TrainingInputs, encoded_at_rest, latents
 from simgen.learning.training.run import torch_device
 from simgen.learning.training.translator import read_job
 from simgen.learning.translation.accuracy import NEAR_MM
@@ -46,10 +47,12 @@ class Comparison:
         self.job, self.device = read_job(networks), torch_device(device)
         self.trained = cache(lambda name: load_network(networks / name, self.device))
         self.data = load_training_data(dataset, (self.job.source, self.job.target), self.device, lambda each, _: each)
-        self.inputs = Inputs(self.job, self.data, self.trained)
+        self.inputs = TrainingInputs(self.job, self.data, self.trained)
+        models = {"rmb": self.inputs.source, "rmd": self.inputs.target}
         source, target = (latents(self.trained(name), meshes.displacement, len(self.data))
-                          for name, meshes in (("rmb", self.inputs.source), ("rmd", self.inputs.target)))  # fmt: skip
-        source_rest, target_rest = (latents_at_rest(self.trained(name)) for name in ("rmb", "rmd"))
+                          for name, meshes in models.items())  # fmt: skip
+        source_rest, target_rest = (encoded_at_rest(self.trained(name), torch.zeros_like(meshes.rest))
+                                    for name, meshes in models.items())  # fmt: skip
         signals = self.inputs.signals
         self.pairs = {
             "s2rm": (signals.values, source, (signals.rest, source_rest), self.job.signal_translation),
@@ -79,9 +82,15 @@ class Comparison:
         if power is not None:
             settings = settings.model_copy(update={"power": power})
         torch.manual_seed(epoch_seed(self.job.seed, name, -1))
-        recipe = translation(source, target, at_rest, settings, rows)
-        network = recipe.network.to(self.device)
-        for _ in Training(name, network, recipe.terms, rows, settings, self.job.seed, folder / name):
+        network = LatentTranslation.of_samples(
+            source[rows[0]], target[rows[0]], *at_rest, width=settings.width, blocks=settings.blocks,
+            noise=settings.noise, power=settings.power,
+        )  # fmt: skip
+
+        def terms(batch: Tensor) -> dict[str, Tensor]:
+            return network.terms(source[batch], target[batch])
+
+        for _ in Training(name, network, terms, rows, settings, self.job.seed, folder / name):
             pass
         return network
 

@@ -28,7 +28,7 @@ from simgen.config.resources import resource
 from simgen.learning.training.chebyshev import ChebyshevConvolution, scaled_laplacian
 from simgen.learning.training.hierarchy import Hierarchy, build_hierarchy
 from simgen.learning.training.mesh_vae import DECODER, ENCODER, HIDDEN, LATENT, ORDER, MeshVAE
-from simgen.learning.training.step import coarse_products
+from simgen.learning.training.step import tf32_products
 
 SAMPLES = 123_000  # samples of an epoch: the training split of jobs/paired.yaml
 BETA = 0.005
@@ -92,7 +92,7 @@ class GeometricVAE(nn.Module):
             return convolution(x, edges, getattr(self, f"weights{level}"))
         return convolution(x, edges, lambda_max=2.0)
 
-    def loss(self, x: Tensor, beta: float) -> tuple[Tensor, Tensor, Tensor]:
+    def terms(self, x: Tensor, beta: float) -> dict[str, Tensor]:
         target = x
         for level, convolution in enumerate(self.down_convolutions):
             x = self.down[level](F.relu(self.convolve(convolution, x, level)))
@@ -104,7 +104,7 @@ class GeometricVAE(nn.Module):
             x = F.relu(self.convolve(convolution, self.up[level](x), level))
         error = F.mse_loss(self.convolve(self.last, x, 0), target)
         divergence = -0.5 * (1.0 + log_variance - mean.square() - log_variance.exp()).mean()
-        return error + beta * divergence, error, divergence
+        return {"loss": error + beta * divergence, "mse": error, "kl": divergence}
 
     def take_weights(self, network: MeshVAE) -> None:
         for name, module in network.named_modules():
@@ -132,7 +132,7 @@ def step_of(network: nn.Module, samples: Tensor) -> Callable[[], None]:
 
     def step() -> None:
         optimizer.zero_grad(set_to_none=True)
-        network.loss(samples, BETA)[0].backward()
+        network.terms(samples, BETA)["loss"].backward()
         optimizer.step()
 
     return step
@@ -203,7 +203,7 @@ def differences(variants: Variants) -> dict[str, dict[str, float]]:
 def loss_of(network: nn.Module, samples: Tensor) -> float:
     """Compute the loss and its gradients, with the same random latents in each call."""
     torch.manual_seed(1)
-    loss = network.loss(samples, BETA)[0]
+    loss = network.terms(samples, BETA)["loss"]
     loss.backward()
     return loss.item()
 
@@ -229,7 +229,7 @@ def main() -> None:
     steps["ours"] = step_of(variants.ours, variants.samples)
     if asked.device != "cpu":
         steps["ours, graph"] = recorded(step_of(variants.ours, variants.samples))
-        with coarse_products():  # as `simgen train` has it
+        with tf32_products():  # as `simgen train` has it
             steps["ours, graph, TF32"] = recorded(step_of(variants.ours, variants.samples))
     rows = timed(steps, asked)
     versions = {name: metadata.version(name) for name in ("torch", "torch-geometric")}

@@ -221,7 +221,7 @@ def report(
     more = {}
     if networks is not None:
         with needs_extra("training"):
-            from simgen.learning.translation.section import TITLE, translated_section
+            from simgen.learning.translation.report_section import TITLE, translated_section
         more[TITLE] = partial(translated_section, networks=networks)
     write_report(opened, page, more)
     typer.echo(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)")

@@ -1,25 +1,33 @@
-"""Console view of `simgen train`: a progress bar for each network, then the table of errors."""
+"""Console view of `simgen train`: a progress bar for each network, then tables of errors."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
+from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 
 from simgen.cli.console import console, stop, tracked
 from simgen.errors import InputError
 from simgen.learning.training.checkpoint import NETWORK, read_sidecar
+from simgen.learning.training.error_tables import ABSENT, PUBLISHED, Entry, best_baseline, by_task, count_samples
 from simgen.learning.training.evaluation import FIGURE, evaluate
 from simgen.learning.training.fit import Epoch
 from simgen.learning.training.run import TrainingRun
 from simgen.learning.training.schema import TrainingJob
-from simgen.learning.training.table import console_tables
+
+SHORT = {  # heading, digits
+    "rmse_um": ("RMSE", 2), "region_rmse_um": ("region", 1), "med_um": ("MED", 1), "p99_um": ("p99", 1),
+    "overlap": ("overlap", 3), "rmse": ("RMSE", 4),
+}  # fmt: skip
 
 
 def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard: bool) -> None:
-    """Train the networks that are not trained yet, measure all, and write and print the table of errors."""
+    """Train the networks that are not trained yet, measure all, and write and print the tables of errors."""
     try:
         run = TrainingRun(job, output, device, tracked)
         for name in job.in_order():
@@ -87,3 +95,48 @@ def _tensorboard(folder: Path, wanted: bool) -> Iterator[Any]:
                 writer.add_scalar(term, value, epoch.number)
 
         yield write
+
+
+def console_tables(entries: Sequence[Entry]) -> Iterator[Table]:
+    """Tables that fit into 80 columns, one for each task: means of the main measures, and a short note."""
+    for task, own in by_task(entries).items():
+        measures = [measure for measure in SHORT if measure in own[0].errors.measures()]
+        unit = "um" if "rmse_um" in measures else "normalised"
+        best = best_baseline(own[0], own)
+        notes = [] if best is None else [f"Note: RMSE over that of {best.model}."]
+        table = Table(
+            "model", title=f"{task}, {unit}", caption=" ".join([f"Means over {count_samples(own[0].errors)}", *notes]),
+            box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0),
+        )  # fmt: skip
+        for heading in (*(SHORT[measure][0] for measure in measures), "params"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        table.add_column("note", no_wrap=True)
+        for entry in own:
+            means = {measure: statistic.mean for measure, statistic in entry.errors.summary().items()}
+            table.add_row(entry.model, *_numbers(means, measures), _count(entry.parameters), _short_note(entry, best))
+            if entry.published is not None:
+                stated = _numbers(PUBLISHED[entry.published], measures)
+                table.add_row(f"{entry.published} (ACROSS)", *stated, ABSENT, "published")
+        yield table
+
+
+def _numbers(means: Mapping[str, float], measures: Sequence[str]) -> list[str]:
+    found = [(means.get(measure, math.nan), SHORT[measure][1]) for measure in measures]
+    return [ABSENT if math.isnan(mean) else f"{mean:.{digits}f}" for mean, digits in found]
+
+
+def _count(parameters: int) -> str:
+    """A number in three or four digits: 642, 81.3k, 1.2M."""
+    for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if parameters >= size:
+            return f"{parameters / size:.1f}{letter}"
+    return str(parameters)
+
+
+def _short_note(entry: Entry, best: Entry | None) -> str:
+    if best is None or best is entry:
+        return "" if best is None else "the bar"
+    own, other = entry.main_error, best.main_error
+    if not own < other:
+        return f"{own / other:.3g} worse" if own > other > 0.0 else "no better"
+    return f"{own / other:.2f}"

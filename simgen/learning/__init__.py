@@ -1,1 +1,1 @@
-"""Networks between the two sensors: training, and translation of signals to images."""
+"""Networks between two sensors: training, and translation of electrode signals to images."""

@@ -1,4 +1,4 @@
-"""Networks from a dataset: what the ACROSS paper trains, what beats it, and how well both do.
+"""Training of networks on a dataset: those of the ACROSS paper, ours, and the errors of both.
 
-The only part of simgen that needs torch (``pip install simgen[training]``).
+Needs PyTorch: ``pip install simgen[training]``.
 """

@@ -1,6 +1,6 @@
-"""What a network must beat: rest, the nearest training sample, and linear models of as many numbers.
+"""Baselines that a network must beat: rest, the nearest training sample, and linear models.
 
-All of them learn from training rows alone; the penalty of a regression is chosen on validation rows.
+They learn from training rows alone. Validation rows decide the penalty of a regression.
 """
 
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from simgen.learning.training.data import MeshSamples
 from simgen.learning.training.metrics import Predictor
 from simgen.learning.training.pca import PCA, Values
 
-RANK = 128  # as many numbers as the networks' latents
-PENALTIES = [10.0**-power for power in range(10)]  # of a ridge regression, beside inputs of mean square 1
-ROWS_AT_ONCE = 256  # of which the distances to all training samples are held: 250 MB to 123,000
+RANK = 128  # as many components as a network has latents
+PENALTIES = [10.0**-power for power in range(10)]  # of a ridge regression on inputs of mean square 1
+ROWS_AT_ONCE = 256  # their distances to 123,000 training samples take 250 MB
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """A predictor, and how many numbers it has learned."""
+    """A predictor, and the count of numbers that it learned."""
 
     name: str
     predict: Predictor
@@ -27,7 +27,7 @@ class Baseline:
 
 
 def mesh_baselines(meshes: MeshSamples, train: Tensor, pca: PCA) -> list[Baseline]:
-    """For networks that give back the mesh they are given; `pca` of its training rows."""
+    """Baselines for networks that reconstruct their input mesh; ``pca`` is fitted to its training rows."""
     return [
         Baseline("rest", at_rest(meshes), 0),
         nearest_sample(coefficients(meshes, pca), meshes, train),
@@ -38,10 +38,10 @@ def mesh_baselines(meshes: MeshSamples, train: Tensor, pca: PCA) -> list[Baselin
 def projection_baselines(
     inputs: Values, target: MeshSamples, train: Tensor, validation: Tensor, pca: PCA
 ) -> list[Baseline]:
-    """For networks that make meshes of something else.
+    """Baselines for networks that predict a mesh from signals, or from another mesh.
 
     inputs : row numbers (n,) -> (n, f): normalised signals, or `coefficients` of the source
-    pca : of the target's training rows
+    pca : fitted to the target's training rows
     """
     ridge = Ridge.fit(inputs, coefficients(target, pca), train, validation)
     return [
@@ -52,7 +52,7 @@ def projection_baselines(
 
 
 def coefficients(meshes: MeshSamples, pca: PCA) -> Values:
-    """Row numbers (n,) -> (n, rank) float64."""
+    """Principal coefficients: row numbers (n,) -> (n, rank) float64."""
     return lambda rows: pca.encode(meshes.displacement(rows))
 
 
@@ -61,7 +61,7 @@ def at_rest(meshes: MeshSamples) -> Predictor:
 
 
 def reconstruction(meshes: MeshSamples, pca: PCA) -> Predictor:
-    """What is left of a mesh in its principal components."""
+    """Predict a mesh from its own principal coefficients."""
     return lambda rows: _displacement(pca, coefficients(meshes, pca)(rows), meshes)
 
 
@@ -74,7 +74,7 @@ def _displacement(pca: PCA, found: Tensor, meshes: MeshSamples) -> Tensor:
 
 
 def nearest_sample(inputs: Values, target: MeshSamples, train: Tensor) -> Baseline:
-    """The target of the training sample whose inputs are nearest, by Euclidean distance."""
+    """Predict the target of the training sample with the nearest inputs, by Euclidean distance."""
     known = _in_batches(inputs, train)
 
     def predict(rows: Tensor) -> Tensor:
@@ -86,9 +86,9 @@ def nearest_sample(inputs: Values, target: MeshSamples, train: Tensor) -> Baseli
 
 @dataclass(frozen=True)
 class Ridge:
-    """Linear regression with a penalty on the weights (f, k), float64; the constant is free.
+    """Linear regression in float64 with a penalty on the weights (f, k), none on the constant.
 
-    Inputs are divided by one number, so that their mean square is 1: distances between them mean what they did.
+    One number scales all inputs to mean square 1, so that their proportions stay.
     """
 
     inputs_mean: Tensor
@@ -100,7 +100,7 @@ class Ridge:
     @classmethod
     @torch.no_grad()
     def fit(cls, inputs: Values, targets: Values, train: Tensor, validation: Tensor) -> "Ridge":
-        """With the one of `PENALTIES` that predicts validation rows best."""
+        """Fit with that one of `PENALTIES` which predicts validation rows best."""
         x, y = _in_batches(inputs, train), _in_batches(targets, train)
         x_mean, y_mean = x.mean(dim=0), y.mean(dim=0)
         size = (x - x_mean).square().mean().sqrt().clamp(min=torch.finfo(x.dtype).tiny)
@@ -119,11 +119,11 @@ class Ridge:
         return self.inputs_mean.numel() + 1 + self.weights.numel() + self.targets_mean.numel()
 
     def predict(self, inputs: Tensor) -> Tensor:
-        """(n, f) -> (n, k) float64."""
+        """Outputs (n, k) float64 of inputs (n, f)."""
         return (inputs.double() - self.inputs_mean) / self.inputs_size @ self.weights + self.targets_mean
 
 
 @torch.no_grad()
 def _in_batches(values: Values, rows: Tensor) -> Tensor:
-    """(n, ...) of all these rows, float64."""
+    """Values (n, ...) of all rows, float64."""
     return torch.cat([values(some).double() for some in rows.split(ROWS_AT_ONCE)])

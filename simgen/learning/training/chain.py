@@ -1,21 +1,22 @@
-"""Trained networks one after the other: from signals or a mesh of one sensor to a mesh of the other."""
+"""Chains of trained networks: from signals, or the mesh of one sensor, to the mesh of the other."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from torch import Tensor, nn
+from torch import Tensor
 
-from simgen.learning.training.checkpoint import count_parameters
+from simgen.learning.training.network import Network
+from simgen.learning.training.networks import NETWORKS
 
 Step = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)
 class Chain:
-    """What goes in passes through ``steps``; the networks that they belong to are counted once each."""
+    """Steps that values pass through, and the networks that they belong to, each listed once."""
 
     steps: tuple[Step, ...]
-    networks: tuple[nn.Module, ...]
+    networks: tuple[Network, ...]
 
     def __call__(self, values: Tensor) -> Tensor:
         for step in self.steps:
@@ -24,25 +25,22 @@ class Chain:
 
     @property
     def parameters(self) -> int:
-        return sum(map(count_parameters, self.networks))
+        return sum(network.count_parameters() for network in self.networks)
 
 
-# Projection -> what encodes its input, if something does, and what decodes its output.
-ENDS = {"s2mpn": ("svb", "mvb"), "m2mpn": ("mvb", "mvd"), "s2rm": (None, "rmb"), "rm2rm": ("rmb", "rmd")}
-
-
-def make_chain(names: tuple[str, ...], trained: Callable[[str], nn.Module]) -> Chain:
-    """Projections one after the other, from what the first is made for (signals, or displacements of the source, m) to
-    displacements, m.
+def make_chain(names: tuple[str, ...], trained: Callable[[str], Network]) -> Chain:
+    """Chain networks: from what the first one learns from (signals, or displacements in m) to what the last predicts.
 
     trained : name -> network, on one device
     """
-    encoder, decoder = ENDS[names[0]][0], ENDS[names[-1]][1]
-    steps: list[Step] = []
+    specs = [NETWORKS[name] for name in names]
     networks = [trained(name) for name in names]
-    if encoder is not None:
-        first = trained(encoder)
-        steps.append(lambda values: first.encode(values)[0])
-        networks.append(first)
-    last = trained(decoder)
-    return Chain((*steps, *networks[: len(names)], last.decode), (*networks, last))
+    steps: list[Step] = [*networks]
+    if specs[0].encoder is not None:
+        encoder = trained(specs[0].encoder)
+        steps.insert(0, lambda values: encoder.encode(values)[0])
+        networks.append(encoder)
+    if specs[-1].decoder is not None:
+        networks.append(trained(specs[-1].decoder))
+        steps.append(networks[-1].decode)
+    return Chain(tuple(steps), tuple(networks))

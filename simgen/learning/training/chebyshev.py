@@ -1,7 +1,7 @@
 """Chebyshev convolution on a graph, for whole batches at once.
 
-Features of a batch are a tensor (vertex, feature, sample): one sparse product then serves all samples, and flattening
-them for a linear layer moves nothing.
+Features of a batch are a tensor (vertex, feature, sample). One sparse product then serves all samples, and flattening
+for a linear layer copies nothing.
 """
 
 import numpy as np
@@ -18,8 +18,8 @@ INITIAL = 0.1  # standard deviation of new weights and biases, as published with
 
 
 def scaled_laplacian(adjacency: csr_array) -> csr_array:
-    """-D^-1/2 A D^-1/2 of a symmetric adjacency: the normalised Laplacian less the identity, spectrum in [-1, 1]."""
-    scale = diags_array(1.0 / np.sqrt(np.maximum(adjacency.sum(axis=1), 1.0)))  # a vertex alone has a row of zeros
+    """Scaled Laplacian -D^-1/2 A D^-1/2 of a symmetric adjacency A with degrees D; its spectrum is in [-1, 1]."""
+    scale = diags_array(1.0 / np.sqrt(np.maximum(adjacency.sum(axis=1), 1.0)))  # an isolated vertex has a row of zeros
     return csr_array(-(scale @ adjacency @ scale))
 
 
@@ -28,15 +28,15 @@ class ChebyshevConvolution(nn.Module):
 
         y = sum over k < K of W_k T_k(L) x, plus bias
 
-    of x (vertex, inputs, sample), with ``weight`` (K, outputs, inputs), to y (vertex, outputs, sample). L is the
-    caller's: convolutions on one graph share it. Starts at N(0, 0.1), as CoMA does (Ranjan et al., ECCV 2018).
+    with x (vertex, inputs, sample), y (vertex, outputs, sample) and ``weight`` (K, outputs, inputs). Callers pass L, so
+    that convolutions on one graph share it. Weights start from N(0, 0.1), as in CoMA (Ranjan et al., ECCV 2018).
     """
 
     def __init__(self, inputs: int, outputs: int, order: int = 6, bias: bool = True):
         super().__init__()
         self.weight = nn.Parameter(torch.empty(order, outputs, inputs))
         self.bias = nn.Parameter(torch.empty(outputs)) if bias else None
-        # Row k: T_k as powers of L, which take products alone. They cost some bits: entries of T_5 sum to 41 in size.
+        # Row k: coefficients of T_k in powers of L. Powers need products alone, and cost some bits: |T_5| sums to 41.
         powers = [np.pad(cheb2poly(np.eye(order)[k, : k + 1]), (0, order - 1 - k)) for k in range(order)]
         powers = torch.tensor(np.array(powers), dtype=torch.get_default_dtype())
         self.register_buffer("powers", powers, persistent=False)
@@ -44,7 +44,7 @@ class ChebyshevConvolution(nn.Module):
             nn.init.normal_(parameter, 0.0, INITIAL)
 
     def forward(self, x: Tensor, laplacian: SparseMatrix, rows: int | None = None) -> Tensor:
-        """y at the first ``rows`` vertices: the others may be left out where down-sampling comes next."""
+        """Convolve x, and return y at the first ``rows`` vertices, all by default: down-sampling drops the others."""
         weight = torch.einsum("kp,koi->poi", self.powers, self.weight)
         y = _Convolution.apply(x, weight, laplacian, len(x) if rows is None else rows)
         return y if self.bias is None else y.add_(self.bias[:, None])
@@ -53,9 +53,9 @@ class ChebyshevConvolution(nn.Module):
 class _Convolution(torch.autograd.Function):
     """sum over p of W_p L^p x, with few sparse products and little memory.
 
-    Sparse products are made on the side that has fewer features: on the inputs as powers, on the outputs by Horner's
-    rule. As L is symmetric, powers of the gradient of y give the gradients of x and of W alike; powers of x, where
-    these are smaller, are kept for it.
+    Sparse products act on the side with fewer features: on inputs as powers, on outputs by Horner's rule. As L is
+    symmetric, powers of the gradient of y give the gradients of both x and W. Powers of x are kept for the backward
+    pass where they are smaller.
     """
 
     @staticmethod
@@ -87,7 +87,7 @@ class _Convolution(torch.autograd.Function):
 
 
 def powers_of(x: Tensor, laplacian: SparseMatrix, count: int) -> Tensor:
-    """x, L x, L^2 x, ...: (vertex, feature, sample) -> (vertex, power, feature, sample)."""
+    """Powers x, L x, L^2 x, ... of x (vertex, feature, sample): (vertex, power, feature, sample)."""
     vertices, features, samples = x.shape
     powers = x.new_empty(vertices, count, features * samples)
     powers[:, 0] = x.reshape(vertices, -1)
@@ -97,7 +97,7 @@ def powers_of(x: Tensor, laplacian: SparseMatrix, count: int) -> Tensor:
 
 
 def horner(x: Tensor, weight: Tensor, laplacian: SparseMatrix) -> Tensor:
-    """W_0 x + L (W_1 x + L (W_2 x + ...)), with ``weight`` (power, output, input)."""
+    """Horner's rule W_0 x + L (W_1 x + L (W_2 x + ...)), with ``weight`` (power, output, input)."""
     vertices, inputs, samples = x.shape
     count, outputs, _ = weight.shape
     terms = torch.bmm(weight.reshape(1, -1, inputs).expand(vertices, -1, -1), x)
@@ -108,12 +108,12 @@ def horner(x: Tensor, weight: Tensor, laplacian: SparseMatrix) -> Tensor:
 
 
 def filtered(powers: Tensor, weight: Tensor) -> Tensor:
-    """Sum over powers of W_p times the power: -> (vertex, output, sample)."""
+    """Sum of W_p times power p: (vertex, output, sample)."""
     flat = weight.transpose(0, 1).flatten(1)
     return torch.bmm(flat.expand(len(powers), -1, -1), powers.flatten(1, 2))
 
 
 def correlated(powers: Tensor, x: Tensor) -> Tensor:
-    """Products summed over vertices and samples: (power, feature of ``powers``, feature of ``x``)."""
+    """Sum of products over vertices and samples: (power, feature of ``powers``, feature of ``x``)."""
     products = torch.bmm(powers.flatten(1, 2), x.transpose(1, 2)).sum(dim=0)
     return products.view(powers.shape[1], powers.shape[2], x.shape[1])

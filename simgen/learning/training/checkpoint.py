@@ -1,53 +1,34 @@
-"""Networks on disk: weights as safetensors, and beside them, in JSON, what they are and where they come from."""
+"""Networks on disk: weights as safetensors, and a JSON sidecar with kind, settings and provenance."""
 
 import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any
 
 import safetensors
 import safetensors.torch
 import torch
 from safetensors import SafetensorError
-from torch import Tensor, nn
+from torch import Tensor
 
 from simgen.dataset.atomic_files import write_whole
 from simgen.errors import InputError, shown
-from simgen.learning.training.mesh_vae import MeshVAE
-from simgen.learning.training.projection import Projection
-from simgen.learning.training.reduced_model import ReducedModel
-from simgen.learning.training.signal_vae import SignalVAE
-from simgen.learning.training.translation import Translation
-
-
-class Network(Protocol):
-    """A module that `load_network` can make again: ``empty(settings())`` has its shapes, the file its state."""
-
-    kind: ClassVar[str]
-
-    def settings(self) -> dict[str, Any]: ...
-
-    @classmethod
-    def empty(cls, settings: Mapping[str, Any]) -> Self: ...
-
+from simgen.learning.training.network import Network, network_kinds
 
 NETWORK = "network.safetensors"
-KINDS: dict[str, type[nn.Module]] = {
-    kind.kind: kind for kind in (MeshVAE, SignalVAE, Projection, ReducedModel, Translation)
-}
 
 
-def save_network(file: Path, network: nn.Module, about: Mapping[str, Any]) -> None:
-    """Write ``file`` (.safetensors) and its sidecar (.json), each whole, the sidecar last.
+def save_network(file: Path, network: Network, about: Mapping[str, Any]) -> None:
+    """Write ``file`` (.safetensors), then its sidecar (.json), each whole.
 
-    ``about`` is what the sidecar says beside kind, settings and the sha256 of the weights.
+    about : entries of the sidecar beside kind, settings, parameters and the sha256 of the weights
     """
     weights = _bytes(network.state_dict())
     sidecar = {
         "kind": network.kind,
         "settings": network.settings(),
-        "parameters": count_parameters(network),
+        "parameters": network.count_parameters(),
         "sha256": hashlib.sha256(weights).hexdigest(),
         **about,
     }
@@ -55,10 +36,10 @@ def save_network(file: Path, network: nn.Module, about: Mapping[str, Any]) -> No
     write_whole(file.with_suffix(".json"), json.dumps(sidecar, indent=1).encode())
 
 
-def load_network(path: str | Path, device: str | torch.device = "cpu") -> nn.Module:
-    """The network of a ``.safetensors`` file with its sidecar, or of the folder of one, ready to be asked (``eval``).
+def load_network(path: str | Path, device: str | torch.device = "cpu") -> Network:
+    """Load a network, in ``eval`` mode, from its folder or its ``.safetensors`` file.
 
-    Raises `InputError` with one line if either is not what `simgen train` wrote.
+    Raises `InputError` unless `simgen train` wrote both file and sidecar.
     """
     file = Path(path)
     file = file / NETWORK if file.is_dir() else file
@@ -67,7 +48,7 @@ def load_network(path: str | Path, device: str | torch.device = "cpu") -> nn.Mod
     if hashlib.sha256(data).hexdigest() != about["sha256"]:
         raise InputError(f"{file}: not the weights that {file.with_suffix('.json')} describes (sha256)")
     try:
-        network = KINDS[about["kind"]].empty(about["settings"])
+        network = network_kinds()[about["kind"]].empty(about["settings"])
         network.load_state_dict(safetensors.torch.load(data))
     except (SafetensorError, LookupError, TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{file}: not a network of this version ({shown(str(error), 200)})") from None
@@ -75,7 +56,7 @@ def load_network(path: str | Path, device: str | torch.device = "cpu") -> nn.Mod
 
 
 def read_sidecar(file: Path) -> dict[str, Any]:
-    """What stands beside a ``.safetensors`` file. Raises `InputError`."""
+    """Read the sidecar of a ``.safetensors`` file. Raises `InputError`."""
     sidecar = file.with_suffix(".json")
     try:
         about = json.loads(_read(sidecar))
@@ -86,24 +67,18 @@ def read_sidecar(file: Path) -> dict[str, Any]:
 
 
 def write_state(file: Path, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
-    """Tensors and what JSON can say, in one file that is whole or not there."""
+    """Write tensors and JSON values into one file, whole or not at all."""
     write_whole(file, _bytes(tensors, {"about": json.dumps(about)}))
 
 
 def read_state(file: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """What `write_state` wrote. Raises `InputError`."""
+    """Read what `write_state` wrote. Raises `InputError`."""
     try:
         with safetensors.safe_open(file, "pt") as opened:
-            names = opened.keys()  # it is no mapping
+            names = opened.keys()  # not a mapping
             return {name: opened.get_tensor(name) for name in names}, json.loads(opened.metadata()["about"])
     except (OSError, SafetensorError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{file}: not a state of `simgen train` ({shown(str(error), 200)}); remove it") from None
-
-
-def count_parameters(network: nn.Module) -> int:
-    """Numbers that are trained or fitted: without normalisation, and without what the mesh alone decides."""
-    own = getattr(network, "count_parameters", None)
-    return own() if own else sum(parameter.numel() for parameter in network.parameters())
 
 
 def _bytes(tensors: Mapping[str, Tensor], metadata: dict[str, str] | None = None) -> bytes:

@@ -1,7 +1,7 @@
-"""A dataset as tensors: the samples that are valid on all sensors, whole on one device.
+"""A dataset as tensors on one device: all samples that are valid on all sensors.
 
-Displacements stay the int16 steps that are stored, 2 bytes a coordinate: 123,000 samples of the DIGIT's 6,198 vertices
-are 4.6 GB, so a GPU holds a whole dataset, and a batch is a row index away.
+Displacements stay in the stored int16 steps, 2 bytes a coordinate. 123,000 samples of the DIGIT's 6,198 vertices take
+4.6 GB, so that a GPU holds a whole dataset and a batch is a list of row numbers.
 """
 
 import hashlib
@@ -21,7 +21,8 @@ from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import is_valid
 
-Track = Callable[[list, str], list]
+Track = Callable[[list, str], list]  # items and what they are -> the same items, with progress shown
+BATCH = 512  # samples at once where nothing is trained
 
 
 @dataclass(frozen=True)
@@ -36,17 +37,24 @@ class MeshSamples:
     scale: float  # m a step
 
     def displacement(self, rows: Tensor) -> Tensor:
-        """(n, vertex, 3) float32, m, of the samples with these row numbers (n,)."""
+        """Displacements (n, vertex, 3) float32, m, of rows (n,)."""
         return (self.steps[rows].float() * self.scale).view(len(rows), -1, 3)
+
+    def mean_and_deviation(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and standard deviation of displacements over rows, (vertex, 3) float32 each, m."""
+        batches = rows.split(BATCH)
+        mean = sum(self.displacement(batch).double().sum(0) for batch in batches) / len(rows)
+        square = sum(((self.displacement(batch) - mean) ** 2).sum(0) for batch in batches) / len(rows)
+        return mean.float(), square.sqrt().float()
 
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Samples by row number: a press after the other, its depths in order."""
+    """Samples by row number: press after press, depths in order."""
 
     dataset: Dataset
     meshes: dict[str, MeshSamples]
-    press: np.ndarray  # (sample,) of the dataset
+    press: np.ndarray  # (sample,) number in the dataset
     step: np.ndarray  # (sample,) index of the depth
     trajectory: np.ndarray  # (sample,)
     indenter: np.ndarray  # (sample,) index into the dataset's indenters
@@ -57,7 +65,7 @@ class TrainingData:
         return len(self.press)
 
     def rows(self, split: str) -> Tensor:
-        """Row numbers of a split, on the device of the meshes. Raises `InputError` if there are none."""
+        """Row numbers (n,) of a split, on the device of the meshes. Raises `InputError` if there are none."""
         rows = np.flatnonzero(self.split == list(SPLITS).index(split))
         if not len(rows):
             counts = ", ".join(f"{name} {np.count_nonzero(self.split == code)}" for code, name in enumerate(SPLITS))
@@ -67,7 +75,7 @@ class TrainingData:
 
 
 def load_training_data(path: str | Path, sensors: tuple[str, ...], device: torch.device, track: Track) -> TrainingData:
-    """Read a dataset onto a device. Raises `InputError` for a sensor that is not there, or without a sample."""
+    """Read a dataset onto a device. Raises `InputError` for a missing sensor, or without a valid sample."""
     dataset = checked(Dataset(path))
     for sensor in sensors:
         if sensor not in dataset.sensors:
@@ -84,7 +92,7 @@ def load_training_data(path: str | Path, sensors: tuple[str, ...], device: torch
 def _load_meshes(
     dataset: Dataset, sensor: str, valid: np.ndarray, device: torch.device, track: Track
 ) -> MeshSamples:
-    """The samples `valid` (press, depth) of a sensor, read side by side, a shard at a time."""
+    """Read the ``valid`` (press, depth) samples of a sensor; threads read one shard each."""
     rest = dataset[f"{sensor}/rest_positions"]
     scale = dataset.displacement_scale(sensor)
     first = np.concatenate([[0], np.cumsum(valid.sum(axis=1))])
@@ -111,5 +119,5 @@ def _load_meshes(
 
 
 def mesh_hash(tetrahedra: np.ndarray) -> str:
-    """sha256 of which vertices make up each tetrahedron (tet, 4). No coordinate is in it, so no rounding."""
+    """Hash the vertex numbers of tetrahedra (tet, 4) by sha256. Coordinates, and so rounding, play no part."""
     return hashlib.sha256(np.ascontiguousarray(tetrahedra, "<i4").tobytes()).hexdigest()

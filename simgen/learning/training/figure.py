@@ -1,4 +1,4 @@
-"""A picture of the tables: how errors grow with the depth of a press, a panel for each task."""
+"""Figure of errors over the depth of a press, with a panel for each task."""
 
 import math
 from collections.abc import Sequence
@@ -9,20 +9,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from simgen.errors import writing
+from simgen.learning.training.error_tables import Entry
 from simgen.learning.training.metrics import MeshErrors
-from simgen.learning.training.table import Entry
 
-ACROSS_MM, HIGH_MM, MARGIN_MM = 86.0, 72.0, 12.0  # of a panel
+WIDTH_MM, HEIGHT_MM, MARGIN_MM = 86.0, 72.0, 12.0  # of a panel
 INCH_MM = 25.4
 COLUMNS = 3
 DEPTH = "depth_mm"
 BASELINE = {"color": "0.55", "linewidth": 1.0}
-STYLES = ("solid", "dotted", "dashed")  # of baselines
+STYLES = ("solid", "dotted", "dashed")  # lines of baselines
 NETWORK = {"linewidth": 1.8, "marker": ".", "markersize": 4}
 
 
 def write_figure(file: Path, entries: Sequence[Entry]) -> None:
-    """Write `draw` if there is anything to draw. Raises `InputError` if the file cannot be written."""
+    """Write the figure unless it is empty. Raises `InputError` if the file cannot be written."""
     figure = draw(entries)
     if figure is not None:
         with writing(file):
@@ -30,7 +30,7 @@ def write_figure(file: Path, entries: Sequence[Entry]) -> None:
 
 
 def draw(entries: Sequence[Entry]) -> Figure | None:
-    """Root mean square errors of meshes; None if there are no such whose depths are known."""
+    """Draw root mean square errors of meshes; None if no entry has them by depth."""
     tasks: dict[str, list[Entry]] = {}
     for entry in entries:
         if isinstance(entry.errors, MeshErrors) and DEPTH in entry.labels:
@@ -39,7 +39,7 @@ def draw(entries: Sequence[Entry]) -> Figure | None:
         return None
     columns = min(COLUMNS, len(tasks))
     lines = math.ceil(len(tasks) / columns)
-    figure = Figure(figsize=(columns * ACROSS_MM / INCH_MM, (lines * HIGH_MM + MARGIN_MM) / INCH_MM), layout="tight")
+    figure = Figure(figsize=(columns * WIDTH_MM / INCH_MM, (lines * HEIGHT_MM + MARGIN_MM) / INCH_MM), layout="tight")
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes, (task, own) in zip(panels, tasks.items(), strict=False):
         _panel(axes, task, own)
@@ -49,7 +49,7 @@ def draw(entries: Sequence[Entry]) -> Figure | None:
 
 
 def _panel(axes: Axes, task: str, entries: Sequence[Entry]) -> None:
-    """A line for each model: networks in colour, what they must beat in grey."""
+    """Draw a line for each model: networks in colour, baselines in grey."""
     styles = cycle(STYLES)
     for entry in entries:
         groups = entry.errors.groups(entry.labels[DEPTH])

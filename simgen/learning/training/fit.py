@@ -1,12 +1,12 @@
-"""Training one network: epochs of Adam, early stopping, and a state on disk that goes on to the same result.
+"""Training of one network: epochs of Adam, early stopping, and a state on disk from which it continues.
 
-Everything random of an epoch (order, dropout, latent noise) comes from a seed of its own, so an epoch does not know
-whether the process was killed before it.
+Each epoch has its own seed for everything random (order, dropout, latent noise). A training that was killed therefore
+ends with the same bits on a CPU.
 """
 
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,16 +16,16 @@ from torch import Tensor, nn
 
 from simgen.errors import InputError, shown
 from simgen.learning.training.checkpoint import read_state, write_state
+from simgen.learning.training.network import Terms
 from simgen.learning.training.schema import Fit
 from simgen.learning.training.step import TrainingStep
 
-Terms = Callable[[Tensor], dict[str, Tensor]]  # of row numbers: means over these samples, "loss" the first
 SAVE_EVERY_S = 20.0  # a kill costs at most this and an epoch
 
 
 @dataclass(frozen=True)
 class Epoch:
-    """What one epoch came to. ``terms``: means over its samples, e.g. ``train_loss``, ``validation_mse``."""
+    """Result of one epoch. ``terms`` are means over its samples, such as ``train_loss`` and ``validation_mse``."""
 
     number: int
     learning_rate: float
@@ -38,7 +38,7 @@ class Epoch:
 
 @dataclass
 class Progress:
-    """All that a training knows of itself, beside its tensors."""
+    """Progress of a training, without its tensors."""
 
     history: list[Epoch] = field(default_factory=list)
     best: int = -1  # the epoch with the least validation loss
@@ -60,23 +60,23 @@ class Progress:
 
 
 class Training:
-    """A network on its way, iterated epoch by epoch; at the end ``network`` is the best one by validation loss.
+    """A training that yields its epochs. At the end ``network`` has the weights with the least validation loss.
 
-    terms : what to minimise, of row numbers; it asks ``network``
+    terms : loss and other terms of ``network``, by row numbers
     rows : row numbers of training and of validation, on the network's device
-    state : file from which a training goes on, and into which it is saved
-    coarse : see `simgen.learning.training.step.TrainingStep`
+    state : file that saves the training, and from which it continues
+    tf32 : see `simgen.learning.training.step.TrainingStep`
     """
 
     def __init__(
         self, name: str, network: nn.Module, terms: Terms, rows: tuple[Tensor, Tensor], settings: Fit, seed: int,
-        state: Path, coarse: bool = False,
+        state: Path, tf32: bool = False,
     ):  # fmt: skip
         self.name, self.network, self.terms, self.settings, self.seed = name, network, terms, settings, seed
         self.train_rows, self.validation_rows = rows
         self.state, self.progress = state, Progress()
         self.batch = min(settings.batch, len(self.train_rows))
-        self.step = TrainingStep(network, terms, settings, self.batch, self.train_rows.device, coarse)
+        self.step = TrainingStep(network, terms, settings, self.batch, self.train_rows.device, tf32)
         self.best = _copy(network)
         if state.exists():
             self._read()
@@ -103,13 +103,13 @@ class Training:
 
     @property
     def samples(self) -> int:
-        """Samples that an epoch trains on: a last batch that is not full is left out, another one each time."""
+        """Samples that an epoch trains on. An incomplete last batch is left out; its samples differ in each epoch."""
         return len(self.train_rows) // self.batch * self.batch
 
     def _epoch(self) -> Epoch:
         number = len(self.progress.history)
         started = time.monotonic()
-        torch.manual_seed(epoch_seed(self.seed, self.name, number))  # of all devices
+        torch.manual_seed(epoch_seed(self.seed, self.name, number))  # on all devices
         rate = self.settings.learning_rate_in(number)
         order = torch.randperm(len(self.train_rows)).to(self.train_rows.device)
         self.network.train()
@@ -155,7 +155,7 @@ class Training:
 
 
 def epoch_seed(seed: int, name: str, epoch: int) -> int:
-    """Of what is random in an epoch of a network's training."""
+    """Seed for everything random in one epoch of a network."""
     return int.from_bytes(hashlib.sha256(f"{seed} {name} {epoch}".encode()).digest()[:7], "little")
 
 

@@ -1,8 +1,7 @@
-"""A mesh at several resolutions: which vertices each level keeps, who neighbours whom, and the way back up.
+"""Mesh hierarchy: the vertices of each level, their neighbours, and interpolation to the finer level.
 
-Levels are made on the graph of the tetrahedra's edges, not on a surface: a third of the BioTac's vertices and two
-thirds of the DIGIT's lie inside. Distances are along the mesh, so two skins that face each other across a gap do not
-become neighbours.
+Levels come from the graph of the tetrahedra's edges, not from a surface: a third of the BioTac's vertices and two
+thirds of the DIGIT's lie inside. Distances run along the mesh, so that two skins across a gap are no neighbours.
 """
 
 from dataclasses import dataclass
@@ -15,19 +14,21 @@ from scipy.sparse.csgraph import dijkstra, reverse_cuthill_mckee
 from simgen.geometry.interpolation import TET_EDGES
 
 LEVELS = 5
-NEIGHBOURS = 8  # vertices that an interpolated value comes from
-RIDGE = 1e-6  # of moving least squares, in squares of the neighbours' mean distance: they may lie in a plane
-BOUND = 3.0  # of the sum of |weights|: by how much an interpolated value may outgrow those that it comes from
+NEIGHBOURS = 8  # sources of an interpolated value
+RIDGE = 1e-6  # of moving least squares, relative to the squared mean distance: neighbours may lie in a plane
+BOUND = 3.0  # of the sum of |weights|: the largest ratio of an interpolated value to its sources
 
 
 @dataclass(frozen=True)
 class Hierarchy:
-    """Levels of a mesh, each with half the vertices of the one before, rounded up.
+    """Levels of a mesh, each with half the vertices of the finer level, rounded up.
 
-    Vertices are numbered anew, so that a level is the first ``sizes[level]`` of them: to go down a level is to leave
-    out the rest. ``order`` (vertex,) holds their numbers in the mesh. ``adjacency[level]`` (size, size) is 1 between
-    neighbours. ``interpolation[level]`` (size - next size, next size) takes values on the next level to the vertices
-    that it leaves out; its rows sum to 1.
+    Vertices are renumbered, so that the first ``sizes[level]`` of them make a level.
+
+    order : (vertex,) numbers in the mesh
+    adjacency : for each level, (size, size), 1 between neighbours
+    interpolation : for each level but the coarsest, (size - next size, next size), from values on the next level to
+        the vertices that it leaves out; rows sum to 1
     """
 
     order: np.ndarray
@@ -37,18 +38,17 @@ class Hierarchy:
 
 
 def build_hierarchy(vertices: np.ndarray, tetrahedra: np.ndarray, levels: int = LEVELS) -> Hierarchy:
-    """Levels of the mesh of ``vertices`` (v, 3) and ``tetrahedra`` (t, 4); the same mesh has the same ones.
+    """Build the levels of a mesh of ``vertices`` (v, 3) and ``tetrahedra`` (t, 4), always in the same way.
 
-    A level keeps the vertices that were chosen first as the farthest, along the mesh, from all before (Gonzalez, 1985),
-    so every level is evenly spread. Two of them are neighbours where their cells touch: the vertices of the mesh that
-    are nearest to either.
+    A level keeps the farthest points, along the mesh, from those chosen before (Gonzalez, 1985), so that it is evenly
+    spread. The cell of a kept vertex holds the mesh vertices nearest to it. Vertices whose cells touch are neighbours.
     """
     graph = edge_graph(vertices, tetrahedra)
     sizes = [len(vertices)]
     for _ in range(levels - 1):
         sizes.append(-(-sizes[-1] // 2))
     order = farthest_point_order(graph, sizes[1])
-    # Within a level, neighbours lie near each other in memory: sparse products then read from caches.
+    # Sparse products read from caches if neighbours of a level are near each other in memory.
     place = np.argsort(reverse_cuthill_mckee(graph, symmetric_mode=True))
     order = np.concatenate([part[np.argsort(place[part])] for part in np.split(order, sizes[:0:-1])])
     graph, points = graph[order][:, order], vertices[order]
@@ -62,7 +62,7 @@ def build_hierarchy(vertices: np.ndarray, tetrahedra: np.ndarray, levels: int = 
 
 
 def edge_graph(vertices: np.ndarray, tetrahedra: np.ndarray) -> csr_array:
-    """Lengths of the tetrahedra's edges, (v, v), both ways."""
+    """Lengths of the tetrahedra's edges as a symmetric matrix (v, v)."""
     ends = np.unique(np.sort(tetrahedra[:, TET_EDGES].reshape(-1, 2), axis=1), axis=0)
     length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
     both = np.concatenate([ends, ends[:, ::-1]])
@@ -70,7 +70,7 @@ def edge_graph(vertices: np.ndarray, tetrahedra: np.ndarray) -> csr_array:
 
 
 def farthest_point_order(graph: csr_array, count: int) -> np.ndarray:
-    """All vertices: ``count`` of them, each the farthest from those before along the edges, then the rest."""
+    """Order all vertices: first ``count`` farthest points along the edges, then the rest."""
     distance = np.full(graph.shape[0], np.inf)
     chosen = []
     for _ in range(count):
@@ -81,13 +81,13 @@ def farthest_point_order(graph: csr_array, count: int) -> np.ndarray:
 
 
 def nearest_of_first(graph: csr_array, size: int) -> np.ndarray:
-    """For each vertex, which of the first ``size`` is nearest along the edges."""
+    """Nearest of the first ``size`` vertices along the edges, for each vertex."""
     _, _, source = dijkstra(graph, indices=np.arange(size), min_only=True, return_predecessors=True)
     return source
 
 
 def touching(graph: csr_array, cells: np.ndarray) -> csr_array:
-    """1 between cells that an edge joins; ``cells`` (vertex,) says in which cell a vertex is."""
+    """Adjacency of cells that an edge joins; ``cells`` (vertex,) holds the cell of each vertex."""
     edges = graph.tocoo()
     pairs = np.unique(np.stack([cells[edges.row], cells[edges.col]]), axis=1)
     pairs = pairs[:, pairs[0] != pairs[1]]
@@ -96,11 +96,11 @@ def touching(graph: csr_array, cells: np.ndarray) -> csr_array:
 
 
 def affine_weights(points: np.ndarray, sources: np.ndarray, near: csr_array) -> csr_array:
-    """Weights (p, s) that take values at ``sources`` (s, 3) to ``points`` (p, 3), exactly where they are affine.
+    """Weights (p, s) that interpolate from ``sources`` (s, 3) to ``points`` (p, 3), exactly for affine fields.
 
-    ``near`` (p, s) says which sources a point may use; it uses the nearest. Moving least squares (Lancaster and
-    Salkauskas, 1981) with weights 1 / distance^2: of all affine interpolations the one with the least weights. Where
-    sources lie to one side of a point, a ridge keeps the sum of |weights| below `BOUND`.
+    Moving least squares (Lancaster and Salkauskas, 1981) with weights 1 / distance^2, from the nearest `NEIGHBOURS` of
+    the sources that ``near`` (p, s) allows. A ridge keeps the sum of |weights| below `BOUND` where all sources lie to
+    one side of a point.
     """
     rows = np.repeat(np.arange(len(points)), np.diff(near.indptr))
     distance = np.linalg.norm(points[rows] - sources[near.indices], axis=1)
@@ -120,7 +120,7 @@ def affine_weights(points: np.ndarray, sources: np.ndarray, near: csr_array) -> 
 
 
 def _bounded(basis: np.ndarray, trust: np.ndarray) -> np.ndarray:
-    """Weights (p, n) of the affine fit at the origin, where ``basis`` (p, n, 4) is 1, x, y, z of the neighbours."""
+    """Weights (p, n) of the affine fit at the origin; ``basis`` (p, n, 4) is 1, x, y, z of the neighbours."""
     weights = np.zeros(trust.shape)
     todo, ridge = np.arange(len(trust)), RIDGE
     while len(todo):
@@ -131,5 +131,5 @@ def _bounded(basis: np.ndarray, trust: np.ndarray) -> np.ndarray:
         found = (trusted @ at_origin)[:, :, 0]
         weights[todo] = found / found.sum(axis=1, keepdims=True)
         todo = todo[np.abs(weights[todo]).sum(axis=1) > BOUND]
-        ridge *= 10.0  # in the end a mean, all of whose weights are positive
+        ridge *= 10.0  # tends to a mean with positive weights
     return weights

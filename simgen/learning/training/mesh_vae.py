@@ -1,10 +1,10 @@
-"""The mesh beta-VAE of ACROSS: a convolutional autoencoder of the displacements of one sensor's mesh.
+"""MVB and MVD: a convolutional beta-VAE of the displacements of one sensor's mesh.
 
-The network is CoMA's (Ranjan et al., ECCV 2018) with the widths of ACROSS (ICRA 2025). It differs in its levels: CoMA
-decimates a surface by quadrics, here `simgen.learning.training.hierarchy` thins out a mesh of tetrahedra.
+The network is that of CoMA (Ranjan et al., ECCV 2018) with the widths of ACROSS (Zai El Amri et al., ICRA 2025). Only
+its levels differ: CoMA decimates a surface by quadrics, `simgen.learning.training.hierarchy` coarsens tetrahedra.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, ClassVar, Self
 
@@ -14,24 +14,26 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from simgen.learning.training.chebyshev import INITIAL, ChebyshevConvolution, scaled_laplacian
-from simgen.learning.training.hierarchy import Hierarchy
+from simgen.learning.training.hierarchy import Hierarchy, build_hierarchy
+from simgen.learning.training.network import Network, Terms
+from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.sparse import SparseMatrix, interpolate
 from simgen.learning.training.variational import divergence, sample
 
-ENCODER = (3, 16, 16, 16, 32)  # features before and after each convolution, each on the next level
-DECODER = (32, 32, 16, 16, 16)  # likewise upwards; then 3, once more on the finest level
+ENCODER = (3, 16, 16, 16, 32)  # features before and after each convolution, from level to level
+DECODER = (32, 32, 16, 16, 16)  # the same upwards; a last convolution on the finest level gives 3
 ORDER = 6
 LATENT = 128
-HIDDEN = 4  # latents: width of the linear layers between
-# m. Ten storage steps: a vertex that moves less is held, and what it shows is rounding. Undivided by this, its noise
-# would count as much as the pad's deformation.
+HIDDEN = 4  # width of the linear layers between, in latents
+# m, ten storage steps. A vertex that moves less is fixed and shows rounding alone. Divided by its own deviation, that
+# noise would count as much as the pad's deformation.
 LEAST_DEVIATION = 1e-6
 
 
-class MeshVAE(nn.Module):
+class MeshVAE(Network):
     """Displacements (n, vertex, 3), in m, to latents (n, latent) and back.
 
-    A network made by its constructor has its shapes, and no mesh yet: `of_mesh`, or a state, brings it.
+    The constructor fixes the shapes. `of_mesh`, or a state, sets the mesh.
 
     sizes : vertices of each level
     edges : entries of the adjacency, for each level but the coarsest
@@ -39,6 +41,7 @@ class MeshVAE(nn.Module):
     """
 
     kind: ClassVar[str] = "mesh_vae"
+    tf32: ClassVar[bool] = True  # its rounding is far below the noise of drawn latents
 
     def __init__(self, sizes: Sequence[int], edges: Sequence[int], weights: Sequence[int], latent: int = LATENT):
         super().__init__()
@@ -60,11 +63,11 @@ class MeshVAE(nn.Module):
         self.up_convolutions = nn.ModuleList(_convolutions(DECODER))
         self.last = ChebyshevConvolution(DECODER[-1], 3, ORDER, bias=False)
         for linear in (self.to_hidden, self.to_mean, self.to_log_variance, self.from_latent, self.from_hidden):
-            nn.init.normal_(linear.weight, 0.0, INITIAL)  # biases as torch has them
+            nn.init.normal_(linear.weight, 0.0, INITIAL)  # biases keep torch's default
 
     @classmethod
     def of_mesh(cls, hierarchy: Hierarchy, mean: np.ndarray, deviation: np.ndarray, latent: int = LATENT) -> Self:
-        """A new network. ``mean`` and standard ``deviation`` (vertex, 3) in m, of the training samples."""
+        """Make a network. ``mean`` and standard ``deviation`` (vertex, 3), in m, are those of the training samples."""
         edges = [matrix.nnz for matrix in hierarchy.adjacency[:-1]]
         network = cls(hierarchy.sizes, edges, [matrix.nnz for matrix in hierarchy.interpolation], latent)
         for level, matrix in enumerate(hierarchy.interpolation):
@@ -76,24 +79,21 @@ class MeshVAE(nn.Module):
         network.deviation.copy_(torch.as_tensor(deviation).clamp_min(LEAST_DEVIATION))
         return network
 
+    @classmethod
+    def for_training(cls, data: NetworkData) -> tuple[Self, Terms]:
+        settings, meshes = data.settings, data.meshes
+        hierarchy = build_hierarchy(meshes.rest.double().cpu().numpy(), meshes.tetrahedra)
+        network = cls.of_mesh(hierarchy, *meshes.mean_and_deviation(data.train), settings.latent)
+        return network, lambda rows: network.terms(data.inputs(rows), settings.beta)
+
     @property
     def vertices(self) -> int:
         return self.sizes[0]
 
     def settings(self) -> dict[str, Any]:
-        """What `empty` needs."""
         edges = [len(matrix.values) for matrix in self.laplacians]
         weights = [len(matrix.values) for matrix in self.up]
         return {"sizes": list(self.sizes), "edges": edges, "weights": weights, "latent": self.latent}
-
-    @classmethod
-    def empty(cls, settings: Mapping[str, Any]) -> Self:
-        """A network of these `settings`, whose state is to be loaded."""
-        return cls(**settings)
-
-    def count_parameters(self) -> int:
-        """Numbers that training changes."""
-        return sum(parameter.numel() for parameter in self.parameters())
 
     def encode(self, displacement: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and log-variance of the latents, (n, latent) each, of displacements (n, vertex, 3), m."""
@@ -106,23 +106,23 @@ class MeshVAE(nn.Module):
         return in_order.permute(2, 0, 1) * self.deviation + self.mean
 
     def forward(self, displacement: Tensor) -> Tensor:
-        """Displacements (n, vertex, 3), m, there and back; by the mean latent, or in training by one that is drawn."""
+        """Reconstruct displacements (n, vertex, 3), m, from mean latents, or in training from drawn ones."""
         return self.decode(self._latent(*self.encode(displacement)))
 
-    def loss(self, displacement: Tensor, beta: float) -> tuple[Tensor, Tensor, Tensor]:
-        """Loss, reconstruction error and KL divergence of displacements (n, vertex, 3), m: loss = error + beta * KL.
+    def terms(self, displacement: Tensor, beta: float) -> dict[str, Tensor]:
+        """Loss and its parts of displacements (n, vertex, 3), m: loss = mse + beta * kl.
 
-        The error is the mean square over all normalised coordinates; the KL divergence from N(0, 1) is the mean over
-        latents, as ACROSS has it, and not their sum.
+        ``mse`` is a mean over all normalised coordinates. ``kl``, the divergence from N(0, 1), is a mean over latents,
+        as in ACROSS, and not their sum.
         """
         x = self._normalised(displacement)
         mean, log_variance = self._encode(x)
-        error = F.mse_loss(self._decode(self._latent(mean, log_variance)), x)
+        mse = F.mse_loss(self._decode(self._latent(mean, log_variance)), x)
         kl = divergence(mean, log_variance)
-        return error + beta * kl, error, kl
+        return {"loss": mse + beta * kl, "mse": mse, "kl": kl}
 
     def _normalised(self, displacement: Tensor) -> Tensor:
-        """(vertex, 3, n), without unit, the coarsest level's vertices first."""
+        """Normalised values (vertex, 3, n), the coarsest level's vertices first."""
         x = (displacement - self.mean) / self.deviation
         return x.index_select(1, self.order).permute(1, 2, 0).contiguous()
 

@@ -1,4 +1,4 @@
-"""How far a network's predictions are from the truth, sample by sample."""
+"""Errors of predicted meshes and signals, sample by sample."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -14,17 +14,17 @@ from simgen.errors import InputError
 from simgen.learning.training.data import MeshSamples, TrainingData
 
 Predictor = Callable[[Tensor], Tensor]  # row numbers (n,) int64 -> (n, vertex, 3) m, or (n, channel)
-# Row numbers (n,) and displacements (n, vertex, 3) m -> (n, point) whether each point touches the indenter.
+# Row numbers (n,) and displacements (n, vertex, 3) m -> (n, point) bool, True for points that touch the indenter.
 Touching = Callable[[Tensor, Tensor], np.ndarray]
 
-REGION_M = 10e-6  # a vertex this far from rest is in the deformation region (ACROSS)
-WORST_SHARE = 0.99  # of the vertices of a sample lie within its 99th percentile
+REGION_M = 10e-6  # displacement from which a vertex is in the deformation region (ACROSS)
+WORST_SHARE = 0.99  # of a sample's vertices, for its 99th percentile
 COORDINATES_AT_ONCE = 2**23  # 64 MB in float64; torch.quantile takes 2^24 values at most
 
 
 @dataclass(frozen=True)
 class Statistic:
-    """Of the samples in which a measure is defined; NaN if there are none. `std` is that of the samples themselves."""
+    """Mean and population standard deviation over the samples in which a measure is defined; NaN without any."""
 
     mean: float
     std: float
@@ -41,7 +41,7 @@ class Statistic:
 
 @dataclass(frozen=True)
 class Errors:
-    """Measures of samples, (sample,) float64 each; NaN where one is not defined.
+    """Measures of samples, (sample,) float64 each; NaN where a measure is not defined.
 
     rows : (sample,) row numbers in the data
     """
@@ -53,11 +53,11 @@ class Errors:
         return tuple(each.name for each in fields(cls) if each.name != "rows")
 
     def summary(self) -> dict[str, Statistic]:
-        """Over the samples, by measure."""
+        """Statistic of each measure over all samples."""
         return {name: Statistic.of(getattr(self, name)) for name in self.measures()}
 
     def groups(self, labels: np.ndarray) -> dict:
-        """The samples of each label, in order; `labels` (of all samples of the data,), such as its indenters."""
+        """Group samples by label, in order. ``labels`` (sample of the data,) are names of indenters, for example."""
         own = labels[self.rows]
         return {label.item(): self._some(own == label) for label in np.unique(own)}
 
@@ -71,12 +71,12 @@ class MeshErrors(Errors):
 
     The deformation region is where the truth is at least `REGION_M` from rest.
 
-    rmse_um : root of the mean over all coordinates (vertex * 3), um (ACROSS)
+    rmse_um : root mean square over all coordinates (vertex * 3), um (ACROSS)
     med_um : mean Euclidean distance of the vertices, um
-    region_rmse_um, region_med_um : the same in the deformation region; NaN if no vertex is in it
-    p99_um, worst_um : 99th percentile of the distances of the vertices, and the largest, um
-    overlap : intersection over union of the points at most `FACET_M` from the indenter's surface, predicted and true;
-        NaN if none is in either, or if the dataset does not say where the indenter is
+    region_rmse_um, region_med_um : the same in the deformation region; NaN if it is empty
+    p99_um, worst_um : 99th percentile and largest of the distances of the vertices, um
+    overlap : intersection over union of the predicted and the true contact patch, the points at most `FACET_M` from
+        the indenter's surface; NaN if both are empty, or if the dataset does not locate the indenter
     """
 
     rmse_um: np.ndarray
@@ -86,14 +86,14 @@ class MeshErrors(Errors):
     p99_um: np.ndarray
     worst_um: np.ndarray
     overlap: np.ndarray
-    MAIN: ClassVar[str] = "rmse_um"  # what models are compared by
+    MAIN: ClassVar[str] = "rmse_um"  # models are compared by it
 
 
 @dataclass(frozen=True)
 class SignalErrors(Errors):
     """Errors of normalised electrode signals; infinite where a prediction is not finite.
 
-    rmse : root of the mean over the channels
+    rmse : root mean square over the channels
     """
 
     rmse: np.ndarray
@@ -101,7 +101,7 @@ class SignalErrors(Errors):
 
 
 def contact_of(data: TrainingData, sensor: str) -> Touching | None:
-    """What touches on a sensor; None if the dataset does not say, or an indenter is no more what it was."""
+    """Make the test for contact on a sensor; None if the dataset lacks the geometry, or an indenter has changed."""
     device = data.meshes[sensor].steps.device
     try:
         patches = ContactPatches(data.dataset, sensor, str(device))
@@ -113,7 +113,7 @@ def contact_of(data: TrainingData, sensor: str) -> Touching | None:
         at = rows.cpu().numpy()
         moved = wp.from_torch(displacement[:, points].double().contiguous(), dtype=wp.vec3d)
         gap = patches.gap(data.press[at], data.step[at], moved)
-        return np.abs(gap) <= FACET_M  # a point that is predicted deep inside the indenter does not touch its surface
+        return np.abs(gap) <= FACET_M  # a point deep inside the indenter does not touch its surface
 
     return touching
 
@@ -122,7 +122,7 @@ def contact_of(data: TrainingData, sensor: str) -> Touching | None:
 def mesh_errors(
     predict: Predictor, truth: MeshSamples, rows: Tensor, touching: Touching | None = None
 ) -> MeshErrors:
-    """Errors of predicted displacements at some rows, in batches on the device of the truth."""
+    """Errors of predicted displacements at rows (n,), computed in batches on the device of the truth."""
     batch = max(COORDINATES_AT_ONCE // truth.rest.numel(), 1)
     parts = [_mesh_errors(predict(some), truth.displacement(some), some, touching) for some in rows.split(batch)]
     measures = [torch.cat(values).cpu().numpy() for values in zip(*parts, strict=True)]
@@ -132,7 +132,7 @@ def mesh_errors(
 def _mesh_errors(
     predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None
 ) -> tuple[Tensor, ...]:
-    """The measures of a batch, (n,) each, in the order of `MeshErrors`."""
+    """Measures of a batch, (n,) each, in the order of `MeshErrors`."""
     squares = _infinite(((predicted.double() - true.double()) * 1e6).square().sum(dim=2))
     distance = squares.sqrt()
     region = true.double().square().sum(dim=2) >= REGION_M**2
@@ -149,7 +149,7 @@ def _mesh_errors(
 
 
 def _infinite(values: Tensor) -> Tensor:
-    """Infinity in place of NaN: what a network that fails predicts must not be left out of a mean."""
+    """Replace NaN by infinity, so that no mean leaves out a failed prediction."""
     return values.nan_to_num(nan=torch.inf, posinf=torch.inf)
 
 
@@ -163,7 +163,7 @@ def _overlap(predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching |
 
 @torch.no_grad()
 def signal_errors(predict: Predictor, truth: Tensor, rows: Tensor) -> SignalErrors:
-    """Errors of predicted signals at some rows; both normalised, the truth (sample, channel)."""
+    """Errors of predicted signals at rows (n,); prediction and truth (sample, channel) are normalised."""
     batches = rows.split(max(COORDINATES_AT_ONCE // truth.shape[1], 1))
     squares = [(predict(some).double() - truth[some].double()).square().mean(dim=1) for some in batches]
     return SignalErrors(rows.cpu().numpy(), _infinite(torch.cat(squares)).sqrt().cpu().numpy())

@@ -1,4 +1,4 @@
-"""Principal components of many samples of many coordinates, without a second copy of them."""
+"""Principal component analysis of large data, without a second copy of them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,21 +9,18 @@ from torch import Tensor
 
 from simgen.errors import InputError
 
-Values = Callable[[Tensor], Tensor]  # row numbers (n,) -> (n, ...) what these samples hold
+Values = Callable[[Tensor], Tensor]  # row numbers (n,) -> values (n, ...) of these samples
 
-OVERSAMPLING = 64  # directions carried beside those that are asked for: each makes the others converge faster
-CONVERGED = 1e-6  # relative, of the variance that is left out: its root, the error, then changes by half of that
-ROUNDING = 1e-14  # relative, of the whole variance
-PASSES = 100  # over the data, at most
+OVERSAMPLING = 64  # directions beside the requested ones: they speed up convergence
+CONVERGED = 1e-6  # relative change of the variance that is left out; the error changes by half of that
+ROUNDING = 1e-14  # relative to the whole variance
+PASSES = 100  # largest number of passes over the data
 VALUES_AT_ONCE = 2**24  # 128 MB in float64
 
 
 @dataclass(frozen=True)
 class PCA:
-    """Mean (d,), orthonormal components (rank, d) by falling variance, and variances (rank,) over the fitted samples.
-
-    float64, unless made otherwise by `to`.
-    """
+    """Mean (d,), orthonormal components (rank, d) by falling variance, and variances (rank,), float64."""
 
     mean: Tensor
     components: Tensor
@@ -32,13 +29,13 @@ class PCA:
     @classmethod
     @torch.no_grad()
     def fit(cls, values: Values, rows: Tensor, rank: int) -> Self:
-        """Of the samples with these row numbers, of which a batch at a time is in float64.
+        """Fit samples, in batches of float64. The rank is at most the number of samples, and of coordinates.
 
-        The rank becomes at most the number of samples, or of coordinates. Raises `InputError` if there is no sample.
+        Subspace iteration with Rayleigh-Ritz (Halko, Martinsson and Tropp, SIAM Review 53, 2011): multiplies a random
+        basis by the covariance until the variance outside of the basis stays constant. This is exact after the first
+        product if the basis has as many directions as there are samples or coordinates.
 
-        Subspace iteration with Rayleigh-Ritz (Halko, Martinsson and Tropp, SIAM Review 53, 2011): a random basis is
-        multiplied by the covariance until the variance outside of it stays. With as many directions as there are
-        samples or coordinates that is exact after the first product.
+        Raises `InputError` if there is no sample.
         """
         if not len(rows):
             raise InputError("principal components: no samples; allowed: at least 1")
@@ -68,20 +65,16 @@ class PCA:
 
     @property
     def parameters(self) -> int:
-        """How many numbers it takes to decode."""
+        """Count the numbers that decoding needs."""
         return self.mean.numel() + self.components.numel()
 
     def encode(self, values: Tensor) -> Tensor:
-        """(n, ...) -> coefficients (n, rank)."""
+        """Coefficients (n, rank) of values (n, ...)."""
         return (values.flatten(1).to(self.mean.dtype) - self.mean) @ self.components.T
 
     def decode(self, coefficients: Tensor) -> Tensor:
-        """(n, rank) -> (n, d)."""
+        """Values (n, d) of coefficients (n, rank)."""
         return self.mean + coefficients.to(self.mean.dtype) @ self.components
-
-    def to(self, *place: torch.dtype | torch.device) -> Self:
-        """The same with another type, or elsewhere."""
-        return type(self)(*(tensor.to(*place) for tensor in (self.mean, self.components, self.variance)))
 
 
 def _flat(values: Values, rows: Tensor) -> Tensor:
@@ -89,5 +82,5 @@ def _flat(values: Values, rows: Tensor) -> Tensor:
 
 
 def _random(size: int, width: int) -> Tensor:
-    """(size, width), the same numbers every time."""
+    """Random matrix (size, width), the same in every call."""
     return torch.randn(size, width, generator=torch.Generator().manual_seed(0), dtype=torch.float64)

@@ -1,16 +1,18 @@
-"""S2MPN and M2MPN: from one latent space into another (ACROSS, Zai El Amri et al., ICRA 2025)."""
+"""S2MPN and M2MPN: perceptrons from one latent space into another (ACROSS, Zai El Amri et al., ICRA 2025)."""
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from torch import Tensor, nn
 
+from simgen.learning.training.network import Network, Terms
+from simgen.learning.training.network_data import NetworkData
 
-class Projection(nn.Module):
+
+class Projection(Network):
     """A perceptron with ELU and dropout after each hidden layer, and a last linear layer into the latent space.
 
-    The paper's widths (512, 128, 256, 256 and 512, 1024, 1024, 256) are those of the hidden layers, as in its
-    published code: the last one does not meet the 128 latents, a layer of its own does.
+    The paper's widths (512, 128, 256, 256 and 512, 1024, 1024, 256) are widths of hidden layers, as in its published
+    code: a width of 256 does not fit the 128 latents, so that another linear layer follows.
     """
 
     kind: ClassVar[str] = "projection"
@@ -23,12 +25,18 @@ class Projection(nn.Module):
             layers += [nn.Linear(before, width), nn.ELU(), nn.Dropout(share)]
         self.layers = nn.Sequential(*layers, nn.Linear(widths[-1], outputs))
 
+    @classmethod
+    def for_training(cls, data: NetworkData) -> tuple[Self, Terms]:
+        inputs, outputs = (values(data.train[:1]).shape[1] for values in (data.inputs, data.outputs))
+        network = cls(inputs, outputs, data.settings.widths, data.settings.dropout)
+        return network, lambda rows: network.terms(data.inputs(rows), data.outputs(rows))
+
     def forward(self, latent: Tensor) -> Tensor:
-        """(n, outputs) of (n, inputs)."""
+        """Latents (n, outputs) of latents (n, inputs)."""
         return self.layers(latent)
 
     def terms(self, source: Tensor, target: Tensor) -> dict[str, Tensor]:
-        """What is minimised: the mean squared error in the latent space."""
+        """Loss: the mean square error in the latent space."""
         return {"loss": nn.functional.mse_loss(self(source), target)}
 
     def settings(self) -> dict[str, Any]:
@@ -38,7 +46,3 @@ class Projection(nn.Module):
             "widths": list(self.widths),
             "dropout": list(self.dropout),
         }
-
-    @classmethod
-    def empty(cls, settings: Mapping[str, Any]) -> "Projection":
-        return cls(settings["inputs"], settings["outputs"], tuple(settings["widths"]), tuple(settings["dropout"]))

@@ -1,15 +1,14 @@
-"""A reduced-order model of one sensor's mesh: principal components, sharpened on the mesh. Not of the paper: ours.
+"""RMB and RMD, ours: a reduced-order model of one sensor's mesh, principal components with a convolutional closure.
 
-The latents are the coefficients of the first principal components, the best that a linear map can do. What these leave
-out is fine: rims of the contact, edges of the indenter. It is not noise, though: the coarse field around a vertex tells
-much of it, in the same way all over the sensor. So a few convolutions on the mesh, whose weights all vertices share,
-take the decoded field and add what is missing, as image super-resolution does with a smooth image (residual learning:
-Kim, Lee and Lee, CVPR 2016). In reduced-order modelling that is a closure (Barnett, Farhat and Maday, Journal of
-Computational Physics 492, 2023), which there one perceptron learns for all coefficients at once; shared weights learn
-it from fewer contacts. A correction of nought is PCA, where training starts.
+Latents are the coefficients of the first principal components, the best linear encoding. The components leave out fine
+detail: rims of the contact, edges of the indenter. The coarse field around a vertex predicts much of this detail, in
+the same way all over the sensor. So a few convolutions on the mesh add it to the decoded field, as in image
+super-resolution (residual learning: Kim, Lee and Lee, CVPR 2016). In reduced-order modelling this is a closure
+(Barnett, Farhat and Maday, Journal of Computational Physics 492, 2023); there a perceptron learns it for all
+coefficients at once. Convolutions share weights between vertices, and so learn it from fewer contacts. Training starts
+at PCA, with a correction of zero.
 """
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -18,32 +17,32 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from simgen.learning.training.chebyshev import ChebyshevConvolution, scaled_laplacian
+from simgen.learning.training.data import BATCH
 from simgen.learning.training.hierarchy import edge_graph
+from simgen.learning.training.network import Network, Terms
+from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.pca import PCA, Values
 from simgen.learning.training.sparse import SparseMatrix
 
 LATENT = 128
-WIDTH = 16  # features of a vertex between convolutions, as the mesh VAE has
+WIDTH = 16  # features of a vertex between convolutions, as in the mesh VAE
 HIDDEN = 2  # convolutions between the first and the last
-ORDER = 4  # of the Chebyshev polynomials: four convolutions reach 12 edges far
-INPUTS = 7  # of a vertex: its displacement, its rest position, and how large the press is
-ROUNDING = 1e-7 / 12**0.5  # m, root mean square of what storing in steps of 1e-7 m takes away
-BATCH = 512  # samples at once where nothing is trained
+ORDER = 4  # of the Chebyshev polynomials: four convolutions reach 12 edges
+INPUTS = 7  # of a vertex: displacement, rest position, and the size of the whole field
+ROUNDING = 1e-7 / 12**0.5  # m, root mean square rounding of storage in steps of 1e-7 m
 
 
-class ReducedModel(nn.Module):
+class ReducedModel(Network):
     """Displacements (n, vertex, 3), in m, to latents (n, latent) and back.
 
         u = coarse + (1 - Phi^T Phi) S(coarse),   coarse = mean + Phi^T q,   q = Phi (u - mean)
 
-    with principal components Phi (latent, 3 vertices) and convolutions S. The factor before S keeps the coefficients q
-    as they are: a decoded mesh is encoded to what it was decoded from. S is fed with the field over its own root mean
-    square, and is multiplied by that: shallow presses are drawn as finely as deep ones, and to a field of nought S adds
-    nothing.
+    with principal components Phi (latent, 3 vertices) and convolutions S. The factor before S keeps the coefficients q,
+    so that encoding a decoded mesh gives its latents back. S takes the field over its own root mean square, and its
+    output is multiplied by that. So shallow presses are as sharp as deep ones, and a field of zero stays zero.
 
-    Latents are q over `unit`, one length for all of them. As components are orthonormal, an error of latents (Euclidean
-    norm) times ``unit`` is the error of all coordinates that it makes: the network that predicts latents best is
-    the one that predicts the coarse mesh best.
+    Latents are q over `unit`, one length for all of them. As components are orthonormal, the Euclidean norm of a latent
+    error times ``unit`` is the error of the coarse mesh over all coordinates.
 
     edges : entries of the adjacency of the mesh
     """
@@ -57,11 +56,19 @@ class ReducedModel(nn.Module):
         self.register_buffer("mean", torch.zeros(3 * vertices))
         self.register_buffer("components", torch.zeros(latent, 3 * vertices))
         self.register_buffer("amplitude", torch.ones(()))  # m, root mean square displacement of a coordinate
-        self.register_buffer("left_out", torch.ones(()))  # m, likewise of what the components leave out
+        self.register_buffer("left_out", torch.ones(()))  # m, root mean square that the components leave out
         self.first = ChebyshevConvolution(INPUTS, width, ORDER)
         self.hidden = nn.ModuleList(ChebyshevConvolution(width, width, ORDER) for _ in range(HIDDEN))
         self.last = ChebyshevConvolution(width, 3, ORDER, bias=False)
         nn.init.zeros_(self.last.weight)
+
+    @classmethod
+    def for_training(cls, data: NetworkData) -> tuple[Self, Terms]:
+        settings, meshes = data.settings, data.meshes
+        network = cls.of_samples(
+            meshes.displacement, data.train, meshes.rest, meshes.tetrahedra, settings.latent, settings.width
+        )
+        return network, lambda rows: network.terms(data.inputs(rows))
 
     @classmethod
     @torch.no_grad()
@@ -69,10 +76,10 @@ class ReducedModel(nn.Module):
         cls, displacement: Values, rows: Tensor, rest: Tensor, tetrahedra: np.ndarray, latent: int = LATENT,
         width: int = WIDTH,
     ) -> Self:  # fmt: skip
-        """A new network, as good as PCA and not better yet.
+        """Make a network that equals PCA until it is trained.
 
         displacement : row numbers -> (n, vertex, 3), m
-        rows : those of training
+        rows : row numbers of training
         rest : (vertex, 3) m, of the mesh of ``tetrahedra``
         """
         adjacency = edge_graph(rest.double().cpu().numpy(), tetrahedra)
@@ -98,26 +105,20 @@ class ReducedModel(nn.Module):
         return len(self.position)
 
     def settings(self) -> dict[str, Any]:
-        """What `empty` needs."""
         edges, width = len(self.laplacian.values), self.last.weight.shape[2]
         return {"vertices": self.vertices, "edges": edges, "latent": len(self.components), "width": width}
 
-    @classmethod
-    def empty(cls, settings: Mapping[str, Any]) -> Self:
-        """A network of these `settings`, whose state is to be loaded."""
-        return cls(**settings)
-
     def count_parameters(self) -> int:
-        """Numbers that come from data: mean and components, and the convolutions' weights."""
+        """Count the numbers that come from data: mean, components and weights of the convolutions."""
         return self.mean.numel() + self.components.numel() + sum(parameter.numel() for parameter in self.parameters())
 
     @property
     def unit(self) -> Tensor:
-        """m: what a latent of 1 is, as a length in the space of all coordinates."""
+        """Length of a latent of 1 in the space of all coordinates, m."""
         return self.amplitude * self.mean.numel() ** 0.5
 
     def encode(self, displacement: Tensor) -> tuple[Tensor, Tensor]:
-        """Latents (n, latent) of displacements (n, vertex, 3), m, and their log-variance: -inf, they are exact."""
+        """Latents (n, latent) of displacements (n, vertex, 3), m, and their log-variance: -inf, as they are exact."""
         latent = (displacement.flatten(1) - self.mean) @ self.components.T / self.unit
         return latent, torch.full_like(latent, -torch.inf)
 
@@ -129,25 +130,25 @@ class ReducedModel(nn.Module):
         return (coarse + fine).view(len(latent), -1, 3)
 
     def coarse(self, latent: Tensor) -> Tensor:
-        """(n, 3 vertices), m: what PCA alone decodes."""
+        """Displacements (n, 3 vertices), m, decoded by PCA alone."""
         return torch.addmm(self.mean, latent * self.unit, self.components)
 
     def forward(self, displacement: Tensor) -> Tensor:
-        """Displacements (n, vertex, 3), m, there and back."""
+        """Reconstruct displacements (n, vertex, 3), m, from their latents."""
         return self.decode(self.encode(displacement)[0])
 
     def terms(self, displacement: Tensor) -> dict[str, Tensor]:
-        """What is minimised, and the root mean square error, m; both are means over samples.
+        """Loss and root mean square error, m; both are means over samples.
 
-        The loss is the paper's figure itself, the root mean square error of each sample; 1 is about that of PCA. Its
-        square would leave all but the deepest presses out.
+        The loss is the reported figure, the root mean square error of a sample, about 1 for PCA. Its square would give
+        weight to the deepest presses alone.
         """
         square = (self(displacement) - displacement).square().mean(dim=(1, 2))
         error = (square + ROUNDING**2).sqrt().mean()
         return {"loss": error / self.left_out, "rmse_m": error}
 
     def _fine(self, coarse: Tensor) -> Tensor:
-        """(n, 3 vertices), m: what the convolutions make of the coarse field."""
+        """Detail (n, 3 vertices), m, that the convolutions add to the coarse field."""
         samples, vertices = len(coarse), len(self.position)
         size = (coarse.square().mean(dim=1, keepdim=True) + ROUNDING**2).sqrt() / self.amplitude
         field = (coarse / (size * self.amplitude)).view(samples, vertices, 3).permute(1, 2, 0)

@@ -1,11 +1,11 @@
-"""A training job on disk: which networks there are, which come next, and from where a killed one goes on.
+"""A training run and its folder on disk. A killed run continues with the same command.
 
     <name>.networks/
       training.json                  the resolved job, the hash of the dataset's job, how many samples there are
       <network>/network.safetensors  the best epoch
-      <network>/network.json         what it is, its job, dataset, code and packages; written last
-      <network>/epochs.csv           a line per epoch
-      <network>/state.safetensors    while it is trained: weights, moments, history
+      <network>/network.json         kind, settings, job, dataset, code and packages; written last
+      <network>/epochs.csv           a line for each epoch
+      <network>/state.safetensors    only while it is trained: weights, moments, history
       table.md, metrics.json, metrics.csv, errors.png
 """
 
@@ -21,19 +21,19 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
 
 from simgen.config.warp_device import check_device_name
 from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LockedError, locked
 from simgen.dataset.provenance import code_version, difference, file_hash
 from simgen.errors import InputError, writing
-from simgen.learning.training.chain import ENDS
 from simgen.learning.training.checkpoint import NETWORK, load_network, save_network
 from simgen.learning.training.data import Track, load_training_data, mesh_hash
 from simgen.learning.training.fit import Epoch, Training, epoch_seed
-from simgen.learning.training.recipes import Inputs, make_recipe
-from simgen.learning.training.schema import NETWORKS, TrainingJob
+from simgen.learning.training.network import Network, network_class
+from simgen.learning.training.network_data import NetworkData, TrainingInputs
+from simgen.learning.training.networks import NETWORKS
+from simgen.learning.training.schema import TrainingJob
 from simgen.learning.training.signals import recording_paths
 
 RECORD, STATE, LOG = "training.json", "state.safetensors", "epochs.csv"
@@ -41,16 +41,16 @@ PACKAGES = ("torch", "numpy", "scipy", "safetensors")
 
 
 class TrainingRun:
-    """A checked job with its data on a device, and its folder.
+    """A checked job, its data on a device, and its folder.
 
-    Raises `InputError` for a dataset or a device that is not there, for a folder that another job has begun, and for
-    what a network would miss after hours: another network, samples of a split, meshes of the recordings.
+    Raises `InputError` for a missing dataset or device, for a folder of another job, and for anything that a network
+    would miss hours later: another network, samples of a split, meshes of recordings.
     """
 
     def __init__(self, job: TrainingJob, output: Path, device: str, track: Track = lambda items, about: items):
         self.job, self.output, self.device = job, output, torch_device(device)
         if self.device.type == "cuda":
-            torch.cuda.set_device(self.device)  # what is recorded as a graph runs on the current one
+            torch.cuda.set_device(self.device)  # CUDA graphs run on the current device
         self._check_needed()
         data = load_training_data(job.dataset_folder(), (job.source, job.target), self.device, track)
         record = {
@@ -61,19 +61,19 @@ class TrainingRun:
         }
         if not _is_free(output):
             _check_begun(output, record)  # before signals are made, which may take minutes
-        self.inputs = Inputs(job, data, cache(self.trained))
+        self.inputs = TrainingInputs(job, data, cache(self.trained))
         self.inputs.check(job.networks)
         _claim(output, record)
 
-    def trained(self, name: str) -> nn.Module:
-        """A finished network. Raises `InputError` if there is none."""
+    def trained(self, name: str) -> Network:
+        """Load a finished network. Raises `InputError` if there is none."""
         if not self.is_trained(name):
             raise InputError(f"{self.output}: {name} is needed and not trained yet; allowed: networks that list {name}")
         return load_network(self.output / name, self.device)
 
     def _check_needed(self) -> None:
         for name in self.job.in_order():
-            for needed in filter(None, ENDS.get(name, ())):
+            for needed in NETWORKS[name].needs:
                 if needed not in self.job.networks and not self.is_trained(needed):
                     raise InputError(
                         f"networks: {name} needs {needed}, which {self.output} does not hold; allowed: to list both"
@@ -86,9 +86,9 @@ class TrainingRun:
         return [name for name in NETWORKS if self.is_trained(name)]
 
     def train(self, name: str) -> Iterator[Epoch]:
-        """Train a network to its end, epoch by epoch, from where it was stopped; nothing if it is trained.
+        """Train a network and yield each epoch. Continues a stopped training; yields nothing for a trained network.
 
-        Raises `InputError` if another process is at it.
+        Raises `InputError` if another process trains it.
         """
         folder = self.output / name
         with writing(folder):
@@ -102,17 +102,17 @@ class TrainingRun:
             raise InputError(f"{folder}: is being trained by {error}") from None
 
     def _train(self, name: str, folder: Path) -> Iterator[Epoch]:
-        torch.manual_seed(epoch_seed(self.job.seed, name, -1))  # of the weights
-        recipe = make_recipe(name, self.inputs)
-        network = recipe.network.to(self.device)
-        training = Training(
-            name, network, recipe.terms, recipe.rows, recipe.settings, self.job.seed, folder / STATE, recipe.coarse
-        )
+        data = NetworkData(NETWORKS[name], self.inputs)
+        torch.manual_seed(epoch_seed(self.job.seed, name, -1))  # decides the weights
+        network, terms = network_class(NETWORKS[name]).for_training(data)
+        network = network.to(self.device)
+        rows = data.train, data.validation
+        training = Training(name, network, terms, rows, data.settings, self.job.seed, folder / STATE, network.tf32)
         for epoch in training:
             _write_log(folder / LOG, training.progress.history)
             yield epoch
         history, best = training.progress.history, training.progress.best
-        _write_log(folder / LOG, history)  # once more: a kill may have come between the last state and its line
+        _write_log(folder / LOG, history)  # a kill may have come between the last state and its line
         seconds = sum(epoch.seconds for epoch in history)
         about = {
             "name": name,
@@ -126,7 +126,7 @@ class TrainingRun:
             "dataset": {
                 "job_hash": self.inputs.data.dataset.attributes["job_hash"],
                 "meshes": {name: mesh_hash(each.tetrahedra) for name, each in self.inputs.data.meshes.items()},
-                "samples": {"train": len(recipe.rows[0]), "validation": len(recipe.rows[1])},
+                "samples": {"train": len(data.train), "validation": len(data.validation)},
             },
             "code": code_version(),
             "packages": {package: metadata.version(package) for package in PACKAGES},
@@ -135,12 +135,12 @@ class TrainingRun:
 
 
 def is_trained(output: Path, name: str) -> bool:
-    """Whether a folder of networks holds one, whole."""
+    """Tell whether a folder of networks holds this one, complete."""
     return (output / name / NETWORK).with_suffix(".json").exists()
 
 
 def torch_device(name: str) -> torch.device:
-    """cpu or cuda:N, of which ``cuda`` is the first. Raises `InputError` unless this machine has it."""
+    """Find a device: "cpu", "cuda" (the first GPU) or "cuda:N". Raises `InputError` if this machine lacks it."""
     check_device_name(name)
     device = torch.device(name)
     if device.type != "cuda":
@@ -157,7 +157,7 @@ def device_name(device: torch.device) -> str:
 
 
 def _recordings(job: TrainingJob) -> dict[str, str]:
-    """sha256 of each file. Raises `InputError`."""
+    """Hash each recording: name -> sha256. Raises `InputError`."""
     recordings = job.signals.recordings
     if recordings is None:
         return {}
@@ -169,8 +169,8 @@ def _recordings(job: TrainingJob) -> dict[str, str]:
 
 
 def _claim(output: Path, record: dict[str, Any]) -> None:
-    """Make the folder of a job, or check that it is this job's. Raises `InputError`."""
-    if output.name and _is_free(output):  # nothing is put in the place of the current folder
+    """Make the folder of a job, or check that it belongs to this job. Raises `InputError`."""
+    if output.name and _is_free(output):  # the current folder has no name: it is never replaced
         with writing(output):
             output.parent.mkdir(parents=True, exist_ok=True)
             with suppress(FileExistsError), whole_folder(output) as folder:  # another process may begin the same job

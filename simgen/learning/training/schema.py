@@ -1,5 +1,6 @@
-"""The keys of a training job, strictly checked. Defaults are what the paper trained with (ACROSS, ICRA 2025, and the
-configuration files of its published code), where it says so.
+"""Keys of a training job, strictly checked.
+
+Defaults are those of the ACROSS paper (ICRA 2025) and of its published configuration files, where these state them.
 """
 
 import hashlib
@@ -17,17 +18,11 @@ from simgen.config.allowed_values import allowed
 from simgen.config.job_schema import NAME, NAME_IN_WORDS
 from simgen.config.resources import bundled_jobs
 from simgen.config.strict_section import StrictSection, find_file, load_section
+from simgen.learning.training.networks import NETWORKS
 from simgen.sensing.electrodes.model import ElectrodeSettings
 
 Width = Annotated[int, Field(ge=1, le=65536)]
 Share = Annotated[float, Field(ge=0.0, lt=1.0)]
-
-# What can be trained, each after those that it needs.
-NETWORKS = ("svb", "mvb", "mvd", "s2mpn", "m2mpn", "rmb", "rmd", "s2rm", "rm2rm")
-SETTINGS = {
-    "svb": "signal_vae", "mvb": "mesh_vae", "mvd": "mesh_vae", "s2mpn": "signal_projection", "m2mpn": "mesh_projection",
-    "rmb": "reduced_model", "rmd": "reduced_model", "s2rm": "signal_translation", "rm2rm": "mesh_translation",
-}  # fmt: skip
 
 
 # Keys that several sections have: each needs its default alone.
@@ -208,8 +203,8 @@ class TrainingJob(StrictSection):
         description="The sensor that is translated to",
         **allowed("the sensor to translate to, one of the dataset's"),
     )
-    networks: tuple[Literal[NETWORKS], ...] = Field(
-        NETWORKS,
+    networks: tuple[Literal[tuple(NETWORKS)], ...] = Field(
+        tuple(NETWORKS),
         min_length=1,
         description="The networks to train now, each after those that it needs; others may be added later",
         **allowed(f"a list of {', '.join(NETWORKS)}"),
@@ -245,24 +240,23 @@ class TrainingJob(StrictSection):
 
     @property
     def folder(self) -> Path:
-        """Where paths of recordings start: the folder of the job file."""
+        """Folder of the job file: paths of recordings start there."""
         return self._folder
 
     def dataset_folder(self) -> Path:
-        """Relative to the current folder, where `simgen run` has put it."""
+        """Path of the dataset; a relative one starts at the current folder."""
         return Path(os.path.expanduser(self.dataset))
 
     def in_order(self) -> list[str]:
-        """The networks to train, each after those that it needs."""
+        """Names of the networks to train, each after those that it needs."""
         return [name for name in NETWORKS if name in self.networks]
 
     def fit_of(self, name: str) -> Fit:
-        """How a network is trained."""
-        return getattr(self, SETTINGS[name])
+        """Settings of a network."""
+        return getattr(self, NETWORKS[name].settings)
 
     def resolved(self) -> dict[str, Any]:
-        """All that decides the networks, as JSON types: not where
-        the dataset is, which of them are trained now, nor where they are put."""
+        """All keys that decide the networks, as JSON types: without ``dataset``, ``networks`` and ``output``."""
         return self.model_dump(mode="json", exclude={"dataset", "networks", "output"})
 
     @property
@@ -271,12 +265,12 @@ class TrainingJob(StrictSection):
         return hashlib.sha256(json.dumps(self.resolved()).encode()).hexdigest()
 
     def output_folder(self) -> Path:
-        """Where the networks go unless the command line says otherwise."""
+        """Folder of the networks, unless the command line names another."""
         return Path(os.path.expanduser(self.output or f"{self.name}.networks"))
 
 
 def load_training_job(path: str | Path, overrides: Iterable[str] = ()) -> TrainingJob:
-    """Read a training job; ``training_smoke`` and ``jobs/training_smoke.yaml`` that do not exist are the bundled one.
+    """Read a training job. A missing ``training_smoke`` or ``jobs/training_smoke.yaml`` means the bundled job.
 
     Raises `InputError` with one line that names the file, the key, the value and what is allowed.
     """

@@ -11,55 +11,67 @@ from torch import Tensor
 from simgen.dataset.splits import SPLITS, split_by_trajectory
 from simgen.errors import InputError
 from simgen.learning.training.data import MeshSamples, TrainingData
+from simgen.learning.training.networks import SIGNALS, SOURCE, chains
 from simgen.learning.training.schema import RecordingFiles, Signals
 from simgen.sensing.electrodes.model import signals_at_rest, synthetic_signals
 from simgen.sensing.electrodes.recordings import Recordings, read_recordings
 from simgen.sensing.electrodes.signals import Scaling, in_contact, without_drift
 
-LEAST_PRESSED = 0.01  # of a recording's samples, those with the least force: they stand for rest
-BLOCKS = 100  # of a recording, one after the other: neighbours in time look alike, so a block is in one split
+LEAST_PRESSED = 0.01  # share of a recording's samples, those with the least force, that stands for rest
+BLOCKS = 100  # of a recording, in time: neighbours look alike, so that a block is in one split
 
 
 @dataclass(frozen=True)
 class SignalData:
-    """Signals with the meshes of the same samples, if there are any."""
+    """Electrode signals, and meshes of the same samples if they are known."""
 
     values: Tensor  # (sample, channel) float32, V or as recorded
     split: np.ndarray  # (sample,) index into SPLITS, or -1
     meshes: MeshSamples | None
-    rest: Tensor  # (channel,), where nothing touches the sensor
+    rest: Tensor  # (channel,) without contact
 
     def rows(self, split: str) -> Tensor:
-        """Row numbers of a split, on the device of the values. Raises `InputError` if there are none."""
+        """Row numbers (n,) of a split, on the device of the values. Raises `InputError` if there are none."""
         rows = np.flatnonzero(self.split == list(SPLITS).index(split))
         if not len(rows):
             raise InputError(f"signals: no sample of split {split}, {len(self.split)} in all; allowed: some of each")
         return torch.from_numpy(rows).to(self.values.device)
 
     def with_meshes(self) -> MeshSamples:
-        """The meshes. Raises `InputError` if there are none."""
+        """Meshes of the samples. Raises `InputError` if there are none."""
         if self.meshes is None:
+            names = " and ".join(names[0] for names in chains(SIGNALS, SOURCE))
             raise InputError(
-                "signals.recordings: not all files hold meshes (nodal_res), which s2mpn and s2rm need; allowed: files "
-                "that do, or networks without these two"
+                f"signals.recordings: not all files hold meshes (nodal_res), which {names} need; allowed: files that "
+                "do, or networks without these"
             )
         return self.meshes
 
     def bounds(self) -> tuple[Tensor, Tensor]:
-        """(channel,) least and largest value of each channel in training."""
+        """Least and largest value of each channel in training, (channel,) float64 each, on the CPU."""
         scaling = Scaling.fit(self.values[self.rows("train")].double().cpu().numpy())
         return torch.tensor(scaling.low), torch.tensor(scaling.high)
 
+    def normalised(self, values: Tensor) -> Tensor:
+        """Signals (n, channel), each channel from -1 to 1 within its range in training."""
+        return normalised(values, *(bound.float().to(values.device) for bound in self.bounds()))
+
+
+def normalised(values: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """Values (n, channel), from -1 to 1 between ``low`` and ``high`` (channel,); 0 where both are equal."""
+    span = high - low
+    return torch.where(span > 0, (2.0 * values - low - high) / span.where(span > 0, 1.0), 0.0)
+
 
 def read_signals(data: TrainingData, sensor: str, settings: Signals, folder: Path, seed: int) -> SignalData:
-    """Of the recordings of a job, or synthetic ones. Raises `InputError`."""
+    """Read the recordings of a job, or make synthetic signals. Raises `InputError`."""
     if settings.recordings is not None:
         return recorded(settings.recordings, folder, seed, data.meshes[sensor])
     return synthetic(data, sensor, settings)
 
 
 def synthetic(data: TrainingData, sensor: str, settings: Signals) -> SignalData:
-    """Of every sample of a dataset, by the electrode model; its split is the dataset's."""
+    """Make signals of every sample of a dataset by the electrode model, with the dataset's splits."""
     meshes = data.meshes[sensor]
     device = meshes.steps.device
     volts = synthetic_signals(data.dataset, sensor, data.press, data.step, settings.synthetic, str(device))
@@ -69,15 +81,17 @@ def synthetic(data: TrainingData, sensor: str, settings: Signals) -> SignalData:
 
 
 def recorded(files: RecordingFiles, folder: Path, seed: int, rest: MeshSamples) -> SignalData:
-    """Of recordings, those in contact: drift taken off, split by blocks of time, with meshes if all files have them.
+    """Read the samples in contact of recordings, split by blocks of time; with meshes if all files hold them.
 
-    ``rest`` is the sensor whose deformed positions the files hold. Raises `InputError` where that is another mesh.
+    rest : meshes of the sensor whose deformed positions the files hold
+
+    Raises `InputError` for files of another mesh.
     """
     parts, splits, displacements, least_pressed = [], [], [], []
     vertices = len(rest.rest)
     for number, path in enumerate(recording_paths(files, folder)):
         found = read_recordings(path)
-        signals, contact = felt(path, found, files)
+        signals, contact = contact_signals(path, found, files)
         blocks = split_by_trajectory(BLOCKS, seed + number)
         parts.append(signals[contact])
         force = np.linalg.norm(found.force, axis=1)
@@ -97,10 +111,10 @@ def recorded(files: RecordingFiles, folder: Path, seed: int, rest: MeshSamples) 
     return SignalData(values, np.concatenate(splits), meshes, at_rest)
 
 
-def felt(path: Path, found: Recordings, settings: RecordingFiles) -> tuple[np.ndarray, np.ndarray]:
-    """Signals (n, channel), of which drift is taken off if it is asked for, and which are in contact, (n,) bool.
+def contact_signals(path: Path, found: Recordings, settings: RecordingFiles) -> tuple[np.ndarray, np.ndarray]:
+    """Signals (n, channel), without drift if the settings say so, and contact (n,) bool.
 
-    Raises `InputError` if none is.
+    Raises `InputError` if no sample is in contact.
     """
     contact = in_contact(found.force, settings.least_force_n)
     if not contact.any():
@@ -109,10 +123,10 @@ def felt(path: Path, found: Recordings, settings: RecordingFiles) -> tuple[np.nd
 
 
 def recording_paths(files: RecordingFiles, folder: Path) -> list[Path]:
-    """Of the files of a job in ``folder``.
+    """Paths of the recordings of a job in ``folder``.
 
-    Raises `InputError` for one that is listed twice: each time it would be split otherwise, and what is tested would be
-    trained with.
+    Raises `InputError` for a file that is listed twice: it would be split in two ways, so that test samples would be
+    training samples too.
     """
     paths = {}
     for name in files.files:

@@ -1,4 +1,4 @@
-"""Constant sparse matrices that are part of a network, kept as dense buffers: any file of tensors holds them."""
+"""Constant sparse matrices of a network, stored as dense buffers, so that any file of tensors holds them."""
 
 import warnings
 
@@ -13,7 +13,7 @@ for known in ("Sparse CSR tensor support is in beta", "Sparse invariant checks a
 
 
 class SparseMatrix(nn.Module):
-    """A matrix (rows, columns) with ``entries`` stored ones, in compressed rows; all zero until it is filled."""
+    """A matrix (rows, columns) of ``entries`` stored values in compressed rows; zero until `fill`."""
 
     def __init__(self, rows: int, columns: int, entries: int):
         super().__init__()
@@ -23,7 +23,7 @@ class SparseMatrix(nn.Module):
         self.register_buffer("values", torch.zeros(entries))
 
     def fill(self, matrix: csr_array) -> None:
-        """Take over a matrix of the same shape and number of entries."""
+        """Copy a matrix of the same shape and number of entries."""
         matrix = matrix.sorted_indices()
         for buffer, array in ((self.row_starts, matrix.indptr), (self.columns, matrix.indices),
                               (self.values, matrix.data)):  # fmt: skip
@@ -31,18 +31,17 @@ class SparseMatrix(nn.Module):
 
 
 def multiply(matrix: SparseMatrix, dense: Tensor, out: Tensor, add: bool = False) -> None:
-    """``out`` = matrix @ dense, or ``out`` += matrix @ dense; both (., n), their rows contiguous.
+    """Compute ``out`` = matrix @ dense, or ``out`` += matrix @ dense, for (., n) tensors with contiguous rows.
 
-    Every product of the mesh networks is made here. It records no gradient, waits for nothing, and may be part of a
-    CUDA graph.
+    Records no gradient, does not synchronise, and may be part of a CUDA graph.
     """
-    held = (matrix.row_starts, matrix.columns, matrix.values)
-    csr = torch.sparse_csr_tensor(*held, size=matrix.shape, check_invariants=False)
+    arrays = (matrix.row_starts, matrix.columns, matrix.values)
+    csr = torch.sparse_csr_tensor(*arrays, size=matrix.shape, check_invariants=False)
     torch.addmm(out, csr, dense, beta=1.0 if add else 0.0, out=out)
 
 
 def interpolate(x: Tensor, matrix: SparseMatrix, transposed: SparseMatrix) -> Tensor:
-    """x (vertex, feature, sample), and below it matrix @ x: values on a level from those on the next."""
+    """Append matrix @ x to x (vertex, feature, sample): from values on a level to values on the finer level."""
     return _Interpolation.apply(x, matrix, transposed)
 
 

@@ -1,7 +1,6 @@
-"""One step of the optimiser on a batch; on a GPU recorded once as a CUDA graph and replayed.
+"""One step of the optimiser on a batch. A GPU records it once as a CUDA graph and replays it.
 
-The networks are small: a step is some hundreds of kernels of some microseconds each, which a CPU cannot launch as fast
-as a GPU runs them.
+A step launches hundreds of kernels of a few microseconds each. A CPU launches them more slowly than a GPU runs them.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,12 +11,12 @@ from torch import Tensor, nn
 
 from simgen.learning.training.schema import Fit
 
-WARM_UP = 3  # steps before a graph is recorded: libraries choose kernels and allocate in the first ones
+WARM_UP = 3  # steps before recording: in the first ones libraries choose kernels and allocate memory
 
 
 @contextmanager
-def coarse_products() -> Iterator[None]:
-    """Products of float32 matrices in TF32 on a GPU; elsewhere nothing changes."""
+def tf32_products() -> Iterator[None]:
+    """Multiply float32 matrices in TF32 on a GPU; nothing changes on a CPU."""
     before = torch.get_float32_matmul_precision()
     torch.set_float32_matmul_precision("high")
     try:
@@ -27,17 +26,17 @@ def coarse_products() -> Iterator[None]:
 
 
 class TrainingStep:
-    """Adam on the mean of a batch.
+    """AdamW on the mean of a batch (Loshchilov and Hutter, ICLR 2019).
 
     terms : row numbers (batch,) -> means over these samples; the first is minimised
-    coarse : make products with TF32's ten bits of mantissa where the GPU can
+    tf32 : multiply matrices with TF32's ten bits of mantissa where the GPU can
     """
 
     def __init__(
         self, network: nn.Module, terms: Callable[[Tensor], dict[str, Tensor]], settings: Fit, batch: int,
-        device: torch.device, coarse: bool = False,
+        device: torch.device, tf32: bool = False,
     ):  # fmt: skip
-        self.products = coarse_products if coarse else nullcontext
+        self.products = tf32_products if tf32 else nullcontext
         self.network, self.terms = network, terms
         self.on_gpu = device.type == "cuda"
         self.parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
@@ -51,7 +50,7 @@ class TrainingStep:
         self.graph: torch.cuda.CUDAGraph | None = None
 
     def over(self, rows: Tensor, rate: float) -> dict[str, float]:
-        """Steps over rows (a whole number of batches) in their order; means of the terms."""
+        """Step through rows, a whole number of batches, in their order. Returns the means of the terms."""
         group = self.optimizer.param_groups[0]
         if self.on_gpu:
             group["lr"].fill_(rate)
@@ -81,13 +80,13 @@ class TrainingStep:
         self.sums += torch.stack([value.detach().double() for value in terms.values()])
 
     def _record(self, rows: Tensor) -> None:
-        """Record a step; network, optimiser and random numbers are afterwards what they were before."""
+        """Record a step, then restore network, optimiser and random numbers."""
         weights = [parameter.detach().clone() for parameter in self.parameters]
         buffers = [buffer.detach().clone() for buffer in self.network.buffers()]
         moments = {name: value.clone() for name, value in self.optimizer_state().items()}
         self.rows.copy_(rows)
         graph = torch.cuda.CUDAGraph()
-        # Else the first epoch of a process would draw other numbers than the same epoch of a process that began before.
+        # Otherwise the first epoch of a process would draw other numbers than the same epoch of an earlier process.
         with torch.random.fork_rng([self.rows.device]), self.products():
             stream = torch.cuda.Stream()
             stream.wait_stream(torch.cuda.current_stream())
@@ -108,12 +107,12 @@ class TrainingStep:
         self.graph = graph
 
     def optimizer_state(self) -> dict[str, Tensor]:
-        """Moments and counts of steps, ``<parameter>.<name>``; none before the first step."""
+        """Moments and step counts by ``<parameter>.<name>``; empty before the first step."""
         state = self.optimizer.state_dict()["state"]
         return {f"{number}.{name}": value for number, own in state.items() for name, value in own.items()}
 
     def load_optimizer_state(self, tensors: dict[str, Tensor]) -> None:
-        """What `optimizer_state` gave. Raises `LookupError` or `ValueError` if moments are missing, or do not fit."""
+        """Restore an `optimizer_state`. Raises `LookupError` or `ValueError` if moments are missing or do not fit."""
         state: dict[int, dict[str, Tensor]] = {}
         for key, value in tensors.items():
             number, _, name = key.partition(".")

@@ -1,4 +1,4 @@
-"""Electrode signals to the meshes of two sensors, by the networks of a folder that `simgen train` wrote."""
+"""Translation of electrode signals to the meshes of two sensors, by networks that `simgen train` wrote."""
 
 import json
 from collections.abc import Mapping
@@ -8,27 +8,25 @@ from typing import Self
 
 import numpy as np
 import torch
-from torch import nn
 
 from simgen.config.strict_section import section_from_dict
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
-from simgen.learning.training.chain import ENDS
 from simgen.learning.training.checkpoint import NETWORK, load_network, read_sidecar
+from simgen.learning.training.network import Network
+from simgen.learning.training.networks import NETWORKS, WAYS
 from simgen.learning.training.run import RECORD, is_trained, torch_device
 from simgen.learning.training.schema import TrainingJob
 
-# Way -> the projections that it takes: signals to the source's latents, these to the target's.
-WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn")}
 MESHES_AT_ONCE = 128
 
 
 @dataclass(frozen=True)
 class Translated:
-    """Samples on their way from signals to the target's mesh.
+    """Translated samples.
 
-    signals : (n, channel) as they were given
-    latents : by what made them, such as s2rm -> (n, latent); the paper's svb first
+    signals : (n, channel) as given
+    latents : (n, latent) by network, in order, such as ``s2rm``; the paper's begin with ``svb``
     source, target : (n, vertex, 3) float32, displacements, m
     """
 
@@ -39,26 +37,27 @@ class Translated:
 
 
 class Translator:
-    """Trained networks, one after the other; called with signals (n, channel) it gives `Translated`.
+    """Chain of trained networks. Called with signals (n, channel), it gives `Translated`.
 
-    networks : by name; of ``way`` the two projections, what encodes the signals, and what decodes to each mesh
-    meshes : sensor -> `mesh_hash` of what they were trained with, where that is known
+    networks : all `networks_of` a way, by name
+    way : one of `simgen.learning.training.networks.WAYS`
+    meshes : sensor -> `mesh_hash` of its training mesh; empty for networks that do not record it
     """
 
     def __init__(
-        self, networks: Mapping[str, nn.Module], way: str, device: torch.device | str = "cpu",
+        self, networks: Mapping[str, Network], way: str, device: torch.device | str = "cpu",
         meshes: Mapping[str, str] | None = None,
     ):  # fmt: skip
         self.way, self.device, self.meshes = way, torch.device(device), meshes or {}
         first, second = WAYS[way]
-        (encoder, source), (_, target) = ENDS[first], ENDS[second]
+        encoder, source, target = NETWORKS[first].encoder, NETWORKS[first].decoder, NETWORKS[second].decoder
         self._encoder = (encoder, networks[encoder]) if encoder else None
         self._projections = [(name, networks[name]) for name in (first, second)]
         self._decoders = networks[source], networks[target]
 
     @classmethod
     def load(cls, folder: str | Path, way: str | None = None, device: str = "cpu") -> Self:
-        """Of a folder of networks; by default our way where it is trained, else the paper's. Raises `InputError`."""
+        """Load a folder of networks; by default ours if they are trained, else the paper's. Raises `InputError`."""
         folder, found = Path(folder), torch_device(device)
         way = choose_way(folder, way)
         networks = {name: load_network(folder / name, found) for name in networks_of(way)}
@@ -66,7 +65,7 @@ class Translator:
 
     @property
     def vertices(self) -> tuple[int, int]:
-        """Of the source's mesh and of the target's."""
+        """Count the vertices of the source's mesh and of the target's."""
         source, target = (decoder.vertices for decoder in self._decoders)
         return source, target
 
@@ -93,13 +92,14 @@ class Translator:
 
 
 def networks_of(way: str) -> list[str]:
-    """The networks of a way, each before those that follow it."""
+    """Names of the networks of a way, in order."""
     first, second = WAYS[way]
-    return [name for name in (ENDS[first][0], first, ENDS[first][1], second, ENDS[second][1]) if name]
+    encoder, source, target = NETWORKS[first].encoder, NETWORKS[first].decoder, NETWORKS[second].decoder
+    return [name for name in (encoder, first, source, second, target) if name]
 
 
 def choose_way(folder: Path, way: str | None) -> str:
-    """A way of which all networks are trained. Raises `InputError` if there is none, or not the one asked for."""
+    """Choose a way whose networks are all trained; None means the first. Raises `InputError` if there is none."""
     if way is not None and way not in WAYS:
         raise InputError(f"--way {way!r}: allowed: {', '.join(WAYS)}")
     read_job(folder)
@@ -113,7 +113,7 @@ def choose_way(folder: Path, way: str | None) -> str:
 
 
 def read_job(folder: Path) -> TrainingJob:
-    """The job that a folder of networks was trained by. Raises `InputError` unless `simgen train` wrote it."""
+    """Read the job of a folder of networks. Raises `InputError` unless `simgen train` wrote the folder."""
     file = folder / RECORD
     try:
         job = {**json.loads(file.read_text(encoding="utf-8"))["job"], "dataset": "unknown"}
@@ -123,7 +123,7 @@ def read_job(folder: Path) -> TrainingJob:
 
 
 def _meshes(network: Path) -> dict[str, str]:
-    """Sensor -> hash of its mesh; nothing of a network that was trained before they were written down."""
+    """Sensor -> hash of its mesh; empty for networks that do not record it."""
     try:
         return dict(read_sidecar(network / NETWORK)["dataset"]["meshes"])
     except (LookupError, TypeError, ValueError):
@@ -131,10 +131,10 @@ def _meshes(network: Path) -> dict[str, str]:
 
 
 def hashes(folder: Path, way: str) -> dict[str, str]:
-    """Network -> sha256 of its weights."""
+    """Hash the weights of each network of a way: name -> sha256."""
     return {name: file_hash(folder / name / NETWORK) for name in networks_of(way)}
 
 
 def keep_to_one_core() -> None:
-    """Said by each process that has others beside it: torch would take all cores for each."""
+    """Keep torch to one core, in a process beside others: by default each would take all cores."""
     torch.set_num_threads(1)

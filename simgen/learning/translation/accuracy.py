@@ -1,4 +1,4 @@
-"""How well translated presses keep where and how deep the contact is: read from the presses' own files."""
+"""Accuracy of translated presses: errors of the contact's place and depth, summed up from their files."""
 
 import csv
 import json
@@ -17,13 +17,13 @@ FILE = "contact.json"
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Of the samples of some presses.
+    """Accuracy over the samples of some presses.
 
-    samples : all of them
-    near : share whose centroid of the contact is at most `NEAR_MM` from the true one
-    off_mm : median distance of the two, where a contact that is not found is infinitely far
-    followed : samples whose indenter is deeper than at the sample before them in their press
-    in_order : share of those that are deeper than the one before; NaN if there are none
+    samples : number of samples
+    near : share of samples whose contact has its centroid within `NEAR_MM` of the true one
+    off_mm : median distance of both centroids; infinite for a contact that is not found
+    followed : number of samples whose indenter is deeper than at the previous sample of the press
+    in_order : share of these whose predicted contact is deeper, too; NaN if there are none
     rmse_um : mean root mean square error of the mesh
     """
 
@@ -36,7 +36,7 @@ class Accuracy:
 
     @classmethod
     def of(cls, presses: Iterable[Mapping[str, np.ndarray]]) -> "Accuracy":
-        """Presses by column of their ``contact.csv``, each (sample,) in the order of the path."""
+        """Sum up presses, given as columns (sample,) of their ``contact.csv`` in the order of the path."""
         presses = list(presses)
         off = np.concatenate([press["off_mm"] for press in presses])
         deeper = np.concatenate([
@@ -53,7 +53,7 @@ class Accuracy:
 
 
 def read_contact(file: Path) -> dict[str, np.ndarray]:
-    """Column -> (sample,). Raises `InputError`."""
+    """Read a ``contact.csv``: column -> (sample,). Raises `InputError`."""
     try:
         with open(file, encoding="utf-8", newline="") as text:
             header, *lines = csv.reader(text)
@@ -68,14 +68,14 @@ def read_contact(file: Path) -> dict[str, np.ndarray]:
 
 
 def summarise(files: Mapping[str, list[Path]]) -> dict[str, Accuracy]:
-    """Accuracy of the presses of each indenter, given by their files, and of ``all`` of them. Raises `InputError`."""
+    """Sum up the files of each indenter, and ``all`` of them. Raises `InputError`."""
     presses = {name: [read_contact(file) for file in own] for name, own in files.items() if own}
     every = [press for own in presses.values() for press in own]
     return {name: Accuracy.of(own) for name, own in presses.items()} | {"all": Accuracy.of(every)}
 
 
 def write_summary(folder: Path, summary: Mapping[str, Accuracy], way: str) -> Path:
-    """Write ``contact.json``; null where nothing is known. Raises `InputError`."""
+    """Write ``contact.json``, with null for unknown values. Raises `InputError`."""
     groups = {
         name: {key: value if np.isfinite(value) else None for key, value in asdict(accuracy).items()}
         for name, accuracy in summary.items()

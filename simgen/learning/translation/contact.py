@@ -1,4 +1,4 @@
-"""Where and how deep a surface is pressed in, read from its displacement alone: the same way for truth and guess."""
+"""Place and depth of a contact, from the surface's displacement alone: the same for true and predicted meshes."""
 
 import numpy as np
 
@@ -6,15 +6,15 @@ from simgen.dataset.reader import Dataset
 from simgen.dataset.touchable import TouchableSurface, touchable_surface
 from simgen.geometry.surface_normals import vertex_normals
 
-# Of the deepest point: what is pressed in at least so far belongs to the contact. Of shares from 0 to 0.75 this one's
-# centroid is, in true meshes, nearest to that of the points which touch the indenter (docs/translation.md).
+# Share of the largest indentation from which a point belongs to the contact. Of shares from 0 to 0.75, this one gives
+# the centroid that is nearest, in true meshes, to that of the points which touch the indenter (docs/translation.md).
 SHARE = 0.1
 
 
 class ContactGauge:
-    """Of the touchable surface of a sensor; displacements are (n, vertex, 3) m, of all of its vertices.
+    """Measures contacts on the touchable surface of a sensor. Displacements are (n, vertex, 3) m, of all vertices.
 
-    A point is pressed in by u . (-n), with the surface's outward normal n at rest.
+    The indentation of a point is u . (-n), with the surface's outward normal n at rest.
     """
 
     def __init__(self, surface: TouchableSurface):
@@ -27,17 +27,15 @@ class ContactGauge:
         return cls(touchable_surface(dataset, sensor))
 
     def pressed_in(self, displacement: np.ndarray) -> np.ndarray:
-        """(n, point) m, negative where the surface bulges."""
+        """Indentation (n, point), m; negative where the surface bulges."""
         return np.einsum("nvi,vi->nv", displacement[:, self.surface.points], self._inward)
 
     def depth(self, displacement: np.ndarray) -> np.ndarray:
-        """(n,) m, of the deepest point; 0 if none is pressed in."""
+        """Largest indentation (n,), m; 0 if no point is pressed in."""
         return self.pressed_in(displacement).max(axis=1, initial=0.0)
 
     def centroid(self, displacement: np.ndarray) -> np.ndarray:
-        """(n, 3) m, at rest: the mean position of the points that belong to the contact, each by its area and by how
-        far it is pressed in; NaN if there are none.
-        """
+        """Centroid (n, 3) of the contact at rest, m, weighted by area and indentation; NaN without contact."""
         inward = self.pressed_in(displacement)
         deepest = inward.max(axis=1, keepdims=True, initial=0.0)
         weight = np.where((inward >= SHARE * deepest) & (deepest > 0.0), inward, 0.0) * self.surface.areas

@@ -1,4 +1,4 @@
-"""The way from electrodes to image, drawn: a column for each sample, or a press in motion."""
+"""Figures of a translation from electrodes to image: a column for each sample, or a press in motion."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,23 +14,25 @@ from simgen.learning.translation.unfolded import UnfoldedSkin
 from simgen.plotting.surface_plot import COLOURS, PLAIN, camera, draw_surface, gif
 from simgen.sensing.electrodes.gaps import electrodes_of
 
-SKIN_M = 2e-3  # thickness: an electrode is drawn where the skin is that far above it
-FRAME_MS, HOLD_MS = 180, 1200  # of each depth, of the last
-# The tip above and +z to the right, as on the unfolded skin; a little from the tip, so that depth shows.
+SKIN_M = 2e-3  # thickness of the skin: an electrode is drawn at the skin above it
+FRAME_MS, HOLD_MS = 180, 1200  # duration of a frame, and of the last one
+# The tip is above and +z to the right, as on the unfolded skin. A slight tilt makes depth visible.
 TIP_ABOVE = camera(np.array([-0.35, -1.0, 0.0]), up=np.array([-1.0, 0.0, 0.0]))
-MARGIN_MM = 1.0  # around a gel, which bulges
-INCHES = 1.75  # width of a column
-HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3  # of its parts
-WIDTHS = 1.25, 1.25, 0.95, 0.95, 0.95  # of a frame's parts, in columns
+MARGIN_MM = 1.0  # around the gel, for its bulge
+COLUMN_INCHES = 1.75
+HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3  # of the stages, inches
+WIDTHS = 1.25, 1.25, 0.95, 0.95, 0.95  # of the stages of a frame, in columns
 ON_PAPER = COLOURS.with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
 class ChainSample:
-    """One sample from end to end.
+    """One sample with all stages of its translation.
 
-    signals : (channel,); source, target : displacements (vertex, 3) m; image : (height, width, 3) uint8
-    truth : the image of the target's true mesh, where it is known
+    signals : (channel,)
+    source, target : displacements (vertex, 3), m
+    image : (height, width, 3) uint8
+    truth : image of the target's true mesh; None if unknown
     """
 
     title: str
@@ -42,9 +44,9 @@ class ChainSample:
 
 
 class ChainPainter:
-    """Of a dataset's two sensors.
+    """Draws translations between two sensors of a dataset.
 
-    signals_at_rest : (channel,), what the electrodes say of nothing, in ``unit``
+    signals_at_rest : (channel,) without contact, in ``unit``
     """
 
     def __init__(self, dataset: Dataset, source: str, target: str, signals_at_rest: np.ndarray, unit: str = "V"):
@@ -58,10 +60,10 @@ class ChainPainter:
         self._electrodes = self._skin.place(electrodes + SKIN_M * normals)
 
     def figure(self, steps: Sequence[ChainSample]) -> Figure:
-        """A column for each sample: electrodes, source, target, image, and the true image where it is known."""
+        """Draw a column for each sample: electrodes, source, target, image, and the true image if it is known."""
         labels = self._labels(steps[0])
         heights = HEIGHTS[: len(labels)]
-        figure = Figure(figsize=(INCHES * len(steps) + 0.9, sum(heights) + 0.3), layout="constrained")
+        figure = Figure(figsize=(COLUMN_INCHES * len(steps) + 0.9, sum(heights) + 0.3), layout="constrained")
         grid = figure.subplots(len(labels), len(steps), squeeze=False, height_ratios=heights)
         scales = self._draw(grid.T, steps, *self._limits(steps))
         for line, label in zip(grid, labels, strict=True):
@@ -73,10 +75,10 @@ class ChainPainter:
         return figure
 
     def motion(self, steps: Sequence[ChainSample]) -> bytes:
-        """A GIF: a frame for each of the samples, side by side what they pass through."""
+        """Make a GIF with a frame for each sample, its stages side by side."""
         labels, limits = self._labels(steps[0]), self._limits(steps)
         widths = WIDTHS[: len(labels)]
-        figure = Figure(figsize=(INCHES * sum(widths), 3.3), dpi=100, layout="constrained")
+        figure = Figure(figsize=(COLUMN_INCHES * sum(widths), 3.3), dpi=100, layout="constrained")
         canvas, frames = FigureCanvasAgg(figure), []
         grid = figure.subplots(1, len(labels), squeeze=False, width_ratios=widths)
         for step in steps:
@@ -89,7 +91,7 @@ class ChainPainter:
             if not frames:
                 self._colour_bars(figure, grid.T, scales, "horizontal")
                 canvas.draw()
-                figure.set_layout_engine("none")  # nothing moves from frame to frame
+                figure.set_layout_engine("none")  # keeps all frames aligned
             canvas.draw()
             frames.append(np.array(canvas.buffer_rgba()))
         return gif(frames, FRAME_MS, HOLD_MS)
@@ -101,20 +103,20 @@ class ChainPainter:
         return made if step.truth is None else [*made, f"{target}\ntrue image"]
 
     def _limits(self, steps: Iterable[ChainSample]) -> tuple[float, float]:
-        """Of colours: the largest change of a signal, and displacement in mm."""
+        """Limits of the colours: largest change of a signal, and displacement in mm."""
         change = max(np.abs(step.signals - self.at_rest).max() for step in steps)
         moved = max(np.linalg.norm(mesh, axis=1).max() for step in steps for mesh in (step.source, step.target))
         return float(change) or 1.0, 1e3 * float(moved) or 1.0
 
     def _draw(self, columns: np.ndarray, steps: Iterable[ChainSample], change: float, moved: float) -> list:
-        """Each sample into a column of axes; returns what has a scale of colours: electrodes and skin."""
+        """Draw each sample into a column of axes; returns the artists with a colour scale, electrodes and skin."""
         for axes, step in zip(columns, steps, strict=True):
             felt = self._draw_electrodes(axes[0], step.signals, change)
             skin = self._draw_skin(axes[1], np.linalg.norm(step.source, axis=1) * 1e3, moved)
             rest, triangles = self._gel
             length = np.linalg.norm(step.target, axis=1) * 1e3
             draw_surface(axes[2], rest + step.target, triangles, length, largest=moved, view=TIP_ABOVE)
-            axes[2].set(xlim=self._box[:, 0], ylim=self._box[:, 1])  # the same in all frames and columns
+            axes[2].set(xlim=self._box[:, 0], ylim=self._box[:, 1])  # same in all frames and columns
             for own, image in zip(axes[3:], (step.image, step.truth), strict=False):
                 own.imshow(image)
                 own.set_axis_off()

@@ -1,11 +1,11 @@
-"""Presses of a dataset, translated: images as `camera.images` writes them, of meshes that networks predict.
+"""Translated presses of a dataset: images as in `simgen.sensing.camera.images`, of meshes that networks predict.
 
     <dataset>.translated/
-      render.json                    what decides the images: the networks' hashes, too
+      render.json                    all that decides the images, with hashes of the networks
       t0003_sphere_7mm/
-        02_0.3mm.png                 of what the electrodes felt at depth 2
-        contact.csv                  how far each sample is from the truth
-        steps.npz                    if asked for: signals, latents and both meshes
+        02_0.3mm.png                 image of depth 2
+        contact.csv                  errors of each sample
+        steps.npz                    optional: signals, latents and both meshes
       contact.json                   the same over the presses of the last command
       chain.png                      some samples from the electrodes to the image
 """
@@ -35,11 +35,11 @@ CONTACT, STEPS = "contact.csv", "steps.npz"
 
 @dataclass(frozen=True, kw_only=True)
 class TranslatedImages(Images):
-    """Images of a dataset's presses, felt by the networks' source and seen by their target.
+    """Images of the target, translated from signals of the source, for presses of a dataset.
 
     networks : folder that `simgen train` wrote
-    way : one of `simgen.learning.training.translator.WAYS`
-    keep : whether what lies between signals and image is written, too
+    way : one of `simgen.learning.training.networks.WAYS`
+    keep : True to write ``steps.npz``, too
     """
 
     networks: Path
@@ -48,7 +48,7 @@ class TranslatedImages(Images):
 
     def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
         record = super().record(dataset, renderer)
-        del record["code"]  # of optics alone
+        del record["code"]  # covers optics alone
         return record | {
             "way": self.way,
             "networks": hashes(self.networks, self.way),
@@ -66,9 +66,9 @@ class TranslatedImages(Images):
 
 
 class TranslatedMeshes:
-    """What networks make of the synthetic signals of a dataset's presses.
+    """Meshes that networks predict from synthetic signals of a dataset's presses.
 
-    Raises `InputError` where networks and dataset do not fit each other.
+    Raises `InputError` if networks and dataset do not fit each other.
     """
 
     def __init__(self, dataset: Dataset, networks: Path, way: str, device: str = "cpu", keep: bool = False):
@@ -79,29 +79,29 @@ class TranslatedMeshes:
         check_meshes(self.translator, dataset, self.job.source, self.job.target)
         self.contact = ContactGauge.of_dataset(dataset, self.job.target)
         self._gauge = gauge_of(dataset, self.job.source, device)
-        # Depths with a valid sample on both sensors: what is felt on one has its truth on the other.
+        # Depths with a valid sample on both sensors: only these have signals and a true mesh.
         both = self.job.source, self.job.target
         self._valid = np.all([is_valid(dataset[f"{sensor}/status"]) for sensor in both], axis=0)
         self._depths = dataset["depth"]
 
     @property
     def signals_at_rest(self) -> np.ndarray:
-        """(channel,) V."""
+        """Signals (channel,) without contact, V."""
         return voltage(self._gauge.rest_gap, self.job.signals.synthetic)
 
     def steps(self, press: int) -> np.ndarray:
-        """(n,) indices of depths."""
+        """Indices (n,) of depths with a valid sample on both sensors."""
         return np.flatnonzero(self._valid[press])
 
     def signals(self, press: int, steps: np.ndarray) -> np.ndarray:
-        """(n, channel) V, of these depths of a press. Raises `InputError` as `gaps.gaps` does."""
+        """Signals (n, channel), V, of depths (n,) of a press. Raises `InputError` where an electrode finds no skin."""
         settings, at = self.job.signals.synthetic, np.full(len(steps), press)
         gap = self._gauge(self.dataset.displacement(self.job.source, press)[steps])
         checked_gaps(gap, f"{self.dataset.path}/{self.job.source}", at, steps)
         return measured(voltage(gap, settings), at, steps, self._valid.shape[1], settings)
 
     def translated(self, press: int, steps: np.ndarray) -> Translated:
-        """The samples at these depths of a press."""
+        """Translate depths (n,) of a press."""
         return self.translator(self.signals(press, steps))
 
     def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
@@ -111,7 +111,7 @@ class TranslatedMeshes:
         return steps, found.target, files | ({STEPS: stages(found)} if self.keep else {})
 
     def _contact(self, press: int, steps: np.ndarray, guess: np.ndarray) -> bytes:
-        """A line for each sample: how far its mesh, its contact and its depth are from the truth."""
+        """Content of ``contact.csv``: errors of mesh, contact and depth, a line for each sample."""
         truth = self.dataset.displacement(self.job.target, press)[steps]
         columns = {
             "depth_mm": 1e3 * self._depths[steps],
@@ -128,7 +128,7 @@ class TranslatedMeshes:
 
 
 def check_meshes(translator: Translator, dataset: Dataset, source: str, target: str) -> None:
-    """Raises `InputError` unless the dataset has the meshes that the networks know."""
+    """Raise `InputError` unless the dataset has the meshes of the networks."""
     check_sensors(dataset, source, target)
     for sensor, vertices in zip((source, target), translator.vertices, strict=True):
         own = len(dataset[f"{sensor}/rest_positions"])
@@ -141,7 +141,7 @@ def check_meshes(translator: Translator, dataset: Dataset, source: str, target: 
 
 
 def check_sensors(dataset: Dataset, source: str, target: str) -> None:
-    """Raises `InputError` unless the dataset has the sensors of the networks."""
+    """Raise `InputError` unless the dataset has the sensors of the networks."""
     for sensor in (source, target):
         if sensor not in dataset.sensors:
             raise InputError(f"{dataset.path}: no sensor {sensor}, which the networks know; "
@@ -149,7 +149,7 @@ def check_sensors(dataset: Dataset, source: str, target: str) -> None:
 
 
 def stages(translated: Translated) -> bytes:
-    """What ``steps.npz`` holds: signals, latent_<network>, source_displacement and target_displacement (m)."""
+    """Content of ``steps.npz``: signals, latent_<network>, source_displacement and target_displacement (m)."""
     latents = {f"latent_{name}": values for name, values in translated.latents.items()}
     meshes = {"source_displacement": translated.source, "target_displacement": translated.target}
     data = io.BytesIO()

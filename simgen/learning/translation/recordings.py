@@ -1,10 +1,10 @@
-"""Recordings of real electrodes, translated: an image for each sample in contact.
+"""Translated recordings of real electrodes: an image for each sample in contact.
 
     <output>/
-      render.json                what decides the images
-      monday/000100/             samples 100 to 199 of monday.hdf5: whole or not there
-        000112.png               of sample 112; those without contact have none
-        steps.npz                if asked for: signals, latents and both meshes
+      render.json                all that decides the images
+      monday/000100/             samples 100 to 199 of monday.hdf5, whole or missing
+        000112.png               image of sample 112; samples without contact have none
+        steps.npz                optional: signals, latents and both meshes
       chain.png                  some samples from the electrodes to the image
 """
 
@@ -18,7 +18,7 @@ from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LOCK
 from simgen.errors import InputError, writing
 from simgen.learning.training.schema import RecordingFiles
-from simgen.learning.training.signals import felt
+from simgen.learning.training.signals import contact_signals
 from simgen.learning.training.translator import Translator
 from simgen.learning.translation.presses import STEPS, stages
 from simgen.sensing.camera.image_files import write_image
@@ -26,16 +26,16 @@ from simgen.sensing.camera.images import written_by_one
 from simgen.sensing.camera.renderer import Renderer
 from simgen.sensing.electrodes.recordings import read_recordings
 
-AT_ONCE = 100  # samples of a folder
+AT_ONCE = 100  # samples in a folder
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What is translated of a file.
+    """Samples in contact of a recording.
 
-    signals : (n, channel) in its unit
-    samples : (n,) their numbers in the file
-    at_rest : (channel,) mean of what the electrodes say without contact; of all samples if there is none without
+    signals : (n, channel) in the unit of the file
+    samples : (n,) numbers in the file
+    at_rest : (channel,) mean signals without contact; mean of all samples if all are in contact
     """
 
     path: Path
@@ -45,9 +45,9 @@ class Recording:
 
     @classmethod
     def read(cls, path: Path, settings: RecordingFiles, chosen: range | None = None) -> "Recording":
-        """The samples in contact, of those chosen. Raises `InputError` if there are none."""
+        """Read samples in contact, all or the chosen ones. Raises `InputError` if there are none."""
         found = read_recordings(path, meshes=False)
-        signals, contact = felt(path, found, settings)
+        signals, contact = contact_signals(path, found, settings)
         samples = np.flatnonzero(contact)
         if chosen is not None:
             samples = samples[(samples >= chosen.start) & (samples < chosen.stop)]
@@ -58,8 +58,8 @@ class Recording:
         return cls(path, signals[samples], samples, free.mean(axis=0))
 
     def blocks(self, folder: Path) -> dict[Path, np.ndarray]:
-        """Folder -> rows of the samples that belong there."""
-        blocks, first = np.unique(self.samples // AT_ONCE, return_index=True)  # samples rise
+        """Folders below ``folder`` -> rows of their samples."""
+        blocks, first = np.unique(self.samples // AT_ONCE, return_index=True)  # samples ascend
         rows = np.split(np.arange(len(self.samples)), first[1:])
         names = [f"{AT_ONCE * block:06d}" for block in blocks]
         return {folder / self.path.stem / name: own for name, own in zip(names, rows, strict=True)}
@@ -68,7 +68,7 @@ class Recording:
 def translate_block(
     recording: Recording, rows: np.ndarray, folder: Path, translator: Translator, renderer: Renderer, keep: bool
 ) -> int:
-    """Write one of `Recording.blocks`; returns the number of images, 0 if it was there. Raises `InputError`."""
+    """Write one of `Recording.blocks`. Returns the number of images, 0 if it exists. Raises `InputError`."""
     if folder.exists():
         return 0
     found = translator(recording.signals[rows])
@@ -86,7 +86,7 @@ def translate_block(
 def translate_recordings(
     recordings: list[Recording], folder: Path, translator: Translator, renderer: Renderer, keep: bool
 ) -> Iterator[int]:
-    """Write what is missing, a hundred samples at a time. Raises `InputError`."""
+    """Write missing images, and yield the number in each block. Raises `InputError`."""
     with written_by_one(folder):
         for recording in recordings:
             for block, rows in recording.blocks(folder).items():

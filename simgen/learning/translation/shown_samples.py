@@ -1,4 +1,4 @@
-"""Which samples a picture shows, and what is drawn of them."""
+"""Choice of the samples that figures show, and their stages."""
 
 from collections.abc import Iterator
 from itertools import zip_longest
@@ -13,12 +13,14 @@ from simgen.learning.translation.recordings import Recording
 from simgen.sensing.camera.renderer import Renderer
 
 COLUMNS = 6
-FRAMES = 60  # at most, of a recording's GIF
+FRAMES = 60  # most frames in the GIF of a recording
 
 
 def shown_presses(selection: PressSelection) -> list[int]:
-    """Up to `COLUMNS` presses, of indenters that are spread over all there are: of each the one that reaches furthest
-    on all sensors, then the next one; of several that do, another place for each indenter.
+    """Choose up to `COLUMNS` presses, of indenters spread over all.
+
+    The press of an indenter that reaches deepest on all sensors comes first. Of equally deep presses, each indenter
+    gets one at another place.
     """
     reached, queues = selection.paired.sum(axis=1), []
     indenter = selection.dataset["press/indenter"][selection.presses]
@@ -33,13 +35,13 @@ def shown_presses(selection: PressSelection) -> list[int]:
 
 
 def furthest_press(selection: PressSelection) -> int | None:
-    """The first press of those that reach furthest on all sensors; None if none has converged."""
+    """Choose the press that reaches deepest on all sensors, the first of equals; None if none has converged."""
     reached = selection.paired.sum(axis=1)
     return int(selection.presses[reached.argmax()]) if reached.any() else None
 
 
 def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_only: bool = False) -> list[ChainSample]:
-    """The samples of a press beside the truth; of its deepest alone if that is asked for."""
+    """Translate a press, with true images: all depths, or the deepest alone."""
     dataset, steps = meshes.dataset, meshes.steps(press)[-1 if last_only else 0 :]
     found = meshes.translated(press, steps)
     images = renderer(found.target)
@@ -53,7 +55,7 @@ def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_o
 def recording_steps(
     recording: Recording, rows: np.ndarray, translator: Translator, renderer: Renderer
 ) -> Iterator[ChainSample]:
-    """Samples of a recording, by row."""
+    """Translate rows (n,) of a recording."""
     found = translator(recording.signals[rows])
     images = renderer(found.target)
     for i, row in enumerate(rows):
@@ -62,5 +64,5 @@ def recording_steps(
 
 
 def spread(count: int, most: int) -> np.ndarray:
-    """At most ``most`` of ``count`` rows, evenly, the first and the last among them."""
+    """Choose at most ``most`` of ``count`` rows, evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))

@@ -1,4 +1,4 @@
-"""Maps of a sensor's skin, rolled out flat: position along the finger across the lateral arc (see `developed_skin`)."""
+"""Maps of a sensor's unrolled skin: lateral arc against position along the finger (see `developed_skin`)."""
 
 import numpy as np
 import trimesh
@@ -9,21 +9,26 @@ from simgen.errors import InputError
 from simgen.geometry.developed_skin import Skin
 from simgen.geometry.surface import ClosestPoint
 
-GRID_M = 5e-4  # between points that are found on the skin
-FINER = 2  # points of a map between two of those
+GRID_M = 5e-4  # spacing of points on the skin
+FINER = 2  # pixels of a map for each of these points, along each axis
 
 
 class UnfoldedSkin:
-    """A closed surface (vertex, 3) m with triangles (triangle, 3); of its vertices ``shown`` (vertex,) bool are drawn.
+    """Map of a closed surface.
 
-    extent : left, right, bottom, top of a map's edges, mm: lateral arc and position along the finger, its tip above
+    vertices : (vertex, 3), m
+    triangles : (triangle, 3)
+    shown : (vertex,) bool, True for vertices that the map shows
+    extent : left, right, bottom, top edge of the map, mm: lateral arc, and position along the finger with the tip above
+
+    Raises `InputError` if no skin can be unrolled.
     """
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray, shown: np.ndarray):
         skin = Skin(trimesh.Trimesh(vertices, triangles, process=False))
         self.vertices = len(vertices)
         drawn = vertices[shown]
-        half = np.pi * np.abs(drawn[:, 1:]).max()  # no section is longer
+        half = np.pi * np.abs(drawn[:, 1:]).max()  # no cross-section is longer
         along = np.arange(drawn[:, 0].min(), drawn[:, 0].max() + GRID_M, GRID_M)
         arc = np.arange(-half, half + GRID_M, GRID_M)
         found = [skin.points(x, arc) for x in along]
@@ -33,7 +38,7 @@ class UnfoldedSkin:
         on, _, face = ClosestPoint(vertices, triangles)(points[known])
         self._corners = triangles[face]
         self._weights = trimesh.triangles.points_to_barycentric(vertices[self._corners], on)
-        # As a field on the surface its outline is smooth; what is apart from the rest are slivers of a rim.
+        # Interpolation makes a smooth outline. Separate parts are slivers of a rim.
         inside = np.zeros(known.shape, bool)
         inside[known] = np.einsum("pk,pk->p", shown[self._corners], self._weights) >= 0.5
         parts, _ = label(inside)
@@ -54,23 +59,23 @@ class UnfoldedSkin:
         self.extent = left, right, bottom, top
 
     def map(self, values: np.ndarray) -> np.ndarray:
-        """(row, column) of values (vertex,); NaN where no skin is shown."""
+        """Image (row, column) of values (vertex,); NaN where no skin is shown."""
         image = np.full(self._known.shape, np.nan)
         image[self._known] = np.einsum("pk,pk->p", values[self._corners], self._weights)
         return image[self._box]
 
     def place(self, points: np.ndarray) -> np.ndarray:
-        """(n, 2) mm on a map: where the shown skin is nearest to points (n, 3) m."""
+        """Map positions (n, 2), mm, of the shown skin that is nearest to points (n, 3), m."""
         return self._flat[cKDTree(self._points).query(points)[1]]
 
 
 def _edges(middles: np.ndarray, part: slice) -> tuple[float, float]:
-    """Where a part of a line of pixels begins and ends."""
+    """Outer edges of a part of a line of pixels."""
     half = 0.5 * (middles[1] - middles[0])
     return middles[part][0] - half, middles[part][-1] + half
 
 
 def _largest(parts: np.ndarray) -> int:
-    """The label that most pixels have, but for 0; -1, which none has, if there is no other."""
+    """Most frequent label except 0; -1, which no pixel has, if there is none."""
     count = np.bincount(parts.ravel())[1:]
     return 1 + int(count.argmax()) if len(count) else -1

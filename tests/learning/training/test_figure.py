@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
+from simgen.learning.training.error_tables import Entry
 from simgen.learning.training.figure import draw, write_figure
 from simgen.learning.training.metrics import MeshErrors, SignalErrors
-from simgen.learning.training.table import Entry
 
 DEPTHS = np.array([0.2, 0.2, 0.4])
 

@@ -10,8 +10,8 @@ import pytest
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
 from simgen.learning.training.evaluation import evaluate
+from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.run import TrainingRun
-from simgen.learning.training.schema import NETWORKS
 from tests.learning.training import touched
 
 EARLY = {name: settings | {"epochs": 5, "patience": 1} for name, settings in touched.FITS.items()}

@@ -51,7 +51,7 @@ def test_shapes_and_units(network, displacement):
 def test_loss_is_that_of_the_parts_in_metres(network, displacement):
     """The decoder's metres, normalised again, give the error that the loss took without leaving its own order."""
     network.eval()
-    loss, error, divergence = network.loss(displacement, BETA)
+    loss, error, divergence = network.terms(displacement, BETA).values()
     normalised = (network(displacement) - displacement) / network.deviation
     mean, log_variance = network.encode(displacement)
     normal = torch.distributions.Normal(0.0, 1.0)
@@ -65,11 +65,11 @@ def test_it_learns_a_few_samples(network, displacement):
     optimizer = torch.optim.Adam(network.parameters(), 1e-3)
     for _ in range(200):
         optimizer.zero_grad()
-        network.loss(displacement, 0.0)[0].backward()
+        network.terms(displacement, 0.0)["loss"].backward()
         optimizer.step()
     network.eval()
     without_latents = ((displacement - network.mean) / network.deviation).square().mean()
-    assert float(network.loss(displacement, 0.0)[1].detach()) < 0.5 * without_latents
+    assert float(network.terms(displacement, 0.0)["mse"].detach()) < 0.5 * without_latents
 
 
 def test_evaluation_draws_nothing_and_training_does(network, displacement):

@@ -4,7 +4,6 @@ import pytest
 import torch
 from torch import nn
 
-from simgen.learning.training.checkpoint import count_parameters
 from simgen.learning.training.projection import Projection
 from simgen.learning.training.schema import ProjectionSettings, SignalProjectionSettings
 
@@ -19,7 +18,7 @@ from simgen.learning.training.schema import ProjectionSettings, SignalProjection
 def test_parameters_are_those_of_the_paper(settings, inputs, layers):
     """Four hidden layers of the widths that the paper states, and one more into the 128 latents."""
     network = Projection(inputs, 128, settings.widths, settings.dropout)
-    assert count_parameters(network) == sum((a + 1) * b for a, b in layers)
+    assert network.count_parameters() == sum((a + 1) * b for a, b in layers)
     assert [layer.p for layer in network.layers if isinstance(layer, nn.Dropout)] == list(settings.dropout)
 
 

@@ -25,8 +25,8 @@ from simgen.dataset.splits import IN_NONE, SPLITS
 from simgen.errors import InputError
 from simgen.learning.training import fit
 from simgen.learning.training import run as runs
+from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.run import STATE, TrainingRun, torch_device
-from simgen.learning.training.schema import NETWORKS
 from simgen.learning.training.step import TrainingStep
 from tests.learning.training import touched
 

@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from simgen.learning.training.checkpoint import count_parameters
 from simgen.learning.training.schema import SignalVAESettings
 from simgen.learning.training.signal_vae import SignalVAE
 from simgen.learning.training.variational import divergence
@@ -28,7 +27,7 @@ def test_parameters_are_those_of_the_paper():
     network = SignalVAE(torch.zeros(19), torch.ones(19), settings.widths, settings.latent)
     with_bias = [(19, 256), (256, 128), (128, 64), (8, 64), (64, 128), (128, 256)]
     without = [(64, 8), (64, 8), (256, 19)]
-    assert count_parameters(network) == sum((a + 1) * b for a, b in with_bias) + sum(a * b for a, b in without)
+    assert network.count_parameters() == sum((a + 1) * b for a, b in with_bias) + sum(a * b for a, b in without)
 
 
 def test_the_range_of_training_is_minus_one_to_one(network):

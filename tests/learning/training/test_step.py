@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from simgen.learning.training.schema import Fit
-from simgen.learning.training.step import TrainingStep, coarse_products
+from simgen.learning.training.step import TrainingStep, tf32_products
 
 CPU = torch.device("cpu")
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8  # of Adam (Kingma and Ba, ICLR 2015)
@@ -96,9 +96,9 @@ def test_a_new_step_has_no_state():
     assert Line().step().optimizer_state() == {}
 
 
-def test_coarse_products_end_with_the_block():
+def test_tf32_products_end_with_the_block():
     before = torch.get_float32_matmul_precision()
-    with pytest.raises(KeyError), coarse_products():
+    with pytest.raises(KeyError), tf32_products():
         assert torch.get_float32_matmul_precision() == "high"
         raise KeyError
     assert torch.get_float32_matmul_precision() == before

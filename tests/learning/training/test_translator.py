@@ -13,10 +13,9 @@ from simgen.errors import InputError
 from simgen.learning.training import translator
 from simgen.learning.training.chain import make_chain
 from simgen.learning.training.data import mesh_hash
-from simgen.learning.training.schema import NETWORKS
+from simgen.learning.training.networks import NETWORKS, WAYS
 from simgen.learning.training.translator import (
     MESHES_AT_ONCE,
-    WAYS,
     Translator,
     choose_way,
     hashes,

@@ -10,8 +10,9 @@ from scipy.spatial import Delaunay
 
 from simgen.config.strict_section import section_from_dict
 from simgen.dataset.reader import Dataset
+from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.run import TrainingRun
-from simgen.learning.training.schema import NETWORKS, TrainingJob
+from simgen.learning.training.schema import TrainingJob
 from simgen.pipeline.run import run
 from simgen.sensors.sensor_geometry import load_geometry
 

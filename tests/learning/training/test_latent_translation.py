@@ -3,7 +3,7 @@
 import safetensors.torch
 import torch
 
-from simgen.learning.training.translation import LEAST, LEAST_SIZE, Translation
+from simgen.learning.training.latent_translation import LEAST, LEAST_SIZE, LatentTranslation
 
 
 def curve(count: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -13,9 +13,9 @@ def curve(count: int) -> tuple[torch.Tensor, torch.Tensor]:
     return 3.0 + 0.01 * source, torch.stack([(2 * a).sin(), (a + b).cos(), a * b, b**2], dim=1)
 
 
-def new(source: torch.Tensor, target: torch.Tensor, noise: float = 0.0, power: float = 0.5) -> Translation:
+def new(source: torch.Tensor, target: torch.Tensor, noise: float = 0.0, power: float = 0.5) -> LatentTranslation:
     at_rest = source.mean(dim=0), target.mean(dim=0)
-    return Translation.of_samples(source, target, *at_rest, width=64, blocks=2, noise=noise, power=power)
+    return LatentTranslation.of_samples(source, target, *at_rest, width=64, blocks=2, noise=noise, power=power)
 
 
 def test_the_loss_is_the_norm_of_the_error():
@@ -110,7 +110,7 @@ def test_a_file_holds_all_of_it(tmp_path):
     source, target = curve(5)
     network = new(source, target, noise=0.2).eval()
     safetensors.torch.save_file(network.state_dict(), tmp_path / "network.safetensors")
-    loaded = Translation.empty(network.settings()).eval()
+    loaded = LatentTranslation.empty(network.settings()).eval()
     loaded.load_state_dict(safetensors.torch.load_file(tmp_path / "network.safetensors"))
     assert loaded.settings() == network.settings()
     assert torch.equal(loaded(source), network(source))

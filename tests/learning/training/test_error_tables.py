@@ -1,54 +1,31 @@
-"""The table of models: what stands where, what is said of those that fail, and that files appear whole."""
+"""Tables of errors: their cells, the comparison with the best baseline, and files that appear whole."""
 
 import csv
 import io
 import json
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from simgen.dataset import atomic_files
 from simgen.errors import InputError
-from simgen.learning.training import table
-from simgen.learning.training.metrics import MeshErrors, SignalErrors
-from simgen.learning.training.table import (
+from simgen.learning.training import error_tables
+from simgen.learning.training.error_tables import (
     COLUMNS,
     PUBLISHED,
-    Entry,
-    console_tables,
     markdown,
     metrics_csv,
     metrics_json,
 )
-
-LABELS = {"indenter": np.array(["ball", "ring", "ball"]), "depth_mm": np.array([0.2, 0.2, 0.4])}
-
-
-def errors(rmse: float, overlap: float = np.nan) -> MeshErrors:
-    """Three samples, rmse - 1, rmse and rmse + 1; the last has no deformation region."""
-    own = rmse + np.array([-1.0, 0.0, 1.0])
-    region = np.array([own[0], own[1], np.nan])
-    return MeshErrors(np.arange(3), own, own, region, region, 3 * own, 5 * own, np.full(3, overlap))
-
-
-def entry(model: str, rmse: float, **rest) -> Entry:
-    return Entry(rest.pop("task", "digit mesh"), model, errors(rmse), 1234, labels=LABELS, **rest)
+from simgen.learning.training.metrics import MeshErrors, SignalErrors
+from tests.learning.training import model_errors
+from tests.learning.training.model_errors import entry
 
 
 @pytest.fixture
-def entries() -> list[Entry]:
-    signals = SignalErrors(np.arange(2), np.array([0.05, 0.07]))
-    return [
-        entry("rest", 90.0, baseline=True),
-        entry("PCA-128", 20.0, baseline=True),
-        entry("MVD", 30.0, published="MVD"),
-        entry("ours", 10.0),
-        entry("MVB", 30.0, task="biotac mesh", published="MVB"),
-        Entry("signals", "SVB", signals, 99, published="SVB"),
-    ]
+def entries():
+    return model_errors.entries()
 
 
 def rows(text: str) -> dict[str, list[str]]:
@@ -66,11 +43,11 @@ def test_a_network_that_is_worse_than_pca_says_so(entries):
 
 
 def test_as_good_as_pca_is_not_better(entries):
-    assert table.note(entry("even", 20.0), entries) == "no better than PCA-128"
+    assert error_tables.note(entry("even", 20.0), entries) == "no better than PCA-128"
 
 
 def test_a_network_without_a_number_is_not_better(entries):
-    assert table.note(entry("lost", np.nan), entries) == "no better than PCA-128"
+    assert error_tables.note(entry("lost", np.nan), entries) == "no better than PCA-128"
 
 
 def test_the_figures_of_the_paper_stand_below_those_of_the_network(entries):
@@ -121,40 +98,8 @@ def test_the_csv_has_a_line_for_each_model_and_group(entries):
     assert float(own["SVB", "all", ""]["rmse_mean"]) == pytest.approx(0.06)
 
 
-def printed(entries, width: int) -> list[str]:
-    """The lines of the console's tables."""
-    console = Console(width=width, record=True, file=io.StringIO())
-    for each in console_tables(entries):
-        console.print(each)
-    return console.export_text().splitlines()
-
-
-def test_the_console_shows_means_and_what_they_are_beside_the_bar(entries):
-    split = [line.strip().split("  ") for line in printed(entries, 80)]
-    lines = {cells[0]: " ".join(cells).split() for cells in reversed(split)}  # the first of each
-    assert lines["model"] == ["model", "RMSE", "region", "MED", "p99", "overlap", "params", "note"]
-    assert lines["PCA-128"][1:] == ["20.00", "19.5", "20.0", "60.0", "-", "1.2k", "the", "bar"]
-    assert lines["MVD"][1:] == ["30.00", "29.5", "30.0", "90.0", "-", "1.2k", "1.5", "worse"]
-    assert lines["MVD (ACROSS)"][2:] == ["9.28", "12.4", "-", "-", "-", "-", "published"]
-    assert lines["ours"][-1] == "0.50"
-    assert lines["SVB"][1:] == ["0.0600", "99"]
-    assert any("Note: RMSE over that of PCA-128." in line for line in printed(entries, 80))
-
-
-@pytest.mark.parametrize("width", [80, 120])
-def test_the_longest_names_and_errors_of_a_millimetre_fit_on_the_console(width):
-    names = {"rest": 0, "ridge to PCA-128": 123_456, "S2MPN, M2MPN": 98_765_432, "S2RM, RM2RM (ours)": 1_234_567_890}
-    own = {name: entry(name, 312.0, baseline=name.startswith("ridge")) for name in names}
-    entries = [replace(own[name], parameters=count, errors=errors(312.0, 0.5)) for name, count in names.items()]
-    lines = [line for line in printed(entries, width) if line.strip()]
-    assert all(len(line.rstrip()) <= width for line in lines)
-    rows = [line for line in lines if "312.00" in line]
-    assert [line[:20].strip() for line in rows] == list(names)  # a row each, no name in two lines
-    assert [line.split("0.500")[1].split()[0] for line in rows] == ["0", "123.5k", "98.8M", "1.2G"]
-
-
 def test_three_files_are_written_and_nothing_beside_them(entries, tmp_path):
-    table.write_tables(tmp_path / "new" / "folder", entries)
+    error_tables.write_tables(tmp_path / "new" / "folder", entries)
     files = {file.name: file.read_text() for file in (tmp_path / "new" / "folder").iterdir()}
     assert files == {
         "table.md": markdown(entries),
@@ -164,7 +109,7 @@ def test_three_files_are_written_and_nothing_beside_them(entries, tmp_path):
 
 
 def test_a_disk_that_is_full_leaves_the_old_files(entries, tmp_path, monkeypatch):
-    table.write_tables(tmp_path, entries[:1])
+    error_tables.write_tables(tmp_path, entries[:1])
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
     written = []
 
@@ -174,7 +119,7 @@ def test_a_disk_that_is_full_leaves_the_old_files(entries, tmp_path, monkeypatch
         written.append(data)
         return atomic_files.write_aside(folder, data)
 
-    monkeypatch.setattr(table, "write_aside", full)
+    monkeypatch.setattr(error_tables, "write_aside", full)
     with pytest.raises(InputError, match="cannot be written: No space left"):
-        table.write_tables(tmp_path, entries)
+        error_tables.write_tables(tmp_path, entries)
     assert written and {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before

@@ -1,37 +1,38 @@
-"""From electrode signals, or one sensor's latents, to the latents of a reduced model. Not of the paper: ours.
+"""S2RM and RM2RM, ours: from electrode signals, or one sensor's latents, to the latents of a reduced model.
 
-Latents of `training.reduced_model` have one unit, so their error is the error of the coarse mesh, and that is
-what is minimised. As an input they keep that unit too: divided by deviations of their own, the many small ones, which
-say least of where the contact is, would count as much as the large ones, and contacts that training has not seen come
-out worse.
+**One unit.** All latents of `simgen.learning.training.reduced_model` have one unit, so that their error is the error of
+the coarse mesh. The loss is this error. Inputs keep their common unit too. Divided by its own deviation, each of the
+many small latents would count as much as the large ones that locate the contact, and new contacts come out worse.
 
-What lies at one place looks much the same at all depths, but for its size: were all linear, a press twice as deep would
-be twice the field. So the network is given an input over how far it is from rest, and the logarithm of that; what comes
-out is multiplied by it. A shallow press is then seen as sharply as a deep one, as in the reduced models.
+**Relative inputs.** In a linear system, a press twice as deep gives twice the field. So the network takes its input
+over the input's distance from rest, and the logarithm of this distance. Its output is multiplied by the distance. A
+shallow press then counts as much as a deep one.
 
-Noise on inputs that another network predicts makes up for the errors that these will have (Bishop, Neural Computation
-7, 1995, on what it does); on measured ones it only blurs.
+**Noise.** Noise on predicted inputs stands for the errors that they will have (Bishop, Neural Computation 7, 1995). On
+measured inputs it only blurs.
 """
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-LEAST = 1e-5  # of a latent error: the root has a slope there, too
-LEAST_SIZE = 1e-2  # of a sample over that of all, likewise: what is nearer to rest counts as so far
+from simgen.learning.training.network import Network, Terms
+from simgen.learning.training.network_data import NetworkData
+
+LEAST = 1e-5  # least latent error: keeps the slope of the root finite
+LEAST_SIZE = 1e-2  # least distance from rest, relative to the mean over training
 
 
-class Translation(nn.Module):
+class LatentTranslation(Network):
     """A perceptron with residual blocks: (n, inputs) to latents (n, outputs).
 
         y = y_0 + s f((x - x_0) / s, log s),   s^2 = |x - x_0|^2 + 0.01^2
 
-    with inputs x_0 and latents y_0 at rest. The norm is a root mean square over inputs, in units of that of training.
+    with inputs x_0 and latents y_0 at rest. The norm is a root mean square over inputs, 1 over all training.
 
-    noise : standard deviation of what training adds to each input, over that sample's own s
+    noise : standard deviation of the noise that training adds to each input, relative to the sample's own s
     power : see `terms`
     """
 
@@ -41,20 +42,29 @@ class Translation(nn.Module):
         super().__init__()
         self.noise, self.power = noise, power
         self.register_buffer("source_rest", torch.zeros(inputs))
-        self.register_buffer("source_size", torch.ones(()))  # root mean square of all inputs of training
+        self.register_buffer("source_size", torch.ones(()))  # root mean square of all training inputs
         self.register_buffer("target_rest", torch.zeros(outputs))
-        self.register_buffer("target_size", torch.ones(()))  # likewise of the norms of its latents
+        self.register_buffer("target_size", torch.ones(()))  # root mean square of the norms of training outputs
         self.first = nn.Linear(inputs + 1, width)
         self.blocks = nn.ModuleList(Block(width) for _ in range(blocks))
         self.last = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, outputs))
 
     @classmethod
+    def for_training(cls, data: NetworkData) -> tuple[Self, Terms]:
+        settings = data.settings
+        network = cls.of_samples(
+            data.inputs(data.train), data.outputs(data.train), data.inputs_at_rest, data.outputs_at_rest,
+            width=settings.width, blocks=settings.blocks, noise=settings.noise, power=settings.power,
+        )  # fmt: skip
+        return network, lambda rows: network.terms(data.inputs(rows), data.outputs(rows))
+
+    @classmethod
     def of_samples(
         cls, source: Tensor, target: Tensor, source_rest: Tensor, target_rest: Tensor, **settings: Any
     ) -> Self:
-        """A new network for the samples of training: source (sample, inputs), target (sample, outputs).
+        """Make a network for training samples: source (sample, inputs), target (sample, outputs).
 
-        source_rest, target_rest : (inputs,) and (outputs,), where nothing is deformed
+        source_rest, target_rest : (inputs,) and (outputs,) of the undeformed sensor
         """
         network = cls(source.shape[1], target.shape[1], **settings).to(source.device)
         network.source_rest.copy_(source_rest)
@@ -67,7 +77,6 @@ class Translation(nn.Module):
         return network
 
     def settings(self) -> dict[str, Any]:
-        """What `empty` needs."""
         return {
             "inputs": len(self.source_rest),
             "outputs": len(self.target_rest),
@@ -77,17 +86,8 @@ class Translation(nn.Module):
             "power": self.power,
         }
 
-    @classmethod
-    def empty(cls, settings: Mapping[str, Any]) -> Self:
-        """A network of these `settings`, whose state is to be loaded."""
-        return cls(**settings)
-
-    def count_parameters(self) -> int:
-        """Numbers that training changes."""
-        return sum(parameter.numel() for parameter in self.parameters())
-
     def forward(self, source: Tensor) -> Tensor:
-        """(n, outputs) of (n, inputs)."""
+        """Latents (n, outputs) of inputs (n, inputs)."""
         x = (source - self.source_rest) / self.source_size
         size = (x.square().mean(dim=1, keepdim=True) + LEAST_SIZE**2).sqrt()
         x = x / size
@@ -99,11 +99,11 @@ class Translation(nn.Module):
         return self.target_rest + size * self.last(x)
 
     def terms(self, source: Tensor, target: Tensor) -> dict[str, Tensor]:
-        """What is minimised, and the error: Euclidean norms of samples' latent errors, means over samples.
+        """Loss and error: means over samples of the Euclidean norm of latent errors.
 
-        With latents of a reduced model an error is the root mean square error of the coarse mesh, over its amplitude.
-        In the loss it is divided by a power of how far the sample is from rest: with 0 the loss is the error, in which
-        shallow presses count for little, with 1 it is relative.
+        For latents of a reduced model, the norm is the root mean square error of the coarse mesh over its amplitude.
+        The loss divides it by the sample's distance from rest to the ``power``: 0 gives the error itself, in which
+        shallow presses count for little; 1 gives the relative error.
         """
         error = ((self(source) - target).square().sum(dim=1) + LEAST**2).sqrt()
         size = (target - self.target_rest).norm(dim=1) / self.target_size
@@ -111,7 +111,7 @@ class Translation(nn.Module):
 
 
 class Block(nn.Module):
-    """x + W f(V norm(x)), which starts at x (He et al., 2016; normalised first, as in Xiong et al., 2020)."""
+    """Residual block x + W f(V norm(x)) that starts as the identity (He et al., 2016; Xiong et al., 2020)."""
 
     def __init__(self, width: int):
         super().__init__()

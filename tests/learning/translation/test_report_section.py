@@ -13,8 +13,8 @@ from refusal import check_refusal, simgen
 
 from simgen import report
 from simgen.dataset.reader import Dataset
-from simgen.learning.translation import section
-from simgen.learning.translation.section import DEPTHS, TITLE, translated_section
+from simgen.learning.translation import report_section
+from simgen.learning.translation.report_section import DEPTHS, TITLE, translated_section
 from simgen.pipeline.run import run
 from simgen.report.overview import job_section
 
@@ -28,9 +28,9 @@ def shown(with_electrodes, networks):
         steps.extend(original(*arguments))
         return list(steps)
 
-    original = section.press_steps
+    original = report_section.press_steps
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(section, "press_steps", press_steps)
+        patch.setattr(report_section, "press_steps", press_steps)
         return list(translated_section(with_electrodes, networks)), steps
 
 
@@ -68,7 +68,7 @@ def test_the_truth_stands_beside(with_electrodes, shown):
     """Each sample has the image of its simulated mesh, larger as the press goes on."""
     lines, steps = shown
     press = press_of(lines)
-    rest = section.Renderer.of_dataset(with_electrodes, "digit", section.LOOK)
+    rest = report_section.Renderer.of_dataset(with_electrodes, "digit", report_section.LOOK)
     truth = rest(with_electrodes.displacement("digit", press))
     assert [np.array_equal(step.truth, image) for step, image in zip(steps, truth, strict=True)] == [True] * 4
 
@@ -90,7 +90,7 @@ def test_without_a_sample_of_test_another_press_is_shown(with_electrodes, networ
 def test_an_indenter_keeps_its_name(with_electrodes, networks, monkeypatch):
     dataset = Dataset(with_electrodes.path)
     monkeypatch.setattr(dataset, "indenters", ("Ball_A", "Ball_B", "Ball<C>"))
-    monkeypatch.setattr(section, "furthest_press", lambda selection: 26)
+    monkeypatch.setattr(report_section, "furthest_press", lambda selection: 26)
     assert next(translated_section(dataset, networks)).startswith("<p>Ball&lt;C&gt;, press 26, split test: ")
 
 
@@ -107,7 +107,7 @@ def short(monkeypatch):
 
 def test_the_page_has_the_section(with_electrodes, networks, short, tmp_path, monkeypatch, capfd):
     page = tmp_path / "page.html"
-    monkeypatch.setattr(section, "furthest_press", lambda selection: 25)  # two samples: less to draw
+    monkeypatch.setattr(report_section, "furthest_press", lambda selection: 25)  # two samples: less to draw
     command = ["report", str(with_electrodes.path), "--networks", str(networks), "-o", str(page)]
     code, said, errors = simgen(command, monkeypatch, capfd)
     assert code == 0 and f"wrote {page}" in said, errors

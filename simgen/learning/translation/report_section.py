@@ -1,4 +1,4 @@
-"""A translated press for the report: what networks make of the electrodes, beside the truth."""
+"""Section of the report with a translated press beside the truth."""
 
 import html
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ DEPTHS = 5
 
 
 def translated_section(dataset: Dataset, networks: Path) -> Iterator[str]:
-    """Of the press that goes furthest, of those that nobody has trained with if there is one.
+    """Show the deepest press, of the test split if it has one that converged.
 
-    Raises `InputError` where networks and dataset do not fit each other.
+    Raises `InputError` if networks and dataset do not fit each other.
     """
     way, job = choose_way(networks, None), read_job(networks)
     meshes = TranslatedMeshes(dataset, networks, way)

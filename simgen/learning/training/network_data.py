@@ -1,0 +1,143 @@
+"""What each network learns from: inputs and outputs of the same samples, as tensors by row number."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from simgen.dataset.splits import SPLITS
+from simgen.errors import InputError
+from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
+from simgen.learning.training.networks import NETWORKS, SIGNALS, SOURCE, NetworkSpec
+from simgen.learning.training.pca import Values
+from simgen.learning.training.schema import TrainingJob
+from simgen.learning.training.signals import SignalData, read_signals
+
+
+@dataclass
+class TrainingInputs:
+    """Data on a device, and the networks that were trained before.
+
+    trained : name -> network. Raises `InputError` if it is not trained yet
+    """
+
+    job: TrainingJob
+    data: TrainingData
+    trained: Callable[[str], nn.Module]
+
+    @cached_property
+    def signals(self) -> SignalData:
+        """Electrode signals of the job; the first call may take minutes."""
+        job = self.job
+        return read_signals(self.data, job.source, job.signals, job.folder, job.seed)
+
+    @property
+    def source(self) -> MeshSamples:
+        return self.data.meshes[self.job.source]
+
+    @property
+    def target(self) -> MeshSamples:
+        return self.data.meshes[self.job.target]
+
+    def check(self, networks: Collection[str]) -> None:
+        """Raise `InputError` if samples are missing that these networks, or their tests, need."""
+        specs = [NETWORKS[name] for name in networks]
+        with_signals = [spec for spec in specs if spec.inputs == SIGNALS]
+        for split in SPLITS:
+            self.data.rows(split)
+            if with_signals:
+                self.signals.rows(split)
+        for spec in with_signals:
+            if spec.outputs != SIGNALS:
+                self.truth(SIGNALS, spec.outputs)
+
+    def meshes(self, quantity: str) -> MeshSamples:
+        """Meshes of the dataset; ``quantity`` is "source" or "target"."""
+        return self.source if quantity == SOURCE else self.target
+
+    def values(self, quantity: str) -> Values:
+        """Row numbers (n,) -> signals (n, channel), or displacements (n, vertex, 3) in m."""
+        return self.signals.values.__getitem__ if quantity == SIGNALS else self.meshes(quantity).displacement
+
+    def truth(self, inputs: str, outputs: str) -> MeshSamples:
+        """Meshes that belong to inputs. Raises `InputError` for recordings without them."""
+        if inputs != SIGNALS:
+            return self.meshes(outputs)
+        if outputs == SOURCE:
+            return self.signals.with_meshes()
+        if not self.signals_have_target:
+            raise InputError("signals.recordings: hold no meshes of the target; allowed: synthetic signals")
+        return self.target
+
+    @property
+    def signals_have_target(self) -> bool:
+        """True for synthetic signals: they belong to samples of the dataset."""
+        return self.signals.meshes is self.source
+
+    def rows(self, inputs: str, split: str) -> Tensor:
+        """Row numbers of a split, for tasks with these inputs. Raises `InputError` if there are none."""
+        return (self.signals if inputs == SIGNALS else self.data).rows(split)
+
+
+class NetworkData:
+    """Data of one network: samples by row number, on one device.
+
+    settings : the network's section of the job
+    train, validation : row numbers
+    inputs, outputs : row numbers (n,) -> signals (n, channel) in V or as recorded, displacements (n, vertex, 3) in m,
+        or latents (n, latent) of the network's encoder or decoder
+    """
+
+    def __init__(self, spec: NetworkSpec, training: TrainingInputs):
+        self._spec, self._training = spec, training
+        self.settings: Any = training.job.fit_of(spec.name)
+        self.train, self.validation = (training.rows(spec.inputs, split) for split in ("train", "validation"))
+        outputs = training.values(SIGNALS) if spec.outputs == SIGNALS else self.meshes.displacement
+        self.inputs = self._encoded(training.values(spec.inputs), spec.encoder)
+        self.outputs = self._encoded(outputs, spec.decoder)
+
+    @property
+    def signals(self) -> SignalData:
+        """Electrode signals, for networks that learn from them."""
+        return self._training.signals
+
+    @property
+    def meshes(self) -> MeshSamples:
+        """Meshes that the network predicts, or that its outputs are decoded to."""
+        return self._training.truth(self._spec.inputs, self._spec.outputs)
+
+    @property
+    def inputs_at_rest(self) -> Tensor:
+        """Inputs (...) of the undeformed sensor."""
+        return self._at_rest(self._spec.inputs, self._spec.encoder)
+
+    @property
+    def outputs_at_rest(self) -> Tensor:
+        """Outputs (...) of the undeformed sensor."""
+        return self._at_rest(self._spec.outputs, self._spec.decoder)
+
+    def _encoded(self, values: Values, network: str | None) -> Values:
+        if network is None:
+            return values
+        count = len(self.signals.values) if self._spec.inputs == SIGNALS else len(self._training.data)
+        return latents(self._training.trained(network), values, count).__getitem__
+
+    def _at_rest(self, quantity: str, network: str | None) -> Tensor:
+        rest = self.signals.rest if quantity == SIGNALS else torch.zeros_like(self._training.meshes(quantity).rest)
+        return rest if network is None else encoded_at_rest(self._training.trained(network), rest)
+
+
+@torch.no_grad()
+def latents(network: nn.Module, values: Values, count: int) -> Tensor:
+    """Mean latents (sample, latent) of the first ``count`` samples."""
+    device = next(network.parameters()).device
+    return torch.cat([network.encode(values(rows))[0] for rows in torch.arange(count, device=device).split(BATCH)])
+
+
+@torch.no_grad()
+def encoded_at_rest(network: nn.Module, rest: Tensor) -> Tensor:
+    """Mean latent (latent,) of one sample (...)."""
+    return network.encode(rest[None])[0][0]

@@ -1,0 +1,99 @@
+"""The table of networks: what `simgen train` can train, what each network learns, and which class it is.
+
+A network is one file with its class (`simgen.learning.training.network.Network`) and one entry here. This module does
+not import PyTorch, so that a job can be read without it.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+# What networks learn from and predict: electrode signals, and meshes of the job's sensors `source` and `target`.
+SIGNALS, SOURCE, TARGET = "signals", "source", "target"
+TASKS = (
+    (SIGNALS, SIGNALS), (SOURCE, SOURCE), (TARGET, TARGET), (SIGNALS, SOURCE), (SOURCE, TARGET), (SIGNALS, TARGET),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NetworkSpec:
+    """One network.
+
+    name : names the network in jobs, and its folder
+    label : names the network in tables of errors
+    settings : section of the training job with its settings
+    inputs, outputs : what it learns from and predicts, one of `TASKS`
+    network : import path of its class
+    encoder : network whose latents it takes in place of ``inputs``
+    decoder : network whose latents it predicts in place of ``outputs``
+    published : mean errors that the ACROSS paper reports for it, by measure of `simgen.learning.training.metrics`
+    """
+
+    name: str
+    label: str
+    settings: str
+    inputs: str
+    outputs: str
+    network: str
+    encoder: str | None = None
+    decoder: str | None = None
+    published: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Names of the networks that are trained before this one."""
+        return tuple(name for name in (self.encoder, self.decoder) if name)
+
+
+# A network stands after those that it needs.
+NETWORKS: dict[str, NetworkSpec] = {
+    spec.name: spec
+    for spec in (
+        # ACROSS (Zai El Amri et al., ICRA 2025)
+        NetworkSpec("svb", "SVB", "signal_vae", SIGNALS, SIGNALS,
+                    "simgen.learning.training.signal_vae.SignalVAE", published={"rmse": 0.060}),
+        NetworkSpec("mvb", "MVB", "mesh_vae", SOURCE, SOURCE,
+                    "simgen.learning.training.mesh_vae.MeshVAE",
+                    published={"rmse_um": 12.28, "region_rmse_um": 16.03}),
+        NetworkSpec("mvd", "MVD", "mesh_vae", TARGET, TARGET,
+                    "simgen.learning.training.mesh_vae.MeshVAE",
+                    published={"rmse_um": 9.28, "region_rmse_um": 12.43}),
+        NetworkSpec("s2mpn", "S2MPN", "signal_projection", SIGNALS, SOURCE,
+                    "simgen.learning.training.projection.Projection", encoder="svb", decoder="mvb",
+                    published={"rmse_um": 78.21, "region_rmse_um": 94.07}),
+        NetworkSpec("m2mpn", "M2MPN", "mesh_projection", SOURCE, TARGET,
+                    "simgen.learning.training.projection.Projection", encoder="mvb", decoder="mvd",
+                    published={"rmse_um": 21.57, "region_rmse_um": 27.72}),
+        # Ours
+        NetworkSpec("rmb", "RMB (ours)", "reduced_model", SOURCE, SOURCE,
+                    "simgen.learning.training.reduced_model.ReducedModel"),
+        NetworkSpec("rmd", "RMD (ours)", "reduced_model", TARGET, TARGET,
+                    "simgen.learning.training.reduced_model.ReducedModel"),
+        NetworkSpec("s2rm", "S2RM (ours)", "signal_translation", SIGNALS, SOURCE,
+                    "simgen.learning.training.latent_translation.LatentTranslation", decoder="rmb"),
+        NetworkSpec("rm2rm", "RM2RM (ours)", "mesh_translation", SOURCE, TARGET,
+                    "simgen.learning.training.latent_translation.LatentTranslation", encoder="rmb", decoder="rmd"),
+    )
+}  # fmt: skip
+
+# Ways of `simgen translate`, the default first: signals to the source's latents, these to the target's.
+WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn")}
+
+
+def chains(inputs: str, outputs: str) -> Iterator[tuple[str, ...]]:
+    """Names of networks that lead from inputs to outputs: each that does so alone, then each pair.
+
+    The second network of a pair continues from the latents, or the mesh, that the first one predicts.
+    """
+    alone = [spec for spec in NETWORKS.values() if (spec.inputs, spec.outputs) == (inputs, outputs)]
+    yield from ((spec.name,) for spec in alone)
+    steps = [spec for spec in NETWORKS.values() if spec.inputs != spec.outputs]
+    for first in steps:
+        for second in steps:
+            joined = (first.outputs, first.decoder) == (second.inputs, second.encoder)
+            if joined and (first.inputs, second.outputs) == (inputs, outputs):
+                yield first.name, second.name
+
+
+def label_of(names: tuple[str, ...]) -> str:
+    """Label of a chain in tables of errors: "S2RM, RM2RM (ours)"."""
+    return ", ".join(NETWORKS[name].label for name in names).replace(" (ours),", ",")

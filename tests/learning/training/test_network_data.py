@@ -1,0 +1,75 @@
+"""What each network learns from: the right quantity, the right rows, latents of the right networks."""
+
+import pytest
+import torch
+
+from simgen.errors import InputError
+from simgen.learning.training import network_data
+from simgen.learning.training.network_data import NetworkData, TrainingInputs, encoded_at_rest, latents
+from simgen.learning.training.networks import NETWORKS
+
+
+@pytest.fixture
+def inputs(trained) -> TrainingInputs:
+    return trained.inputs
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_settings_and_rows_are_those_of_the_job_and_of_the_splits(inputs, name):
+    data = NetworkData(NETWORKS[name], inputs)
+    assert data.settings == getattr(inputs.job, NETWORKS[name].settings)
+    for rows, split in zip((data.train, data.validation), ("train", "validation"), strict=True):
+        assert torch.equal(rows, inputs.data.rows(split))
+
+
+@pytest.mark.parametrize(
+    ("name", "encoder", "decoder"),
+    [("s2mpn", "svb", "mvb"), ("m2mpn", "mvb", "mvd"), ("s2rm", None, "rmb"), ("rm2rm", "rmb", "rmd"),
+     ("svb", None, None), ("mvb", None, None), ("rmd", None, None)],
+)  # fmt: skip
+@torch.no_grad()
+def test_inputs_and_outputs_are_of_the_same_samples(inputs, name, encoder, decoder):
+    data, rows = NetworkData(NETWORKS[name], inputs), torch.tensor([3, 77, 20])
+    signals = inputs.signals.values[rows]
+    meshes = {sensor: inputs.meshes(sensor).displacement(rows) for sensor in ("source", "target")}
+    source, target = ({"signals": signals, **meshes}[each] for each in (NETWORKS[name].inputs, NETWORKS[name].outputs))
+    if encoder is not None:
+        source = inputs.trained(encoder).encode(source)[0]
+    if decoder is not None:
+        target = inputs.trained(decoder).encode(target)[0]
+    torch.testing.assert_close(data.inputs(rows), source)  # of other batches
+    torch.testing.assert_close(data.outputs(rows), target)
+
+
+@pytest.mark.parametrize("batch", [1, 7, 512])
+def test_batches_change_no_latent(inputs, monkeypatch, batch):
+    monkeypatch.setattr(network_data, "BATCH", batch)
+    values, network = inputs.signals.values, inputs.trained("svb")
+    found = latents(network, lambda rows: values[rows], 20)
+    torch.testing.assert_close(found, network.encode(values[:20])[0].detach())
+
+
+def test_rest_is_no_displacement_and_the_signals_without_contact(inputs):
+    rmb, rmd = (inputs.trained(name) for name in ("rmb", "rmd"))
+    at_rest = [model.encode(torch.zeros(1, model.vertices, 3))[0][0].detach() for model in (rmb, rmd)]
+    of_signals, of_meshes = (NetworkData(NETWORKS[name], inputs) for name in ("s2rm", "rm2rm"))
+    torch.testing.assert_close(of_signals.inputs_at_rest, inputs.signals.rest)
+    torch.testing.assert_close(of_signals.outputs_at_rest, at_rest[0])
+    torch.testing.assert_close(of_meshes.inputs_at_rest, at_rest[0])
+    torch.testing.assert_close(of_meshes.outputs_at_rest, encoded_at_rest(rmd, torch.zeros(rmd.vertices, 3)))
+    torch.testing.assert_close(of_meshes.outputs_at_rest, at_rest[1])
+
+
+def test_missing_meshes_stop_only_networks_that_need_them(inputs):
+    def no_meshes():
+        raise InputError("no meshes")
+
+    recorded = TrainingInputs(inputs.job, inputs.data, inputs.trained)
+    signals = {"rows": inputs.signals.rows, "with_meshes": no_meshes, "meshes": None}
+    recorded.__dict__["signals"] = type("NoMeshes", (), signals)
+    recorded.check([name for name in NETWORKS if name not in ("s2mpn", "s2rm")])
+    for name in ("s2mpn", "s2rm"):
+        with pytest.raises(InputError, match="no meshes"):
+            recorded.check([name])
+    with pytest.raises(InputError, match="recordings: hold no meshes of the target; allowed: synthetic signals"):
+        recorded.truth("signals", "target")
