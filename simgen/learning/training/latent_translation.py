@@ -1,15 +1,8 @@
 """S2RM and RM2RM, ours: from electrode signals, or one sensor's latents, to the latents of a reduced model.
 
-**One unit.** All latents of `simgen.learning.training.reduced_model` have one unit, so that their error is the error of
-the coarse mesh. The loss is this error. Inputs keep their common unit too. Divided by its own deviation, each of the
-many small latents would count as much as the large ones that locate the contact, and new contacts come out worse.
-
-**Relative inputs.** In a linear system, a press twice as deep gives twice the field. So the network takes its input
-over the input's distance from rest, and the logarithm of this distance. Its output is multiplied by the distance. A
-shallow press then counts as much as a deep one.
-
-**Noise.** Noise on predicted inputs stands for the errors that they will have (Bishop, Neural Computation 7, 1995). On
-measured inputs it only blurs.
+Inputs keep their common unit. Divided by its own deviation, each of the many small latents would count as much as the
+large ones that locate the contact, and new contacts come out worse. Noise on predicted inputs stands for the errors
+that they will have (Bishop, Neural Computation 7, 1995).
 """
 
 from typing import Any, ClassVar, Self

@@ -1,12 +1,8 @@
 """RMB and RMD, ours: a reduced-order model of one sensor's mesh, principal components with a convolutional closure.
 
-Latents are the coefficients of the first principal components, the best linear encoding. The components leave out fine
-detail: rims of the contact, edges of the indenter. The coarse field around a vertex predicts much of this detail, in
-the same way all over the sensor. So a few convolutions on the mesh add it to the decoded field, as in image
-super-resolution (residual learning: Kim, Lee and Lee, CVPR 2016). In reduced-order modelling this is a closure
-(Barnett, Farhat and Maday, Journal of Computational Physics 492, 2023); there a perceptron learns it for all
-coefficients at once. Convolutions share weights between vertices, and so learn it from fewer contacts. Training starts
-at PCA, with a correction of zero.
+Convolutions on the mesh predict the fine detail that the components leave out, as in image super-resolution (Kim, Lee
+and Lee, CVPR 2016). In reduced-order modelling this is a closure (Barnett, Farhat and Maday, Journal of Computational
+Physics 492, 2023). Training starts at PCA, with a correction of zero.
 """
 
 from typing import Any, ClassVar, Self

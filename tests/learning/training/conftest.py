@@ -1,7 +1,5 @@
 """A dataset with a mesh that networks can learn on, made in a second."""
 
-from functools import cache
-
 import fake
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ from scipy.spatial import Delaunay
 
 from simgen.learning.training.data import load_training_data
 from simgen.pipeline.run import run
-from simgen.sensing.electrodes import gaps as electrode_gaps
 
 THREADS = torch.get_num_threads()
 
@@ -37,11 +34,3 @@ def learnable(tmp_path_factory):
 @pytest.fixture(scope="session")
 def data(learnable):
     return load_training_data(learnable.path, ("biotac", "digit"), torch.device("cpu"), lambda items, about: items)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_model():
-    """The BioTac's model is read once, and not for each of a dozen trainings: 2 s each."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(electrode_gaps, "load_geometry", cache(electrode_gaps.load_geometry))
-        yield

@@ -1,23 +1,12 @@
-"""Networks and the dataset that they were trained on, as the tests of training make them, and what is drawn of both."""
-
-from functools import cache
+"""Networks, their dataset, and the figures of both."""
 
 import pytest
 
 from simgen.learning.translation.picture import ChainPainter
 from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.sensing.camera.renderer import Look, Renderer
-from simgen.sensing.electrodes import gaps as electrode_gaps
 
 SMALL = Look(height=64, width=48)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_model():
-    """The BioTac's model is read once: 2 s each."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(electrode_gaps, "load_geometry", cache(electrode_gaps.load_geometry))
-        yield
 
 
 @pytest.fixture(scope="session")

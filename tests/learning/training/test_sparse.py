@@ -1,0 +1,49 @@
+"""Sparse products against scipy's, and the gradient of interpolation against finite differences."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+import torch
+
+from simgen.learning.training.sparse import SparseMatrix, interpolate, multiply
+
+
+def random(rows: int, columns: int, seed: int = 0) -> scipy.sparse.csr_array:
+    return scipy.sparse.random_array((rows, columns), density=0.4, rng=np.random.default_rng(seed), format="csr")
+
+
+def filled(matrix: scipy.sparse.csr_array) -> SparseMatrix:
+    found = SparseMatrix(*matrix.shape, matrix.nnz).double()
+    found.fill(matrix)
+    return found
+
+
+@pytest.mark.parametrize("add", [False, True])
+def test_a_product_is_scipy_s(add):
+    matrix, dense = random(5, 7), torch.randn(7, 3, dtype=torch.float64)
+    out = torch.ones(5, 3, dtype=torch.float64)
+    multiply(filled(matrix), dense, out, add)
+    np.testing.assert_allclose(out, matrix @ dense.numpy() + add, rtol=1e-12)
+
+
+def test_unsorted_columns_are_the_same_matrix():
+    matrix = scipy.sparse.csr_array((np.array([2.0, 1.0, 3.0]), np.array([2, 0, 1]), np.array([0, 2, 3])), (2, 3))
+    out = torch.empty(2, 3, dtype=torch.float64)
+    multiply(filled(matrix), torch.eye(3, dtype=torch.float64), out)
+    np.testing.assert_array_equal(out, [[1.0, 0.0, 2.0], [0.0, 3.0, 0.0]])
+
+
+def test_a_matrix_that_is_not_filled_is_zero():
+    out = torch.ones(2, 2)
+    multiply(SparseMatrix(2, 3, 4), torch.ones(3, 2), out)
+    assert not out.any()
+
+
+def test_interpolated_values_stand_below_their_sources():
+    matrix = random(4, 6)
+    x = torch.randn(6, 2, 3, dtype=torch.float64, requires_grad=True)
+    own = filled(matrix), filled(matrix.T.tocsr())
+    y = interpolate(x, *own).detach()
+    assert torch.equal(y[:6], x)
+    np.testing.assert_allclose(y[6:].flatten(1), matrix @ x.detach().flatten(1).numpy(), rtol=1e-12)
+    assert torch.autograd.gradcheck(lambda values: interpolate(values, *own), x)
