@@ -102,8 +102,8 @@ class TrainingRun:
             raise InputError(f"{folder}: is being trained by {error}") from None
 
     def _train(self, name: str, folder: Path) -> Iterator[Epoch]:
+        torch.manual_seed(epoch_seed(self.job.seed, name, -1))  # decides the weights; loading networks draws, too
         data = NetworkData(NETWORKS[name], self.inputs)
-        torch.manual_seed(epoch_seed(self.job.seed, name, -1))  # decides the weights
         network, terms = network_class(NETWORKS[name]).for_training(data)
         network = network.to(self.device)
         rows = data.train, data.validation
