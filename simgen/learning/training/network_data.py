@@ -1,4 +1,4 @@
-"""What each network learns from: inputs and outputs of the same samples, as tensors by row number."""
+"""Data for each network: inputs and outputs of the same samples, as tensors by row number."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
