@@ -20,6 +20,13 @@ FLOOR = {folder: number for number, folder in enumerate(["errors", "units", *FOL
 FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
          for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem != "__init__"}  # fmt: skip
 
+# Modules without a file of tests, and why.
+UNTESTED = {
+    "config.solver_settings": "fields of one section; tests/docs/test_reference_page.py checks their meanings",
+    "fem.precision": "names of number types",
+    "units": "three numbers",
+}
+
 
 def imported_names(module: str) -> set[str]:
     """Dotted names that a module imports anywhere, for type checkers and inside functions too."""
@@ -83,6 +90,14 @@ def test_no_public_class_has_the_name_of_another():
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
     assert {name for name, count in names.items() if count > 1} == set()
+
+
+def test_tests_mirror_the_modules():
+    """Every module has its file of tests, and every file of tests beside them has its module or package."""
+    modules = {module for module, path in FILES.items() if path.stem not in ("__init__", "__main__")}
+    tested = {".".join([*path.relative_to(TESTS).parent.parts, path.stem.removeprefix("test_")])
+              for path in TESTS.rglob("test_*.py")}  # fmt: skip
+    assert modules - tested == UNTESTED.keys()
 
 
 def loaded_after(statement: str) -> set[str]:

@@ -107,7 +107,7 @@ def _key_paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
 def _one_line(kind: type[StrictSection], error: ValidationError, source: str, sources: Mapping[str, str]) -> str:
     """The first complaint, in the words of the job file. An unknown key comes first: a missing one may be misspelt."""
     first = min(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
-    parts = [str(part) for part in first["loc"]]
+    parts = _keys(kind, first["loc"])
     section, allowed = _schema_at(kind, parts)
     if first["type"] == "extra_forbidden":
         complaint = f"unknown key; {_allowed_keys(section, parts[-1])}"
@@ -123,6 +123,16 @@ def _one_line(kind: type[StrictSection], error: ValidationError, source: str, so
     at = next((sources[path] for path in _upwards(parts) if path in sources), source)
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     return f"{': '.join(filter(None, [at, shown('.'.join(parts)), complaint]))}{more}"
+
+
+def _keys(kind: type[StrictSection], location: Iterable[str | int]) -> list[str]:
+    """The keys of a place, without the names of classes by which pydantic tells the members of a union apart."""
+    keys, here = [], kind
+    for part in map(str, location):
+        if not (is_section(here) and part == here.__name__):
+            keys.append(part)
+            here = _below(here, part)
+    return keys
 
 
 def _upwards(parts: list[str]) -> list[str]:

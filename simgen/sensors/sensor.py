@@ -14,9 +14,10 @@ from simgen.errors import InputError
 from simgen.geometry.surface import ClosestPoint
 from simgen.geometry.tetrahedra import OutputMesh, SimulationMesh
 from simgen.sensors import sensor_meshes
+from simgen.sensors.material import Material
 from simgen.sensors.sensor_geometry import load_geometry
 from simgen.sensors.sensor_meshes import OutputMeshFile
-from simgen.sensors.sensor_schema import CameraSettings, Electrodes, Material
+from simgen.sensors.sensor_schema import CameraSettings, Electrodes
 from simgen.sensors.support import Support, load_support
 from simgen.units import MM
 

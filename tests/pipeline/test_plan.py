@@ -24,9 +24,9 @@ from simgen.pipeline.plan import (
     sensor_identity,
 )
 from simgen.sensors.indenter import chosen_indenters
+from simgen.sensors.material import Material
 from simgen.sensors.sensor import load_sensor
 from simgen.sensors.sensor_meshes import output_settings
-from simgen.sensors.sensor_schema import Material
 
 
 def test_contacts_are_drawn_by_the_job_s_own_values():

@@ -1,63 +1,42 @@
-"""Materials of a sensor.yaml: laws, their constants, and what is stored of them."""
+"""Error lines of a sensor.yaml."""
 
-import numpy as np
+import shutil
+
 import pytest
-from pydantic import ValidationError
 
-from simgen.sensors.sensor_schema import Material
+from sensors.slab import SLAB, SOLID, write_sensor
+from simgen.errors import InputError
+from simgen.sensors.sensor import load_sensor
 
-SOLID = {"youngs_modulus_pa": 539e3, "poisson_ratio": 0.499, "friction": 0.78}
-YEOH = {"law": "yeoh", "c20_pa": 5e3, "c30_pa": 1e3}
-
-
-def test_a_neo_hookean_material_is_stored_without_a_law():
-    stored = {**SOLID, "source": ""}
-    assert Material(**SOLID).model_dump() == Material(**SOLID, law="neo_hookean").model_dump() == stored
-    assert Material(**SOLID).elasticity == "E = 539000 Pa, nu = 0.499"
-    assert Material(**SOLID).law_constants == {}
-
-
-def test_a_yeoh_material_is_stored_with_its_constants():
-    material = Material(**SOLID, **YEOH)
-    assert material.model_dump() == {**SOLID, **YEOH, "source": ""}
-    assert Material(**material.model_dump()) == material
-    assert material.law_constants == {"c20": 5e3 / 539e3, "c30": 1e3 / 539e3}
-    assert material.elasticity == "Yeoh, C20 = 5000 Pa, C30 = 1000 Pa, E = 539000 Pa, nu = 0.499"
-
-
-def stays_stable(c10, c20, c30):
-    """Stress in simple shear rises up to a shear of 10, and dW/ds is positive from s = -1 on."""
-    shear = np.linspace(0.0, 10.0, 2001)
-    s = np.linspace(-1.0, 100.0, 40001)
-    slope = c10 + 2.0 * c20 * shear**2 + 3.0 * c30 * shear**4
-    return np.all(np.diff(slope * shear) > 0.0) and np.all(c10 + 2.0 * c20 * s + 3.0 * c30 * s**2 > 0.0)
-
-
-@pytest.mark.parametrize("c30_pa", [1e3, 2e4, 9e4])
-def test_constants_are_allowed_as_far_as_the_material_is_stable(c30_pa):
-    c10 = 539e3 / (4.0 * 1.499)
-    ratios = np.linspace(-3.0, 3.0, 61)
-    for ratio in ratios:
-        c20_pa = ratio * np.sqrt(c10 * c30_pa)
-        try:
-            Material(**SOLID, law="yeoh", c20_pa=c20_pa, c30_pa=c30_pa)
-        except ValidationError:
-            assert not stays_stable(c10, 1.03 * c20_pa, c30_pa)  # limits keep 1 % to themselves
-        else:
-            assert stays_stable(c10, c20_pa, c30_pa)
+MESH = {"file": "slab.stl", "unit": "mm"}
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"c20_pa": 1e3}, "constants of law: yeoh; law: neo_hookean has none"),
-        ({"law": "gent"}, "'neo_hookean' or 'yeoh'"),
-        ({"law": "yeoh", "c20_pa": -1e4}, r"c20_pa = -10000 is not allowed; allowed: 0 to 4\.45e\+04 with this E, nu"),
-        ({"law": "yeoh", "c20_pa": 1e4, "poisson_ratio": 0.01}, "c20_pa = 10000 is not allowed; allowed: 0 to 673"),
-        ({"law": "yeoh", "c30_pa": -1.0}, "c30_pa"),
-        ({"law": "yeoh", "c20_pa": float("nan")}, "c20_pa"),
+        ({"colour": "red"}, "colour: unknown key; allowed: name, gel, held"),
+        ({"gel": {"mesh": {**MESH, "unit": "cm"}}}, 'gel.mesh.unit: "cm" is not allowed; allowed: m or mm'),
+        ({"gel": {"mesh": {**MESH, "size": 1}}}, "gel.mesh.size: unknown key; allowed: file, unit"),
+        ({"gel": {}}, "gel: exactly one of mesh, polar_shell, dome is needed, found none"),
+        ({"gel": {"mesh": {**MESH, "file": "none.stl"}}}, "none.stl: no such mesh file"),
+        ({"held": {}}, "held: {} is not allowed; allowed: .*at least one"),
+        ({"held": {"back": {"plane": {"axis": "w", "at_mm": 2.0}}}}, 'held.back.plane.axis: "w" is not .* x, y or z'),
+        ({"held": {"back": {"plane": {"axis": "y", "at_mm": 9.0}}}}, "held.back: selects no triangle"),
+        ({"held": {"back": {"box": {}}}}, "held.back.box: at least one of x_mm, y_mm, z_mm is needed"),
+        ({"meshes": {"default": "as_given"}}, "as_given needs a file of tetrahedra"),
+        ({"meshes": {"default": {"edge_length_mm": -1.0}}}, "edge_length_mm: -1.0 is not .* above 0, to 10000 mm"),
+        ({"materials": {"solid": {**SOLID, "poisson_ratio": 0.5}}}, "poisson_ratio: 0.5 is not .* 0.01 to 0.49999"),
+        ({"materials": {"solid": {**SOLID, "friction": float("nan")}}}, "solid.friction: NaN is not .* 0 to 2"),
+        ({"materials": {"solid": {**SOLID, "c20_pa": 1e3}}}, "materials.solid: .*constants of law: yeoh"),
+        ({"materials": {"solid": {**SOLID, "law": "gent"}}}, 'solid.law: "gent" .*allowed: neo_hookean or yeoh'),
+        ({"core": {"friction": 0.0, "mesh": MESH}}, "core: the gel has no cavity"),
+        ({"name": "bad name"}, 'name: "bad name" is not allowed; allowed: letters, digits'),
     ],
 )
-def test_constants_that_make_no_material_are_refused(change, says):
-    with pytest.raises(ValidationError, match=says):
-        Material(**{**SOLID, **change})
+def test_errors_are_one_line_with_file_key_value_and_what_is_allowed(slab_folder, tmp_path, change, says):
+    folder = write_sensor(tmp_path / "bad", {**SLAB, **change})
+    shutil.copy(slab_folder / "slab.stl", folder)
+    with pytest.raises(InputError, match=says) as error:
+        load_sensor(folder)
+    assert "\n" not in str(error.value)
+    assert str(folder) in str(error.value)
