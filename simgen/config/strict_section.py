@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import UnionType
-from typing import Any, ClassVar, TypeVar, get_args, get_origin
+from typing import Any, ClassVar, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -157,7 +157,7 @@ def _below(annotation: Any, part: str) -> Any:
     if is_section(annotation):
         field = annotation.model_fields.get(part)
         annotation = field.annotation if field else None
-        optional = get_args(annotation) if isinstance(annotation, UnionType) else ()
+        optional = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else ()
         return next(filter(is_section, optional), annotation)  # of `Section | None` the section
     place = {dict: 1, tuple: 0, list: 0}.get(get_origin(annotation))  # of the members' type
     return None if place is None else get_args(annotation)[place]
