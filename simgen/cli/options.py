@@ -9,7 +9,7 @@ import typer
 from simgen.errors import InputError, shown
 
 DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET", help="A dataset folder, as `simgen run` writes it.")]
-Device = Annotated[str, typer.Option(metavar="DEVICE", help="cpu, cuda or cuda:N.")]
+Device = Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, cuda or cuda:N.")]
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Number of local processes. With a scheduler: wait for this many workers.",
