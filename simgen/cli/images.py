@@ -178,7 +178,9 @@ def calibrate_optics(
         Path | None, typer.Option(metavar="FILE", help="Image without contact, of the same size.")
     ] = None,
     radius_mm: Annotated[float | None, typer.Option(metavar="R", help="Radius of the sphere.")] = None,
-    sensor: Annotated[str, typer.Option(metavar="SENSOR", help="digit, or a folder with a sensor.yaml.")] = "digit",
+    sensor: Annotated[
+        str, typer.Option("--sensor", metavar="SENSOR", help="digit, or a folder with a sensor.yaml.")
+    ] = "digit",
     circles: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="CSV with the contact circles in pixels: file,column,row,radius.",
