@@ -3,7 +3,7 @@
     python benchmarks/rounds.py --trajectories 216 --device cuda --output rounds.json
 
 Runs the first trajectories of the paired job in this process, as a worker of `simgen run` does, into a folder that is
-removed. A round is one call of `LoadStepping.go_on`: an iteration, or a trial of a line search, of all active presses
+removed. A round is one call of `LoadStepping.advance`: an iteration, or a trial of a line search, of all active presses
 of a sensor. The time of a phase excludes phases inside it. The device works asynchronously, so a phase may wait for
 kernels of earlier phases. `--wait` waits after each phase instead, which slows the run. Kernels are timed in some
 rounds at each number of presses, without CUDA graphs.
@@ -37,7 +37,7 @@ from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.state_sampler import StateSampler
 
 PHASES = {
-    LoadStepping: ("_begin", "_load", "_solve_again", "_settle", "_store"),
+    LoadStepping: ("_begin_increments", "_start_tries", "_repeat", "_accept_or_reject", "_store_samples"),
     StateSampler: ("overlap", "room", "_displacements", "inverted_elements"),
     NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving"),
     LinearSystems: ("advance",),
@@ -87,7 +87,7 @@ class Rounds:
     def __init__(self, stopwatch: Stopwatch, device: str, of_kernels: bool):
         self.found, self.kernels, self._seen = [], defaultdict(lambda: defaultdict(float)), defaultdict(int)
         self._capture, self._of_kernels = True, of_kernels and not wp.get_device(device).is_cpu
-        go_on, krylov = LoadStepping.go_on, ConjugateResiduals.advance
+        go_on, krylov = LoadStepping.advance, ConjugateResiduals.advance
         if of_kernels:
             go_on = stopwatch.timed("the rest of a round", go_on)
 
@@ -95,7 +95,7 @@ class Rounds:
             return krylov(solver, *args, **more | ({} if self._capture else {"capture": False}))
 
         def watched(stepping):
-            kind, begin, at_work = self._kind(stepping), time.perf_counter(), int(stepping.at_work.sum())
+            kind, begin, at_work = self._kind(stepping), time.perf_counter(), int(stepping.running.sum())
             if kind:
                 self._capture = False
                 wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
@@ -105,13 +105,13 @@ class Rounds:
             else:
                 self.found.append((stepping.scene.sensor.name, at_work, time.perf_counter() - begin))
 
-        ConjugateResiduals.advance, LoadStepping.go_on = solve, watched
+        ConjugateResiduals.advance, LoadStepping.advance = solve, watched
 
     def _kind(self, stepping: LoadStepping) -> str | None:
         if not self._of_kernels:
             return None
         for kind, (least, most, before, count) in KERNELS.items():
-            if least <= stepping.at_work.sum() <= most:
+            if least <= stepping.running.sum() <= most:
                 self._seen[kind] += 1
                 return kind if before < self._seen[kind] <= before + count else None
         return None

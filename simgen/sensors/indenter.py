@@ -1,7 +1,6 @@
-"""Indenters: the strict table of analytic shapes, a user's own closed mesh, and their signed distance.
+"""Indenters: the strict table of analytic shapes, users' own closed meshes, and their signed distances.
 
-A `RigidShape` is in mm and in the indenter frame (tip plane y = 0, press direction +y, body towards -y);
-meshes are in m.
+A `RigidShape` is in mm in the indenter frame (tip plane y = 0, press direction +y, body towards -y). Meshes are in m.
 """
 
 import hashlib
@@ -39,8 +38,8 @@ __all__ = [
 ]  # fmt: skip
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply")
-MARGIN_MM = 3.0  # that a mesh's grid reaches beyond it
-DRAWN_LENGTH = 0.010  # m: how much of an endless shaft a drawing shows
+MARGIN_MM = 3.0  # of a mesh's grid around the mesh
+DRAWN_LENGTH = 0.010  # m, drawn part of an endless shaft
 
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
@@ -93,7 +92,7 @@ SPECS: dict[str, type[StrictSection]] = {
 
 @dataclass(frozen=True)
 class Indenter:
-    """A named indenter; an analytic one has neither ``source`` nor ``sha256``."""
+    """A named indenter. Analytic indenters have neither ``source`` nor ``sha256``."""
 
     name: str
     spec: Spec
@@ -101,38 +100,38 @@ class Indenter:
     sha256: str | None = None  # of its file
 
     def shape(self) -> RigidShape:
-        """The shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
+        """Shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
         if isinstance(self.spec, MeshSpec):
             return sampled_shape(self.source, self.spec.spacing_mm, MARGIN_MM)
         return rigid_shape(Kind[self.spec.kind.upper()], *(v for k, v in self.spec if k != "kind"))
 
     def identity(self) -> dict[str, str | float]:
-        """All that decides the shape: the sizes of its kind, or how a mesh is read and the sha256 of its file."""
+        """Everything that defines the shape: sizes, or unit, grid spacing and sha256 of a mesh file."""
         own = {} if self.sha256 is None else {"sha256": self.sha256}
         return self.spec.model_dump(exclude={"file"}) | own
 
     def mesh(self) -> trimesh.Trimesh:
-        """A closed surface for drawing (m); an analytic shape is cut 10 mm or more below its tip."""
+        """Closed surface for drawing, m; analytic shapes are cut at least 10 mm behind the tip."""
         return self.source if self.source is not None else _draw(self)
 
     @property
     def extent(self) -> np.ndarray:
-        """(2, 3) m: the bounding box of `mesh`."""
+        """Bounding box (2, 3) of `mesh`, m."""
         return np.array(self.mesh().bounds)
 
 
 def indenter_names(file: str | Path | None = None) -> list[str]:
-    """The names in an indenter table (default: the nine of the package), in its order."""
+    """Names in an indenter table, in its order; by default the nine of the package."""
     return list(_read_table(_table_path(file)))
 
 
 def chosen_indenters(job: Job) -> list[Indenter]:
-    """The indenters of a job, in its order. Raises InputError as `load_indenter`."""
+    """Load the indenters of a job, in its order. Raises InputError like `load_indenter`."""
     return [chosen_indenter(job, index) for index in range(len(job.indenters))]
 
 
 def chosen_indenter(job: Job, index: int) -> Indenter:
-    """One of them."""
+    """Load one indenter of a job. Raises InputError like `load_indenter`."""
     choice = job.indenters[index]
     return load_indenter(job.locate(choice.file), unit=choice.unit, spacing_mm=choice.spacing_mm)
 
@@ -143,9 +142,9 @@ def load_indenter(
     unit: Literal["m", "mm"] = "m",
     spacing_mm: float = MESH_SPACING_MM,
 ) -> Indenter:
-    """An indenter by its name in a table, or a closed mesh (.stl .obj .ply) by its path.
+    """Load an indenter by its name in a table, or a closed mesh (.stl .obj .ply) by its path.
 
-    ``file`` is the table (default: the package's ``indenters.yaml``); ``unit`` and ``spacing_mm`` are those of a mesh.
+    ``file`` is the table, by default the package's ``indenters.yaml``. ``unit`` and ``spacing_mm`` apply to a mesh.
     Raises InputError for an unknown name, a bad table, and a mesh that is not closed or cannot be sampled.
     """
     name = str(name_or_path)
@@ -155,9 +154,7 @@ def load_indenter(
     path = _table_path(file)
     table = _read_table(path)
     if name not in table:
-        raise InputError(
-            f"{path}: no indenter '{name}'; allowed: {', '.join(table)}, or a mesh (.stl .obj .ply)"
-        )
+        raise InputError(f"{path}: no indenter '{name}'; allowed: {', '.join(table)}, or a mesh (.stl .obj .ply)")
     spec = table[name]
     if isinstance(spec, MeshSpec):
         return _mesh_indenter(name, spec, path.parent / spec.file)
@@ -190,7 +187,7 @@ def _read_table(path: Path) -> dict[str, Spec]:
 
 
 def _check_sizes(path: Path, name: str, spec: Spec) -> None:
-    """A fillet fits into the shape that carries it; a ring has a wall."""
+    """Raise InputError for a fillet that is too large for its shape, or a ring without a wall."""
     if isinstance(spec, RingSpec):
         if spec.hole_radius_mm >= spec.outer_radius_mm:
             raise InputError(
@@ -209,9 +206,9 @@ def _check_sizes(path: Path, name: str, spec: Spec) -> None:
 
 
 def _check_reading(path: Path, extents: np.ndarray, spec: MeshSpec) -> None:
-    """Raises InputError where extents (3,), the numbers of the file, make no indenter in its unit on its grid.
+    """Raise InputError if extents (3,), in the file's numbers, are too small or too large in the given unit.
 
-    The unit is never guessed: the line names the other one if the mesh would do in that.
+    The unit is never guessed, but the error line names the other unit if the mesh would fit in it.
     """
     complaint = _misfit(UNITS[spec.unit] * extents, spec.spacing_mm)
     if complaint is None:
@@ -223,7 +220,7 @@ def _check_reading(path: Path, extents: np.ndarray, spec: MeshSpec) -> None:
 
 
 def _misfit(extents_m: np.ndarray, spacing_mm: float) -> str | None:
-    """The reason why a mesh is too small, or too large for its grid; None if it is neither."""
+    """Reason why a mesh is too small, or too large for its grid; None if it is neither."""
     size = f"the shape is {extents_m.max():g} m large"
     if not SMALLEST < extents_m.max() < LARGEST:
         return f"{size}; allowed: {SMALLEST:g}..{LARGEST:g} m"
@@ -234,10 +231,10 @@ def _misfit(extents_m: np.ndarray, spacing_mm: float) -> str | None:
 
 
 def _read_mesh(path: Path) -> trimesh.Trimesh:
-    """A closed outward surface in the numbers of its file."""
+    """Read a closed surface with outward normals, in the numbers of its file."""
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{path}: not a mesh format for an indenter; allowed: {' '.join(MESH_SUFFIXES)}")
-    if not os.path.isfile(path):  # which is no error of a name that is too long
+    if not os.path.isfile(path):  # no OSError for a name that is too long
         raise InputError(f"{path}: no such file; an indenter's mesh is a closed surface (.stl .obj .ply)")
     with parsing(path, "a surface mesh"):
         mesh = trimesh.load(path, force="mesh")
@@ -282,13 +279,13 @@ def _draw(indenter: Indenter) -> trimesh.Trimesh:
 
 
 def _onto(shape: RigidShape, points_mm: np.ndarray) -> np.ndarray:
-    """Points outside the shape moved to their closest points on it."""
+    """Move points outside the shape to their closest points on it."""
     distance, normal, _ = signed_distance(shape, points_mm)
     return points_mm - np.maximum(distance, 0.0)[:, None] * normal
 
 
 def _revolve(shape: RigidShape, inner: float, outer: float) -> trimesh.Trimesh:
-    """The shape of revolution about y between two radii (mm): a solid or a tube, cut at the drawn length."""
+    """Shape of revolution about y between two radii (mm): a solid or a tube, cut at the drawn length."""
     length = 1e3 * DRAWN_LENGTH
     heights = -np.linspace(0.0, length, 101)[1:]
     zero = np.zeros(100)

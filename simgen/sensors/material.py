@@ -1,4 +1,4 @@
-"""The material of a gel: a law with its constants, and friction on the surface; a section of ``sensor.yaml``."""
+"""The material of a gel: law, constants and surface friction; a section of ``sensor.yaml``."""
 
 import math
 from typing import Annotated, Literal
@@ -24,13 +24,13 @@ class Material(StrictSection):
 
     @property
     def law_constants(self) -> dict[str, float]:
-        """The law's constants beside E and nu, in units of E."""
+        """Constants of the law other than E and nu, in units of E."""
         E = self.youngs_modulus_pa
         return {"c20": self.c20_pa / E, "c30": self.c30_pa / E} if self.law == "yeoh" else {}
 
     @property
     def elasticity(self) -> str:
-        """Law and constants, for people."""
+        """Law and constants as text."""
         law = f"Yeoh, C20 = {self.c20_pa:g} Pa, C30 = {self.c30_pa:g} Pa, " if self.law == "yeoh" else ""
         return f"{law}E = {self.youngs_modulus_pa:g} Pa, nu = {self.poisson_ratio:g}"
 
@@ -40,8 +40,8 @@ class Material(StrictSection):
             if self.c20_pa or self.c30_pa:
                 raise ValueError("c20_pa and c30_pa are constants of law: yeoh; law: neo_hookean has none")
             return self
-        # The stress in simple shear must rise with every shear, dW/ds be positive from s = -1 on (where the volume is
-        # half), and the volumetric part be positive at rest (simgen/fem/material/yeoh.py).
+        # Stress must rise with simple shear, dW/ds must be positive for s >= -1 (half the volume at s = -1), and the
+        # volumetric part must be positive at rest (simgen/fem/material/yeoh.py).
         nu, c30 = self.poisson_ratio, self.c30_pa
         c10 = self.youngs_modulus_pa / (4.0 * (1.0 + nu))
         least = -math.sqrt(5.0 / 3.0 * c10 * c30)
@@ -54,6 +54,6 @@ class Material(StrictSection):
 
     @model_serializer(mode="wrap")
     def _without_constants_of_other_laws(self, handler):
-        """Leave the law out of descriptions of neo-Hookean gels, which existing datasets have."""
+        """Leave the law out for neo-Hookean gels, so that descriptions equal those in existing datasets."""
         hidden = ("law", "c20_pa", "c30_pa") if self.law == "neo_hookean" else ()
         return {key: value for key, value in handler(self).items() if key not in hidden}

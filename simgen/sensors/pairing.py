@@ -1,9 +1,8 @@
-"""One contact, sampled once in the shared frame and pressed into every sensor.
+"""Pairing: contacts that are sampled once in the shared frame, and the poses that bring every sensor to them.
 
-Contacts come from a low-discrepancy sequence over the developed skin of the reference sensor. Another sensor
-is brought to each contact by the unfolding transform: it is pitched and rolled about its axes and shifted, so
-that the point at the same place of its own developed skin (`developed_skin`) meets the contact with the same
-normal.
+Contacts come from a low-discrepancy sequence over the developed skin of the reference sensor. The unfolding transform
+rolls, pitches and shifts another sensor, so that the point at the same place of its own developed skin
+(`developed_skin`) meets the contact with the same normal.
 
 Shared frame, metres: x along the finger, pad side -y, z lateral.
 """
@@ -22,10 +21,10 @@ from simgen.geometry.surface import ClosestPoint, FinePieces
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.sensor import Sensor
 
-BLOCK = 256  # contacts that are proposed at a time: a power of two, as a Sobol sequence wants
-SLICE = 32  # of them, for which the gel under the indenters is measured at a time
-MOST_PROPOSED = 200  # per contact found, once there have been 16 blocks: with less there is no room
-WALL_TURN_DEG = (60.0, 120.0)  # a surface turned so far from the contact's is a side wall; more is the back
+BLOCK = 256  # contacts proposed at a time: a power of two, as Sobol sequences need
+SLICE = 32  # contacts at a time for which the gel under the indenters is measured
+MOST_PROPOSED = 200  # proposals per contact found, after 16 blocks; beyond that there is too little room
+WALL_TURN_DEG = (60.0, 120.0)  # angles between a side wall's normal and the contact's; the back has larger ones
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Draw:
-    """Contacts that were kept, and those before the last of them that leave too little gel under an indenter."""
+    """Kept contacts, and contacts before the last kept one that leave too little gel under an indenter."""
 
     kept: Contacts
     refused: Contacts
@@ -56,7 +55,7 @@ def sample_contacts(
     others: Sequence[Sensor] = (),
     lateral_reach_m: float = 0.0,
 ) -> Contacts:
-    """The contacts that `draw_contacts` keeps when no indenters are known."""
+    """Draw contacts without the rule on the gel that indenters leave; see `draw_contacts`."""
     return draw_contacts(reference, count, seed, max_depth_m, settings, others, lateral_reach_m).kept
 
 
@@ -72,13 +71,13 @@ def draw_contacts(
 ) -> Draw:
     """Draw ``count`` contacts on ``reference``, each with room for the deepest press and a partner on all ``others``.
 
-    An indenter that moves sideways keeps ``lateral_reach_m`` more distance from side walls. Contacts where an indenter
-    leaves less than ``least_thickness_left`` of a sensor's gel are drawn again; ``indented`` has the indenters on
-    ``reference`` and on each of ``others``, and without it this rule is off. Contacts are a scrambled Sobol sequence in
-    (x, arc, tilt, azimuth, roll), with rejection: the first n contacts do not depend on how many more are asked for.
-    Raises InputError if there is too little room, or too few partners.
+    Paths that move sideways by ``lateral_reach_m`` need as much more distance from side walls. Contacts where an
+    indenter leaves less than ``least_thickness_left`` of a sensor's gel are refused, and others are drawn.
+    ``indented`` measures this on ``reference`` and on each of ``others``; without it the rule is off. Contacts are a
+    scrambled Sobol sequence in (x, arc, tilt, azimuth, roll) with rejection, so the first n contacts do not depend on
+    ``count``. Raises InputError if there is too little room, or if there are too few partners.
     """
-    from scipy.stats import qmc  # a third of a second, which processes that only press do without
+    from scipy.stats import qmc  # takes a third of a second, so processes that only press do not import it
 
     settings = settings or Trajectories(count=count)
     sensors = (reference, *others)
@@ -86,7 +85,7 @@ def draw_contacts(
     if not settings.least_thickness_left:
         indented = ()
     sequence = qmc.Sobol(5, scramble=True, rng=seed)
-    fitting, enough = [], []  # proposals that have room and partners, and if indenters leave enough gel there
+    fitting, enough = [], []  # proposals with room and partners, and masks: enough gel is left
     found = roomy = partnered = proposed = 0
     while found < count:
         if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
@@ -94,14 +93,14 @@ def draw_contacts(
         block = room.keep(room.propose(sequence.random(BLOCK)))
         roomy += len(block.points)
         for other in others:
-            block = _those(block, other.meets(block))
+            block = _subset(block, other.meets(block))
         partnered += len(block.points)
         proposed += BLOCK
         for first in range(0, len(block.points), SLICE):
-            fitting.append(_those(block, slice(first, first + SLICE)))
+            fitting.append(_subset(block, slice(first, first + SLICE)))
             enough.append(np.ones(len(fitting[-1].points), dtype=bool))
             for sensor, own, thickness in zip(sensors, rooms, indented, strict=False):
-                some = _those(fitting[-1], enough[-1])
+                some = _subset(fitting[-1], enough[-1])
                 poses = np.linalg.inv(unfold(reference, sensor, some, own.skin)) @ indenter_poses(some)
                 enough[-1][enough[-1]] = (thickness.shares(poses) >= settings.least_thickness_left).all(axis=1)
             found += int(enough[-1].sum())
@@ -112,16 +111,15 @@ def draw_contacts(
     contacts = Contacts(**{
         field.name: np.concatenate([getattr(some, field.name) for some in fitting]) for field in fields(Contacts)
     })  # fmt: skip
-    return Draw(_those(contacts, drawn & kept), _those(contacts, drawn & ~kept))
+    return Draw(_subset(contacts, drawn & kept), _subset(contacts, drawn & ~kept))
 
 
-def _those(contacts: Contacts, kept: np.ndarray | slice) -> Contacts:
-    """The contacts (n,) bool that are kept."""
+def _subset(contacts: Contacts, kept: np.ndarray | slice) -> Contacts:
     return Contacts(**{field.name: getattr(contacts, field.name)[kept] for field in fields(Contacts)})
 
 
 def _too_few(room: "Room", others: Sequence["Room"], count: int, counts: tuple[int, int, int, int]) -> str:
-    """The error line: how many contacts were found, had a partner, had room and were proposed, and what helps."""
+    """Error line; counts: contacts found, with partners, with room, and proposed."""
     found, partnered, roomy, proposed = counts
     line = (
         f"{room.name}: {found} of {count} contacts fit after {proposed} proposals of presses of "
@@ -135,7 +133,7 @@ def _too_few(room: "Room", others: Sequence["Room"], count: int, counts: tuple[i
             "less, leave out the widest indenters, allow a smaller least_thickness_left (0: off), or end such presses "
             "early (too_thin: stop)"
         )
-    if roomy > 2 * partnered:  # most had room: the partners are missing
+    if roomy > 2 * partnered:
         names = " and ".join(other.name for other in others)
         return line + f"{roomy} contacts have room, but most have no partner on {names}; put the smallest sensor first"
     advice = "press less deep, or allow a larger max_indentation_ratio or a smaller min_edge_ratio"
@@ -145,9 +143,9 @@ def _too_few(room: "Room", others: Sequence["Room"], count: int, counts: tuple[i
 
 
 def indenter_poses(contacts: Contacts) -> np.ndarray:
-    """(n, 4, 4) indenter frame -> shared frame: tip at the contact point, +y along the press direction.
+    """Poses (n, 4, 4), indenter frame -> shared frame: tip at the contact point, +y along the press direction.
 
-    At roll 0 the frame is the shared one, turned by the least rotation that brings +y to the press direction.
+    At roll 0 the axes are those of the shared frame after the least rotation of +y to the press direction.
     """
     poses = np.tile(np.eye(4), (len(contacts.points), 1, 1))
     cos, sin = np.cos(contacts.rolls), np.sin(contacts.rolls)
@@ -159,10 +157,10 @@ def indenter_poses(contacts: Contacts) -> np.ndarray:
 
 
 def unfold(reference: Sensor, other: Sensor, contacts: Contacts, skin: Skin | None = None) -> np.ndarray:
-    """(n, 4, 4) pose of ``other``: its own frame -> shared frame, one for each contact on ``reference``.
+    """Poses (n, 4, 4) of ``other``, its own frame -> shared frame, one for each contact on ``reference``.
 
-    The rotation is a roll about x, then a pitch about z, without yaw. ``skin`` is that of ``other``, if it is known.
-    Raises InputError if the other sensor has no partner for a contact.
+    The rotation is a roll about x, then a pitch about z, without yaw. ``skin`` is the skin of ``other``, computed if
+    None. Raises InputError if ``other`` has no partner for a contact.
     """
     poses = np.tile(np.eye(4), (len(contacts.points), 1, 1))
     if other is reference:
@@ -179,7 +177,10 @@ def unfold(reference: Sensor, other: Sensor, contacts: Contacts, skin: Skin | No
 
 
 def partners(other: Sensor, contacts: Contacts, skin: Skin | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) and outward normals (n, 3) on ``other``, in its own frame, at the contacts' (x, arc)."""
+    """Points (n, 3) and outward normals (n, 3) on ``other`` at the contacts' (x, arc), in its own frame.
+
+    Raises InputError if ``other`` has no partner for a contact.
+    """
     skin = skin or Skin(other.surface)
     found = [skin.point(point[0], arc) for point, arc in zip(contacts.points, contacts.arcs, strict=True)]
     for i, partner in enumerate(found):
@@ -193,10 +194,10 @@ def _place(contacts: Contacts, i: int) -> str:
 
 
 def _roll_then_pitch(source: np.ndarray, target: np.ndarray) -> np.ndarray | None:
-    """The rotation R = R_z(pitch) R_x(roll) with R source = target, of the two the one with the smaller roll.
+    """Rotation R = R_z(pitch) R_x(roll) with R source = target and the smaller of two possible rolls, or None.
 
-    The pitch leaves z alone, so the roll gives source the z of target; then both are of one length in xy, and
-    the pitch turns one onto the other. None if the yz part of source is too short for that.
+    The roll gives ``source`` the z of ``target``. Both then have the same length in xy, and the pitch turns one onto
+    the other. None if the yz part of ``source`` is too short.
     """
     in_yz = np.hypot(source[1], source[2])
     if abs(target[2]) > in_yz:
@@ -211,7 +212,7 @@ def _roll_then_pitch(source: np.ndarray, target: np.ndarray) -> np.ndarray | Non
 
 
 def _least_rotation(directions: np.ndarray) -> np.ndarray:
-    """(n, 3, 3): the least rotations (Rodrigues) of +y to unit directions (n, 3); about x for -y."""
+    """Least rotations (n, 3, 3) of +y to unit directions (n, 3), by Rodrigues' formula; about x for -y."""
     x, y, z = directions.T
     opposite = y < -1.0 + 1e-12
     scale = 1.0 / np.where(opposite, 1.0, 1.0 + y)
@@ -224,15 +225,15 @@ def _least_rotation(directions: np.ndarray) -> np.ndarray:
 
 
 class Room:
-    """The places of a sensor that have room for a contact.
+    """Places on a sensor that have room for a contact.
 
-    A gel on a rigid support takes presses of up to ``max_indentation_ratio`` of its local thickness. That is the
-    diameter of the largest ball that touches the surface at the contact from inside and fits into the gel.
+    A gel on a rigid support allows presses of up to ``max_indentation_ratio`` of its local thickness. The thickness is
+    the diameter of the largest ball that touches the surface at the contact from inside and fits into the gel.
 
-    A skin over a core takes more, because its inner side is free to move. It bends across the gap until it meets the
-    core, and only the rest of the press squeezes it between indenter and core. So skin s over a gap g takes a press of
-    g + ratio s. Then a ball of diameter s + g fits between the contact and what is rigid; the rule asks for the one
-    that a press of depth d needs, s + g = d + (1 - ratio) s. The gap counts with a fluid, too: it flows aside.
+    A skin over a core allows deeper presses. It bends across the gap until it meets the core, and only the rest of the
+    press squeezes it. So a skin of thickness s over a gap g allows a depth of g + ratio s. A press of depth d then
+    needs a ball of diameter s + g = d + (1 - ratio) s between the contact and the core. A gap with fluid counts alike,
+    because the fluid flows aside.
     """
 
     def __init__(self, sensor: Sensor, max_depth_m: float, settings: Trajectories, lateral_reach_m: float = 0.0):
@@ -256,13 +257,13 @@ class Room:
         if sensor.core is not None:
             wall = sensor.surface_region == CORE
             self.inner_skin = ClosestPoint(surface.vertices, surface.faces[wall])
-            # What bounds the room for a press: the gel without its inner side, and the core seen from outside.
+            # Bounds of the room for a press: the gel's surface without its inner side, and the core from outside.
             bounds = np.concatenate([bounds[~wall], sensor.core.triangles])
             normals = np.concatenate([normals[~wall], -sensor.core.face_normals])
         self.bounds, self.bound_normals = FinePieces(bounds), normals
 
     def propose(self, uniform: np.ndarray) -> Contacts:
-        """Contacts on the skin from points (n, 5) of the unit cube; places off the skin are left out."""
+        """Contacts on the skin from points (n, 5) of the unit cube, without those off the skin."""
         x = self.x_range[0] + uniform[:, 0] * (self.x_range[1] - self.x_range[0])
         arcs = self.max_arc * (2.0 * uniform[:, 1] - 1.0)
         found = [self.skin.point(*place) for place in zip(x, arcs, strict=True)]
@@ -279,15 +280,15 @@ class Room:
         return Contacts(points, normals, axes, first + uniform[on_skin, 4] * (last - first), arcs[on_skin])
 
     def keep(self, contacts: Contacts) -> Contacts:
-        """Those contacts that are touchable, on material thick enough, and far enough from side walls."""
+        """Contacts that are touchable, on a thick enough gel, and far enough from side walls."""
         kept = self._is_touchable(contacts.points)
         for i in np.flatnonzero(kept):
             point, normal = contacts.points[i], contacts.normals[i]
             kept[i] = self._is_thick(point, normal) and not self._is_beside_a_wall(point, normal)
-        return _those(contacts, kept)
+        return _subset(contacts, kept)
 
     def meets(self, contacts: Contacts) -> np.ndarray:
-        """Tell, for contacts (n,) of another sensor, if each has a partner here: touchable, and far from side walls."""
+        """True (n,) for contacts of another sensor whose partner here is touchable and far enough from side walls."""
         meets = np.zeros(len(contacts.points), dtype=bool)
         for i, (contact, normal) in enumerate(zip(contacts.points, contacts.normals, strict=True)):
             partner = self.skin.point(contact[0], contacts.arcs[i])
@@ -302,19 +303,19 @@ class Room:
     def _is_touchable(self, points: np.ndarray) -> np.ndarray:
         return self.touchable[self.nearest.query(points)[1]]
 
-    def _thickness_asked(self, point: np.ndarray) -> float:
-        """The diameter of the ball that must fit under a contact, m."""
+    def _needed_thickness(self, point: np.ndarray) -> float:
+        """Diameter of the ball that must fit under a contact, m."""
         if self.inner_skin is None:
             return self.solid_thickness
         skin = min(self.inner_skin(point[None])[1][0], self.solid_thickness)
         return self.max_depth + (1.0 - self.settings.max_indentation_ratio) * skin
 
     def _is_thick(self, point: np.ndarray, normal: np.ndarray) -> bool:
-        """The ball of the asked thickness that touches the surface here from inside holds nothing that bounds it.
+        """True if no boundary is inside the ball of the needed thickness that touches the contact from inside.
 
-        The facets next to the contact do not count: they cut into the ball however thick the gel is.
+        Facets next to the contact do not count, because they always cut into the ball.
         """
-        radius = 0.5 * self._thickness_asked(point)
+        radius = 0.5 * self._needed_thickness(point)
         centre = point - radius * normal
         pieces, owner = self.bounds.near(centre, radius, 0.5 * radius)
         inside = np.linalg.norm(pieces - centre, axis=2) <= radius
@@ -323,7 +324,7 @@ class Room:
         return not (inside & ~(next_to_it & turned_alike[:, None])).any()
 
     def _is_beside_a_wall(self, point: np.ndarray, normal: np.ndarray) -> bool:
-        """Whether a facet that is neither turned like the contact nor away from it is nearer than the edge distance."""
+        """True if a side wall's facet is nearer than the edge distance."""
         cosine = self.surface_normals @ normal
         high, low = np.cos(np.radians(WALL_TURN_DEG))
         walls = (cosine < high) & (cosine > low)

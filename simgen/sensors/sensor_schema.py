@@ -1,4 +1,4 @@
-"""The contents of a ``sensor.yaml``, strictly checked. Every key carries its unit."""
+"""Sections of a ``sensor.yaml``, strictly checked. The name of each key ends in its unit."""
 
 import itertools
 import os
@@ -14,7 +14,7 @@ from simgen.errors import InputError
 from simgen.sensors.material import Material
 
 Unit = Literal["m", "mm"]
-LARGEST = 1e4  # of any number of mm or degrees: ten metres
+LARGEST = 1e4  # mm or degrees; ten metres
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False)]
 Vector = tuple[Number, Number, Number]
@@ -31,9 +31,7 @@ class OneOf(StrictSection):
         choices = [name for name, field in fields if any(map(is_section, get_args(field.annotation)))]
         given = [name for name in choices if getattr(self, name) is not None]
         if len(given) != 1:
-            raise ValueError(
-                f"exactly one of {', '.join(choices)} is needed, found {', '.join(given) or 'none'}"
-            )
+            raise ValueError(f"exactly one of {', '.join(choices)} is needed, found {', '.join(given) or 'none'}")
         return self
 
 
@@ -46,7 +44,7 @@ class Plane(StrictSection):
 
 
 class Box(StrictSection):
-    """Points inside a box; an axis that is left out is not bounded, but one is."""
+    """Points inside a box, which is bounded along the given axes; at least one is needed."""
 
     x_mm: Interval | None = None
     y_mm: Interval | None = None
@@ -60,8 +58,7 @@ class Box(StrictSection):
 
 
 class Cylinder(StrictSection):
-    """Points inside a cylinder along an axis; the centre's two coordinates are the other two axes in order.
-    """
+    """Points inside a cylinder along an axis; ``center_mm`` has the coordinates of the other two axes in order."""
 
     axis: Literal["x", "y", "z"]
     center_mm: Interval
@@ -70,7 +67,7 @@ class Cylinder(StrictSection):
 
 
 class MeshFile(StrictSection):
-    """A mesh file in the folder of the sensor.yaml, or below it."""
+    """A mesh file in the folder of the ``sensor.yaml``, or below it."""
 
     file: Annotated[str, AfterValidator(lambda file: _inside(file))]
     unit: Unit
@@ -83,7 +80,7 @@ class Touching(MeshFile):
 
 
 class Selection(OneOf):
-    """A region of the gel's surface, whose triangles are split where it ends."""
+    """A region of the gel's surface; triangles are split at its border."""
 
     plane: Plane | None = None
     box: Box | None = None
@@ -92,7 +89,7 @@ class Selection(OneOf):
 
 
 class PolarTable(StrictSection):
-    """Radius of a body about a line along x; it ends in a tip and, at its last row, in a flat face."""
+    """Radii of a body about a line along x, from its tip to the flat face at the last row."""
 
     tip_mm: Number  # x of the tip, where the radius is 0
     angles_deg: Annotated[list[Number], Field(min_length=3)]  # 0 (towards -y) to 180 (towards +y)
@@ -112,8 +109,7 @@ class PolarTable(StrictSection):
 
 
 class PolarShell(StrictSection):
-    """A closed skin between an outer and an inner surface about one line along x at y = ``axis_y_mm``, z = 0.
-    """
+    """A closed skin between an outer and an inner surface about the line y = ``axis_y_mm``, z = 0."""
 
     axis_y_mm: Number
     spacing_mm: Positive  # edge length of the triangulation
@@ -131,9 +127,7 @@ class PolarCore(StrictSection):
 
 
 class Dome(StrictSection):
-    """A height field over a D-shaped outline: half circle at the tip, straight sides, rounded corners at the
-    rear end.
-    """
+    """A height field over a D-shaped outline: half circle at the tip, straight sides, rounded corners at the rear."""
 
     back_y_mm: Number  # the flat back; the dome rises towards -y
     half_width_mm: Positive
@@ -142,19 +136,15 @@ class Dome(StrictSection):
     corner_radius_mm: Positive
     rim_radius_mm: Positive  # fillet between wall and dome
     spacing_mm: Positive  # edge length of the triangulation
-    x_mm: Annotated[list[Number], Field(min_length=4)]  # of the rows of thickness_mm
-    z_mm: Annotated[list[Number], Field(min_length=4)]  # of its columns; even in z
-    thickness_mm: list[
-        list[Positive]
-    ]  # of the dome above the back, carried on smoothly to the rim, without its fillet
+    x_mm: Annotated[list[Number], Field(min_length=4)]  # rows of thickness_mm
+    z_mm: Annotated[list[Number], Field(min_length=4)]  # columns of thickness_mm, which is even in z
+    thickness_mm: list[list[Positive]]  # above the back; extrapolated smoothly to the rim, without its fillet
 
     @model_validator(mode="after")
     def _rectangular_and_rising(self):
         if not (_rising(self.x_mm) and _rising(self.z_mm)):
             raise ValueError("x_mm and z_mm must rise")
-        if len(self.thickness_mm) != len(self.x_mm) or {len(row) for row in self.thickness_mm} != {
-            len(self.z_mm)
-        }:
+        if [len(row) for row in self.thickness_mm] != [len(self.z_mm)] * len(self.x_mm):
             raise ValueError(f"thickness_mm must have {len(self.x_mm)} rows of {len(self.z_mm)} values")
         return self
 
@@ -192,9 +182,9 @@ class Core(OneOf):
 
 
 class SupportPlane(Plane):
-    """A flat plate: its face lies in the plane and ends ``beyond_outline_mm`` beyond the gel's outline there."""
+    """A flat plate in the plane, which ends ``beyond_outline_mm`` beyond the gel's outline there."""
 
-    # Wide enough for a gel of a fingertip's size: on its plate the DIGIT's bulges up to 2.2 mm (docs/physics.md).
+    # Wide enough for a fingertip: the DIGIT's gel bulges by up to 2.2 mm on its plate (docs/physics.md).
     beyond_outline_mm: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = 3.0
 
 
@@ -207,28 +197,24 @@ class SupportSettings(OneOf):
 
 
 class MeshSize(StrictSection):
-    """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards the
-    held regions.
-    """
+    """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards held regions."""
 
     edge_length_mm: Positive
     held_edge_length_mm: Positive | None = None
     grading_mm: Positive = 4.0
-    envelope_mm: Positive | None = (
-        None  # how far fTetWild may stray from the surface, onto which nodes are then projected
-    )
+    envelope_mm: Positive | None = None  # fTetWild's tolerance; nodes are then projected onto the surface
 
     @property
     def envelope(self) -> float:
-        """In mm; by default a tenth of the edge length."""
+        """Tolerance of fTetWild, mm; by default a tenth of the edge length."""
         return self.envelope_mm or 0.1 * self.edge_length_mm
 
 
 class MeshSizes(StrictSection):
-    """``default``, ``coarse`` and ``fine`` are solved on; ``output`` holds the stored vertices.
+    """Sizes of the simulation meshes ``default``, ``coarse`` and ``fine``, and of the stored mesh ``output``.
 
-    ``as_given`` takes the user's own tetrahedra. Without ``output``, a tetrahedral file is its own output
-    mesh, and a surface gets one of the default mesh's edge lengths.
+    ``as_given`` takes the user's own tetrahedra. Without ``output``, a tetrahedral file is its own output mesh, and the
+    output mesh of a surface file has the default mesh's edge lengths.
     """
 
     default: MeshSize | Literal["as_given"]
@@ -257,10 +243,10 @@ class CameraSettings(StrictSection):
 
 
 class Electrodes(StrictSection):
-    """Electrode positions in a frame of their own; they are snapped to the core's surface."""
+    """Electrode positions in the electrodes' frame; they are snapped to the core's surface."""
 
-    origin_mm: Vector  # of their frame, in the sensor's frame
-    x_axis: Direction  # of their frame, in the sensor's frame
+    origin_mm: Vector  # of the electrodes' frame, in the sensor's frame; so are the axes
+    x_axis: Direction
     z_axis: Direction
     x_mm: list[Number]
     y_mm: list[Number]
@@ -269,9 +255,7 @@ class Electrodes(StrictSection):
     @model_validator(mode="after")
     def _same_length(self):
         if not len(self.x_mm) == len(self.y_mm) == len(self.z_mm):
-            raise ValueError(
-                f"x_mm, y_mm, z_mm have {len(self.x_mm)}, {len(self.y_mm)}, {len(self.z_mm)} entries"
-            )
+            raise ValueError(f"x_mm, y_mm, z_mm have {len(self.x_mm)}, {len(self.y_mm)}, {len(self.z_mm)} entries")
         return self
 
 
@@ -298,7 +282,7 @@ class SensorDescription(StrictSection):
 
 
 def read_description(path: Path) -> SensorDescription:
-    """Parse a sensor.yaml. Raises InputError of one line: file, key path, value, what is allowed."""
+    """Read a ``sensor.yaml``. Raises InputError with one line: file, key, value, and what is allowed."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; a sensor is a folder with a sensor.yaml")
     return load_section(SensorDescription, path, str(path))

@@ -1,4 +1,4 @@
-"""How many presses are under way at once on a device, and the memory that they take."""
+"""Batch size: the number of presses that run at once on a device, and the memory of one press."""
 
 import warp as wp
 
@@ -11,15 +11,15 @@ from simgen.fem.linear_solver.krylov_kernels import WINDOW
 from simgen.sensors.sensor import Sensor
 from simgen.sensors.support import faces_in_reach
 
-AT_ONCE = {"cpu": 1, "cuda": 512}  # a core does one after the other
-USABLE = 0.8  # of the memory that is free: meshes, kernels, and what else may come
+AT_ONCE = {"cpu": 1, "cuda": 512}  # presses
+USABLE = 0.8  # of the free memory; the rest is for meshes and kernels
 
 
 def bytes_per_press(sensor: Sensor, settings: SolverSettings | None = None) -> int:
-    """Memory of one press that is under way: states, Krylov vectors, blocks, contact points.
+    """Bytes of device memory that one running press takes: states, Krylov vectors, blocks, contact points.
 
-    Without a fluid, which adds some percent, tiles of blocks that are not full (see ``fem.blocks``), and the sparse
-    factors of linear tetrahedra, which the host keeps.
+    Left out are a fluid (some percent), partly filled tiles of blocks (see ``fem.blocks``), and the sparse factors of
+    linear tetrahedra, which are in the host's memory.
     """
     mesh, settings = sensor.simulation_mesh, settings or SolverSettings()
     kind = ELEMENTS[settings.element]
@@ -31,7 +31,7 @@ def bytes_per_press(sensor: Sensor, settings: SolverSettings | None = None) -> i
     faces += [faces_in_reach(sensor.support, mesh)] if sensor.support is not None else []
     points = kind.face_points * sum(map(len, faces))
     double = 8 * unknowns  # x, trial, step, two parts of the forces and their sum, two earlier states
-    vectors = settings.krylov_size + WINDOW + 5  # directions, images; the solver's four; where derivatives are taken
+    vectors = settings.krylov_size + WINDOW + 5  # directions, images; four of the solver; the linearisation point
     blocks = edges * 2 + corners
     coarse = 0
     if kind.pressures:
@@ -47,14 +47,14 @@ def bytes_per_press(sensor: Sensor, settings: SolverSettings | None = None) -> i
 
 
 def at_once(device: str) -> int:
-    """Presses that are under way on a device where its memory allows them."""
+    """Number of presses that run at once on a device with enough memory."""
     return AT_ONCE[device.partition(":")[0]]
 
 
 def presses_at_once(sensor: Sensor, device: str, settings: SolverSettings) -> int:
-    """Presses under way on a device: `AT_ONCE`, or what fits into the free memory.
+    """Number of presses that run at once on a device: `AT_ONCE`, or fewer if the free memory is too small.
 
-    Raises InputError where that is none.
+    Raises InputError if not even one fits.
     """
     most = at_once(device)
     if most == 1:

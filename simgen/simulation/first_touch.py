@@ -1,6 +1,6 @@
-"""Where indenters that move along their axes first meet the rest surface.
+"""First touch of indenters that move along their axes towards the surface at rest.
 
-Conservative advancement (sphere tracing): a shape moved by its least distance to the surface cannot yet overlap it.
+Conservative advancement (sphere tracing): a shape that moves by its least distance to the surface cannot overlap it.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ wp.set_module_options({"enable_backward": False})
 
 RETREAT_MM = 10.0  # the approach starts this far behind the given pose and ends as far beyond it
 ACCURACY_MM = 1e-6
-CLOSE_MM = 0.02  # faces that are looked at densely: those that come this near to where coarse points touch
+CLOSE_MM = 0.02  # faces this near at the coarse first touch are sampled densely
 COARSE, FINE = 10, 80  # points on an edge of a face
-THREADS = {"cpu": 1, "cuda": 64}  # that share the 3,321 dense points of a face: few faces are looked at densely
+THREADS = {"cpu": 1, "cuda": 64}  # per densely sampled face, which has 3,321 points
 
 
 @wp.kernel
@@ -40,10 +40,10 @@ def approach_kernel(
     of_face_out: wp.array2d(dtype=wp.float64),
     distance_out: wp.array(dtype=wp.float64),
 ):
-    """Least distance of each shape from each face at points with shape functions (point, nodes), and from all faces.
+    """Compute each shape's least distance from each face and from all faces; points (point, nodes): shape functions.
 
-    Faces whose distance is ``known`` (face, press) to be beyond the limit are left out. Several threads may share the
-    points of a face; then only the distance from all faces is found.
+    Faces with a ``known`` distance (face, press) beyond the limit are skipped. Several threads may share the points of
+    a face; then only the distance from all faces is written.
     """
     f, first, i = wp.tid()
     if known[f, i] > limit[i]:
@@ -69,7 +69,7 @@ def dense_shapes(subdivisions: int, linear: bool) -> np.ndarray:
 
 
 class _Approach:
-    """The approach of some shapes to a surface: nodes (n, 3) mm, faces (f, 6 or 3), poses (b, 4, 4) mm."""
+    """Shapes that approach a surface: nodes (n, 3) mm, faces (f, 6 or 3), poses (b, 4, 4) mm."""
 
     def __init__(self, nodes, faces, shapes: list[RigidShape], poses: np.ndarray, device):
         self.poses, self.device, b = poses, device, len(poses)
@@ -89,7 +89,7 @@ class _Approach:
         )
 
     def _distance(self, travel: np.ndarray, going: np.ndarray, fine: bool, limit: np.ndarray) -> np.ndarray:
-        """Least distance (b,) mm from the surface after ``travel`` of those that go."""
+        """Least distance (b,) mm from the surface after ``travel``, for the shapes that are going."""
         known, of_face = (self._of_face, self._ignored) if fine else (self._nothing, self._of_face)
         origin = self.poses[:, :3, 3] + travel[:, None] * self.poses[:, :3, 1]
         least = wp.full(len(self.poses), np.inf, dtype=wp.float64, device=self.device)
@@ -103,7 +103,7 @@ class _Approach:
         return least
 
     def _advance(self, travel: np.ndarray, going: np.ndarray, fine: bool, limit) -> tuple[np.ndarray, np.ndarray]:
-        """Move those that go (b,) along their +y until they touch; returns travel and last distance (b,)."""
+        """Move the shapes that are going (b,) along their +y until they touch; returns travel and last distance."""
         travel, going, least = travel.copy(), going.copy(), np.full(len(travel), np.inf)
         while going.any():
             least = np.where(going, self._distance(travel, going, fine, limit), least)
@@ -112,7 +112,7 @@ class _Approach:
         return travel, least
 
     def touch(self, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Travel (b,) mm, Status (b,), and how many faces (b,) are then nearer than ``reach`` mm."""
+        """Travel (b,) mm, Status (b,), and number of faces (b,) nearer than ``reach`` mm at first touch."""
         start, everywhere = np.full(len(self.poses), -RETREAT_MM), np.full(len(self.poses), np.inf)
         travel, least = self._advance(start, np.ones(len(self.poses), dtype=bool), False, everywhere)
         status = np.full(len(self.poses), int(Status.CONVERGED))
@@ -128,12 +128,13 @@ class _Approach:
 def first_touch(
     nodes, faces, shapes: list[RigidShape], poses: np.ndarray, device="cpu", batch: int = 1, reach: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Travel (b,) mm along each shape's +y axis from its pose (b, 4, 4) mm to first touch, and a Status (b,).
+    """Find the first touch of shapes that move along their +y axes from poses (b, 4, 4) mm.
 
-    And how many faces (b,) are nearer than ``reach`` mm then, which a press as deep as that could meet.
+    Returns the travel (b,) mm, a Status (b,), and the number of faces (b,) nearer than ``reach`` mm at first touch,
+    which a press of that depth could meet.
 
-    The surface, nodes (n, 3) mm and faces (f, 6 or 3), is sampled on every face, then densely on the faces next to the
-    touch; ``batch`` shapes at a time.
+    The surface has nodes (n, 3) mm and faces (f, 6 or 3). All faces are sampled coarsely, then those next to the touch
+    densely, for ``batch`` shapes at a time.
     """
     found = [
         _Approach(nodes, faces, shapes[i : i + batch], poses[i : i + batch], device).touch(reach)

@@ -1,7 +1,8 @@
-"""Presses on their way: each one has its own increments and its own next point to store; one that ends makes room.
+"""Load stepping: presses advance along a path in increments, each press in an environment of its own.
 
-The solver carries all of them on by an iteration at a time, and whichever has ended its increment begins the next one
-at once. On a CPU the bytes of none depend on how many are under way together; on a GPU sums depend on its threads.
+The solver advances all environments by one Newton iteration at a time. An environment whose increment has ended begins
+its next increment at once, and a press that ends leaves its environment to the next press. On a CPU the results of a
+press do not depend on the other presses, to the byte. On a GPU the order of sums depends on the threads.
 """
 
 from __future__ import annotations
@@ -18,25 +19,25 @@ from simgen.simulation.measurements import Solution, take_samples
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
 from simgen.simulation.state_sampler import StateSampler
-from simgen.simulation.tries import DOUBT, Press, Try
+from simgen.simulation.tries import SECOND_TRY_ITERATIONS, Press, Try
 
-LONGEST_MM = 0.25  # of a load step: with friction the force depends on the way, also where few depths are stored
-FURTHEST = 3.0  # of the last step, that a start may lie beyond: a short one says little of one that is much longer
-CALM = 4  # increments that converge before a step that was halved is doubled: one that fails costs as much as four
-MOST_OVERLAP = 0.25  # of a face's edge: beyond, the mesh does not resolve the contact
-LEAST_OVERLAP_MM = 0.01  # that an indenter between the integration points shows before it counts as missed
-EASY = 25  # Newton iterations: an increment that took more is not solved again for elements that are inside out
-# Newton iterations since the last sample, after which an increment that fails ends the try. Of the 619,193 samples that
-# two runs of the paired job made (8a88ef0, 5c68dee; one H200) none took more than 951.
-MOST_ITERATIONS = 1000
-MOST_REPEATS = 8  # of an increment whose state has elements inside out, or overlaps the indenter too far
-TURN_LEVER_MM = 5.0  # a turn counts as long as the way of a point so far from the press axis: half an indenter's width
+MAX_STEP_MM = 0.25  # load step; with friction the force depends on the path, so long steps change it
+MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last load step
+GROWTH_DELAY = 4  # converged increments before a halved load step is doubled; a failed increment costs as much as four
+MAX_OVERLAP_RATIO = 0.25  # overlap over the face's edge; beyond it, the mesh does not resolve the contact
+MIN_OVERLAP_MM = 0.01  # an indenter that overlaps more without a force lies between the integration points
+REPEATABLE_ITERATIONS = 25  # Newton iterations; longer increments are not repeated to open inverted elements
+# Newton iterations since the last sample, after which a failed increment ends the try. Of the 619,193 samples of two
+# runs of the paired job (8a88ef0, 5c68dee; one H200) none took more than 951.
+MAX_ITERATIONS = 1000
+MAX_REPEATS = 8  # of an increment whose converged state has inverted elements or too much overlap
+TURN_RADIUS_MM = 5.0  # a turn counts as an arc of this radius: half an indenter's width
 
 
-def longest_of_leg(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """The length (d,) of the longest segment of each segment's leg: of those before and after it in one direction.
+def longest_segments(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Length (d,) of the longest segment in each segment's leg; a leg is a run of segments in one direction.
 
-    corners (d + 1, c): the path; lengths (d,): of its segments.
+    corners (d + 1, c): of the path; lengths (d,): of its segments.
     """
     directions = np.diff(corners, axis=0) / np.maximum(lengths, 1e-12)[:, None]
     turns = (directions[1:] * directions[:-1]).sum(axis=1) < 1.0 - 1e-9
@@ -47,42 +48,43 @@ def longest_of_leg(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
 
 
 class LoadStepping:
-    """Presses along one path, of which ``scene.batch`` are under way at a time, one in each environment.
+    """Presses along one path, one in each environment of the scene, ``scene.batch`` at a time.
 
-    path (d, 4): offsets, mm, and turns about the press axis, rad. A press ends after its steps, and where its force
-    along the press axis exceeds ``max_force_n``, which may be infinite. The scene has the shapes.
-    ``way`` is the length of path that lies behind an environment, mm.
+    path (d, 4): offsets, mm, and turns about the press axis, rad. A press ends after its last step, or where its force
+    along the press axis exceeds ``max_force_n``, which may be infinite. The scene holds the indenters' shapes.
+    ``travelled``, ``target`` and ``goal`` (env,) are path lengths in mm: at the last converged increment, at the end of
+    the current increment, and at the next point to store.
     """
 
-    _counted = 0.0  # s, until when the time of all load stepping has been shared out
+    _counted = 0.0  # s, end of the wall time that has been shared out among presses
 
     def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float):
         self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, path, max_force_n
         self.sampler, self._waiting = StateSampler.of(scene), PressQueue()
-        self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_LEVER_MM]])
+        self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_RADIUS_MM]])
         lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
-        self._way_to = np.concatenate([[0.0], np.cumsum(lengths)])
-        self._spacing = np.minimum(longest_of_leg(self._corners, lengths), LONGEST_MM)
+        self._corner_lengths = np.concatenate([[0.0], np.cumsum(lengths)])
+        self._max_steps = np.minimum(longest_segments(self._corners, lengths), MAX_STEP_MM)
         batch = scene.batch
         self.press: list[Press | None] = [None] * batch
         self.tries: list[Try | None] = [None] * batch
-        self.at_work, self._next = np.zeros((2, batch), dtype=bool)  # has a try; begins its next increment
-        self._shape, self._poses, self._lateral = np.zeros(batch), np.tile(np.eye(4), (batch, 1, 1)), np.zeros(batch)
-        self.way, self.previous, self.target, self.step = np.zeros((4, batch))
-        self._calm = np.zeros(batch, dtype=int)  # increments since one failed
-        self._repeats = np.zeros(batch, dtype=int)  # of the increment under way
-        self._damping = np.zeros(batch)  # largest since the last row
-        self._reinforced = np.zeros(batch, dtype=bool)  # tried once more before it was given up
-        self._share = np.ones(batch)  # of the longest steps that this try takes
+        self.running, self._starting = np.zeros((2, batch), dtype=bool)  # has a try; begins its next increment
+        self._shape, self._poses, self._reach = np.zeros(batch), np.tile(np.eye(4), (batch, 1, 1)), np.zeros(batch)
+        self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
+        self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
+        self._repeats = np.zeros(batch, dtype=int)  # of the current increment
+        self._damping = np.zeros(batch)  # largest since the last sample
+        self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
+        self._step_scale = np.ones(batch)  # of the current tries
         self.goal = np.zeros(batch)
-        self.spacing = np.full(batch, self._spacing[0])  # of the leg under way
-        self._spent = np.zeros(batch, dtype=np.int64)  # Newton iterations of this try
-        self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations and sub-steps since the last row
+        self.max_step = np.full(batch, self._max_steps[0])  # on the current leg
+        self._try_iterations = np.zeros(batch, dtype=np.int64)  # Newton iterations of the current tries
+        self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations, sub-steps since the last sample
         self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
-        self._now = np.tile(np.eye(4), (batch, 1, 1))  # poses at the end of the increments under way
+        self._target_poses = np.tile(np.eye(4), (batch, 1, 1))
 
     def add(self, presses: Iterable[Press]):
-        """Let presses wait for environments that become free."""
+        """Queue presses until environments are free."""
         for press in presses:
             if press.status is None and press.steps == 0:
                 press.status = Status.NO_ROOM
@@ -90,127 +92,127 @@ class LoadStepping:
                 self._waiting.add(press)
 
     def drop(self, presses: Collection[Press]):
-        """Forget presses that nobody waits for any more."""
+        """Forget presses whose results are not needed any more."""
         for press in presses:
             press.dropped = True
         self._waiting.remove_dropped()
-        self._free(np.array([press is not None and press.dropped for press in self.press]))
+        self._release(np.array([press is not None and press.dropped for press in self.press]))
 
     @property
     def unfinished(self) -> list[Press]:
         return [*self._waiting, *(press for press in self.press if press is not None)]
 
     @property
-    def left(self) -> int:
-        """Presses that wait, and tries that are under way."""
-        return len(self._waiting) + int(self.at_work.sum())
+    def remaining(self) -> int:
+        """Number of waiting presses and running tries."""
+        return len(self._waiting) + int(self.running.sum())
 
     @property
     def busy(self) -> int:
-        """Environments that will be at work."""
-        return min(self.left, self.scene.batch)
+        """Number of environments that the next iteration will use."""
+        return min(self.remaining, self.scene.batch)
 
-    def go_on(self):
-        """Carry on what is under way by an iteration."""
+    def advance(self):
+        """Advance all running presses by one iteration."""
         begin = time.perf_counter()
-        self._begin(self._next | self._load())
-        self._next[:] = False
-        under_way = [press for press in self.press if press is not None]
+        self._begin_increments(self._starting | self._start_tries())
+        self._starting[:] = False
+        running = [press for press in self.press if press is not None]
         ended = self.solver.iterate()
         if ended.any():
-            ended &= ~self._solve_again(ended)
-            self._settle(ended)
-            self._next = ended & self.at_work
-        # Marches of two threads overlap: time counts once, for the one that ends first.
+            ended &= ~self._repeat(ended)
+            self._accept_or_reject(ended)
+            self._starting = ended & self.running
+        # Iterations of two threads overlap: the common time counts once, for the iteration that ends first.
         now = time.perf_counter()
         begin, LoadStepping._counted = max(begin, LoadStepping._counted), now
-        for press in under_way:
-            press.seconds += (now - begin) / len(under_way)
+        for press in running:
+            press.seconds += (now - begin) / len(running)
 
-    def _load(self) -> np.ndarray:
-        """Begin tries in environments that are free; returns which (env,) these are."""
+    def _start_tries(self) -> np.ndarray:
+        """Start tries in free environments; returns which (env,) bool."""
         fresh = np.zeros(self.scene.batch, dtype=bool)
-        free = np.flatnonzero(~self.at_work)
+        free = np.flatnonzero(~self.running)
         if not len(free):
             return fresh
-        doubted = [self.press[env] for env in np.flatnonzero(self.at_work & (self.cost[0] > DOUBT))]
-        doubted = [press for press in doubted if len(press.tries) == 1]
-        for env in free[: len(doubted) + len(self._waiting)]:
-            press = doubted.pop() if doubted else self._waiting.pop()
+        slow = [self.press[env] for env in np.flatnonzero(self.running & (self.cost[0] > SECOND_TRY_ITERATIONS))]
+        slow = [press for press in slow if len(press.tries) == 1]
+        for env in free[: len(slow) + len(self._waiting)]:
+            press = slow.pop() if slow else self._waiting.pop()
             self.press[env], self.tries[env] = press, press.next_try()
-            self._shape[env], self._poses[env], self._lateral[env] = press.shape, press.pose, press.lateral
-            self._share[env] = self.tries[env].share
+            self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
+            self._step_scale[env] = self.tries[env].step_scale
             fresh[env] = True
         if not fresh.any():
             return fresh
-        self.at_work |= fresh
-        for array in (self.way, self.previous, self.cost.T, self._spent, self._repeats, self._damping):
-            array[fresh] = 0
-        self._calm[fresh] = CALM
+        self.running |= fresh
+        self._repeats[fresh] = self._try_iterations[fresh] = self.cost[:, fresh] = 0
+        self.travelled[fresh] = self.previous[fresh] = self._damping[fresh] = 0.0
+        self._successes[fresh] = GROWTH_DELAY
         self._reinforced[fresh] = False
-        self.step[fresh] = self.spacing[fresh] = self._share[fresh] * self._spacing[0]
+        self.step[fresh] = self.max_step[fresh] = self._step_scale[fresh] * self._max_steps[0]
         self.scene.load(fresh, self._shape)
         return fresh
 
-    def _place(self, way: np.ndarray) -> np.ndarray:
-        """The places (env, 4) mm of the indenters on their path: offsets from first touch, and turns as lengths."""
-        return np.stack([np.interp(way, self._way_to, self._corners[:, i]) for i in range(4)], axis=-1)
+    def _offsets(self, length: np.ndarray) -> np.ndarray:
+        """Offsets from first touch and turns as arcs, (env, 4) mm, after these lengths (env,) of the path."""
+        return np.stack([np.interp(length, self._corner_lengths, self._corners[:, i]) for i in range(4)], axis=-1)
 
-    def _pose(self, way: np.ndarray) -> np.ndarray:
-        place = self._place(way)
-        return moved(self._poses, place[:, :3], place[:, 3] / TURN_LEVER_MM)
+    def _poses_at(self, length: np.ndarray) -> np.ndarray:
+        offsets = self._offsets(length)
+        return moved(self._poses, offsets[:, :3], offsets[:, 3] / TURN_RADIUS_MM)
 
-    def _begin(self, starting: np.ndarray):
-        """The next increment in the environments (env,) bool.
+    def _begin_increments(self, starting: np.ndarray):
+        """Begin the next increment in the environments (env,) bool.
 
-        Its guess goes on from the last two states, displacements and multipliers, as far as the path goes on along
-        their line. It also says where points enter contact.
+        The initial guess extrapolates displacements and multipliers of the last two states along the path. It also
+        predicts where points enter contact.
         """
         if not starting.any():
             return
         solver = self.solver
         stored = np.array([0 if each is None else len(each.samples) for each in self.tries])
         segment = np.minimum(stored, len(self.path) - 1)
-        self.goal = self._way_to[1 + segment]
-        spacing = self._share * self._spacing[segment]
-        self.step = np.where(spacing != self.spacing, spacing, self.step)
-        self.spacing = spacing
-        target = np.minimum(self.way + self.step, self.goal)
+        self.goal = self._corner_lengths[1 + segment]
+        max_step = self._step_scale * self._max_steps[segment]
+        self.step = np.where(max_step != self.max_step, max_step, self.step)
+        self.max_step = max_step
+        target = np.minimum(self.travelled + self.step, self.goal)
         self.target = np.where(starting, np.where(self.goal - target < 1e-9, self.goal, target), self.target)
-        here = self._place(self.way)
-        last, now = here - self._place(self.previous), self._place(self.target) - here
+        here = self._offsets(self.travelled)
+        last, now = here - self._offsets(self.previous), self._offsets(self.target) - here
         length = (last**2).sum(axis=-1)
-        onwards = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
-        onwards = np.clip(onwards, 0.0, FURTHEST)
+        ratio = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
+        ratio = np.clip(ratio, 0.0, MAX_EXTRAPOLATION)
         marked = solver.mark(starting)
         batch_arrays.copy(solver.x, marked, self.x_start)
-        batch_arrays.extrapolate(self.x_previous, self.x_start, onwards, marked, solver.trial)
+        batch_arrays.extrapolate(self.x_previous, self.x_start, ratio, marked, solver.trial)
         for x in (self.x_start, solver.trial):
             solver.elasticity.expect(x)
-        self._now[starting] = self._pose(self.target)[starting]
+        self._target_poses[starting] = self._poses_at(self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
-        # No point of an indenter moves further: the tip's way, and an arc at the rim.
-        travel = np.linalg.norm(now[:, :3], axis=1) + self._lateral * np.abs(now[:, 3]) / TURN_LEVER_MM
-        before = self._pose(self.way)
-        self.scene.indenter_contact.begin_increment(self.x_start, solver.trial, before, self._now, travel)
+        # An upper bound for all points of an indenter: the tip's travel, and an arc at the rim.
+        travel = np.linalg.norm(now[:, :3], axis=1) + self._reach * np.abs(now[:, 3]) / TURN_RADIUS_MM
+        before = self._poses_at(self.travelled)
+        self.scene.indenter_contact.begin_increment(self.x_start, solver.trial, before, self._target_poses, travel)
         for contact in self.scene.fixed_contacts:
             contact.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
         for contact in solver.contacts:
-            contact.extrapolate(onwards)
+            contact.extrapolate(ratio)
         solver.begin(starting)
 
-    def _solve_again(self, ended: np.ndarray) -> np.ndarray:
-        """Solve increments again that have converged to a state that cannot be kept.
+    def _repeat(self, ended: np.ndarray) -> np.ndarray:
+        """Repeat increments that have converged to a state that cannot be kept; returns which (env,) bool.
 
-        Elements that are inside out are stabilised more, and where a sample is due, faces that overlap the indenter too
-        far are stiffened. Returns which (env,) of those that ``ended`` go on. One that does not converge again is
-        solved once more from its start; elements that are inside out are then accepted, as they are where the increment
-        was not `EASY`. Where stiffer faces do not help, or no skin is left before the core, the increment has failed.
+        Inverted elements are stabilised more. Faces that overlap the indenter too far are stiffened where a sample is
+        due. An increment fails if stiffer faces do not help, or if no skin is left before the core. If a repeated
+        increment does not converge, it is solved once more from its start, and inverted elements are accepted. They
+        are also accepted after more than `REPEATABLE_ITERATIONS`.
         """
         solver, out = self.solver, self.solver.increment
         converged = ended & (out.status == Status.CONVERGED)
-        asked = converged & (self._repeats < MOST_REPEATS)
-        again = asked & (out.newton_iterations <= EASY)
+        repeatable = converged & (self._repeats < MAX_REPEATS)
+        again = repeatable & (out.newton_iterations <= REPEATABLE_ITERATIONS)
         if again.any():
             solver.mark(again)
             again &= solver.elasticity.stabilise(solver.x) > 0
@@ -218,9 +220,9 @@ class LoadStepping:
         if due.any():
             solver.mark(due)
             sampler = self.sampler
-            too_far = due & ((sampler.overlap()[1] > MOST_OVERLAP) | (sampler.room() < 0.0))
-            out.status[too_far & ~asked] = Status.NOT_RESOLVED
-            too_far &= asked
+            too_far = due & ((sampler.overlap()[1] > MAX_OVERLAP_RATIO) | (sampler.room() < 0.0))
+            out.status[too_far & ~repeatable] = Status.NOT_RESOLVED
+            too_far &= repeatable
             if too_far.any():
                 solver.mark(too_far)
                 for contact in solver.contacts:
@@ -236,72 +238,74 @@ class LoadStepping:
     def _count_cost(self, ended: np.ndarray):
         out = self.solver.increment
         self.cost[:2, ended] += np.stack([out.newton_iterations, out.krylov_iterations])[:, ended]
-        self._spent[ended] += out.newton_iterations[ended]
+        self._try_iterations[ended] += out.newton_iterations[ended]
         self._damping[ended] = np.maximum(self._damping, out.most_damping)[ended]
 
-    def _settle(self, ended: np.ndarray):
-        """Keep or take back the increments that have ended."""
+    def _accept_or_reject(self, ended: np.ndarray):
+        """Keep the increments (env,) that have converged; undo the others and halve their steps, or end their tries."""
         solver, out = self.solver, self.solver.increment
         self._count_cost(ended)
         self.cost[2, ended] += 1
         converged = ended & (out.status == Status.CONVERGED)
         failed = ended & ~converged
-        if failed.any():  # back to where they began
+        if failed.any():
             marked = solver.mark(failed)
             batch_arrays.copy(self.x_start, marked, solver.x)
             for contact in solver.contacts:
                 contact.restore(marked)
-        unchecked = failed & (self._repeats > 0) & (self._repeats <= MOST_REPEATS)
+        # A failed repeat is solved from its start without further repeats.
+        unchecked = failed & (self._repeats > 0) & (self._repeats <= MAX_REPEATS)
         unchecked &= out.status != Status.NOT_RESOLVED
-        self._repeats[ended] = np.where(unchecked, MOST_REPEATS + 1, 0)[ended]
+        self._repeats[ended] = np.where(unchecked, MAX_REPEATS + 1, 0)[ended]
         failed &= ~unchecked
         if failed.any():
-            self.step[failed], self._calm[failed] = (self.target - self.way)[failed] / 2.0, 0
-            # A leg of few long steps may be cut as finely as the press.
-            least = self.scene.settings.smallest_substep * np.minimum(self.spacing / self._share, self._spacing[0])
-            worn_out = failed & (self.cost[0] > MOST_ITERATIONS)
-            once_more = failed & (self.step < least) & ~worn_out & ~self._reinforced
-            hopeless = failed & (self.step < least) & ~once_more | worn_out
-            if once_more.any():
-                solver.elasticity.reinforce(solver.mark(once_more))
-                self._reinforced |= once_more
-                self.step[once_more] = self.spacing[once_more]
-            for env in np.flatnonzero(hopeless):
+            self.step[failed], self._successes[failed] = (self.target - self.travelled)[failed] / 2.0, 0
+            # On a leg of few long steps the sub-steps may be as short as on the first leg.
+            smallest = self.scene.settings.smallest_substep
+            too_short = self.step < smallest * np.minimum(self.max_step / self._step_scale, self._max_steps[0])
+            too_costly = failed & (self.cost[0] > MAX_ITERATIONS)
+            reinforce = failed & too_short & ~too_costly & ~self._reinforced
+            given_up = failed & too_short & ~reinforce | too_costly
+            if reinforce.any():
+                solver.elasticity.reinforce(solver.mark(reinforce))
+                self._reinforced |= reinforce
+                self.step[reinforce] = self.max_step[reinforce]
+            for env in np.flatnonzero(given_up):
                 self._end(env, out.status[env], failed=True)
         marked = solver.mark(converged)
         batch_arrays.copy(self.x_start, marked, self.x_previous)
         for contact in solver.contacts:
             contact.keep(marked)
-        self.previous[converged] = self.way[converged]
-        self.way[converged] = self.target[converged]
-        self._calm[converged] += 1
-        longer = converged & (self._calm >= CALM)
-        self.step[longer] = np.minimum(2.0 * self.step, self.spacing)[longer]
-        self._store(converged & (self.target == self.goal))
+        self.previous[converged] = self.travelled[converged]
+        self.travelled[converged] = self.target[converged]
+        self._successes[converged] += 1
+        longer = converged & (self._successes >= GROWTH_DELAY)
+        self.step[longer] = np.minimum(2.0 * self.step, self.max_step)[longer]
+        self._store_samples(converged & (self.target == self.goal))
 
     def _end(self, env: int, status: int, failed: bool = False):
-        """End a try. The press ends with it, or goes on with another one."""
+        """End a try, and its press if the tries decide it; else queue the press for its second try."""
         press, ended = self.press[env], self.tries[env]
         ended.status, ended.failed = status, failed
-        self._waiting.learn(press.shape, self._spent[env])
-        press.settle()
+        self._waiting.learn(press.shape, self._try_iterations[env])
+        press.decide()
         if press.status is None and len(press.tries) == 1:
             self._waiting.add(press)
         if press.status is None:
-            self._free(np.arange(self.scene.batch) == env)
-        else:  # with its other try, if that is under way
-            self._free(np.array([each is press for each in self.press]))
+            self._release(np.arange(self.scene.batch) == env)
+        else:  # the other try may be running, too
+            self._release(np.array([each is press for each in self.press]))
 
-    def _free(self, environments: np.ndarray):
-        """Take the tries from the environments (env,) bool, wherever they are."""
+    def _release(self, environments: np.ndarray):
+        """Remove the tries from the environments (env,) bool."""
         for env in np.flatnonzero(environments):
             self.press[env] = self.tries[env] = None
-        self.at_work &= ~environments
-        self._next &= ~environments
+        self.running &= ~environments
+        self._starting &= ~environments
         self.solver.abandon(environments)
 
-    def _store(self, reached: np.ndarray):
-        """Keep the samples of the environments that have just reached a point to store."""
+    def _store_samples(self, reached: np.ndarray):
+        """Store samples in the environments (env,) bool that have just reached a point to store."""
         if not reached.any():
             return
         out = self.solver.increment
@@ -313,8 +317,8 @@ class LoadStepping:
             if abs(force @ press.pose[:3, 1]) > self._max_force_n:
                 self._end(env, Status.FORCE_LIMIT)
                 continue
-            entered = not current.samples and self.path[0, 1] > LEAST_OVERLAP_MM
-            missed = not force.any() and (entered or sample.overlap_mm > LEAST_OVERLAP_MM)
+            entered = not current.samples and self.path[0, 1] > MIN_OVERLAP_MM
+            missed = not force.any() and (entered or sample.overlap_mm > MIN_OVERLAP_MM)
             if missed:
                 self._end(env, Status.NOT_RESOLVED)
                 continue

@@ -1,7 +1,7 @@
 """Measurements of a press at a step of its path: one function for each entry of `simgen.config.outputs`.
 
-A function has the name of its output. It gets the `State` of the environments that have just reached a step. It returns
-an array (environment, ...) of the output's shape, in the output's unit.
+A function has the name of its output. Its argument is the `State` of the environments that have just reached a step. It
+returns an array (environment, ...) with the output's shape and unit.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from simgen.units import MM_PER_M
 
 @dataclass(frozen=True)
 class Solution:
-    """What the solver reached, and needed, since the last step in each environment; arrays (env,)."""
+    """Accuracy and cost of the solution since the last step in each environment; arrays (env,)."""
 
     residual: np.ndarray
     contact_error: np.ndarray
@@ -38,7 +38,7 @@ class Solution:
 class State:
     """The converged states of a scene's solver in some environments.
 
-    environments : (k,) their numbers
+    environments : (k,) numbers of the environments
     frames : (k, 3, 3) contact frame -> sensor frame: the indenters' axes at first touch
     """
 
@@ -51,17 +51,17 @@ class State:
 
     @property
     def newton(self) -> float:
-        """N per unit of the solver's forces, which are in E mm2."""
+        """Newtons per unit of the solver's forces, which are in E mm2."""
         return self.scene.material.youngs_modulus_pa / MM_PER_M**2
 
     @cached_property
     def contact(self) -> Resultants:
-        """The indenter's contact, in the solver's units, in all environments."""
+        """Resultants of the indenter's contact in all environments, in the solver's units."""
         return self.scene.indenter_contact.resultants(self.scene.solver.x)
 
     @cached_property
     def total_force(self) -> np.ndarray:
-        """(env, 3) sum of all forces on the gel, which balance, in the solver's units."""
+        """(env, 3) sum of all forces on the gel, zero in equilibrium, in the solver's units."""
         scene, x = self.scene, self.scene.solver.x
         total = self.contact.force + self.sampler.reactions().T
         for fixed in scene.fixed_contacts:
@@ -70,7 +70,7 @@ class State:
 
     @cached_property
     def cavity(self) -> tuple[np.ndarray, np.ndarray]:
-        """(env,) mm3 that the fluid in the cavity lacks, and its pressure over E."""
+        """(env,) mm3 of fluid volume lost in the cavity, and (env,) fluid pressure over E."""
         solver, row = self.scene.solver, self.scene.cavity.row
         return tuple(read(solver.balance.surface[row], solver.x[row]))
 
@@ -81,7 +81,7 @@ class State:
 
     @cached_property
     def inverted(self) -> np.ndarray:
-        """(env,) number of elements that are inside out somewhere."""
+        """(env,) number of elements that are inverted somewhere."""
         return self.sampler.inverted_elements()
 
 
@@ -89,7 +89,7 @@ class State:
 class PressSample:
     """A converged step of a press.
 
-    values : by the name of each of the scene's outputs, its value in the output's shape and unit
+    values : value of each of the scene's outputs by name, with the output's shape and unit
     overlap_mm : deepest overlap with indenter, core and support
     """
 
@@ -100,9 +100,9 @@ class PressSample:
 def take_samples(
     sampler: StateSampler, reached: np.ndarray, poses: np.ndarray, solution: Solution
 ) -> Iterator[tuple[int, PressSample]]:
-    """Samples of the environments (env,) bool that have just converged, after their forces have been measured.
+    """Yield environment and sample for all environments (env,) bool that have just converged.
 
-    poses : (env, 4, 4) of the indenters at first touch
+    The solver has measured the forces of these states. poses (env, 4, 4): indenters at first touch.
     """
     sampler.scene.solver.mark(reached)
     environments = np.flatnonzero(reached)
@@ -116,27 +116,27 @@ MEASUREMENTS: dict[str, Callable[[State], np.ndarray]] = {}
 
 
 def measurement_of(output: Output) -> Callable[[State], np.ndarray]:
-    """The function that measures an output."""
+    """Function that measures an output."""
     return MEASUREMENTS[output.name.removeprefix(CERTIFICATE)]
 
 
 def measurement(function: Callable[[State], np.ndarray]) -> Callable[[State], np.ndarray]:
-    """Make a function the measurement of the output that has its name."""
+    """Register a function as the measurement of the output with the same name."""
     MEASUREMENTS[function.__name__] = function
     return function
 
 
-def _of_solution(name: str) -> Callable[[State], np.ndarray]:
+def _from_solution(name: str) -> Callable[[State], np.ndarray]:
     return lambda state: getattr(state.solution, name)[state.environments]
 
 
 for _name in Solution.__dataclass_fields__:
-    MEASUREMENTS[_name] = _of_solution(_name)
+    MEASUREMENTS[_name] = _from_solution(_name)
 
 
 @measurement
 def displacement(state: State) -> np.ndarray:
-    """On a CPU it is valid until the next call."""
+    """On a CPU the array is valid until the next call."""
     return state.sampler.displacements(len(state.environments))
 
 
@@ -188,7 +188,7 @@ def cavity_pressure(state: State) -> np.ndarray:
 
 @measurement
 def force_balance(state: State) -> np.ndarray:
-    """Without contact there is nothing to balance."""
+    """Sum of all forces over the contact force; 0 without contact."""
     size = np.linalg.norm(state.contact.force, axis=1)
     balance = np.linalg.norm(state.total_force, axis=1) / np.maximum(size, SMALLEST_FORCE)
     return np.where(state.contact.force.any(axis=1), balance, 0.0)[state.environments]

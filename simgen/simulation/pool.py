@@ -1,8 +1,8 @@
-"""Presses of several tasks side by side on one device: what the hard ones of one task leave free serves the next.
+"""Pools: tasks of one process share the load stepping of each sensor, so that no environment is idle.
 
-Some presses take ten times as many iterations as most. On a GPU hundreds are under way at once, and a task that waited
-alone for its last presses would leave the device idle most of the time. So the tasks of a process share the load
-stepping of each sensor. One or two tasks carry it on for all, each until its own presses have ended. The others sleep.
+Some presses take ten times as many iterations as most. On a GPU hundreds of presses run at once. If each task had its
+own load stepping, most environments would be idle while the last presses of the task run. One or two threads advance
+the pools for all tasks, each until its own presses have ended. The other threads sleep.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
-    turn : for the one thread that carries the presses on
+    turn : lock of the one thread that advances the presses
     """
 
     def __init__(
@@ -38,36 +38,36 @@ class Pool:
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n)
         self._device, self.turn = wp.get_device(scene.device), threading.Lock()
         self._stream = wp.Stream(self._device) if self._device.is_cuda else None
-        wp.synchronize()  # what the scene has been made with ran on another stream
+        wp.synchronize()  # the kernels that set up the scene ran on another stream
         POOLS.add(self)
 
     def press(self, shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray) -> Pressing:
-        """Put presses under way: shape numbers (b,), poses (b, 4, 4) m, most steps (b,). Returns their results."""
+        """Add presses: shape numbers (b,), poses (b, 4, 4) m, numbers of steps (b,). Returns their results to come."""
         with DEVICE:
             self._use_stream()
             return Pressing(self._stepping, begin_presses(self._stepping, self._shapes, shape_of, poses, steps))
 
     @property
     def urgency(self) -> tuple[int, int]:
-        """The pool that keeps most environments at work goes on first, then the one that has most presses left."""
-        return self._stepping.busy, self._stepping.left
+        """Sort key: the pool with most busy environments goes first, then the one with most remaining presses."""
+        return self._stepping.busy, self._stepping.remaining
 
-    def go_on(self):
-        """Carry the presses on by an iteration. The thread has the pool's `turn`, and the device."""
+    def advance(self):
+        """Advance the presses by one iteration. The calling thread holds the pool's `turn` and the device."""
         self._use_stream()
-        self._stepping.go_on()
+        self._stepping.advance()
 
     def _use_stream(self):
         if self._stream is not None:
             wp.set_stream(self._stream, self._device)
 
     def drop(self):
-        """Forget all presses that have not ended."""
+        """Drop all unfinished presses."""
         self._stepping.drop(self._stepping.unfinished)
 
 
 class Pressing:
-    """Results of presses that are under way, in their order. To iterate over them waits until all have ended."""
+    """Results of running presses, in order. Iteration over the results waits until all presses have ended."""
 
     def __init__(self, stepping: LoadStepping, presses: list[Press]):
         self._stepping, self._presses = stepping, presses
@@ -76,7 +76,7 @@ class Pressing:
         while self.under_way and CREW.join(self):
             try:
                 while self.under_way:
-                    _go_on()
+                    _advance()
             finally:
                 CREW.leave()
         if any(press.dropped for press in self._presses):
@@ -85,19 +85,19 @@ class Pressing:
 
     @property
     def under_way(self) -> bool:
-        """True while some of the presses have not ended and nobody has dropped them."""
+        """True while some presses have neither ended nor been dropped."""
         return any(press.status is None and not press.dropped for press in self._presses)
 
 
 class Crew:
-    """The threads that carry all pools on; other threads sleep until what they wait for has ended, or join."""
+    """Threads that advance all pools. Other threads sleep until their presses have ended or they join the crew."""
 
     def __init__(self, most: int):
         self._lock, self._free = threading.Lock(), most
         self._asleep: dict[Pressing, tuple[threading.Event, list[bool]]] = {}
 
     def join(self, pressing: Pressing) -> bool:
-        """Return True if this thread joins the crew, False if it slept until its presses had ended."""
+        """Join the crew and return True, or sleep until the own presses have ended and return False."""
         with self._lock:
             if self._free:
                 self._free -= 1
@@ -107,7 +107,7 @@ class Crew:
         return joins[0]
 
     def leave(self):
-        """Leave the crew, and let a thread join whose presses are under way."""
+        """Leave the crew, and wake a thread with running presses to join it."""
         with self._lock:
             self._wake_those_done()
             if not self._asleep:
@@ -126,24 +126,24 @@ class Crew:
             self._asleep.pop(pressing)[0].set()
 
 
-BESIDE = 0.5  # of the environments of the busiest pool: what another one must have at work to go on beside it
-# On a GPU two pools go on at once: the kernels of one run while another thread prepares those of the other.
+BESIDE = 0.5  # a second pool runs beside the busiest one if it has this share of the busiest one's environments
+# On a GPU two pools run at once: the kernels of one run while another thread prepares those of the other.
 CREW = Crew(2)
 
 
-def _go_on():
-    """Carry a pool on by an iteration. An error ends all presses of the process: none is in order then."""
+def _advance():
+    """Advance a pool by one iteration. An error drops all presses of the process, whose states are unknown then."""
     try:
         with DEVICE:
             pool = _choose()
             if mine := pool.turn.acquire(blocking=False):
                 try:
-                    pool.go_on()
+                    pool.advance()
                 finally:
                     pool.turn.release()
         if not mine:
             with pool.turn:
-                pass  # another thread of the crew has carried it on
+                pass  # another thread of the crew has advanced the pool
     except BaseException:
         for each in list(POOLS):
             with each.turn, DEVICE:
@@ -154,7 +154,7 @@ def _go_on():
 
 
 def _choose() -> Pool:
-    """The most urgent pool, or where it is under way another one that is about as busy, if there is one."""
+    """The most urgent pool; if that pool is running, another one that is about as busy, if there is one."""
     pools = sorted(POOLS, key=lambda pool: pool.urgency, reverse=True)
     least = BESIDE * pools[0].urgency[0]
     return next((each for each in pools if each.urgency[0] >= least and not each.turn.locked()), pools[0])

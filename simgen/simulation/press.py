@@ -1,4 +1,4 @@
-"""Move indenters in a sensor: from first touch to depths or along a path, to samples with their certificate."""
+"""Presses of indenters into a sensor: from first touch to depths or along a path, with certified samples."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ from simgen.units import MM_PER_M
 
 __all__ = ["PressResult", "Scene", "SolverSettings", "Status", "follow", "press"]
 
+
 @dataclass
 class PressResult:
     """One press on one sensor, at d depths or points of a path.
 
-    outputs : by name, (d, ...) arrays of what the scene measures, with the shapes, units and meanings of
-        `simgen.config.outputs`. They are attributes, too: ``result.force`` is (d, 3). NaN where the press did not get
-        that far; None for an output that the scene does not measure
-    touch : m, travel along the press axis from the given pose to first touch; NaN where there is none
-    seconds : share of this press in the wall time of those that were solved together
+    outputs : arrays (d, ...) by name, with the shapes, units and meanings of `simgen.config.outputs`. Each is also an
+        attribute: ``result.force`` is (d, 3). NaN where the press did not get that far; None for an output that the
+        scene does not measure
+    touch : m, travel along the press axis from the given pose to first touch; NaN without a touch
+    seconds : share of this press in the wall time of the presses that ran together
     """
 
     outputs: dict[str, np.ndarray]
@@ -46,16 +47,15 @@ class PressResult:
 
     @property
     def certificate(self) -> dict[str, np.ndarray]:
-        """(d,) arrays that say how exact each sample is."""
+        """Accuracy measures of each sample by name, arrays (d,)."""
         names = (name for name in self.outputs if BY_NAME[name].is_certificate)
         return {name.removeprefix(CERTIFICATE): self.outputs[name] for name in names}
 
 
 def press(scene: Scene, shapes: list[RigidShape], poses: np.ndarray, depths_m: np.ndarray) -> list[PressResult]:
-    """Press any number of indenters, each along its +y axis to all depths, counted from its first touch.
+    """Press indenters along their +y axes to all depths from first touch; ``scene.batch`` presses run at a time.
 
-    poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; depths_m (d,) increasing. ``scene.batch`` of
-    them are under way at a time; one that ends makes room for the next.
+    poses (b, 4, 4): indenter frame -> sensor frame, m, near the surface; depths_m (d,) increasing.
     """
     return follow(scene, shapes, poses, np.asarray(depths_m, dtype=float)[:, None] * DOWN)
 
@@ -69,9 +69,9 @@ def follow(
     steps: np.ndarray | None = None,
     max_force_n: float = math.inf,
 ) -> list[PressResult]:
-    """Move indenters along one path from first touch, and keep a sample at every point of it.
+    """Move indenters along one path from first touch, and keep a sample at every point of the path.
 
-    Points are visited in order along straight lines, so shear, twist, slide and release are paths.
+    Straight lines join the points in order. So a path can shear, twist, slide and release.
 
     poses : (b, 4, 4) m, indenter frame -> sensor frame, near the surface
     path_m : (d, 3) m, offsets of the tip from first touch in the contact frame, which is the indenter's frame at first
@@ -79,12 +79,12 @@ def follow(
     turns_rad : (d,) rad, right-handed turns of the indenter about its +y; none by default
     steps : (b,) number of points, 0 to d, after which each press ends with `Status.NO_ROOM`; all by default
     max_force_n : N, along the press axis. A press ends with `Status.FORCE_LIMIT` at the first point where its force
-        exceeds this; the sample there is not kept. Forces between the points are not looked at
+        exceeds this; the sample there is not kept. Forces between the points are not checked
 
-    Raises `InputError` for a path without points, or with numbers that are not finite, and for steps or a force out of
+    Raises `InputError` for a path without points, for numbers that are not finite, and for steps or a force out of
     range.
 
-    This presses a sphere 0.4 mm deep into the DIGIT, shears it by 0.2 mm, turns it by 10 degrees and lets go:
+    This example presses a sphere 0.4 mm deep into the DIGIT, shears by 0.2 mm, turns by 10 degrees and lets go:
 
     >>> import numpy as np
     >>> from simgen.sensors.indenter import load_indenter
@@ -127,15 +127,15 @@ def follow(
     scene.reset(distinct)
     stepping = LoadStepping(scene, np.column_stack([path_m * MM_PER_M, turns_rad]), max_force_n)
     presses = begin_presses(stepping, distinct, [number[id(shape)] for shape in shapes], poses, steps)
-    while stepping.left:
-        stepping.go_on()
+    while stepping.remaining:
+        stepping.advance()
     return [result_of(stepping, press) for press in presses]
 
 
 def begin_presses(
     stepping: LoadStepping, shapes: Sequence[RigidShape], shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray
 ) -> list[Press]:
-    """Add presses where the scene has these shapes: each with its shape's number, pose (4, 4) m and steps."""
+    """Find first touches and queue presses: shape numbers (b,) in the scene, poses (b, 4, 4) m, steps (b,)."""
     begin, scene = time.perf_counter(), stepping.scene
     poses = np.array(poses, dtype=float)
     poses[:, :3, 3] *= MM_PER_M
@@ -150,13 +150,13 @@ def begin_presses(
     for press, code in zip(presses, status, strict=True):
         press.status = None if code == Status.CONVERGED else int(code)
         press.seconds = (time.perf_counter() - begin) / len(presses)
-    # Those that touch the most take the longest: they go first, as the end of a batch waits for its slowest presses.
+    # Presses that touch the most faces take the longest. They go first, because a batch ends with its slowest press.
     stepping.add(presses[i] for i in np.argsort(-near, kind="stable"))
     return presses
 
 
 def result_of(stepping: LoadStepping, press: Press) -> PressResult:
-    """The samples of a press that has ended, as arrays over the depths of its path."""
+    """Collect the samples of a press that has ended in arrays over the steps of its path."""
     scene, steps, samples = stepping.scene, len(stepping.path), press.samples
     vertices, surface_vertices = scene.n_vertices, len(scene.sensor.output_mesh.surface_vertices)
     displacement = press.displacement
@@ -167,7 +167,7 @@ def result_of(stepping: LoadStepping, press: Press) -> PressResult:
     for output in scene.outputs:
         if output.name == "displacement":
             continue
-        dtype = np.float32 if output.dtype == "float32" else np.float64  # integers, too: what is missing is NaN
+        dtype = np.float32 if output.dtype == "float32" else np.float64  # integers, too: missing values are NaN
         values = np.full((steps, *output.shape_of(vertices, surface_vertices)), np.nan, dtype)
         for i, sample in enumerate(samples):
             values[i] = sample.values[output.name]

@@ -1,4 +1,4 @@
-"""Presses that wait for a free environment, those of hard indenters first."""
+"""Queue of presses that wait for a free environment; presses of hard indenters go first."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ if TYPE_CHECKING:
     from simgen.simulation.tries import Press
 
 
-HARD = 2.0  # times the mean of all tries: an indenter with a try that took longer is hard
+HARD = 2.0  # an indenter is hard if one of its tries took more than this times the mean of all tries
 
 
 class PressQueue:
     """Presses in the order in which they should begin.
 
     A run ends when its last press ends, and a few presses take ten times the Newton iterations of most. So presses of
-    hard indenters begin first: those of the indenter with the longest try before the others. All other presses keep
-    their order, so that tasks end one after the other. The queue learns how long tries are from those that have ended.
-    An indenter that it knows nothing of counts as the hardest. A press that is tried again goes before all.
+    hard indenters begin first, in the order of their longest tries. All other presses keep their order, so that tasks
+    end one after the other. The queue learns the lengths of tries from tries that have ended. An indenter without an
+    ended try counts as the hardest. A second try goes before all others.
     """
 
     def __init__(self):
@@ -38,7 +38,7 @@ class PressQueue:
             self._by_shape.setdefault(press.shape, deque()).append((next(self._numbers), press))
 
     def pop(self) -> Press:
-        """The press that should begin now. Raises IndexError if none waits."""
+        """Take the press that should begin now. Raises IndexError if none waits."""
         if self._again:
             return self._again.popleft()
         waiting = {shape: presses for shape, presses in self._by_shape.items() if presses}
@@ -48,13 +48,13 @@ class PressQueue:
         return waiting[first].popleft()[1]
 
     def learn(self, shape: int, iterations: int):
-        """A try with this indenter has ended after so many Newton iterations."""
+        """Note that a try with this shape has ended after this number of Newton iterations."""
         self._longest[shape] = max(iterations, self._longest.get(shape, 0))
         self._iterations += iterations
         self._tries += 1
 
     def _hardness(self, shape: int) -> float:
-        """Newton iterations of a hard indenter's longest try, 0 for one that is not hard."""
+        """Newton iterations of a hard indenter's longest try; 0 if the indenter is not hard."""
         if shape not in self._longest:
             return math.inf
         longest = self._longest[shape]

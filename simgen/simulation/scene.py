@@ -31,9 +31,9 @@ CORE_SPACING_MM = 0.25  # grid of the core's signed distance
 class Scene:
     """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs.
 
-    fluid : none or incompressible, fills the gel's cavity; raises InputError where there is no cavity for it
-    outputs : names of outputs at the output mesh's surface (stress, traction), which take time and are measured on
-        request. The attribute ``outputs`` has all that are measured
+    fluid : "none", or "incompressible" for a fluid that fills the gel's cavity; raises InputError without a cavity
+    outputs : names of outputs at the output mesh's surface (stress, traction), which are slow and measured on request.
+        The attribute ``outputs`` holds all measured outputs
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Scene:
         outputs: tuple[str, ...] = (),
     ):
         self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
-        self.sampler = None  # what measures its states: `StateSampler.of` makes it once
+        self.sampler = None  # `StateSampler.of` makes it once
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[self.settings.element]
         mesh = self.mesh = in_cuthill_mckee_order(sensor.simulation_mesh)
@@ -85,7 +85,7 @@ class Scene:
         if self.support_contact is not None:
             support = sensor.support.shape(device)
             self.support_contact.set_shapes([support], count_overlap_as_touching=self.solver.x)
-        # Vertices of the held regions are at rest by definition; at a region's edge the two meshes differ a little.
+        # Held vertices do not move. At the edge of a held region the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
         self.to_output = free @ interpolation_matrix(mesh, sensor.output_points)
         if kind.nodes == 4:
@@ -96,7 +96,7 @@ class Scene:
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:
-        """Physical terms: name, whether this scene carries it, and why."""
+        """Physical terms as (name, True if this scene has it, reason)."""
         material = self.material
         pressure = self.solver.elasticity.n_pressures
         core, supported = self.core_contact is not None, self.support_contact is not None
@@ -129,13 +129,13 @@ class Scene:
         return "the sensor has no cavity"
 
     def reset(self, shapes: list[RigidShape]):
-        """Forget all presses; those to come have these shapes, of which :meth:`load` chooses."""
+        """Forget all presses, and set the shapes from which :meth:`load` chooses."""
         self.solver.abandon(np.ones(self.batch, dtype=bool))
         self.indenter_contact.set_shapes(shapes)
         self.load(np.ones(self.batch, dtype=bool), np.zeros(self.batch))
 
     def load(self, environments: np.ndarray, shape_of: np.ndarray):
-        """Return environments (env,) bool to rest, each with its indenter (env,), and forget what was there before."""
+        """Return environments (env,) bool to rest without memory of earlier presses; shape_of (env,): shape numbers."""
         solver = self.solver
         self.indenter_contact.choose(shape_of)
         marked = solver.mark(environments)

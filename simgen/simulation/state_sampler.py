@@ -1,4 +1,4 @@
-"""The state sampler: reactions, displacements and overlap of a scene's solver, in all environments at once."""
+"""State sampler: reactions, displacements and overlap of a scene's solver, in all environments at once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from simgen.units import MM_PER_M
 
 wp.set_module_options({"enable_backward": False})
 
-SUBDIVISIONS = 6  # of faces, where overlap is looked for
+SUBDIVISIONS = 6  # of a face's edges, for the points where overlap is measured
 
 
 @wp.kernel
@@ -31,7 +31,7 @@ def reaction_kernel(
     # outputs
     reactions_out: wp.array2d(dtype=wp.float64),
 ):
-    """Sums of the forces on fixed nodes, by component."""
+    """Sum the forces on fixed nodes, by component."""
     c, i, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -54,7 +54,7 @@ def output_kernel(
     # outputs
     displacement_out: wp.array3d(dtype=Any),
 ):
-    """Displacements (environment in the list, vertex, component) by weights of the simulation mesh's nodes, m."""
+    """Interpolate displacements (environment in the list, vertex, component), m, from the simulation mesh's nodes."""
     vertex, i, k = wp.tid()
     env = environments[k]
     total = real(0.0)
@@ -70,12 +70,12 @@ for _kind in (wp.float64, wp.float32):
 class StateSampler:
     """Measures the states of a scene's solver in the environments that have reached a point.
 
-    It is made while the scene is at rest, as :meth:`Scene.reset` leaves it.
+    The scene must be at rest when the sampler is made, as :meth:`Scene.reset` leaves it.
     """
 
     @classmethod
     def of(cls, scene: Scene) -> StateSampler:
-        """The sampler of a scene, which is made for its first presses and serves all others."""
+        """Return the sampler of a scene; the first call makes it."""
         if scene.sampler is None:
             scene.sampler = cls(scene)
         return scene.sampler
@@ -86,7 +86,7 @@ class StateSampler:
         self._weights = [wp.array(a.astype(np.int32), dtype=wp.int32, device=device)
                          for a in (to_output.indptr, to_output.indices)]  # fmt: skip
         self._weights.append(wp.array(to_output.data, dtype=wp.float64, device=device))
-        # Thousands of presses of a GPU lie in the host's memory before they are written: in single precision, 0.1 nm.
+        # Thousands of presses of a GPU wait in the host's memory. Single precision halves it, at an error of 0.1 nm.
         kind = wp.float64 if wp.get_device(device).is_cpu else wp.float32
         self._displacement = wp.zeros((batch, to_output.shape[0], 3), dtype=kind, device=device)
         self._nodes = len(scene.nodes)
@@ -113,7 +113,7 @@ class StateSampler:
     def displacements(self, count: int) -> np.ndarray:
         """Displacements (count, v, 3) of the output mesh, m, in the first active environments.
 
-        On a CPU they are valid until the next call.
+        On a CPU the array is valid until the next call.
         """
         solver, dim = self.scene.solver, (self._displacement.shape[1], 3, count)
         inputs, outputs = [*self._weights, solver.x, solver.active.numbers], [self._displacement]
@@ -122,10 +122,9 @@ class StateSampler:
         return displacements
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
-        """Deepest overlap with indenter, core and support, mm, on points denser than the integration's; and over the
-        edge of its own face.
+        """Deepest overlap (env,) with indenter, core and support, mm, and (env,) largest overlap over its face's edge.
 
-        Each (env,). The overlap of core and support with the surface at rest does not count.
+        Points are denser than integration points. Overlap of core and support at rest does not count.
         """
         distance, of_edge = self._nearest(self.scene.indenter_contact)
         deepest = -distance
@@ -135,9 +134,9 @@ class StateSampler:
         return deepest, of_edge
 
     def room(self) -> np.ndarray:
-        """Least distance (env,) mm between the indenter and the core, where the indenter overlaps the skin.
+        """Least distance (env,) mm between indenter and core where the indenter overlaps the skin.
 
-        Negative where they meet, with no skin left between; inf without overlap or core.
+        Negative if no skin is left between them; inf without overlap or core.
         """
         scene = self.scene
         if scene.core_contact is None:
@@ -145,5 +144,5 @@ class StateSampler:
         return scene.indenter_contact.room(scene.solver.x, self._dense, scene.core_contact)
 
     def inverted_elements(self) -> np.ndarray:
-        """Number of elements (env,) that are inside out somewhere; the solver sees its integration points alone."""
+        """Number of elements (env,) that are inverted somewhere, also between the solver's integration points."""
         return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x)

@@ -16,7 +16,7 @@ from simgen.simulation.scene import Scene
 
 wp.set_module_options({"enable_backward": False})
 
-AT_ONCE = 64  # environments: sums at nodes take as much memory a press as its states
+MAX_LANES = 64  # environments at a time; for each, nodal sums take as much memory as the states of a press
 
 
 @wp.kernel
@@ -28,7 +28,7 @@ def to_vertices_kernel(
     # outputs
     field_out: wp.array3d(dtype=wp.float32),
 ):
-    """A field (lane, vertex, component) from sums at nodes (node, component, lane), by a sparse matrix."""
+    """Apply a sparse matrix to nodal sums (node, component, lane); gives a field (lane, vertex, component)."""
     vertex, c, lane = wp.tid()
     total = real(0.0)
     for j in range(row_starts[vertex], row_starts[vertex + 1]):
@@ -60,10 +60,7 @@ class _Field:
 
 
 class SurfaceOutputs:
-    """Measures the states of a scene's solver at the v surface vertices of the sensor's output mesh.
-
-    Only those of the scene's outputs that have values there are prepared.
-    """
+    """Measures a scene's surface outputs at the v surface vertices of the sensor's output mesh."""
 
     def __init__(self, scene: Scene):
         names = [output.name for output in scene.outputs if output.at_surface]
@@ -81,7 +78,7 @@ class SurfaceOutputs:
             stress = NodalStress(scene.solver.elasticity, nodes)
             self._add("stress", stress.add_to, weights[:, nodes] * (unit / stress.volumes))
         if "traction" in names:
-            # A vertex a little below a face has its traction from the face's corners alone: others carry none.
+            # The weights of a vertex below a face are rescaled to the face's corners; only these carry traction.
             weights = of_corners[:, contact.corners]
             share = weights.sum(axis=1)
             weights = sparse.diags_array(1.0 / np.where(share > 0.5, share, 1.0)) @ weights
@@ -89,9 +86,9 @@ class SurfaceOutputs:
 
     def _add(self, name: str, add_to, matrix):
         scene = self.scene
-        lanes, (_, components) = min(AT_ONCE, scene.batch), BY_NAME[name].shape
+        lanes, (_, components) = min(MAX_LANES, scene.batch), BY_NAME[name].shape
         self._fields[name] = _Field(add_to, sparse.csr_array(matrix), components, lanes, scene.device)
 
     def take(self, name: str, count: int) -> np.ndarray:
-        """One of the outputs, (count, v, components) float32, Pa, in the first ``count`` active environments."""
+        """Measure an output, (count, v, components) float32, Pa, in the first ``count`` active environments."""
         return self._fields[name].take(self.scene.solver.x, count)

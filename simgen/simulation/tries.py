@@ -1,4 +1,4 @@
-"""A press and its tries: one that fails, or does not get on for long, is pressed once more from rest in half steps."""
+"""A press and its tries: a press whose first try fails or is slow is solved once more from rest in half steps."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ import numpy as np
 
 from simgen.simulation.measurements import PressSample
 
-SECOND_TRY = 0.5  # of the steps of the first
-# Newton iterations since the last sample, after which a second try begins beside the first where a place is free. A
-# press that fails twice takes up to a thousand for each try, and a run ends when its last press ends. Of the paired
-# job's 7,740 presses on the DIGIT some 20 need more for a depth (f124716, one H200).
-DOUBT = 300
+SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the first
+# Newton iterations since the last sample, after which the second try begins beside the first if an environment is free.
+# A failed press takes up to a thousand for each try, and a run ends when its last press ends. Of the paired job's 7,740
+# presses on the DIGIT about 20 need more than this for a depth (f124716, one H200).
+SECOND_TRY_ITERATIONS = 300
 
 
 @dataclass(eq=False)
 class Try:
-    """One way from rest along the path.
+    """One attempt to follow the path from rest.
 
-    share : of the longest steps that it takes
-    samples : its converged steps, without displacements
+    step_scale : factor on the longest load steps
+    samples : converged steps, without displacements
     displacement : (d, v, 3) m of all steps of the path; None before the first sample
-    status : how it ended; None before
+    status : how the try ended; None before
     failed : True where the solver failed, so that another try may get further
     """
 
-    share: float
+    step_scale: float
     samples: list[PressSample] = field(default_factory=list)
     displacement: np.ndarray | None = None
     status: int | None = None
@@ -43,25 +43,25 @@ class Try:
 
 @dataclass(eq=False)
 class Press:
-    """One press: the way that it goes, its tries, and how it ended.
+    """One press: its indenter, its start, its tries, and how it ended.
 
-    shape : its number in the scene
+    shape : number of the indenter's shape in the scene
     pose : (4, 4) mm at first touch
-    touch : m, travel to there from where it was placed; NaN where there is none
-    steps : points of the path after which it ends as planned
-    lateral : mm, how far the indenter reaches from the press axis
-    status : how it ended; None before
-    tries : one or two; the one that counts alone when the press has ended
-    kept : the try that counts, when the press has ended
-    seconds : its share in the time of those that were under way with it
-    dropped : nobody waits for it any more, and it will not end
+    touch : m, travel from the given pose to first touch; NaN without a touch
+    steps : number of points after which the press ends as planned
+    lateral_reach : mm, largest distance of the indenter's points from the press axis
+    status : how the press ended; None before
+    tries : one or two; only the kept one after the press has ended
+    kept : the try whose samples are the result; None before the press has ended
+    seconds : share in the wall time of the presses that ran together
+    dropped : True where the result is not needed any more; the press will not end
     """
 
     shape: int
     pose: np.ndarray
     touch: float
     steps: int
-    lateral: float
+    lateral_reach: float
     status: int | None = None
     tries: list[Try] = field(default_factory=list)
     kept: Try | None = None
@@ -70,24 +70,23 @@ class Press:
 
     @property
     def samples(self) -> list[PressSample]:
-        """The samples that count."""
+        """Samples of the kept try."""
         return [] if self.kept is None else self.kept.samples
 
     @property
     def displacement(self) -> np.ndarray | None:
-        """Displacements (d, v, 3) m of the samples that count; None without any."""
+        """Displacements (d, v, 3) m of the kept try; None without a sample."""
         return None if self.kept is None else self.kept.displacement
 
     def next_try(self) -> Try:
         """Begin the first try, or the second."""
-        self.tries.append(Try(SECOND_TRY if self.tries else 1.0))
+        self.tries.append(Try(SECOND_TRY_SCALE if self.tries else 1.0))
         return self.tries[-1]
 
-    def settle(self):
-        """End the press where its tries decide: the first counts if it has not failed, else the second.
+    def decide(self):
+        """End the press if its tries decide the result: the first try counts unless it failed, else the second.
 
-        Of two that have failed the one that got further counts. So the result does not depend on which of two tries
-        under way is the faster.
+        If both failed, the one that got further counts. So the result does not depend on which try ends first.
         """
         first, second = self.tries[0], self.tries[-1]
         if first.status is not None and not first.failed:

@@ -19,7 +19,7 @@ from simgen.pipeline.run import run
 from simgen.report import write_report
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
-from simgen.simulation.load_stepping import longest_of_leg
+from simgen.simulation.load_stepping import longest_segments
 from simgen.simulation.press import Scene, SolverSettings, follow
 
 LEGS = [
@@ -119,7 +119,7 @@ def test_a_long_leg_leaves_the_press_its_load_steps():
 def test_legs_are_segments_in_one_direction():
     corners = np.array([[0.0, 0.0], [0.0, 0.1], [0.0, 0.3], [0.5, 0.3], [1.5, 0.3], [1.5, 0.1]])
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    np.testing.assert_allclose(longest_of_leg(corners, lengths), [0.2, 0.2, 1.0, 1.0, 0.2])
+    np.testing.assert_allclose(longest_segments(corners, lengths), [0.2, 0.2, 1.0, 1.0, 0.2])
 
 
 def test_a_skin_that_is_let_go_passes_its_audit(tmp_path):

@@ -1,4 +1,4 @@
-"""Pairing on the two bundled sensors, and on a slab of a user's own."""
+"""Pairing on the two bundled sensors, and on slabs and a wedge."""
 
 import tracemalloc
 from types import SimpleNamespace
@@ -17,15 +17,7 @@ from simgen.geometry.rigid_shape import mesh_distance, signed_distance
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.indenter_pose import advanced
 from simgen.sensors.least_thickness import LeastThickness
-from simgen.sensors.pairing import (
-    Contacts,
-    Room,
-    draw_contacts,
-    indenter_poses,
-    partners,
-    sample_contacts,
-    unfold,
-)
+from simgen.sensors.pairing import Contacts, Room, draw_contacts, indenter_poses, partners, sample_contacts, unfold
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.first_touch import first_touch
 
@@ -55,7 +47,7 @@ def contacts_at(sensor, places) -> Contacts:
 
 
 def slab(height: float = 4.0e-3) -> SimpleNamespace:
-    """A flat gel, its back held."""
+    """A flat gel with its back held."""
     surface = trimesh.creation.box(extents=[0.020, height, 0.020]).subdivide_to_size(2.5e-3)
     return sensor(surface, touchable=surface.vertices[:, 1] < 0.5 * height - 1e-9)
 
@@ -76,7 +68,7 @@ def hollow_slab() -> SimpleNamespace:
 
 
 def sensor(surface, touchable, core=None, region=None) -> SimpleNamespace:
-    """A stand-in with those parts of a sensor that pairing reads."""
+    """A stand-in with the parts of a sensor that pairing reads."""
     on_surface = np.arange(len(surface.vertices))
     output = SimpleNamespace(vertices=surface.vertices, surface_vertices=on_surface, touchable=touchable)
     own = {"name": "slab", "surface": surface, "surface_region": region, "core": core, "support": None}
@@ -98,7 +90,7 @@ def test_partners_lie_on_the_surface(biotac, contacts):
 
 
 def test_partners_lie_on_touchable_skin(biotac, contacts):
-    """Not under the nail plate or the rear plate: the nearest surface vertex may be touched."""
+    """Nearest surface vertices are touchable, so partners are not under the nail plate or the rear plate."""
     on_surface = np.unique(biotac.output_mesh.surface_triangles)
     nearest = cKDTree(biotac.output_mesh.vertices[on_surface]).query(partners(biotac, contacts)[0])[1]
     assert not biotac.output_mesh.touchable[on_surface].all()
@@ -117,10 +109,9 @@ def test_poses_are_proper_roll_and_pitch(digit, biotac, contacts):
 
 
 def test_distances_on_the_digit_are_arc_lengths_on_the_biotac(digit, biotac):
-    """Straight developed paths, measured as chords in space on either surface, on the BioTac's cylinder.
+    """Straight developed paths on the BioTac's cylinder have the same length on both surfaces, to 1 %.
 
-    There the sections of either sensor hardly change with x, so both skins unroll without stretch; 1 % is the
-    bound that the project set.
+    The sections of both sensors hardly change with x there, so both skins unroll without stretch.
     """
     ends = np.random.default_rng(0).uniform([-10e-3, -5e-3], [-4e-3, 5e-3], (30, 2, 2))
     lengths = []
@@ -133,7 +124,7 @@ def test_distances_on_the_digit_are_arc_lengths_on_the_biotac(digit, biotac):
 
 
 def test_identity_at_the_centre_line(digit, biotac):
-    """No roll and no lateral shift; what is left is the meshes' own asymmetry about z = 0."""
+    """No roll and no lateral shift, except for the meshes' asymmetry about z = 0."""
     poses = unfold(digit, biotac, contacts_at(digit, [(x, 0.0) for x in np.linspace(-15e-3, 1e-3, 17)]))
     roll = np.degrees(np.arctan2(poses[:, 2, 1], poses[:, 2, 2]))
     assert np.abs(roll).max() < 0.2
@@ -188,7 +179,7 @@ def test_contacts_keep_to_thick_gel(digit, contacts):
 
 
 def test_contacts_keep_their_distance_from_walls():
-    """On a slab with half width 10 mm the margin of 1.5 x 2 mm is plain; contacts fill what is left."""
+    """On a slab of half width 10 mm the margin is 1.5 x 2 mm, and contacts fill the rest."""
     contacts = sample_contacts(slab(), COUNT, SEED, DEPTH)
     margin = 10e-3 - np.abs(contacts.points[:, [0, 2]])
     assert margin.min() >= 3e-3 - 0.05e-3  # the wall is sampled at the centres of faces
@@ -207,7 +198,7 @@ def test_a_sheet_far_thinner_than_the_press_is_refused():
 
 
 def test_a_skin_over_a_core_takes_the_gap_and_its_own_share():
-    """0.6 of the skin of 1.5 mm, and the whole gap of 1 mm: presses of 1.9 mm, less 0.06 mm between samples."""
+    """0.6 of the skin of 1.5 mm and the gap of 1 mm allow 1.9 mm, to the 0.06 mm between samples."""
     deepest = GAP + 0.6 * SKIN
     assert len(sample_contacts(hollow_slab(), 5, SEED, deepest - 1e-6).points) == 5
     with pytest.raises(InputError, match="slab: 0 of 5 contacts fit"):
@@ -215,7 +206,7 @@ def test_a_skin_over_a_core_takes_the_gap_and_its_own_share():
 
 
 def test_contacts_on_the_biotac_reach_two_millimetres(biotac):
-    """By a ball that is measured against the core as a signed distance, with the skin's nominal 1.57 mm."""
+    """Compare with a ball's signed distance from the core, for the nominal skin of 1.57 mm."""
     for depth in (0.3e-3, 1.0e-3, 2.0e-3):
         contacts = sample_contacts(biotac, 40, SEED, depth)
         radius = 0.5 * min(depth / 0.6, depth + 0.4 * 1.57e-3)
@@ -224,7 +215,7 @@ def test_contacts_on_the_biotac_reach_two_millimetres(biotac):
 
 
 def peak_of_sampling(reference, depth: float) -> int:
-    """Bytes."""
+    """Peak of memory, bytes."""
     tracemalloc.start()
     sample_contacts(reference, 5, SEED, depth)
     peak = tracemalloc.get_traced_memory()[1]
@@ -239,7 +230,7 @@ def test_memory_does_not_depend_on_the_depth(digit):
 
 
 def test_contacts_without_a_partner_are_drawn_again(digit, biotac):
-    """The BioTac's skin reaches round the finger, where the DIGIT has its window; the first n are those of more."""
+    """The BioTac's skin reaches round the finger, but the DIGIT's does not; the first n do not depend on the count."""
     contacts = sample_contacts(biotac, 40, SEED, 1.0e-3, others=[digit])
     alone = sample_contacts(biotac, 40, SEED, 1.0e-3)
     assert np.abs(alone.arcs).max() > 12e-3 > np.abs(contacts.arcs).max()
@@ -266,14 +257,14 @@ def test_a_sensor_on_which_most_contacts_have_no_partner_is_named():
 
 
 def test_a_contact_without_partner_is_refused(digit, contacts):
-    """A sensor that is too short, or too narrow, names the contact that it cannot meet."""
+    """The error names the contact that a sensor is too short to meet."""
     short = SimpleNamespace(name="short", surface=trimesh.creation.box(extents=[1e-3, 0.01, 0.02]))
     with pytest.raises(InputError, match="short: its skin has no partner for contact"):
         unfold(digit, short, contacts)
 
 
 def test_room_for_a_long_leg_is_found_with_few_pieces():
-    """A depth of 0.01 mm and 3 mm sideways: pieces are as large as the distance that is asked for, not as the depth."""
+    """For 0.01 mm deep and 3 mm sideways, pieces are as large as the edge distance, not as the depth."""
     digit = load_sensor("digit", "coarse")
     room = Room(digit, 1e-5, Trajectories(count=5), lateral_reach_m=3e-3)
     assert room.edge_distance > 3e-3 and room.wall_piece > 0.2 * room.edge_distance
@@ -306,7 +297,7 @@ def test_contacts_where_an_indenter_leaves_too_little_are_drawn_again():
     shares = measure.shares(indenter_poses(drawn.kept))
     assert (shares >= 0.45).all()
     refused = measure.shares(indenter_poses(drawn.refused))
-    assert (refused.min(axis=1) < 0.45).all() and (refused[:, 0] >= 0.45).any()  # by any indenter
+    assert (refused.min(axis=1) < 0.45).all() and (refused[:, 0] >= 0.45).any()  # one of two indenters is enough
     assert drawn.kept.points[:, 0].mean() < drawn.refused.points[:, 0].mean() - 2e-3  # the thin side is at +x
 
 
@@ -335,9 +326,9 @@ def test_too_few_contacts_that_leave_enough_name_the_key_and_what_helps():
 
 
 def test_kept_contacts_press_no_indenter_into_the_core(digit, biotac):
-    """By first touch on the mesh that is pressed, and signed distances of the core's vertices.
+    """Without the rule the ring ends in the core at one of the first 23 contacts.
 
-    Without the rule the ring ends in the core at one of the first 23 contacts.
+    First touch is found on the simulation mesh, then signed distances of the core's vertices.
     """
     ring = [load_indenter("ring_7mm").shape()]
     measures = [LeastThickness(each, ring, PRESS) for each in (digit, biotac)]

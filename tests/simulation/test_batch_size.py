@@ -1,4 +1,4 @@
-"""The memory of a press, as it is announced, against that of all arrays."""
+"""Batch size: predicted memory of a press against the memory of all arrays."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from simgen.simulation.press import Scene
 
 
 def arrays(thing, found: dict[int, int], seen: set[int]):
-    """Bytes of all Warp arrays that an object of ours holds, by address."""
+    """Add the bytes of all Warp arrays of a simgen object to ``found``, by address."""
     if id(thing) in seen:
         return
     seen.add(id(thing))

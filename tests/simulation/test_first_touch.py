@@ -1,4 +1,4 @@
-"""Where an indenter meets a surface, and how much of the surface is near it then."""
+"""First touch of an indenter, and the number of faces near it."""
 
 import numpy as np
 from fem.box import box
@@ -12,7 +12,7 @@ RADIUS, REACH = 3.5, 1.5
 
 
 def test_faces_within_reach_of_a_sphere():
-    """Counted again from the distances of all faces to the sphere's centre, 3.5 mm above the plane that it touches."""
+    """Count again from the distances of all faces to the sphere's centre, 3.5 mm above the plane."""
     nodes, _, _, faces = box((8, 2, 8), (10.0, 4.0, 10.0))
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[:, 1, 3] = -2.0
@@ -30,7 +30,7 @@ def test_faces_within_reach_of_a_sphere():
 
 
 def test_threads_that_share_a_face_find_the_same(monkeypatch):
-    """Share the dense points as on a GPU: the least distance does not depend on the order."""
+    """Threads share the dense points as on a GPU; the least distance does not depend on their order."""
     nodes, _, _, faces = box((8, 2, 8), (10.0, 4.0, 10.0))
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, :3, 3] = [[0.3, -2.0, 0.1], [1.7, -2.0, -0.9], [40.0, -2.0, 0.0]]

@@ -1,4 +1,4 @@
-"""Who goes first, and where an increment starts."""
+"""Load stepping: order of presses, initial guesses, second tries, halved and repeated increments."""
 
 import numpy as np
 import pytest
@@ -11,16 +11,11 @@ from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERA
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
-from simgen.simulation.load_stepping import MOST_OVERLAP, LoadStepping
+from simgen.simulation.load_stepping import MAX_OVERLAP_RATIO, LoadStepping
 from simgen.simulation.press import Scene, begin_presses, follow, press
 from simgen.simulation.state_sampler import StateSampler
 from simgen.simulation.tries import Press
-from simulation.test_press import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
-
-
-@pytest.fixture(scope="module")
-def block():
-    return make_block((4, 2, 4))
+from simulation.blocks import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
 
 
 def test_presses_that_touch_the_most_go_first(monkeypatch):
@@ -40,7 +35,7 @@ def test_presses_that_touch_the_most_go_first(monkeypatch):
 
 
 def test_multipliers_rest_far_from_balance(block, monkeypatch):
-    """A tilted cube's first contact overshoots; a multiplier that followed would carry that on."""
+    """A tilted cube's first contact overshoots, and multipliers must not follow there."""
     out_of_balance, followed = [], []
     measure, update = ForceBalance.measure, Contact.update_multipliers
 
@@ -62,9 +57,9 @@ def test_multipliers_rest_far_from_balance(block, monkeypatch):
 
 
 def test_friction_begins_anew_after_the_indenter_has_left():
-    """Sheared, lifted off, and pressed again in one step 2.5 times as long as the last: as a first press, no more.
+    """After shear and lift-off, a press in one step of 2.5 times the last length equals a first press.
 
-    The next step lies back along the line of the last one; states beyond that would say that points enter elsewhere.
+    The step goes back along the line of the last one, so an extrapolation would predict other entry points.
     """
     wide = make_block((12, 2, 12))
     path = [[0.0, 0.4, 0.0], [0.3, 0.4, 0.0], [0.6, 0.4, 0.0], [0.9, 0.4, 0.0], [0.6, 0.4, 0.0], [0.0, 0.4, 0.0],
@@ -74,8 +69,8 @@ def test_friction_begins_anew_after_the_indenter_has_left():
     np.testing.assert_allclose(again.force[-1], fresh.force[-1], atol=1e-3 * fresh.force[-1, 1])
 
 
-def test_a_cycle_is_kept_while_it_serves_a_batch(monkeypatch):
-    """As a GPU solves: all linear systems take as many iterations, and few Newton iterations make the cycle anew."""
+def test_multigrid_is_rebuilt_rarely_in_a_batch(monkeypatch):
+    """As on a GPU, all linear systems take the same number of iterations; few Newton iterations rebuild multigrid."""
     made = []
     follow_state = BlockTriangular.rebuild_multigrid
 
@@ -93,17 +88,17 @@ def test_a_cycle_is_kept_while_it_serves_a_batch(monkeypatch):
 
 
 def fail_beyond(monkeypatch, furthest_mm):
-    """Load steps fail that end beyond so many millimetres, (in the first try, in the second)."""
-    settle = LoadStepping._settle
+    """Make load steps fail that end beyond ``furthest_mm`` (in the first try, in the second)."""
+    accept = LoadStepping._accept_or_reject
 
     def fail(stepping, ended):
         tries = np.array([int(press is not None and each is not press.tries[0])
                           for press, each in zip(stepping.press, stepping.tries, strict=True)])
         beyond = ended & (stepping.target > np.array(furthest_mm)[tries])
         stepping.solver.increment.status[beyond] = Status.NEWTON_STALLED
-        settle(stepping, ended)
+        accept(stepping, ended)
 
-    monkeypatch.setattr(LoadStepping, "_settle", fail)
+    monkeypatch.setattr(LoadStepping, "_accept_or_reject", fail)
 
 
 def test_a_press_that_fails_is_tried_once_more_from_rest_in_half_steps(block, monkeypatch):
@@ -118,18 +113,18 @@ def test_a_press_that_fails_is_tried_once_more_from_rest_in_half_steps(block, mo
 
 @pytest.mark.parametrize("most, increments", [(1000, (0.1, 0.2, 0.3, 0.25)), (2, (0.1, 0.2, 0.3))])
 def test_a_try_that_has_taken_too_many_iterations_ends_where_an_increment_fails(block, monkeypatch, most, increments):
-    """Without the bound the step would be halved first."""
+    """Without the limit of iterations the step would be halved first."""
     scene, targets = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.25)), []
-    monkeypatch.setattr("simgen.simulation.load_stepping.MOST_ITERATIONS", most)
+    monkeypatch.setattr("simgen.simulation.load_stepping.MAX_ITERATIONS", most)
     fail_beyond(monkeypatch, (0.22, 0.22))
-    settle = LoadStepping._settle
+    accept = LoadStepping._accept_or_reject
 
     def watch(stepping, ended):
         if ended.any() and len(stepping.press[0].tries) == 1:
             targets.append(round(float(stepping.target[0]), 6))
-        settle(stepping, ended)
+        accept(stepping, ended)
 
-    monkeypatch.setattr(LoadStepping, "_settle", watch)
+    monkeypatch.setattr(LoadStepping, "_accept_or_reject", watch)
     result = press(scene, [SPHERE], pose(), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3]))[0]
     assert result.status.tolist() == [0, 0, Status.NEWTON_STALLED, Status.NEWTON_STALLED]
     assert tuple(targets[: len(increments)]) == increments
@@ -138,7 +133,7 @@ def test_a_try_that_has_taken_too_many_iterations_ends_where_an_increment_fails(
 
 @pytest.mark.parametrize("second", [0.05, 0.12, 0.32])
 def test_the_try_that_got_further_is_kept(block, monkeypatch, second):
-    """The other press of the batch has ended by then: its environment is free, too."""
+    """The result is the same if two presses run in a batch."""
     scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=0.5))
     depths, poses = np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3]), np.tile(pose(), (2, 1, 1))
     fail_beyond(monkeypatch, (0.25, second))
@@ -152,19 +147,19 @@ def test_the_try_that_got_further_is_kept(block, monkeypatch, second):
 
 @pytest.mark.parametrize("furthest", [(0.25, np.inf), (0.25, 0.12), (np.inf, np.inf), (np.inf, 0.12)])
 def test_a_second_try_beside_the_first_changes_no_result_and_saves_time(block, monkeypatch, furthest):
-    """It begins as soon as the first has begun. The first counts wherever it gets to its end."""
+    """The second try begins right after the first, which counts if it reaches its end."""
     settings, depths = SolverSettings(smallest_substep=0.5), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3])
     fail_beyond(monkeypatch, furthest)
-    iterations, tries, go_on = [0, 0], [0, 0], LoadStepping.go_on
+    iterations, tries, advance = [0, 0], [0, 0], LoadStepping.advance
 
     def watch(stepping):
-        go_on(stepping)
+        advance(stepping)
         iterations[stepping.scene.batch - 1] += 1
-        tries[stepping.scene.batch - 1] = max(tries[stepping.scene.batch - 1], stepping.left)
+        tries[stepping.scene.batch - 1] = max(tries[stepping.scene.batch - 1], stepping.remaining)
 
-    monkeypatch.setattr(LoadStepping, "go_on", watch)
+    monkeypatch.setattr(LoadStepping, "advance", watch)
     plain = press(Scene(block, GEL, settings=settings), [SPHERE], pose(), depths)[0]
-    monkeypatch.setattr("simgen.simulation.load_stepping.DOUBT", -1)
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", -1)
     scene = Scene(block, GEL, batch=2, settings=settings)
     beside = press(scene, [SPHERE], pose(), depths)[0]
     assert tries == [1, 2] and not scene.solver.working.any()
@@ -175,17 +170,17 @@ def test_a_second_try_beside_the_first_changes_no_result_and_saves_time(block, m
 
 
 def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
-    monkeypatch.setattr("simgen.simulation.load_stepping.DOUBT", -1)
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", -1)
     depths = np.array([0.1e-3, 0.2e-3])
     plain = press(Scene(block, GEL), [SPHERE], pose(), depths)[0]
-    monkeypatch.setattr("simgen.simulation.tries.SECOND_TRY", 1.0)
+    monkeypatch.setattr("simgen.simulation.tries.SECOND_TRY_SCALE", 1.0)
     both = press(Scene(block, GEL, batch=2), [SPHERE], pose(), depths)[0]
     np.testing.assert_array_equal(both.displacement, plain.displacement)
 
 
 def two_tries(block, monkeypatch, doubt: int) -> tuple[LoadStepping, Press]:
-    """A press of which the step to its second depth fails, and room for a second try after ``doubt`` iterations."""
-    monkeypatch.setattr("simgen.simulation.load_stepping.DOUBT", doubt)
+    """Stepping and a press that fails before its second depth; a second try may begin after ``doubt`` iterations."""
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", doubt)
     fail_beyond(monkeypatch, (0.25, 0.25))
     scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=1e-3))
     scene.reset([SPHERE])
@@ -199,21 +194,22 @@ def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_for_a_d
     stepping, one = two_tries(block, monkeypatch, doubt)
     while len(one.tries) < 2:
         spent = stepping.cost[0, 0]
-        stepping.go_on()
+        stepping.advance()
     assert spent > doubt and len(one.tries[0].samples) == 1
 
 
 def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
     stepping, one = two_tries(block, monkeypatch, -1)
     for _ in range(3):
-        stepping.go_on()
-    assert stepping.at_work.all() and stepping.press == [one, one]
+        stepping.advance()
+    assert stepping.running.all() and stepping.press == [one, one]
     stepping.drop([one])
-    assert stepping.left == 0 and stepping.press == stepping.tries == [None, None] and not stepping.solver.working.any()
+    assert stepping.remaining == 0 and stepping.press == stepping.tries == [None, None]
+    assert not stepping.solver.working.any()
 
 
 def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):
-    """One stored depth has the state that the same way in three has."""
+    """One stored depth has the same state as the last of three depths."""
     settings = SolverSettings(residual_tolerance=1e-6, contact_tolerance=1e-4)
     depths = np.array([0.25e-3, 0.5e-3, 0.75e-3])
     at_once, stepwise = (press(Scene(block, GEL, settings=settings), [SPHERE], pose(), part)[0]
@@ -224,20 +220,20 @@ def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):
 
 @pytest.mark.parametrize(("longest", "reached"), [(0.06, 3), (0.0, 2)])
 def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch, longest, reached):
-    """Steps longer than so many millimetres do, beyond the second depth."""
+    """Steps longer than ``longest`` overlap too far beyond the second depth."""
     scene, depths = Scene(block, GEL, settings=SolverSettings(smallest_substep=0.4)), np.array([0.1e-3, 0.2e-3, 0.3e-3])
-    measured, settle = StateSampler.overlap, LoadStepping._solve_again
+    measured, repeat = StateSampler.overlap, LoadStepping._repeat
     too_far = []
 
     def watch(stepping, ended):
-        too_far[:] = (stepping.target - stepping.way > longest) & (stepping.target > 0.25)
-        return settle(stepping, ended)
+        too_far[:] = (stepping.target - stepping.travelled > longest) & (stepping.target > 0.25)
+        return repeat(stepping, ended)
 
     def overlap(samples):
         deepest, of_edge = measured(samples)
-        return deepest, np.where(too_far, 2.0 * MOST_OVERLAP, of_edge)
+        return deepest, np.where(too_far, 2.0 * MAX_OVERLAP_RATIO, of_edge)
 
-    monkeypatch.setattr(LoadStepping, "_solve_again", watch)
+    monkeypatch.setattr(LoadStepping, "_repeat", watch)
     monkeypatch.setattr(StateSampler, "overlap", overlap)
     result = press(scene, [SPHERE], pose(), depths)[0]
     assert result.status.tolist() == [0] * reached + [Status.NOT_RESOLVED] * (3 - reached)
@@ -245,21 +241,21 @@ def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch,
         assert result.certificate["substeps"][2] > result.certificate["substeps"][1]
 
 
-@pytest.mark.parametrize(("easy", "statuses"), [(25, [0, 0, 0, 0]), (0, [0, 0, 9, 9])])
-def test_only_easy_steps_are_solved_again_for_elements_that_are_inside_out(block, monkeypatch, easy, statuses):
+@pytest.mark.parametrize(("most", "statuses"), [(25, [0, 0, 0, 0]), (0, [0, 0, 9, 9])])
+def test_only_short_increments_are_repeated_for_elements_that_are_inside_out(block, monkeypatch, most, statuses):
     scene = Scene(block, GEL)
     monkeypatch.setattr(scene.solver.elasticity, "expect", lambda x: None)  # nothing is stabilised before
-    monkeypatch.setattr("simgen.simulation.load_stepping.EASY", easy)
+    monkeypatch.setattr("simgen.simulation.load_stepping.REPEATABLE_ITERATIONS", most)
     result = press(scene, [RIGID_EDGE], pose(), np.array([1.2e-3, 1.6e-3, 1.8e-3, 2.0e-3]))[0]
     assert result.status.tolist() == statuses
     stabilised = result.certificate["stabilised_elements"]
-    assert (stabilised[-1] > 0) == (easy > 0)
+    assert (stabilised[-1] > 0) == (most > 0)
     assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
 
 
 @pytest.mark.parametrize(("iteration", "damped"), [(UPHILL_ITERATIONS, False), (UPHILL_ITERATIONS + 1, True)])
 def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, iteration, damped):
-    """The work of one step is said to be negative; the first steps may go uphill. The state is the same."""
+    """One step reports negative work, which only the first steps may have. The state is the same."""
     path, spheres = np.array([[0.0, 0.4e-3, 0.0], [0.3e-3, 0.4e-3, 0.0]]), [SPHERE]
     plain = follow(Scene(block, GEL), spheres, pose(), path)[0]
     assert not plain.certificate["damping"].any() and (plain.certificate["newton_iterations"] > UPHILL_ITERATIONS).all()

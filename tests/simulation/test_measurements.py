@@ -1,4 +1,4 @@
-"""Measurements of a press: one for each output of the table, and values that are known exactly."""
+"""Measurements of a press: one for each output, and exact values."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from simgen.config.outputs import OUTPUTS
 from simgen.simulation.measurements import MEASUREMENTS, measurement_of
 from simgen.simulation.press import Scene, press
-from simulation.test_press import CUBE, DEPTHS, GEL, make_block, pose
+from simulation.blocks import CUBE, DEPTHS, GEL, make_block, pose
 
 
 @pytest.fixture(scope="module")

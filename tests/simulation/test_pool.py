@@ -1,4 +1,4 @@
-"""Tasks that share their load stepping: the same bytes as alone, no press waits for another task's, ends by errors."""
+"""Pools: tasks that share load stepping get the same results as alone, never wait for each other, end on errors."""
 
 import threading
 import time
@@ -11,15 +11,10 @@ import simgen.simulation.pool
 from simgen.fem.device import DEVICE
 from simgen.simulation.pool import CREW, POOLS, Pool, _choose
 from simgen.simulation.press import Scene, follow
-from simulation.test_press import CUBE, GEL, SPHERE, make_block, pose
+from simulation.blocks import CUBE, GEL, SPHERE, pose
 
 PATH = np.array([[0.0, 0.2e-3, 0.0], [0.0, 0.4e-3, 0.0]])
 POSES = np.concatenate([pose(), pose(x=1.0), pose(tilt_deg=5.0), pose(x=-1.0)])
-
-
-@pytest.fixture(scope="module")
-def block():
-    return make_block((4, 2, 4))
 
 
 def make_pool(block, batch):
@@ -27,7 +22,7 @@ def make_pool(block, batch):
 
 
 def press(pool, first, last):
-    """Those of `POSES`, with the two shapes in turns."""
+    """Add presses at `POSES`, with the two shapes in turns."""
     return pool.press([i % 2 for i in range(first, last)], POSES[first:last], np.full(last - first, 2))
 
 
@@ -44,27 +39,27 @@ def test_tasks_side_by_side_give_the_bytes_of_each_alone(block, batch):
 
 
 def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):
-    """One of two environments is left for three presses."""
+    """Three presses share the environment that the hard press leaves."""
     pool = make_pool(block, 2)
-    settle = pool._stepping._settle
+    settle = pool._stepping._accept_or_reject
     hard = press(pool, 0, 1)
 
     def never_ends(finished):
         settle(finished & np.array([each is not hard._presses[0] for each in pool._stepping.press]))
 
-    pool._stepping._settle = never_ends
+    pool._stepping._accept_or_reject = never_ends
     ended = list(press(pool, 1, 4))
     assert [result.status[-1] for result in ended] == [0, 0, 0]
     assert hard._presses[0].status is None and pool.urgency == (1, 1)
     pool.drop()  # or the tasks of other tests would carry it on
 
 
-def test_the_march_that_keeps_most_environments_at_work_goes_first(block):
+def test_the_pool_that_keeps_most_environments_at_work_goes_first(block):
     small, large = make_pool(block, 1), make_pool(block, 2)
     waiting, first = press(small, 0, 3), press(large, 0, 2)
     assert max(small, large, key=lambda pool: pool.urgency) is large
     assert len(list(first)) == 2
-    assert small._stepping.left == 3 or large._stepping.left == 0  # nothing of the other was solved before
+    assert small._stepping.remaining == 3 or large._stepping.remaining == 0  # nothing of the other was solved before
     assert len(list(waiting)) == 3
 
 
@@ -76,7 +71,7 @@ def test_an_error_ends_all_tasks_and_the_next_one_is_sound(block, monkeypatch):
         def break_down(ended):
             raise MemoryError("no more")
 
-        patch.setattr(pool._stepping, "_settle", break_down)
+        patch.setattr(pool._stepping, "_accept_or_reject", break_down)
         with pytest.raises(MemoryError):
             list(first)
     for task in (second, third):
@@ -97,18 +92,18 @@ def test_a_pool_that_nobody_has_is_no_pool_any_more(block):
 
 
 def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
-    """Ten tasks; none is lost when the thread that solved its presses goes home."""
+    """Run ten tasks; none is lost when the thread that solved its presses leaves."""
     pool, carrying, most, asleep = make_pool(block, 2), set(), [], []
-    go_on = simgen.simulation.pool._go_on
+    advance = simgen.simulation.pool._advance
 
     def watch():
         carrying.add(threading.get_ident())
         most.append(len(carrying))
         asleep.append(len(CREW._asleep))
-        go_on()
+        advance()
         carrying.remove(threading.get_ident())
 
-    monkeypatch.setattr(simgen.simulation.pool, "_go_on", watch)
+    monkeypatch.setattr(simgen.simulation.pool, "_advance", watch)
     with ThreadPoolExecutor(10) as threads:
         tasks = list(threads.map(lambda i: list(press(pool, i % 4, i % 4 + 1)), range(10)))
     assert all((result.status == 0).all() for task in tasks for result in task)
@@ -117,7 +112,7 @@ def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypa
 
 
 def let_others_in(device):
-    """Do what a thread does on a GPU whenever it reads from it."""
+    """Release the device as a thread does when it reads from a GPU."""
     with DEVICE.left():
         time.sleep(1e-4)
 
@@ -125,16 +120,16 @@ def let_others_in(device):
 def test_two_pools_that_take_turns_in_the_middle_of_an_iteration_give_the_bytes_of_each_alone(block, monkeypatch):
     alone = follow(Scene(block, GEL), [SPHERE, CUBE, SPHERE, CUBE], POSES, PATH)
     inside, overlaps = set(), []
-    go_on = Pool.go_on
+    advance = Pool.advance
 
     def watch(pool):
         inside.add(pool)
         overlaps.append(len(inside))
-        go_on(pool)
+        advance(pool)
         inside.remove(pool)
 
     monkeypatch.setattr("simgen.fem.device._wait_for", let_others_in)
-    monkeypatch.setattr(Pool, "go_on", watch)
+    monkeypatch.setattr(Pool, "advance", watch)
     pools = make_pool(block, 2), make_pool(block, 2)
     with ThreadPoolExecutor(4) as threads:
         tasks = [threads.submit(lambda pool, i: list(press(pool, i, i + 2)), pool, i) for pool in pools for i in (0, 2)]
@@ -163,8 +158,8 @@ def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_b
             let_others_in("cpu")
         seen.append([press.dropped for press in pools[1]._stepping.unfinished])
 
-    monkeypatch.setattr(pools[0]._stepping, "go_on", break_down)
-    monkeypatch.setattr(pools[1]._stepping, "go_on", never_ends)
+    monkeypatch.setattr(pools[0]._stepping, "advance", break_down)
+    monkeypatch.setattr(pools[1]._stepping, "advance", never_ends)
     with ThreadPoolExecutor(2) as threads:
         tasks = [threads.submit(lambda pool: list(press(pool, 0, 2)), pool) for pool in pools]
         errors = [type(task.exception(timeout=20.0)) for task in tasks]

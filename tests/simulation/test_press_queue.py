@@ -1,4 +1,4 @@
-"""The order in which presses begin."""
+"""Order of presses in the queue."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def order(queue, presses):
     return [presses.index(queue.pop()) for _ in range(len(queue))]
 
 
-def test_presses_of_which_nothing_is_known_begin_as_they_came():
+def test_presses_without_an_ended_try_keep_their_order():
     assert order(*filled(2, 0, 1, 0)) == [0, 1, 2, 3]
 
 
@@ -37,7 +37,7 @@ def test_hard_indenters_begin_first_and_an_unknown_one_before_them():
 
 
 def test_the_longest_try_makes_an_indenter_hard():
-    """Ten presses of the second are as long as those of the first, one is not."""
+    """Ten tries of both indenters have the same length, one try of the second is longer."""
     queue, presses = filled(0, 1, 0, 1)
     for _ in range(10):
         queue.learn(0, 100)

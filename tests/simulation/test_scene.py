@@ -1,11 +1,11 @@
-"""A scene carries the terms that its sensor needs, and measures the outputs that it is asked for."""
+"""Scenes: physical terms that a sensor needs, and measured outputs."""
 
 import pytest
 
 from simgen.errors import InputError
 from simgen.sensors.sensor import load_sensor
 from simgen.simulation.press import Scene
-from simulation.test_press import GEL, make_block
+from simulation.blocks import GEL, make_block
 
 
 def test_a_block_carries_elasticity_and_one_contact_with_friction():

@@ -1,4 +1,4 @@
-"""Elements that are inside out, and the sampler of a scene."""
+"""State sampler: inverted elements, and one sampler for a scene."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from simgen.verification.validate.hard_scenes import block, scene_of
 
 
 def test_elements_inverted_between_their_quadrature_points_are_counted():
-    """A stretch inverts none; a corner pushed through its element turns det F over there, not at the points."""
+    """A stretch inverts no element; a corner pushed through its element inverts it only near the corner."""
     scene = scene_of(block(), "cpu")
     scene.reset([rigid_shape(Kind.SPHERE, 3.5)])
     sampler, x = StateSampler(scene), np.zeros(scene.unknowns)
@@ -27,7 +27,7 @@ def test_elements_inverted_between_their_quadrature_points_are_counted():
 
 
 def test_all_presses_of_a_scene_share_one_sampler():
-    """With stress and traction it takes half a second to make on the DIGIT's default mesh."""
+    """With stress and traction the sampler takes half a second to make on the DIGIT's default mesh."""
     scene = scene_of(block(), "cpu")
     scene.reset([rigid_shape(Kind.SPHERE, 3.5)])
     path = np.array([[0.0, 0.1, 0.0, 0.0]])

@@ -1,4 +1,4 @@
-"""Stress and contact traction at a surface: the force of a press, and what datasets and exports hold."""
+"""Stress and contact traction at a surface: exact values, datasets and exports."""
 
 import csv
 import shutil
@@ -31,7 +31,7 @@ LAYER = LayerMeshSize(edge=0.15, until=2.2, growth=0.4, top=0.25)
 
 @pytest.fixture(scope="module")
 def pressed_layer():
-    """A sphere of R = 3.5 mm, 0.5 mm deep in a bonded layer without friction: a quarter of it, its top a disc."""
+    """Scene and press of a sphere, R = 3.5 mm, 0.5 mm deep into a quarter of a bonded layer without friction."""
     layer = quarter_layer(LAYER, np.zeros(1))
     mesh = layer.simulation_mesh
     top = np.unique(mesh.touchable[:, :3])
@@ -44,14 +44,14 @@ def pressed_layer():
 
 
 def test_tractions_add_up_to_the_force(pressed_layer):
-    """A corner's traction times its share of the curved faces' area, over all corners, is the force of the press."""
+    """Tractions at corners times their shares of the faces' area sum to the force."""
     scene, result = pressed_layer
     total = np.einsum("dvi,v->di", result.traction, 1e-6 * scene.indenter_contact.corner_areas)
     np.testing.assert_allclose(total, result.force, atol=1e-6 * result.force[-1, 1])
 
 
 def test_pressure_in_the_middle_of_a_layer(pressed_layer, reference):
-    """Traction and stress against an independent axisymmetric solution."""
+    """Compare traction and stress with an independent axisymmetric solution."""
     scene, result = pressed_layer
     output = scene.sensor.output_mesh
     with open(reference / "axisymmetric" / "force.csv") as table:
@@ -132,7 +132,7 @@ def test_the_order_of_outputs_is_no_other_job():
 
 
 def test_vertices_below_the_surface_have_the_traction_above_them(pressed_layer):
-    """A mesh of the job's own may have vertices a little inside the gel; interior corners carry no traction."""
+    """Vertices of a user's mesh may lie a little inside the gel, where corners carry no traction."""
     scene, result = pressed_layer
     below = scene.sensor.output_mesh.vertices + np.array([0.0, 0.03e-3, 0.0])
     output = replace(scene.sensor.output_mesh, vertices=below)

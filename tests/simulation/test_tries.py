@@ -1,4 +1,4 @@
-"""The try that counts of two, and when that is known."""
+"""Tries of a press: which one is kept, and when the press ends."""
 
 import gc
 import weakref
@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from simgen.fem.nonlinear.status import Status
-from simgen.simulation.tries import SECOND_TRY, Press
+from simgen.simulation.tries import SECOND_TRY_SCALE, Press
 
 
 def tried(*tries):
-    """A press with tries (samples, status, failed), and these; a status of None is one under way."""
+    """A press with tries (samples, status, failed), and the tries; a running try has status None."""
     press = Press(0, np.eye(4), 0.0, 3, 0.0)
     for samples, status, failed in tries:
         one = press.next_try()
         one.samples, one.status, one.failed = [{}] * samples, status, failed
     own = list(press.tries)
-    press.settle()
+    press.decide()
     return press, own
 
 
@@ -30,7 +30,7 @@ def failed(samples, status=Status.NEWTON_STALLED):
 
 
 def test_the_second_try_takes_half_steps():
-    assert [each.share for each in tried(UNDER_WAY, UNDER_WAY)[1]] == [1.0, SECOND_TRY]
+    assert [each.step_scale for each in tried(UNDER_WAY, UNDER_WAY)[1]] == [1.0, SECOND_TRY_SCALE]
 
 
 @pytest.mark.parametrize("tries", [(UNDER_WAY,), (failed(2),), (UNDER_WAY, WHOLE), (UNDER_WAY, failed(2)),
@@ -61,7 +61,7 @@ def test_the_first_try_counts_unless_it_failed_and_then_the_one_that_got_further
 
 
 def test_a_press_that_nobody_holds_gives_its_samples_back_at_once():
-    """Gigabytes would otherwise wait until Python looks for circles."""
+    """Reference cycles would keep gigabytes until the next garbage collection."""
     press, own = tried(failed(2), WHOLE)
     own[1].displacement = np.zeros((3, 4, 3))
     samples = weakref.ref(own[1].displacement)
