@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +35,20 @@ class Solution:
     substeps: np.ndarray
 
 
+class _cached:
+    """`functools.cached_property` without the lock that Python 3.11 shares among all objects.
+
+    A thread that waits for the device lets others in, so a thread with the device would wait for that lock for ever.
+    """
+
+    def __init__(self, function: Callable[[State], Any]):
+        self._function = function
+
+    def __get__(self, state: State, owner: type) -> Any:
+        value = state.__dict__[self._function.__name__] = self._function(state)
+        return value
+
+
 class State:
     """The converged states of a scene's solver in some environments.
 
@@ -54,12 +68,12 @@ class State:
         """Newtons per unit of the solver's forces, which are in E mm2."""
         return self.scene.material.youngs_modulus_pa / MM_PER_M**2
 
-    @cached_property
+    @_cached
     def contact(self) -> Resultants:
         """Resultants of the indenter's contact in all environments, in the solver's units."""
         return self.scene.indenter_contact.resultants(self.scene.solver.x)
 
-    @cached_property
+    @_cached
     def total_force(self) -> np.ndarray:
         """(env, 3) sum of all forces on the gel, zero in equilibrium, in the solver's units."""
         scene, x = self.scene, self.scene.solver.x
@@ -68,18 +82,18 @@ class State:
             total += fixed.resultants(x).force
         return total if scene.cavity is None else total + scene.cavity.resultant(x)
 
-    @cached_property
+    @_cached
     def cavity(self) -> tuple[np.ndarray, np.ndarray]:
         """(env,) mm3 of fluid volume lost in the cavity, and (env,) fluid pressure over E."""
         solver, row = self.scene.solver, self.scene.cavity.row
         return tuple(read(solver.balance.surface[row], solver.x[row]))
 
-    @cached_property
+    @_cached
     def overlap_mm(self) -> np.ndarray:
         """(env,) mm, deepest overlap with indenter, core and support."""
         return self.sampler.overlap()[0]
 
-    @cached_property
+    @_cached
     def inverted(self) -> np.ndarray:
         """(env,) number of elements that are inverted somewhere."""
         return self.sampler.inverted_elements()

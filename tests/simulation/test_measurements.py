@@ -1,10 +1,14 @@
 """Measurements of a press: one for each output, and exact values."""
 
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from simgen.config.outputs import OUTPUTS
-from simgen.simulation.measurements import MEASUREMENTS, measurement_of
+from simgen.simulation.measurements import MEASUREMENTS, State, measurement_of
 from simgen.simulation.press import Scene, press
 from simulation.blocks import CUBE, DEPTHS, GEL, make_block, pose
 
@@ -37,3 +41,12 @@ def test_a_result_has_its_outputs_as_attributes(flat):
     assert flat.stress is None and flat.cavity_pressure is None  # the scene does not measure them
     with pytest.raises(AttributeError, match="heat is no output of a press; allowed: displacement, force"):
         _ = flat.heat
+
+
+def test_threads_measure_two_states_at_the_same_time():
+    """A lock that both states share would hold one thread while the other waits for the device."""
+    both = Barrier(2)
+    states = [State(SimpleNamespace(overlap=lambda: [both.wait(timeout=5.0)]), None, None, None) for _ in range(2)]
+    with ThreadPoolExecutor(2) as threads:
+        found = list(threads.map(lambda state: state.overlap_mm, states))
+    assert sorted(found) == [0, 1] and [state.overlap_mm for state in states] == found
