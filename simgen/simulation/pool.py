@@ -41,11 +41,11 @@ class Pool:
         wp.synchronize()  # the kernels that set up the scene ran on another stream
         POOLS.add(self)
 
-    def press(self, shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray) -> Pressing:
+    def press(self, shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray) -> PendingResults:
         """Add presses: shape numbers (b,), poses (b, 4, 4) m, numbers of steps (b,). Returns their results to come."""
         with DEVICE:
             self._use_stream()
-            return Pressing(self._stepping, begin_presses(self._stepping, self._shapes, shape_of, poses, steps))
+            return PendingResults(self._stepping, begin_presses(self._stepping, self._shapes, shape_of, poses, steps))
 
     @property
     def urgency(self) -> tuple[int, int]:
@@ -66,16 +66,16 @@ class Pool:
         self._stepping.drop(self._stepping.unfinished)
 
 
-class Pressing:
+class PendingResults:
     """Results of running presses, in order. Iteration over the results waits until all presses have ended."""
 
     def __init__(self, stepping: LoadStepping, presses: list[Press]):
         self._stepping, self._presses = stepping, presses
 
     def __iter__(self) -> Iterator[PressResult]:
-        while self.under_way and CREW.join(self):
+        while self.unfinished and CREW.join(self):
             try:
-                while self.under_way:
+                while self.unfinished:
                     _advance()
             finally:
                 CREW.leave()
@@ -84,7 +84,7 @@ class Pressing:
         return (result_of(self._stepping, press) for press in self._presses)
 
     @property
-    def under_way(self) -> bool:
+    def unfinished(self) -> bool:
         """True while some presses have neither ended nor been dropped."""
         return any(press.status is None and not press.dropped for press in self._presses)
 
@@ -94,15 +94,15 @@ class Crew:
 
     def __init__(self, most: int):
         self._lock, self._free = threading.Lock(), most
-        self._asleep: dict[Pressing, tuple[threading.Event, list[bool]]] = {}
+        self._asleep: dict[PendingResults, tuple[threading.Event, list[bool]]] = {}
 
-    def join(self, pressing: Pressing) -> bool:
+    def join(self, results: PendingResults) -> bool:
         """Join the crew and return True, or sleep until the own presses have ended and return False."""
         with self._lock:
             if self._free:
                 self._free -= 1
                 return True
-            woken, joins = self._asleep[pressing] = threading.Event(), [False]
+            woken, joins = self._asleep[results] = threading.Event(), [False]
         woken.wait()
         return joins[0]
 
@@ -122,8 +122,8 @@ class Crew:
             self._wake_those_done()
 
     def _wake_those_done(self):
-        for pressing in [each for each in self._asleep if not each.under_way]:
-            self._asleep.pop(pressing)[0].set()
+        for results in [each for each in self._asleep if not each.unfinished]:
+            self._asleep.pop(results)[0].set()
 
 
 BESIDE = 0.5  # a second pool runs beside the busiest one if it has this share of the busiest one's environments
