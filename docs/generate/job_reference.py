@@ -1,4 +1,4 @@
-"""The reference of job files: ``python docs/generate/job_reference.py > docs/job.md``. A test compares the two."""
+"""Generator of docs/job.md: ``python docs/generate/job_reference.py > docs/job.md``. A test compares the two."""
 
 from reference_page import ReferencePage
 
@@ -9,7 +9,7 @@ from simgen.config.solver_settings import SolverSettings
 from simgen.config.strict_section import StrictSection
 from simgen.config.trajectories import Depths, Leg, Trajectories
 
-# Headings with their sections, in the order of the page; NAME is what the user calls a sensor.
+# Headings and sections in the order of the page. NAME is the user's name of a sensor.
 SECTIONS: dict[str, type[StrictSection]] = {
     "The job": Job,
     "sensors.NAME": SensorChoice,
@@ -37,7 +37,7 @@ depths_mm: {first: 0.1, last: 1.0, count: 10}
     "sensors.NAME": """\
 sensors:
   digit: {model: digit}
-  filled: {model: biotac, mesh: coarse, fluid: incompressible}   # one model may stand twice
+  filled: {model: biotac, mesh: coarse, fluid: incompressible}   # two sensors of one model
   empty: {model: biotac, mesh: coarse}
 """,
     "sensors.NAME.material": """\
@@ -68,7 +68,7 @@ trajectories:
 depths_mm: {first: 0.5, last: 2.0, count: 4}   # 0.5, 1, 1.5 and 2 mm
 """,
     "solver": """\
-solver: {residual_tolerance: 1e-6, contact_tolerance: 1e-4}   # how far is a sample from its own equations?
+solver: {residual_tolerance: 1e-6, contact_tolerance: 1e-4}   # nearly exact solutions of the equations
 """,
     "dataset": """\
 dataset: {displacement: float32, presses_per_shard: 36, leave_out: ring_7mm, output: ./data/my_touch.zarr}
@@ -84,7 +84,7 @@ A job is one YAML file. Together with the code and the sensors' meshes it decide
 strictly: an unknown key, a key given twice, a value of the wrong type or out of range ends the command with exit code
 2. One line then names the file, the key, the value and what is allowed.
 
-- **Run a job**: `simgen run FILE`. Bundled jobs go by their names (`simgen run smoke`): BUNDLED.
+- **Run a job**: `simgen run FILE`, or the name of a bundled job (`simgen run smoke`): BUNDLED.
 - **Replace keys**: `simgen run smoke trajectories.count=10 sensors.biotac.material.friction=0.3`. Values are YAML.
 - **Paths** of sensors and indenters start at the folder of the job file. A path has a slash or a mesh's suffix.
 - **Numbers** may be written 539000, 539e3 or 539.0e+3. Units are in the keys.

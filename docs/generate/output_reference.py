@@ -1,4 +1,4 @@
-"""The table of outputs in docs/dataset.md: ``python docs/generate/output_reference.py`` writes it. A test compares."""
+"""Generator of the table in docs/dataset.md: ``python docs/generate/output_reference.py``. A test compares."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ AXES = {VERTEX: "vertex", SURFACE_VERTEX: "surface vertex"}
 
 
 def table() -> str:
-    """A Markdown table with a row for each output."""
+    """A Markdown table with one row for each output."""
     rows = ["| `<sensor>/...` | shape of a sample | type | unit | meaning | kept |", "|---|---|---|---|---|---|"]
     for output in OUTPUTS:
         shape = ", ".join(AXES.get(axis, str(axis)) for axis in output.shape) or "scalar"
@@ -23,7 +23,7 @@ def table() -> str:
 
 
 def page_with_table(text: str) -> str:
-    """The page's text with the table in its place."""
+    """Replace the table in the page's text."""
     before, _, rest = text.partition(BEGIN)
     return f"{before}{BEGIN}\n{table()}\n{END}{rest.partition(END)[2]}"
 

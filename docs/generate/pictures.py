@@ -1,6 +1,6 @@
-"""Pictures for the documentation, drawn off-screen: the indenters, paired contacts in matching colours, refused ones.
+"""Generator of pictures for the docs: indenters, paired contacts, refused contacts.
 
-``python docs/generate/pictures.py FOLDER`` makes them again.
+Run ``python docs/generate/pictures.py FOLDER``.
 """
 
 import sys
@@ -25,7 +25,7 @@ TIP_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # inden
 
 
 def draw_indenters(indenters: list[Indenter], path: Path, columns: int = 3) -> None:
-    """A PNG of all indenters, tip up, in one scale."""
+    """Draw all indenters as a PNG, tip up, at the same scale."""
     rows = -(-len(indenters) // columns)
     plotter = pyvista.Plotter(
         off_screen=True, shape=(rows, columns), window_size=(280 * columns, 230 * rows), border=False
@@ -40,9 +40,9 @@ def draw_indenters(indenters: list[Indenter], path: Path, columns: int = 3) -> N
 
 
 def draw_contacts(sensors: list[Sensor], contacts: Contacts, path: Path) -> None:
-    """A PNG of the contacts on each sensor from the pad side; partners share a colour.
+    """Draw the contacts on each sensor as a PNG, seen from the pad. Paired contacts share a colour.
 
-    Hue runs along the lateral arc, lightness along the finger.
+    Hue changes along the lateral arc, lightness along the finger.
     """
     colours = _place_colours(contacts)
     plotter = pyvista.Plotter(
@@ -65,7 +65,7 @@ def draw_contacts(sensors: list[Sensor], contacts: Contacts, path: Path) -> None
 
 
 def _place_colours(contacts: Contacts) -> np.ndarray:
-    """(n, 3) uint8."""
+    """Colours (n, 3) uint8 of the contacts."""
     x, arc = (
         (values - values.min()) / max(np.ptp(values), 1e-12)
         for values in (contacts.points[:, 0], contacts.arcs)
@@ -101,7 +101,7 @@ def _save(plotter: pyvista.Plotter, path: Path) -> None:
 
 
 def main(folder: Path) -> None:
-    """All pictures of this module."""
+    """Make all pictures of this module."""
     draw_indenters([load_indenter(name) for name in indenter_names()], folder / "indenters.png")
     digit, biotac = load_sensor("digit"), load_sensor("biotac")
     contacts = sample_contacts(digit, count=860, seed=1, max_depth_m=2e-3)

@@ -1,7 +1,4 @@
-"""A page with every key of a kind of job file, in Markdown, from the schema itself.
-
-Everything but the head and the examples comes from the schema.
-"""
+"""Markdown page with every key of a kind of job file, made from its schema."""
 
 import inspect
 import types
@@ -19,11 +16,11 @@ WORDS = {str: "text", int: "whole number", float: "number", bool: "true or false
 
 @dataclass(frozen=True)
 class ReferencePage:
-    """What a page says beside the schema.
+    """The parts of a page that the schema does not give, and the page itself.
 
-    head : what stands above the first section
-    sections : headings in their order, the whole job first; the others are paths of keys, several joined by ", "
-    examples : by heading, YAML; the first is a whole job, the others replace its keys of the same name
+    head : Markdown above the first section
+    sections : sections by heading, in order; the whole job first, then paths of keys, several joined by ", "
+    examples : YAML by heading; the first is a whole job, the others replace its keys of the same name
     """
 
     head: str
@@ -31,7 +28,7 @@ class ReferencePage:
     examples: Mapping[str, str]
 
     def markdown(self) -> str:
-        """The whole page."""
+        """The page in Markdown."""
         return "\n".join([self.head, *(self._section(heading) for heading in self.sections)])
 
     def _section(self, heading: str) -> str:
@@ -53,7 +50,7 @@ class ReferencePage:
 
 
 def first_line(section: type[StrictSection]) -> str:
-    """The first line of a section's docstring."""
+    """The first line of a section's docstring, in Markdown."""
     return inspect.cleandoc(section.__doc__).splitlines()[0].replace("``", "`")
 
 

@@ -1,6 +1,6 @@
-"""The reference of training jobs: ``python docs/generate/training_job_reference.py > docs/training_job.md``.
+"""Generator of docs/training_job.md: ``python docs/generate/training_job_reference.py > docs/training_job.md``.
 
-A test compares the page with what this prints.
+A test compares the two.
 """
 
 from reference_page import ReferencePage
@@ -20,7 +20,7 @@ from simgen.learning.training.schema import (
 )
 from simgen.sensing.electrodes.model import ElectrodeSettings
 
-# Headings with their sections, in the order of the page.
+# Headings and sections in the order of the page.
 SECTIONS: dict[str, type[StrictSection]] = {
     "The job": TrainingJob,
     "signals": Signals,
@@ -75,7 +75,7 @@ reduced_model: {latent: 63, width: 32}   # less of PCA, more of the convolutions
 signal_translation: {width: 256, noise: 0.01}
 """,
     "mesh_translation": """\
-mesh_translation: {noise: 0}   # if it will be given latents of RMB itself, and not those of S2RM
+mesh_translation: {noise: 0}   # if its inputs are latents of RMB, not predictions of S2RM
 """,
 }
 
@@ -86,7 +86,7 @@ HEAD = """\
 
 A training job is one YAML file. Together with the dataset and the code it decides the networks. It is read as strictly
 as a [job file](job.md): an error is one line with the file, the key, the value and what is allowed, and exit code 2.
-[Training](training.md) says what the networks are.
+[Training](training.md) describes the networks.
 
 - **Train**: `simgen train FILE`. `training` and `training_smoke` are bundled: `simgen train training` works.
 - **Replace keys**: `simgen train training mesh_vae.epochs=100 "networks=[svb, mvb, s2mpn]"`

@@ -1,6 +1,6 @@
-"""What a key of a job may hold, in words, from the bounds of its pydantic field.
+"""Allowed values and unit of a job's key, in words, from its pydantic field.
 
-A key's unit is the ending of its name (``youngs_modulus_pa``), or of the section that it stands in (``depths_mm``).
+The end of a key's name gives its unit (``youngs_modulus_pa``); else the end of its section's name (``depths_mm``).
 """
 
 import types
@@ -15,24 +15,24 @@ UNITS = {"_mm": "mm", "_um": "um", "_deg": "degrees", "_pa": "Pa", "_n": "N", "_
 
 
 def allowed(text: str) -> dict[str, Any]:
-    """Words for a field whose bounds do not say enough: ``Field(json_schema_extra=allowed("a file"))``."""
+    """Replace the generated words for a field: ``Field(..., **allowed("a file"))``."""
     return {"json_schema_extra": {"allowed": text}}
 
 
 def unit_of(path: Sequence[str]) -> str:
-    """The unit of the key at a path of keys; empty if it has none."""
+    """The unit of the key at the end of a path of keys; empty if it has none."""
     return next((UNITS[suffix] for key in reversed(path) for suffix in UNITS if key.endswith(suffix)), "")
 
 
 def allowed_values(path: Sequence[str], field: FieldInfo) -> str:
-    """The values that a field takes, in words; empty for a field that holds sections."""
+    """The values that a field accepts, in words; empty for a field that holds sections."""
     if text := (field.json_schema_extra or {}).get("allowed"):
         return text
-    return _words(field.annotation, field.metadata, unit_of(path))
+    return _describe(field.annotation, field.metadata, unit_of(path))
 
 
 def plain(value: Any) -> str:
-    """A value as YAML has it."""
+    """A value as YAML writes it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -41,16 +41,16 @@ def plain(value: Any) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names with ``or`` before the last one."""
+    """Join names by commas, with ``or`` before the last name."""
     return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
-def _words(annotation: Any, metadata: Sequence[Any], unit: str) -> str:
+def _describe(annotation: Any, metadata: Sequence[Any], unit: str) -> str:
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        return _words(inner[0], (*metadata, *inner[1:]), unit)
+        return _describe(inner[0], (*metadata, *inner[1:]), unit)
     if origin in (Union, types.UnionType):
-        return _words(next(each for each in inner if each is not types.NoneType), metadata, unit)
+        return _describe(next(each for each in inner if each is not types.NoneType), metadata, unit)
     if origin is Literal:
         return listed([plain(value) for value in inner])
     if annotation is bool:
@@ -64,10 +64,10 @@ def _words(annotation: Any, metadata: Sequence[Any], unit: str) -> str:
 
 
 def _bounds(metadata: Sequence[Any]) -> str:
-    """``0 to 1``, ``above 0, to 1``, ``0 to below 1``: from the constraints that pydantic keeps of a number."""
+    """The constraints of a number in words: ``0 to 1``, ``above 0, to 1``, ``0 to below 1``."""
     found: dict[str, float] = {}
     for each in metadata:
-        # A Field inside Annotated keeps its constraints one level further down.
+        # A Field inside Annotated nests its constraints one level deeper.
         for constraint in each.metadata if isinstance(each, FieldInfo) else [each]:
             for kind in (annotated_types.Ge, annotated_types.Gt, annotated_types.Le, annotated_types.Lt):
                 if isinstance(constraint, kind):
@@ -75,7 +75,7 @@ def _bounds(metadata: Sequence[Any]) -> str:
     if not found.keys() & {"Le", "Lt"}:
         return f"{plain(found['Ge'])} or more" if "Ge" in found else f"above {plain(found['Gt'])}"
     low = plain(found["Ge"]) if "Ge" in found else f"above {plain(found['Gt'])}," if "Gt" in found else ""
-    if isinstance(found.get("Lt"), int):  # of whole numbers
+    if isinstance(found.get("Lt"), int):  # whole numbers
         return f"{low} to {found['Lt'] - 1}"
     high = plain(found["Le"]) if "Le" in found else f"below {plain(found['Lt'])}" if "Lt" in found else ""
     return f"{low} to {high}"

@@ -1,4 +1,4 @@
-"""What a job chooses: sensor models with their mesh and material, and indenters."""
+"""Sections of a job that choose sensors (model, mesh, material, output mesh) and indenters."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -10,16 +10,16 @@ from simgen.config.strict_section import StrictSection
 from simgen.errors import shown
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
-MESH_SPACING_MM = 0.2  # of the grid on which an indenter's mesh is sampled
+MESH_SPACING_MM = 0.2  # default grid spacing for an indenter's mesh
 
 
 class MaterialChoice(StrictSection):
-    """A material preset of the sensor model (``material: solid``); single values may replace its own."""
+    """A material preset of the sensor (``material: solid``). The job may replace single values of it."""
 
     text_means = "preset"
 
     preset: str = Field(
-        "solid", description="The values to begin with; the `sensor.yaml` lists them", **allowed("a preset's name")
+        "solid", description="The preset to start from, one of the `sensor.yaml`", **allowed("a preset's name")
     )
     youngs_modulus_pa: float | None = Field(
         None, ge=1e3, le=1e9, description="Replaces the preset's modulus at small strains"
@@ -38,7 +38,7 @@ class MaterialChoice(StrictSection):
 
 
 class OutputFile(StrictSection):
-    """A mesh file whose vertices are stored, in their order, in place of the sensor's own output mesh."""
+    """A mesh file that replaces the sensor's output mesh. Its vertices are stored in their order."""
 
     file: str = Field(
         min_length=1,
@@ -50,42 +50,42 @@ class OutputFile(StrictSection):
 
 
 class SensorChoice(StrictSection):
-    """A sensor model, the mesh it is solved on, its material, and what fills its cavity."""
+    """A sensor model, its simulation mesh, its material, and the fluid in its cavity."""
 
     model: str = Field(
         description="A bundled sensor, or the folder of a `sensor.yaml`",
         **allowed("a bundled sensor model (digit, biotac) or a path: ./my_sensor"),
     )
     mesh: Literal["default", "coarse", "fine"] = Field(
-        "default", description="The sensor's mesh that is solved on; all meshes store the same vertices"
+        "default", description="The simulation mesh. The stored vertices are the same for all of them"
     )
     material: MaterialChoice = Field(
-        MaterialChoice(), description="The material of the deformable body; a preset's name alone will do"
+        MaterialChoice(), description="The material of the gel: a preset's name, or a section"
     )
     fluid: Literal["none", "incompressible"] = Field(
         "none",
-        description="What fills the cavity between skin and core. A fluid keeps its volume, and its pressure is stored",
+        description="Fluid in the cavity between skin and core. It keeps its volume, and its pressure is stored",
     )
     output: OutputFile | None = Field(
         None,
         exclude_if=lambda output: output is None,
-        description="A mesh of your own, whose vertices are stored in place of the sensor's",
+        description="A mesh of your own. Its vertices are stored in place of the sensor's output vertices",
     )
 
 
 class IndenterChoice(StrictSection):
-    """A bundled indenter, or a closed mesh, which is sampled on a grid. A name or path alone will do."""
+    """A bundled indenter, or a closed mesh. A name or path may replace the section."""
 
     text_means = "file"
 
     file: str = Field(
-        description="An indenter of `indenters/indenters.yaml`, or a mesh of your own, named after its file",
+        description="An indenter of `indenters/indenters.yaml`, or a mesh of your own, which is named after its file",
         **allowed("a name, or a path of a closed mesh (.stl .obj .ply)"),
     )
-    unit: Literal["m", "mm"] = Field("m", description="The unit of the mesh's coordinates; it is not guessed")
+    unit: Literal["m", "mm"] = Field("m", description="The unit of the mesh's coordinates; simgen does not guess it")
     spacing_mm: float = Field(
         MESH_SPACING_MM, ge=0.01, le=1.0,
-        description="The grid on which the mesh's signed distance is sampled; smaller details are rounded",
+        description="Spacing of the grid on which the mesh's signed distance is sampled; it rounds off smaller details",
     )  # fmt: skip
 
     @model_validator(mode="before")
@@ -102,7 +102,7 @@ class IndenterChoice(StrictSection):
 
     @model_serializer(mode="wrap")
     def _plain(self, sections: SerializerFunctionWrapHandler) -> str | dict[str, Any]:
-        """The text alone where it says all: a job's hash does not depend on how the indenter is written."""
+        """The text alone if all else is default, so that the job's hash does not depend on the way of writing."""
         return self.file if self._is_alone() else sections(self)
 
     def _is_alone(self) -> bool:

@@ -1,6 +1,6 @@
-"""The path of an indenter: where it is, relative to first touch, at each step that a dataset keeps.
+"""The path of an indenter: its offset from first touch and its turn at each stored step.
 
-A path is given in the contact frame: the indenter's own frame at first touch. Its origin is the tip, +y is the press
+A path is given in the contact frame: the indenter's own frame at first touch. The origin is the tip, +y is the press
 axis and points into the sensor, and x and z lie in the surface. A press is a path along +y.
 """
 
@@ -17,9 +17,9 @@ DOWN = np.array([0.0, 1.0, 0.0])  # the press axis in the contact frame
 class IndenterPath:
     """The steps of a path, in the contact frame.
 
-    offsets_m : (step, 3) m, the tip's offset from first touch
-    turns_rad : (step,) rad, the indenter's right-handed turn about the press axis
-    legs : (step,) int32, the leg that a step ends or lies on; 0 is the press
+    offsets_m : (step, 3) m, offset of the tip from first touch
+    turns_rad : (step,) rad, right-handed turn of the indenter about the press axis
+    legs : (step,) int32, number of the leg that the step belongs to; 0 is the press
     """
 
     offsets_m: np.ndarray
@@ -31,16 +31,16 @@ class IndenterPath:
 
     @property
     def depths_m(self) -> np.ndarray:
-        """(step,) m, the offset along the press axis."""
+        """(step,) m, offset along the press axis."""
         return self.offsets_m[:, 1]
 
     @property
     def is_a_press(self) -> bool:
-        """True if the indenter only goes down its press axis."""
+        """True if no legs follow the press."""
         return not self.legs.any()
 
     def label(self, step: int) -> str:
-        """The place of a step in words: its depth, then its offset from the press axis and its turn."""
+        """A step in words: its depth; on a leg also x, z and the turn."""
         x, depth, z = 1e3 * self.offsets_m[step]
         place = f"{depth:g} mm"
         if self.legs[step]:
@@ -49,7 +49,7 @@ class IndenterPath:
 
     @property
     def lateral_reach_m(self) -> float:
-        """m, the largest distance of the tip from the press axis while it is not above the rest surface."""
+        """m, largest distance of the tip from the press axis at or below the rest surface."""
         ends = np.vstack([np.zeros(3), self.offsets_m])
         reach = 0.0
         for start, end in pairwise(ends):
@@ -63,17 +63,16 @@ class IndenterPath:
 
 
 def press_path(depths_m: np.ndarray) -> IndenterPath:
-    """The path of a press to depths (step,) m."""
+    """Make the path of a press to depths (step,) m."""
     depths_m = np.asarray(depths_m, dtype=float)
     count = len(depths_m)
     return IndenterPath(depths_m[:, None] * DOWN, np.zeros(count), np.zeros(count, np.int32))
 
 
 def with_legs(press: IndenterPath, legs: Sequence[tuple[Sequence[float], float, int]]) -> IndenterPath:
-    """The press followed by legs, each ``(move (3,) m, turn rad, steps)`` from where the one before it ended.
+    """Append legs ``(move (3,) m, turn rad, steps)`` to a press. Each leg starts at the end of the one before.
 
-    The steps of a leg divide it evenly. Offsets are rounded to whole nanometres, turns to 1e-12 rad, so that every
-    machine has the same.
+    Steps are evenly spaced. Offsets are rounded to nanometres and turns to 1e-12 rad, so that all machines agree.
     """
     offsets, turns = [press.offsets_m], [press.turns_rad]
     numbers = [press.legs]
@@ -86,7 +85,7 @@ def with_legs(press: IndenterPath, legs: Sequence[tuple[Sequence[float], float, 
 
 
 def moved(poses: np.ndarray, offsets: np.ndarray, turns_rad: np.ndarray | float = 0.0) -> np.ndarray:
-    """Poses (..., 4, 4), moved by offsets (..., 3) along their own axes and turned (...) rad about their own +y.
+    """Move poses (..., 4, 4) by offsets (..., 3) along their own axes, and turn them (...) rad about their own +y.
 
     Offsets are in the unit of the poses.
     """

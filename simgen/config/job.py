@@ -1,8 +1,6 @@
-"""Reading a job: YAML in, a frozen and checked `simgen.config.job_schema.Job` out.
+"""Functions that read a job: YAML in, a frozen and checked `simgen.config.job_schema.Job` out.
 
-Everything that decides the bytes of a dataset is in the job, and nothing else is: no host, date or number
-of workers. A key that is unknown, or a value that is out of range, is an `InputError` of one line: the file, the key
-path, the value, what is allowed.
+A job holds all settings that decide the bytes of a dataset. It holds no host, date or number of workers.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,9 +13,9 @@ from simgen.config.strict_section import find_file, load_section, section_from_d
 
 
 def load_job(path: str | Path, overrides: Iterable[str] = ()) -> Job:
-    """Read a job file; `overrides` are ``key.sub=value`` strings, their values read as YAML.
+    """Read a job file. `overrides` are ``key.sub=value`` texts with YAML values.
 
-    ``smoke``, ``smoke.yaml`` and ``jobs/smoke.yaml`` that do not exist are looked up among the bundled jobs.
+    If the file does not exist, ``smoke``, ``smoke.yaml`` and ``jobs/smoke.yaml`` name a bundled job.
     Raises `InputError` with one line that names the file, the key, the value and what is allowed.
     """
     file = find_job(path)
@@ -27,9 +25,9 @@ def load_job(path: str | Path, overrides: Iterable[str] = ()) -> Job:
 
 
 def find_job(path: str | Path) -> Path:
-    """The job file itself, or for ``NAME`` and ``jobs/NAME`` the bundled one of that name.
+    """Find a job file: at ``path``, or among the bundled jobs for ``NAME`` and ``jobs/NAME``.
 
-    Raises `InputError` if there is neither.
+    Raises `InputError` if neither exists.
     """
     return find_file(path, bundled_jobs(), "job")
 
@@ -37,9 +35,10 @@ def find_job(path: str | Path) -> Path:
 def job_from_dict(
     data: Mapping[str, Any], source: str = "job", sources: Mapping[str, str] | None = None, *, folder: Path = Path()
 ) -> Job:
-    """Check plain data (as from YAML) and make a `Job` of it. `sources` tells which key came from where.
+    """Make a `Job` from plain data (as from YAML).
 
-    Raises `InputError`.
+    `sources` maps key paths to the file or override that set them; error lines name it. `folder` is the start of
+    relative paths. Raises `InputError`.
     """
     job = section_from_dict(Job, data, source, sources)
     job._folder = folder
@@ -47,9 +46,9 @@ def job_from_dict(
 
 
 def job_from_resolved(resolved: Mapping[str, Any], source: str = "job", *, folder: Path = Path()) -> Job:
-    """Make the `Job` that resolved to this when a dataset was written.
+    """Make the `Job` of a dataset from its resolved form.
 
-    ``least_thickness_left`` is absent where it was 0, and in jobs from before there was this rule. Raises `InputError`.
+    A missing ``least_thickness_left`` means 0: jobs from before this rule have no such key. Raises `InputError`.
     """
     trajectories = resolved.get("trajectories")
     if isinstance(trajectories, Mapping):

@@ -1,4 +1,4 @@
-"""The keys of a job file, strictly checked. The unit of a key is in its name (``depths_mm``)."""
+"""The schema of a job file. The name of a key has its unit (``depths_mm``)."""
 
 import hashlib
 import json
@@ -21,51 +21,51 @@ from simgen.config.trajectories import DEEPEST_INT16_MM, Depths, Trajectories, f
 from simgen.errors import shown
 from simgen.units import MM_PER_M
 
-FINEST_STEP_M = 1e-7  # of int16 displacements
+FINEST_STEP_M = 1e-7  # smallest step of int16 displacements
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]{0,99}$"
 NAME_IN_WORDS = "letters, digits, _ . -, a letter first, 100 at most"
-# What else a dataset's folder holds.
-NOT_SENSORS = (
+# Names that a dataset's folder uses itself.
+RESERVED_NAMES = (
     "press", "depth", "path", "refused", "manifest", "zarr.json", "README.md", "presses.csv", "croissant.json"
 )  # fmt: skip
 
 
 class DatasetSettings(StrictSection):
-    """How the samples are stored."""
+    """Storage of the samples."""
 
     displacement: Literal["int16", "float32"] = Field(
         "int16",
-        description="The numbers that displacements are stored as; int16 rounds to half a step",
+        description="Type of stored displacements; int16 rounds to half a step",
         **allowed("int16 (steps of 0.1 um, of 0.2 um in presses deeper than 1.6 mm) or float32"),
     )
     presses_per_shard: int = Field(
-        9, ge=1, le=4096, description="Presses that one task solves and writes, and that a kill may cost"
+        9, ge=1, le=4096, description="Presses that one task solves and writes. A killed run repeats unfinished tasks"
     )
     leave_out: str | None = Field(
         None,
-        description="An indenter that is tested alone: training and validation have all others, at other places",
+        description="The only indenter of the test split; training and validation have all others, at other places",
         **allowed("the name of one of the indenters"),
     )
     license: str | None = Field(
         None, pattern=r"^[A-Za-z0-9][ -~]{0,99}$",
-        description="The licence of the data, which stands in the dataset's card; most readers know the names of SPDX",
+        description="Licence of the data, for the dataset's card; use an SPDX name",
         **allowed("a licence of the data for its card, e.g. CC-BY-4.0"),
     )  # fmt: skip
     output: str | None = Field(
         None,
-        description="Where the dataset goes; `--output` replaces it, and it is no part of the job's hash",
+        description="Folder of the dataset. `--output` replaces it; the job's hash does not cover it",
         **allowed("a folder; by default <name>.zarr in the current one"),
     )
 
 
 class Job(StrictSection):
-    """A checked job. `load_job` makes one from YAML; `resolved` and `hash` say what it decides."""
+    """A checked job, made by `load_job`."""
 
     name: str = Field(
         pattern=NAME, description="Names the dataset, `<name>.zarr`, and its report", **allowed(NAME_IN_WORDS)
     )
     seed: int = Field(
-        0, ge=0, lt=2**32, description="Seed of the contacts and of the splits: the same seed, the same places"
+        0, ge=0, lt=2**32, description="Seed of contacts and splits: the same seed gives the same places"
     )
     # The first sensor is the reference on which contacts are sampled.
     sensors: dict[str, SensorChoice] = Field(
@@ -75,7 +75,7 @@ class Job(StrictSection):
     )
     indenters: tuple[IndenterChoice, ...] = Field(
         min_length=1,
-        description="What is pressed at every contact, each by its name or path, or by the keys below",
+        description="Indenters that press every contact: names, paths, or sections with the keys below",
         **allowed("a list of names, paths of closed meshes in m, or {file, unit, spacing_mm}"),
     )
     trajectories: Trajectories = Field(description="How many contacts, and how they vary")
@@ -83,24 +83,24 @@ class Job(StrictSection):
     outputs: dict[str, tuple[Literal[OPTIONAL], ...]] = Field(
         {},
         exclude_if=lambda outputs: not outputs,
-        description="What is stored of a sensor beside displacement, force and moment; see "
+        description="Outputs to store beside displacement, force and moment; see "
         "[optional outputs](dataset.md#optional-outputs)",
         **allowed(f"sensor: [{', '.join(OPTIONAL)}], ..."),
     )
     solver: SolverSettings = Field(
-        SolverSettings(), description="Element, tolerances and constants; leave it out unless you study the solver"
+        SolverSettings(), description="Element, tolerances and constants. Leave it out unless you study the solver"
     )
     dataset: DatasetSettings = Field(
         DatasetSettings(), validate_default=True, description="How the samples are stored and split"
     )
-    _folder: Path = PrivateAttr(default=Path())  # of the job file: relative paths start there
+    _folder: Path = PrivateAttr(default=Path())  # the job file's; relative paths start there
 
     @field_validator("sensors")
     @classmethod
     def _sensor_names(cls, sensors: dict[str, SensorChoice]) -> dict[str, SensorChoice]:
         for name in sensors:
-            if not re.fullmatch(NAME, name) or name.endswith("\n") or name in NOT_SENSORS:
-                words = f"{NAME_IN_WORDS}, not {', '.join(NOT_SENSORS)}"
+            if not re.fullmatch(NAME, name) or name.endswith("\n") or name in RESERVED_NAMES:
+                words = f"{NAME_IN_WORDS}, not {', '.join(RESERVED_NAMES)}"
                 raise ValueError(f"{shown(repr(name))} cannot name a sensor; allowed: {words}")
         return sensors
 
@@ -113,7 +113,7 @@ class Job(StrictSection):
         for name in outputs:
             if name not in sensors:
                 raise ValueError(f"{shown(repr(name))} is no sensor of the job; allowed: {', '.join(sensors)}")
-        # In one order, whichever way they are written: the same outputs are the same job.
+        # One fixed order: the same outputs are the same job.
         return {name: tuple(filter(outputs[name].__contains__, OPTIONAL)) for name in sensors if outputs.get(name)}
 
     @field_validator("indenters")
@@ -161,19 +161,19 @@ class Job(StrictSection):
 
     @property
     def depths_m(self) -> np.ndarray:
-        """(step,) float64, m: the depth at each step of the path."""
+        """(step,) float64, m, depth at each step of the path."""
         return self.indenter_path.depths_m
 
     @property
     def stops_early(self) -> bool:
-        """True if presses end early where they would leave too little gel, and keep their contacts."""
+        """True if presses end before they would leave too little gel."""
         return self.trajectories.too_thin == "stop"
 
     @property
     def displacement_step_m(self) -> float:
-        """The step of int16 displacements, m: 0.1 um, or a multiple.
+        """Step of int16 displacements, m: 0.1 um, or a multiple.
 
-        The range is at least twice as far as the indenter goes: gel that is squeezed out moves up to 1.7 times as far.
+        The range is at least twice the indenter's travel: squeezed gel moves up to 1.7 times as far as the indenter.
         """
         range_m = FINEST_STEP_M * np.iinfo(np.int16).max
         return FINEST_STEP_M * max(1, int(np.ceil(2.0 * furthest_in_contact_m(self.indenter_path) / range_m)))
@@ -183,21 +183,21 @@ class Job(StrictSection):
         return tuple(each.name for each in self.indenters)
 
     def kept_outputs(self, sensor: str) -> tuple[Output, ...]:
-        """The outputs that the dataset keeps of a sensor, in the order of the table."""
+        """The outputs that the dataset keeps for a sensor, in the order of the table."""
         filled, legs = self.sensors[sensor].fluid != "none", not self.indenter_path.is_a_press
         return tuple(kept_outputs(filled, legs, self.outputs.get(sensor, ())))
 
     def optional_outputs(self, sensor: str) -> tuple[Output, ...]:
-        """Those that not every dataset has."""
+        """The kept outputs that a job may ask for."""
         return tuple(output for output in self.kept_outputs(sensor) if output.is_optional)
 
     def surface_outputs(self, sensor: str) -> tuple[str, ...]:
-        """Names of those with values at the vertices of the sensor's surface."""
+        """Names of the kept outputs at surface vertices."""
         return tuple(output.name for output in self.kept_outputs(sensor) if output.at_surface)
 
     @property
     def steps_in_words(self) -> str:
-        """The steps of a press in words: their number and their depths."""
+        """The number of steps and their depths, in words."""
         depths, legs = self.depths_mm, self.trajectories.path
         words = f"{depths.count} depths ({depths.first:g} to {depths.last:g} mm)"
         if legs:
@@ -215,37 +215,37 @@ class Job(StrictSection):
 
     @property
     def samples(self) -> int:
-        """Presses times steps: each is one sample on every sensor."""
+        """Presses times steps. Each is one sample on every sensor."""
         return self.presses * len(self.indenter_path)
 
     @property
     def folder(self) -> Path:
-        """Where its relative paths start: the folder of the job file."""
+        """The folder of the job file, where relative paths start."""
         return self._folder
 
     def locate(self, text: str) -> str | Path:
-        """A name stays a name; a path that is relative starts at the folder of the job file."""
+        """Return a name as it is; let a relative path start at the job's folder."""
         return self._folder / os.path.expanduser(text) if is_path(text) else text
 
     def resolved(self) -> dict[str, Any]:
-        """All that decides the data, defaults filled in, as JSON types; where it is stored is no part."""
+        """The settings that decide the data, as JSON types, with defaults filled in; without the output folder."""
         plain = self.model_dump(mode="json")
         del plain["dataset"]["output"]
         return plain
 
     @property
     def hash(self) -> str:
-        """sha256 of the resolved job. Keys are in the order of the schema, sensors in that of the job."""
+        """sha256 of the resolved job: keys in the schema's order, sensors in the job's."""
         return hash_of(self.resolved())
 
     def __hash__(self) -> int:
         return int(self.hash[:15], 16)
 
     def output(self) -> Path:
-        """Where the dataset goes unless the command line says otherwise."""
+        """The dataset's folder, unless the command line replaces it."""
         return Path(os.path.expanduser(self.dataset.output or f"{self.name}.zarr"))
 
 
 def hash_of(resolved: dict[str, Any]) -> str:
-    """sha256 of what a job resolves to, its keys in their order."""
+    """sha256 of a resolved job."""
     return hashlib.sha256(json.dumps(resolved).encode()).hexdigest()

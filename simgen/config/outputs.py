@@ -1,15 +1,14 @@
-"""The table of outputs: every quantity that is kept of a press, written once.
+"""The table of outputs: every quantity that a dataset keeps of a press, with shape, type, unit and meaning.
 
-The table decides what a press measures, the arrays of a dataset, what the audit expects, what the loader gives, the
-card and the docs. To add an output, add an entry here and a function of the same name in
-`simgen.simulation.measurements` (docs/tasks/add_an_output.md).
+Measurements, arrays of a dataset, audit, loader, card and docs follow from this table. To add an output, add an entry
+here and a function of the same name in `simgen.simulation.measurements` (docs/tasks/add_an_output.md).
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-VERTEX, SURFACE_VERTEX = "vertex", "surface vertex"  # axes whose length is the sensor's
+VERTEX, SURFACE_VERTEX = "vertex", "surface vertex"  # axes whose length depends on the sensor
 CERTIFICATE = "certificate/"
 
 
@@ -17,12 +16,12 @@ CERTIFICATE = "certificate/"
 class Output:
     """One quantity at every step of a press, on one sensor.
 
-    name : name of the dataset's array ``<sensor>/<name>``; those of the certificate begin with ``certificate/``
+    name : name of the dataset's array ``<sensor>/<name>``; a certificate's begins with ``certificate/``
     shape : shape of one sample; `VERTEX` and `SURFACE_VERTEX` stand for the number of vertices
     dtype : type in the dataset
     unit : unit in the dataset; empty for pure numbers
     about : meaning
-    kept : always; with a fluid in the cavity; for paths with legs, and on request; on request alone
+    kept : always; with a fluid in the cavity; with legs, or on request; on request only
     """
 
     name: str
@@ -39,12 +38,12 @@ class Output:
 
     @property
     def is_certificate(self) -> bool:
-        """True if it says how exact a sample is."""
+        """True if it measures the accuracy of a sample."""
         return self.name.startswith(CERTIFICATE)
 
     @property
     def at_surface(self) -> bool:
-        """True if it has values at the vertices of the sensor's surface."""
+        """True if it has values at surface vertices."""
         return SURFACE_VERTEX in self.shape
 
     @property
@@ -54,11 +53,11 @@ class Output:
 
     @property
     def is_measured(self) -> bool:
-        """True for a number or vector of the sensor as a whole: no mesh, no status, no certificate."""
+        """True for a number or vector of the whole sensor: no mesh, status or certificate."""
         return not (self.is_mesh or self.is_certificate or self.name == "status")
 
     def shape_of(self, vertices: int, surface_vertices: int) -> tuple[int, ...]:
-        """The shape of one sample of a sensor with so many output vertices."""
+        """The shape of one sample, for a sensor with these numbers of output vertices."""
         lengths = {VERTEX: vertices, SURFACE_VERTEX: surface_vertices}
         return tuple(lengths.get(axis, axis) for axis in self.shape)
 
@@ -110,9 +109,9 @@ MEASURED = tuple(output.name for output in OUTPUTS if output.is_measured)
 
 
 def kept_outputs(fluid: bool, legs: bool, asked: tuple[str, ...] = ()) -> Iterator[Output]:
-    """The outputs that a dataset keeps of a sensor.
+    """The outputs that a dataset keeps for a sensor.
 
-    fluid : its cavity is filled; legs : indenters do more than press; asked : names that the job asks for
+    fluid : a fluid fills the cavity; legs : the path has legs; asked : names that the job asks for
     """
     always = {"always": True, "with fluid": fluid, "with legs": legs, "on request": False}
     return (output for output in OUTPUTS if always[output.kept] or output.name in asked)

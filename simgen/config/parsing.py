@@ -1,4 +1,4 @@
-"""Reading what users bring with parsers that others wrote: whatever goes wrong there is one line for the user."""
+"""A guard around third-party parsers of users' files: every failure becomes one line for the user."""
 
 import contextlib
 import io
@@ -11,18 +11,19 @@ from pathlib import Path
 
 from simgen.errors import InputError, shown
 
-SPARE_BYTES = 2 * 2**30  # of memory that reading may take, and
-SPARE_TIMES = 50  # times the size of the file
+# Memory that reading a file may take: SPARE_BYTES + SPARE_TIMES * the file's size.
+SPARE_BYTES = 2 * 2**30
+SPARE_TIMES = 50
 PARSING = threading.RLock()
-COMPLAINT = 200  # characters of what a parser says
+LONGEST_MESSAGE = 200  # characters of a parser's message that are shown
 
 
 @contextmanager
 def parsing(path: Path, what: str) -> Iterator[None]:
-    """Raises `InputError`, "path: cannot be read as ``what``", in place of anything else that is raised inside.
+    """Turn every error inside into an `InputError`, "path: cannot be read as ``what``".
 
-    What is printed and warned of inside stays unsaid. A file that announces more than it holds may ask for more memory
-    than there is; here it gets no more than files of its size need. One thread at a time: limits are the process's.
+    Prints and warnings inside are suppressed. Memory is limited by the file's size, because a broken header may ask
+    for more than the machine has. The limit is the process's, so one thread at a time parses.
     """
     said = io.StringIO()
     try:
@@ -41,15 +42,15 @@ def parsing(path: Path, what: str) -> Iterator[None]:
         words = said.getvalue() if isinstance(error, SystemExit) else str(error)
         if isinstance(error, MemoryError):
             words = "it asks for more memory than its size explains"
-        complaint = shown(words.strip(), COMPLAINT) or type(error).__name__
+        complaint = shown(words.strip(), LONGEST_MESSAGE) or type(error).__name__
         raise InputError(f"{path}: cannot be read as {what} ({complaint})") from error
 
 
 @contextmanager
 def _bounded_memory(path: Path) -> Iterator[None]:
-    """Let the process grow by so much only, where the operating system can see to it."""
+    """Limit the memory of the process while a file is read, where the operating system can."""
     before = resource.getrlimit(resource.RLIMIT_AS)
-    with suppress(OSError, ValueError):  # no /proc, or a limit that may not be set: then there is none
+    with suppress(OSError, ValueError):  # no /proc, or no right to set a limit
         now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         limit = now + SPARE_BYTES + SPARE_TIMES * (path.stat().st_size if path.exists() else 0)
         limits = [each for each in before if each != resource.RLIM_INFINITY]

@@ -1,4 +1,4 @@
-"""Tolerances and constants of the finite element solver: the section ``solver`` of a job."""
+"""The section ``solver`` of a job: tolerances and constants of the finite element solver."""
 
 from typing import Literal
 
@@ -26,8 +26,8 @@ class SolverSettings(StrictSection):
     )  # fmt: skip
     linear_tolerance: float = Field(
         0.1, ge=1e-4, lt=1.0,
-        description="Residual of the linear solve over the out-of-balance forces; three times as much from the fourth "
-        "Newton iteration on. Batches on a GPU solve further where that costs nothing",
+        description="Residual of the linear solve over the out-of-balance forces. From the fourth Newton iteration "
+        "on it is three times as large. Batches on a GPU solve further where that costs nothing",
     )  # fmt: skip
     volumetric_split: float = Field(
         1.0, ge=0.0, le=50.0,
@@ -42,10 +42,10 @@ class SolverSettings(StrictSection):
         20.0, ge=0.1, le=1e3, description="k edge / E of the augmented Lagrangian in the tangential direction"
     )
     max_newton_iterations: int = Field(
-        25, ge=1, le=1000, description="Newton iterations of a load step; a step that needs more is halved"
+        25, ge=1, le=1000, description="Most Newton iterations of a load step; a step that needs more is halved"
     )
     smallest_substep: float = Field(
         1 / 64, gt=0.0, le=1.0,
-        description="Least load step, as a share of the distance between stored depths, or of the longest load step",
+        description="Smallest load step, as a share of the distance between stored depths, or of the longest load step",
     )  # fmt: skip
     krylov_size: int = Field(40, ge=1, le=1000, description="Most iterations of one linear solve")

@@ -1,7 +1,7 @@
-"""A strictly checked group of keys in a YAML file: of a job, a training job, a sensor or an indenter.
+"""A strictly checked group of keys in the YAML file of a job, a training job, a sensor or an indenter.
 
-A key that is unknown, or a value that is out of range, is an `InputError` of one line: the file, the key path, the
-value, what is allowed.
+An unknown key or a value out of range raises an `InputError`. Its one line names the file, the key path, the value
+and what is allowed.
 """
 
 import difflib
@@ -20,20 +20,20 @@ from simgen.errors import InputError, shown
 
 
 class StrictSection(BaseModel):
-    """A frozen group of keys that accepts no other keys, no NaN, and no text where a number is due."""
+    """A frozen group of keys. It refuses unknown keys, NaN, and values of another type."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
-    text_means: ClassVar[str | None] = None  # the key that a text in place of the whole section stands for
+    text_means: ClassVar[str | None] = None  # the key that gets the value if a text replaces the section
 
 
-Own = TypeVar("Own", bound=StrictSection)
+Section = TypeVar("Section", bound=StrictSection)
 
 
-def load_section(kind: type[Own], file: Path, source: str, overrides: Iterable[str] = ()) -> Own:
-    """Read a file; `overrides` are ``key.sub=value`` strings, their values read as YAML.
+def load_section(kind: type[Section], file: Path, source: str, overrides: Iterable[str] = ()) -> Section:
+    """Read a section from a file. `overrides` are ``key.sub=value`` texts with YAML values.
 
-    ``source`` stands for the file in messages. Raises `InputError` with one line.
+    ``source`` names the file in messages. Raises `InputError` with one line.
     """
     data = read_yaml(file, source)
     if not isinstance(data, dict):
@@ -43,30 +43,33 @@ def load_section(kind: type[Own], file: Path, source: str, overrides: Iterable[s
     for override in overrides:
         key = _apply_override(kind, data, override)
         sources[key] = f"override {shown(override)}"
-        for section in _upwards(key.split(".")):
+        for section in _path_and_parents(key.split(".")):
             sources.setdefault(section, sources[key])
     return section_from_dict(kind, data, source, sources)
 
 
 def section_from_dict(
-    kind: type[Own], data: Mapping[str, Any], source: str, sources: Mapping[str, str] | None = None
-) -> Own:
-    """Check plain data (as from YAML) and make a section of it. `sources` tells which key came from where."""
+    kind: type[Section], data: Mapping[str, Any], source: str, sources: Mapping[str, str] | None = None
+) -> Section:
+    """Make a section from plain data (as from YAML). `sources` maps key paths to the file or override that set them.
+
+    Raises `InputError` with one line.
+    """
     try:
         return kind.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
-        raise InputError(_one_line(kind, error, source, sources or {})) from None
-    except (TypeError, ValueError, RecursionError) as error:  # keys that are no texts, or lists without end
+        raise InputError(_error_line(kind, error, source, sources or {})) from None
+    except (TypeError, ValueError, RecursionError) as error:  # keys that are not texts, or endless lists
         raise InputError(f"{source}: not what JSON can say ({error}); allowed: a mapping of keys to values") from None
 
 
 def find_file(path: str | Path, bundled: Iterable[Path], what: str) -> Path:
-    """The file itself, or for ``NAME`` and ``jobs/NAME`` the bundled one of that name.
+    """Find a file: at ``path``, or among the bundled files for ``NAME`` and ``jobs/NAME``.
 
-    Raises `InputError` if there is neither.
+    Raises `InputError` if neither exists.
     """
     path = Path(os.path.expanduser(path))
-    if os.path.isfile(path):  # which is no error of a name that is too long
+    if os.path.isfile(path):  # unlike Path.is_file, accepts a name that is too long
         return path
     bundled = sorted(bundled)
     if path.parent in (Path(), Path("jobs")):
@@ -85,7 +88,7 @@ def _apply_override(kind: type[StrictSection], data: dict, override: str) -> str
         raise InputError(f"override {shown(override)}: write it as key=value or key.sub=value")
     target, here = data, kind
     for part in parts[:-1]:
-        inner, here = target.get(part), _below(here, part)
+        inner, here = target.get(part), _type_below(here, part)
         if not isinstance(inner, dict):
             meant = here.text_means if is_section(here) else None
             inner = {meant: inner} if meant and isinstance(inner, str) else {}
@@ -104,8 +107,8 @@ def _key_paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
     return paths
 
 
-def _one_line(kind: type[StrictSection], error: ValidationError, source: str, sources: Mapping[str, str]) -> str:
-    """The first complaint, in the words of the job file. An unknown key comes first: a missing one may be misspelt."""
+def _error_line(kind: type[StrictSection], error: ValidationError, source: str, sources: Mapping[str, str]) -> str:
+    """One line for the first error. Unknown keys come first: a missing key may be misspelt."""
     first = min(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
     parts = _keys(kind, first["loc"])
     section, allowed = _schema_at(kind, parts)
@@ -113,58 +116,58 @@ def _one_line(kind: type[StrictSection], error: ValidationError, source: str, so
         complaint = f"unknown key; {_allowed_keys(section, parts[-1])}"
     elif first["type"] == "missing":
         complaint = f"missing; allowed: {allowed}"
-    elif first["type"] == "json_invalid":  # half a character, which JSON can escape
+    elif first["type"] == "json_invalid":  # a lone surrogate
         complaint = first["msg"]
     elif first["type"] == "value_error":
         complaint = first["msg"].removeprefix("Value error, ")
     else:
         value = shown(json.dumps(first["input"]))
         complaint = f"{value} is not allowed; allowed: {allowed or 'a mapping of keys to values'}"
-    at = next((sources[path] for path in _upwards(parts) if path in sources), source)
+    at = next((sources[path] for path in _path_and_parents(parts) if path in sources), source)
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     return f"{': '.join(filter(None, [at, shown('.'.join(parts)), complaint]))}{more}"
 
 
 def _keys(kind: type[StrictSection], location: Iterable[str | int]) -> list[str]:
-    """The keys of a place, without the names of classes by which pydantic tells the members of a union apart."""
+    """The keys of a pydantic location, without the class names that pydantic adds for members of a union."""
     keys, here = [], kind
     for part in map(str, location):
         if not (is_section(here) and part == here.__name__):
             keys.append(part)
-            here = _below(here, part)
+            here = _type_below(here, part)
     return keys
 
 
-def _upwards(parts: list[str]) -> list[str]:
+def _path_and_parents(parts: list[str]) -> list[str]:
     return [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
 
 
 def _schema_at(kind: type[StrictSection], parts: list[str]) -> tuple[type[StrictSection], str]:
-    """The section that holds the last key of a path, and what is allowed at that path."""
+    """The section that holds the last key of a path, and the allowed values at that path."""
     section, allowed, here = kind, "", kind
     for part in parts:
         field = here.model_fields.get(part) if is_section(here) else None
         allowed = (allowed_values(parts, field) if field else "") or allowed
-        here = _below(here, part)
+        here = _type_below(here, part)
         if is_section(here):
             section, or_text = here, "a text, or " if here.text_means else ""
             allowed = f"{or_text}a mapping with the keys {', '.join(here.model_fields)}"
     return section, allowed
 
 
-def _below(annotation: Any, part: str) -> Any:
-    """The type of what a key, or the number of a list's member, holds; None if there is no such key."""
+def _type_below(annotation: Any, part: str) -> Any:
+    """The type below a key, or below a member of a list; None if there is no such key."""
     if is_section(annotation):
         field = annotation.model_fields.get(part)
         annotation = field.annotation if field else None
         optional = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else ()
-        return next(filter(is_section, optional), annotation)  # of `Section | None` the section
-    place = {dict: 1, tuple: 0, list: 0}.get(get_origin(annotation))  # of the members' type
+        return next(filter(is_section, optional), annotation)  # `Section | None`: the section
+    place = {dict: 1, tuple: 0, list: 0}.get(get_origin(annotation))  # index of the members' type
     return None if place is None else get_args(annotation)[place]
 
 
 def is_section(annotation: Any) -> bool:
-    """Return True for a class of sections."""
+    """Return True for a subclass of `StrictSection`."""
     return isinstance(annotation, type) and issubclass(annotation, StrictSection)
 
 

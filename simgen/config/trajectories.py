@@ -1,4 +1,4 @@
-"""Contacts of a job, the depths of a press, and the path of the indenters after it."""
+"""Sections of a job for contacts, depths, and the path after a press."""
 
 from typing import Annotated, Literal
 
@@ -12,21 +12,21 @@ from simgen.units import MM
 
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 Move = Annotated[float, Field(ge=-10.0, le=10.0)]
-FINEST_MM = 1e-6  # depths are whole nanometres
+FINEST_MM = 1e-6  # depths are rounded to nanometres
 DEEPEST_INT16_MM = 3.2  # deeper presses would need steps of more than 0.2 um, see `Job.displacement_step_m`
 
 
 class Leg(StrictSection):
-    """One leg of a path: the indenter moves and turns evenly from where the leg before it ended."""
+    """One leg of a path. The indenter moves and turns evenly, from the end of the leg before."""
 
     move_mm: tuple[Move, Move, Move] = Field(
         (0.0, 0.0, 0.0),
-        description="How far the indenter moves on this leg: x and z shear or slide, +y presses deeper, -y lets go",
+        description="Move of the indenter on this leg: x and z shear or slide, +y presses deeper, -y lets go",
         **allowed("[x, y, z] in the contact frame, each -10 to 10 mm; +y presses"),
     )
-    turn_deg: Angle = Field(0.0, description="How far it turns on this leg, right-handed about +y, the press axis")
+    turn_deg: Angle = Field(0.0, description="Right-handed turn on this leg about +y, the press axis")
     steps: int = Field(
-        ge=1, le=1000, description="Samples stored on the leg, evenly spaced; the last one is at its end"
+        ge=1, le=1000, description="Number of samples on the leg, evenly spaced; the last is at its end"
     )
 
     @model_validator(mode="after")
@@ -40,10 +40,10 @@ class Leg(StrictSection):
 
 
 class Trajectories(StrictSection):
-    """The contact poses, how they vary, and the path of the indenters after their press."""
+    """Number and variation of the contact poses, and the path after each press."""
 
     count: int = Field(
-        ge=1, le=1_000_000, description="Contact poses; each is pressed with every indenter into every sensor"
+        ge=1, le=1_000_000, description="Number of contact poses. At each, every indenter presses every sensor"
     )
     max_tilt_deg: float = Field(
         5.0, ge=0.0, le=45.0, description="Largest tilt of the press axis from the surface normal"
@@ -55,33 +55,33 @@ class Trajectories(StrictSection):
     )
     max_indentation_ratio: float = Field(
         0.6, gt=0.0, lt=1.0,
-        description="Deepest press over thickness (of the largest ball that fits); the gap to a core comes on top",
+        description="Deepest press over the gel's thickness (the largest ball that fits). The gap to a core is added",
     )  # fmt: skip
     min_edge_ratio: float = Field(
-        1.5, ge=0.0, le=10.0, description="Least distance to the nearest side wall over the deepest press"
+        1.5, ge=0.0, le=10.0, description="Smallest distance to the nearest side wall, over the deepest press"
     )
-    # Off, a job has the hash that it had before there was this rule.
+    # 0 is left out, so that such a job has the same hash as before this key existed.
     least_thickness_left: float = Field(
         0.15, ge=0.0, lt=1.0, exclude_if=lambda share: share == 0.0,
-        description="Least gel left under every indenter, on every sensor, over the thickness there",
+        description="Smallest share of the gel's thickness that is left under any indenter, on any sensor",
         **allowed("a share, 0 (off) to below 1"),
     )  # fmt: skip
     too_thin: Literal["redraw", "stop"] = Field(
         "redraw",
         exclude_if=lambda how: how == "redraw",
-        description="What becomes of presses that would leave less: `redraw` draws another contact for all indenters; "
-        "`stop` keeps the contacts and ends each such press before it is too deep (needs a share above 0)",
+        description="Treatment of presses that would leave less: `redraw` draws another contact for all indenters; "
+        "`stop` keeps the contact and ends each such press before it is too deep (needs a share above 0)",
     )
     max_force_n: float | None = Field(
         None, gt=0.0, le=1e4, exclude_if=lambda force: force is None,
-        description="A press ends where its force along the press axis exceeds this, on each sensor for itself. The "
-        "sample there is not kept; this step and all later ones have status 7. Only stored steps count: between them "
+        description="A press ends where its force along the press axis exceeds this, on each sensor separately. That "
+        "sample is not kept; this step and all later steps have status 7. Only stored steps count: between them "
         "the force may be larger",
     )  # fmt: skip
     path: tuple[Leg, ...] = Field(
         (),
         exclude_if=lambda legs: not legs,
-        description="What the indenter does after it has pressed to the last depth, leg after leg",
+        description="Motion of the indenter after it has pressed to the last depth, leg after leg",
         **allowed("a list of legs {move_mm, turn_deg, steps}"),
     )
 
@@ -99,16 +99,16 @@ class Trajectories(StrictSection):
 class Depths(StrictSection):
     """Depths from true first touch, evenly spaced, both ends included."""
 
-    first: float = Field(gt=0.0, le=10.0, description="The least depth, counted from true first touch on each sensor")
+    first: float = Field(gt=0.0, le=10.0, description="The smallest depth, from true first touch on each sensor")
     last: float = Field(
         gt=0.0, le=10.0,
-        description="The largest depth; contacts are sampled where there is room for it, and "
+        description="The largest depth. Contacts are sampled where there is room for it, and "
         f"`displacement: int16` allows {DEEPEST_INT16_MM:g} mm",
     )  # fmt: skip
     count: int = Field(
         ge=1, le=1000,
-        description="Number of depths, both ends included. From one to the next is a load step, or several where one "
-        "fails",
+        description="Number of depths, both ends included. A load step leads from one to the next; a failed "
+        "load step is divided",
     )  # fmt: skip
 
     @model_validator(mode="after")
@@ -124,13 +124,13 @@ class Depths(StrictSection):
 
 
 def path_of(depths: Depths, trajectories: Trajectories) -> IndenterPath:
-    """The press to all depths, then the legs. Offsets are rounded to whole nanometres, so that 0.3 mm is 0.3 mm."""
+    """Make the path: the press to all depths, then the legs. Depths are rounded to nanometres: 0.3 mm is 0.3 mm."""
     press = press_path(np.round(np.linspace(depths.first, depths.last, depths.count) * MM, 9))
     legs = trajectories.path
     return with_legs(press, [(np.array(leg.move_mm) * MM, np.radians(leg.turn_deg), leg.steps) for leg in legs])
 
 
 def furthest_in_contact_m(path: IndenterPath) -> float:
-    """m, the largest distance of the tip from first touch while it is below the rest surface."""
+    """m, largest distance of the tip from first touch while it is below the rest surface."""
     pressed = path.depths_m > 0.0
     return float(np.linalg.norm(path.offsets_m[pressed], axis=1).max(initial=0.0))

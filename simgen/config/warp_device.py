@@ -1,4 +1,4 @@
-"""Start Warp without a word: neither its greeting, nor a warning on every machine that has no GPU."""
+"""Quiet start of Warp, and checks of device names."""
 
 import os
 import re
@@ -9,9 +9,9 @@ from simgen.errors import InputError
 
 
 def start_warp() -> None:
-    """Initialise Warp; harmless when it is already.
+    """Initialise Warp without its greeting; harmless if it has started already.
 
-    Its native code writes the warning to file descriptor 2 before any setting of Warp's is read.
+    Without a GPU, Warp's native code warns on file descriptor 2, whatever the settings: hence the redirection.
     """
     wp.config.log_level = wp.LOG_WARNING
     stderr = os.dup(2)
@@ -26,13 +26,13 @@ def start_warp() -> None:
 
 
 def check_device_name(device: str) -> None:
-    """Raises `InputError` unless it is cpu, cuda or cuda:N, whether or not this machine has it."""
+    """Raise `InputError` unless the name is cpu, cuda or cuda:N. This machine need not have the device."""
     if not re.fullmatch(r"cpu|cuda(:[0-9]+)?", device):
         raise InputError(f"device {device!r} is not allowed; allowed: cpu, cuda, cuda:N (N = 0, 1, ...)")
 
 
 def check_device(device: str) -> None:
-    """Raises `InputError` unless it is cpu, or a GPU that this machine has."""
+    """Raise `InputError` unless the device is cpu or a GPU of this machine."""
     check_device_name(device)
     start_warp()
     if device == "cpu":

@@ -1,7 +1,7 @@
-"""YAML as people write it: 1e5 is a number, a date is text, a key given twice is an error.
+"""A strict reader of YAML: 1e5 is a number, a date is text, a key given twice is an error.
 
-Only what JSON can say is allowed (texts, numbers, true, false, null, lists and mappings whose keys are texts), and
-only so much of it: aliases may not make gigabytes of a few lines.
+Files may hold texts, numbers, true, false, null, lists, and mappings whose keys are texts. Their size is limited with
+all aliases written out, because a few lines of aliases can stand for gigabytes.
 """
 
 import re
@@ -12,19 +12,19 @@ import yaml
 
 from simgen.errors import InputError, shown
 
-MOST_BYTES = 4_000_000  # the longest bundled sensor.yaml has a hundredth of it
-MOST_VALUES = 1_000_000  # when all aliases are written out
+MOST_BYTES = 4_000_000  # a hundred times the longest bundled sensor.yaml
+MOST_VALUES = 1_000_000  # with all aliases written out
 DEEPEST = 50  # levels of lists and mappings
 PLAIN = {f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "seq", "map")}
 TEXT, MERGE = "tag:yaml.org,2002:str", "tag:yaml.org,2002:merge"
-# Of all that is no character of a text; YAML can escape them ("\0"), no name or path can have them.
+# Control characters: YAML can escape them ("\0"), but no name or path can have them.
 FORBIDDEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")
 
 
 def read_yaml(path: Path, source: str | None = None) -> Any:
-    """What a file of YAML says; ``source`` stands for it in messages.
+    """Read a YAML file. ``source`` names it in messages.
 
-    Raises `InputError` of one line with the file, the line and what is wrong.
+    Raises `InputError` with the file, the line and the error in one line.
     """
     source = source or str(path)
     try:
@@ -38,13 +38,13 @@ def read_yaml(path: Path, source: str | None = None) -> Any:
 
 
 def parse_yaml(data: str | bytes, source: str) -> Any:
-    """What a text says, or bytes in UTF-8 or UTF-16. Raises `InputError` as `read_yaml`."""
+    """Read YAML from a text, or from bytes in UTF-8 or UTF-16. Raises `InputError` as `read_yaml` does."""
     try:
         loader = _Loader(data)
         node = loader.get_single_node()
         if node is None:
             return None
-        _measure(node, {}, 0)
+        _check_size(node, {}, 0)
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
@@ -55,16 +55,16 @@ def parse_yaml(data: str | bytes, source: str) -> Any:
         raise InputError(f"{source}: not a text in UTF-8: {error.reason} at position {error.position}") from None
     except RecursionError:
         raise InputError(f"{source}: nested too deep; allowed: {DEEPEST} levels") from None
-    except Exception as error:  # what the values of explicit tags raise (!!int x), and numbers of thousands of digits
+    except Exception as error:  # explicit tags (!!int x), numbers of thousands of digits
         raise InputError(f"{source}: not YAML: {shown(str(error), 200)}") from None
 
 
 class _Refused(yaml.MarkedYAMLError):
-    """What YAML allows, and simgen does not."""
+    """Valid YAML that simgen refuses."""
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML's plain values and no others."""
+    """A YAML loader for plain values only."""
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -78,29 +78,29 @@ _Loader.add_implicit_resolver(
 )
 
 
-def _measure(node: yaml.Node, known: dict[int, tuple[int, int]], depth: int) -> tuple[int, int]:
-    """How many values, and levels of them, a node stands for; `known` are those of nodes that aliases repeat."""
+def _check_size(node: yaml.Node, known: dict[int, tuple[int, int]], depth: int) -> tuple[int, int]:
+    """(values, levels) below a node, aliases written out; `known` caches the nodes that aliases repeat."""
     if id(node) in known:
         return known[id(node)]
-    if depth > DEEPEST:  # or an alias inside of what it stands for
-        raise _complaint(node, f"nested too deep; allowed: {DEEPEST} levels")
+    if depth > DEEPEST:  # or an alias inside its own node
+        raise _refusal(node, f"nested too deep; allowed: {DEEPEST} levels")
     if node.tag not in PLAIN | {MERGE}:
-        raise _complaint(node, f"{shown(node.tag)} is not allowed; allowed: texts, numbers, lists and mappings")
+        raise _refusal(node, f"{shown(node.tag)} is not allowed; allowed: texts, numbers, lists and mappings")
     inner = []
     if isinstance(node, yaml.ScalarNode):
         if FORBIDDEN.search(node.value):
-            raise _complaint(node, f"{shown(ascii(node.value))} has a control character")
+            raise _refusal(node, f"{shown(ascii(node.value))} has a control character")
     elif isinstance(node, yaml.MappingNode):
         _check_keys(node)
         inner = [value for _, value in node.value]
     else:
         inner = node.value
-    sizes = [_measure(each, known, depth + 1) for each in inner]
+    sizes = [_check_size(each, known, depth + 1) for each in inner]
     count, levels = 1 + sum(size for size, _ in sizes), 1 + max((levels for _, levels in sizes), default=0)
     if count > MOST_VALUES:
-        raise _complaint(node, f"more than {MOST_VALUES} values, with all aliases written out")
+        raise _refusal(node, f"more than {MOST_VALUES} values, with all aliases written out")
     if levels > DEEPEST:
-        raise _complaint(node, f"nested too deep; allowed: {DEEPEST} levels")
+        raise _refusal(node, f"nested too deep; allowed: {DEEPEST} levels")
     known[id(node)] = count, levels
     return count, levels
 
@@ -110,13 +110,13 @@ def _check_keys(node: yaml.MappingNode) -> None:
     for key, _ in node.value:
         if not isinstance(key, yaml.ScalarNode) or key.tag not in (TEXT, MERGE):
             found = shown(key.value) if isinstance(key, yaml.ScalarNode) else f"a {key.id}"
-            raise _complaint(key, f"{found} is not a key; allowed: a text (in quotes if it looks like something else)")
+            raise _refusal(key, f"{found} is not a key; allowed: a text (in quotes if it looks like something else)")
         if FORBIDDEN.search(key.value):
-            raise _complaint(key, f"key {shown(ascii(key.value))} has a control character")
+            raise _refusal(key, f"key {shown(ascii(key.value))} has a control character")
         if key.value in seen:
-            raise _complaint(key, f"key {shown(repr(key.value))} is given twice")
+            raise _refusal(key, f"key {shown(repr(key.value))} is given twice")
         seen.add(key.value)
 
 
-def _complaint(node: yaml.Node, words: str) -> _Refused:
+def _refusal(node: yaml.Node, words: str) -> _Refused:
     return _Refused(problem=words, problem_mark=node.start_mark)

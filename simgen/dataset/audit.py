@@ -1,8 +1,7 @@
-"""Audit of a dataset: is it whole, unchanged, converged, paired, held and touched where it should be?
+"""Audit of a dataset: is it whole, unchanged, converged and paired, and do vertices move only where they may?
 
-All is computed again from what is stored; what the run said about itself is not believed, except for the
-certificates, which the solver alone can know. Shards whose files have changed are told by their checksums, and are
-looked at no further: what they hold might not even be read.
+The audit computes everything again from the stored arrays. It trusts only the certificates, which the solver alone can
+compute. Shards whose checksums differ are reported and not read any further.
 """
 
 import hashlib
@@ -20,21 +19,21 @@ from simgen.dataset.splits import IN_NONE, SPLITS, number_presses, split_presses
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import NOT_THERE, Status, has_values, is_planned_end
 
-FORCE_BALANCE = 1e-3  # of the contact force
-FLUID_VOLUME = 1e-6  # of the cavity's volume
+FORCE_BALANCE = 1e-3  # limit, over the contact force
+FLUID_VOLUME = 1e-6  # limit, over the cavity's volume
 
 
 def check(dataset: Dataset) -> list[Finding]:
-    """All findings, the whole dataset first, then each sensor."""
+    """Audit a dataset: findings on the whole dataset, then on each sensor."""
     checksums = _checksums(dataset)
     findings = [_presses(dataset), checksums, _job(dataset)]
-    if PLAN in checksums.spoiled:  # what all shards share: nothing else means anything
+    if PLAN in checksums.spoiled:  # all shards depend on the plan
         return findings
     layout = _layout(dataset)
     findings.append(layout)
     if layout.failed:
         return findings
-    sound = Sound(dataset, {int(name.removesuffix(".json")) for name in checksums.spoiled})
+    sound = SoundShards(dataset, {int(name.removesuffix(".json")) for name in checksums.spoiled})
     findings += [_depths(sound), *([] if dataset.imported else [_numbering(sound)]), *_splits(sound)]
     for sensor in dataset.sensors:
         findings += [
@@ -49,8 +48,8 @@ def passes(findings: list[Finding]) -> bool:
     return not any(finding.failed for finding in findings)
 
 
-class Sound(Dataset):
-    """A dataset of which some shards are as if they were not there."""
+class SoundShards(Dataset):
+    """A dataset that treats spoiled shards as unfinished."""
 
     def __init__(self, dataset: Dataset, spoiled: set[int]):
         super().__init__(dataset.path)
@@ -61,10 +60,10 @@ class Sound(Dataset):
 
 
 def to_repair(dataset: Dataset, findings: Sequence[Finding]) -> list[int]:
-    """Shards to be solved again: those whose files have changed, with bad samples, or that are not there yet.
+    """Numbers of the shards to solve again: those with changed files or bad samples, and unfinished ones.
 
-    Samples that did not converge are not bad: they would not converge again. Raises `InputError` if what all shards
-    share has changed, or if the dataset was imported.
+    Samples that did not converge are not bad: they would not converge again. Raises `InputError` if the plan has
+    changed, or if the dataset was imported.
     """
     spoiled = {name for finding in findings for name in finding.spoiled}
     if dataset.imported and (spoiled or dataset.unfinished() or any(finding.bad for finding in findings)):
@@ -85,14 +84,14 @@ def _presses(dataset: Dataset) -> Finding:
 
 
 def _checksums(dataset: Dataset) -> Finding:
-    """Manifests that cannot be read or leave files out, and files that are not what theirs says; whose they are."""
+    """Find manifests that are unreadable or incomplete, and files whose sha256 differs from their manifest's."""
     sums, wrong = {}, []  # manifest and path of a file
     for manifest in {*dataset.manifests(), PLAN}:
         try:
             own = dataset.sums_of(manifest)
         except InputError:
             own = {}
-        expected = _files_of(dataset, manifest)
+        expected = _required_files(dataset, manifest)
         if own.keys() == expected if manifest != PLAN else own.keys() >= expected:
             sums |= {(manifest, file): total for file, total in own.items()}
         else:
@@ -108,8 +107,8 @@ def _checksums(dataset: Dataset) -> Finding:
     return Finding("dataset", "checksums", found, "all", not wrong, note, spoiled=spoiled)
 
 
-def _files_of(dataset: Dataset, manifest: str) -> set[str]:
-    """Files that a manifest must vouch for; those of the plan are these at least."""
+def _required_files(dataset: Dataset, manifest: str) -> set[str]:
+    """The files that a manifest must list; the plan's may list more."""
     if manifest == PLAN:
         return {"zarr.json", "depth/c/0", *(f"{name}/zarr.json" for name in dataset.arrays)}
     return dataset.shard_files(int(manifest.removesuffix(".json")))
@@ -119,7 +118,7 @@ def _sha256(dataset: Dataset, file: str) -> str | None:
     path = dataset.path / file
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
-    except (OSError, ValueError):  # which a name that nobody wrote can raise
+    except (OSError, ValueError):  # a spoiled manifest can name anything
         return None
 
 
@@ -144,7 +143,7 @@ def _depths(dataset: Dataset) -> Finding:
 
 
 def _numbering(dataset: Dataset) -> Finding:
-    """Trajectory, indenter and split of each press, which the job decides."""
+    """Compare trajectory, indenter and split of each press with the job's."""
     expected = dict(zip(("trajectory", "indenter"), number_presses(dataset.job), strict=True))
     expected["split"] = split_presses(dataset.job, dataset.grown_from)
     wrong = {name: np.flatnonzero(dataset[f"press/{name}"] != values) for name, values in expected.items()}
@@ -169,7 +168,7 @@ def _splits(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _imported(dataset: Dataset, sensor: str) -> Iterator[Finding]:
-    """Which samples there are; whether they converged, the files of others do not say."""
+    """Count the samples of an imported dataset; its files do not say if they converged."""
     status = dataset[f"{sensor}/status"]
     there = has_values(status)
     found = f"{np.count_nonzero(there)} of {there.size}"
@@ -211,7 +210,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
 
 
 def _finite(dataset: Dataset, name: str, at_surface: bool, shape: tuple[int, int]) -> np.ndarray:
-    """Samples (press, depth) with finite numbers only; arrays of surfaces are read a shard at a time."""
+    """Samples (press, depth) with finite numbers only. Arrays at the surface are read shard by shard."""
     if not at_surface:
         return np.isfinite(dataset[name]).reshape(*shape, -1).all(axis=2)
     finite = np.ones(shape, dtype=bool)
@@ -223,7 +222,7 @@ def _finite(dataset: Dataset, name: str, at_surface: bool, shape: tuple[int, int
 
 
 def _outcomes(dataset: Dataset, sensor: str, status: np.ndarray) -> Iterator[Finding]:
-    """Samples that converged, of those that were to be pressed; those that were not, if there are any."""
+    """Count converged samples among those that were to be pressed, and samples that ended as planned."""
     planned, converged = is_planned_end(status), has_values(status)
     missed = ~(planned | converged)
     found, note = f"{np.count_nonzero(converged)} of {np.count_nonzero(~planned)}", _sentences(dataset, status, missed)
@@ -234,7 +233,7 @@ def _outcomes(dataset: Dataset, sensor: str, status: np.ndarray) -> Iterator[Fin
 
 
 def _inside_out(sensor: str, elements: np.ndarray, converged: int) -> Finding:
-    """Converged samples in which elements (press, depth) are inside out, press by press."""
+    """List converged samples with elements inside out, by press; elements (press, depth) are their numbers."""
     samples = np.argwhere(elements > 0)
     presses, first, counts = np.unique(samples[:, 0], return_index=True, return_counts=True)
     lines = [f"press {press}, {count} from depth {depth} on, in at most {elements[press].max()} elements"
@@ -246,13 +245,13 @@ def _inside_out(sensor: str, elements: np.ndarray, converged: int) -> Finding:
 
 
 def _first_of_presses(samples: np.ndarray) -> tuple[tuple[int, int], ...]:
-    """The first sample of each press, from samples (press, depth) bool."""
+    """The first marked sample of each press; samples (press, depth) bool."""
     presses = np.flatnonzero(samples.any(axis=1))
     return tuple((int(press), int(samples[press].argmax())) for press in presses)
 
 
 def _sentences(dataset: Dataset, status: np.ndarray, of: np.ndarray) -> str:
-    """One line for each status of the samples ``of`` (press, depth) bool."""
+    """One line for each status among the samples ``of`` (press, depth) bool."""
     lines = []
     for code in np.unique(status[of]):
         press, depth = np.argwhere(status == code)[0]

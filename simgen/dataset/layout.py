@@ -1,6 +1,6 @@
-"""What the arrays of a dataset must be: shapes, types, and indices that name something.
+"""Checks of a dataset's arrays: shapes, types, ranges of indices, finite numbers, invertible poses.
 
-A dataset of `simgen run` is so; one that somebody else, or a bad disk, has changed may not be.
+They find datasets that somebody else, or a bad disk, has changed.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ REFUSED = ("refused/points", "refused/normals")
 
 
 def faults(dataset: Dataset) -> dict[str, str]:
-    """What is wrong with which array, by its path; the arrays that tasks write are looked at from outside alone."""
+    """Find faulty arrays: a description of the fault by name. Values of arrays that tasks write are not read."""
     found = {}
     for name, (shape, kind) in _expected(dataset).items():
         try:
@@ -25,19 +25,19 @@ def faults(dataset: Dataset) -> dict[str, str]:
             wanted = kind if isinstance(kind, str) else kind.__name__
             found[name] = f"{array.dtype} {array.shape}; allowed: {wanted} {shape}"
     if not found:
-        found |= _bad_values(dataset)
+        found |= _faulty_values(dataset)
     return found
 
 
 def checked(dataset: Dataset) -> Dataset:
-    """The dataset itself. Raises `InputError` where `faults` finds some."""
+    """Return the dataset itself. Raises `InputError` if `faults` finds any."""
     for name, fault in faults(dataset).items():
         raise InputError(f"{dataset.path}/{name}: {fault}; `simgen check` says more")
     return dataset
 
 
 def _expected(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], str | type]]:
-    """Path -> shape, and type or kind of types."""
+    """Shape and type (or kind of types) of every array, by name."""
     presses, integer, real = dataset.presses, np.integer, np.floating
     expected = {
         **{name: (values.shape, np.integer if values.dtype.kind == "i" else real)
@@ -66,7 +66,7 @@ def _expected(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], str | type]]
         if dataset.job.surface_outputs(sensor):
             name = f"{sensor}/surface_vertices"
             expected[name] = ((_length(dataset, name),), integer)
-    if dataset.imported:  # without contacts, and with flags of vertices only where the mesh had some
+    if dataset.imported:  # it has no contacts, and flags of vertices only if its mesh had some
         optional = ("contact_pose", "contact_normal", "held", "touchable")
         expected = {name: each for name, each in expected.items()
                     if name.partition("/")[2] not in optional or name in dataset.root}  # fmt: skip
@@ -78,10 +78,10 @@ def _length(dataset: Dataset, name: str) -> int:
     return (*dataset.array(name).shape, 0)[0]
 
 
-def _bad_values(dataset: Dataset) -> dict[str, str]:
-    """Indices beyond what they count, numbers that are none, poses that cannot be inverted."""
+def _faulty_values(dataset: Dataset) -> dict[str, str]:
+    """Find indices out of range, numbers that are not finite, poses that cannot be inverted."""
     job, found = dataset.job, {}
-    last = np.iinfo(np.int32).max if dataset.imported else job.trajectories.count - 1  # files may begin anywhere
+    last = np.iinfo(np.int32).max if dataset.imported else job.trajectories.count - 1  # files number as they like
     bounds = {
         "press/trajectory": (0, last),
         "press/indenter": (0, len(job.indenters) - 1),
@@ -98,7 +98,7 @@ def _bad_values(dataset: Dataset) -> dict[str, str]:
         if job.stops_early:
             bounds[f"{sensor}/pressable_steps"] = (0, len(dataset.indenter_path))
         finite.append(f"{sensor}/rest_positions")
-        poses += [] if dataset.imported else [f"{sensor}/pose"]  # which files may leave unsaid
+        poses += [] if dataset.imported else [f"{sensor}/pose"]  # imported files may lack poses
     for name, (low, high) in bounds.items():
         values = dataset[name]
         if values.size and (values.min() < low or values.max() > high):

@@ -14,7 +14,7 @@ from simgen.dataset.splits import IN_NONE, SPLITS, leave_out
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values, is_valid
 
-OF_SENSOR = (*MEASURED, "stated_depth")  # where the dataset has them
+SENSOR_COLUMNS = (*MEASURED, "stated_depth")  # those that the dataset has
 
 
 def load_dataset(
@@ -24,12 +24,15 @@ def load_dataset(
     left_out: str | None = None,
     include_inside_out: bool = False,
 ) -> "Samples":
-    """The valid samples of a dataset on all `sensors` (default: all of the dataset): converged, nothing inside out.
+    """Load the samples of a dataset that are valid on all loaded sensors: converged, no element inside out.
 
-    `split`: train, validation or test; None is all of them. `left_out`, the name of an indenter, tests that one alone
-    at the trajectories of the test, and leaves it out of training and validation; by default as the dataset says.
-    `include_inside_out` adds converged samples in which an element is inside out somewhere.
-    Raises `InputError` for a name that is not there, and where no sample is left.
+    split : train, validation or test; all three by default
+    sensors : names of the sensors to load; all by default
+    left_out : name of an indenter. The test split has it alone; training and validation do not have it. By default as
+        the dataset's job says
+    include_inside_out : add converged samples in which an element is inside out somewhere
+
+    Raises `InputError` for an unknown name, and if no sample is left.
     """
     dataset = Dataset(path)
     names = dataset.sensors if sensors is None else tuple(sensors)
@@ -47,21 +50,21 @@ def load_dataset(
         raise InputError(f"{path}: left_out {left_out!r}: allowed: {stored}, which the dataset leaves out itself")
     is_chosen = has_values if include_inside_out else is_valid
     there = np.all([is_chosen(dataset[f"{name}/status"]) for name in names], axis=0)
-    own = dataset["press/split"]
+    split_of_press = dataset["press/split"]
     if left_out is not None and stored is None:
-        own = leave_out(own, dataset["press/indenter"], dataset.indenters.index(left_out))
-    chosen = own != IN_NONE if split is None else own == list(SPLITS).index(split)
+        split_of_press = leave_out(split_of_press, dataset["press/indenter"], dataset.indenters.index(left_out))
+    chosen = split_of_press != IN_NONE if split is None else split_of_press == list(SPLITS).index(split)
     if not (there & chosen[:, None]).any():
-        counts = ", ".join(f"{name} {np.count_nonzero(own == code)}" for code, name in enumerate(SPLITS))
+        counts = ", ".join(f"{name} {np.count_nonzero(split_of_press == code)}" for code, name in enumerate(SPLITS))
         raise InputError(f"{path}: no sample of split {split!r} is valid; presses: {counts}")
     return Samples(dataset.path, names, np.argwhere(there & chosen[:, None]))
 
 
 class Samples(Sequence):
-    """Samples by number: ``samples[0]["digit/displacement"]``; made by `load_dataset`.
+    """Samples by number, made by `load_dataset`: ``samples[0]["digit/displacement"]``.
 
     sensors : names
-    rows : (sample, 2) press and index of the depth of each
+    rows : (sample, 2), press and index of the depth
     """
 
     def __init__(self, path: Path, sensors: tuple[str, ...], rows: np.ndarray):
@@ -72,14 +75,14 @@ class Samples(Sequence):
         return len(self.rows)
 
     def __getitem__(self, number: int | slice) -> "dict[str, np.ndarray] | Samples":
-        """A sample, or some of them: float32 in SI units, numbers in int64.
+        """One sample as a dictionary, or `Samples` for a slice. Values are float32 in SI units; numbers are int64.
 
-        ``<sensor>/<name>`` for each output in `simgen.config.outputs` that the dataset has, without status and
-        certificates: ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` (3,), ...
+        ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` (3,), ...: the outputs of `simgen.config.outputs` that
+        the dataset has, without status and certificates.
 
-        ``depth``, ``press``, ``trajectory`` and ``indenter``, an index into `indenters`. Imported samples also have the
-        depth that their files state, ``<sensor>/stated_depth``. A path that is more than a press adds ``offset`` (3,)
-        and ``turn`` in the contact frame, and ``leg``.
+        ``depth``, ``press``, ``trajectory``, and ``indenter``, an index into `indenters`. Imported samples may add
+        ``<sensor>/stated_depth``, from their files. Paths with legs add ``offset`` (3,) and ``turn`` in the contact
+        frame, and ``leg``.
         """
         if isinstance(number, slice):
             return Samples(self.path, self.sensors, self.rows[number])
@@ -97,14 +100,14 @@ class Samples(Sequence):
             for name in (f"{sensor}/{key}" for key in AT_SURFACE):
                 if name in self.dataset.arrays:
                     sample[name] = self.dataset.of_samples(name, press, step)
-            for name in (f"{sensor}/{key}" for key in OF_SENSOR):
+            for name in (f"{sensor}/{key}" for key in SENSOR_COLUMNS):
                 if name in shared:
                     sample[name] = np.float32(shared[name][press, step])
         return sample
 
     @property
     def dataset(self) -> Dataset:
-        """The dataset, opened once in each process."""
+        """The dataset, opened once per process."""
         if self._opened is None or self._opened[0] != os.getpid():
             self._opened = (os.getpid(), Dataset(self.path))
         return self._opened[1]
@@ -112,7 +115,7 @@ class Samples(Sequence):
     @cached_property
     def _columns(self) -> dict[str, np.ndarray]:
         names = ["depth", "press/trajectory", "press/indenter"]
-        names += [f"{sensor}/{key}" for sensor in self.sensors for key in OF_SENSOR]
+        names += [f"{sensor}/{key}" for sensor in self.sensors for key in SENSOR_COLUMNS]
         return {name: self.dataset[name] for name in names if name in self.dataset.root}
 
     @property
@@ -121,11 +124,11 @@ class Samples(Sequence):
 
     @cached_property
     def rest_positions(self) -> dict[str, np.ndarray]:
-        """Sensor -> (vertex, 3) m, in its frame."""
+        """Rest positions (vertex, 3) m by sensor, in the sensor's frame."""
         return {sensor: self.dataset[f"{sensor}/rest_positions"] for sensor in self.sensors}
 
     def torch(self) -> "TorchSamples":
-        """The same samples as a map-style dataset of tensors; torch is imported here and nowhere before."""
+        """The same samples as a map-style dataset of tensors. Only this call imports torch."""
         import torch
 
         return TorchSamples(self, torch.as_tensor)
@@ -144,5 +147,5 @@ class TorchSamples:
         return len(self.samples)
 
     def __getitem__(self, number: int) -> dict[str, Any]:
-        """A sample, as `Samples` has it, in tensors."""
+        """One sample of `Samples`, in tensors."""
         return {name: self._as_tensor(value) for name, value in self.samples[number].items()}

@@ -1,39 +1,39 @@
-"""The dataset: its layout and the reader.
+"""The layout of a dataset on disk, and its reader.
 
-One zarr v3 directory, in SI units::
+A dataset is one zarr v3 directory in SI units::
 
     <name>.zarr/
       attributes                                       resolved job and hash, code, packages, meshes, status
       depth (depth,)                                   m, from true first touch, at each step of the indenters' path
-      path/offset (depth, 3), turn, leg (depth,)       with legs after the press: m and rad in the contact frame; the
-                                                       number of the leg, 0 is the press
-      press/trajectory, indenter (press,)              the contact; index into the job's indenters
-      press/split (press,)                             0 train, 1 validation, 2 test: by trajectory; -1 none, with
-                                                       an indenter that is left out
+      path/offset (depth, 3), turn, leg (depth,)       paths with legs only: m and rad in the contact frame; number
+                                                       of the leg, 0 is the press
+      press/trajectory, indenter (press,)              number of the contact; index into the job's indenters
+      press/split (press,)                             0 train, 1 validation, 2 test: by trajectory; -1 none (only
+                                                       if an indenter is left out)
       press/contact_pose (press, 4, 4)                 indenter -> shared frame, its tip at the contact point
       press/contact_normal (press, 3)                  outward, of the reference sensor, in the shared frame
       press/pose (press, 4, 4)                         contact_pose moved along its +y to first touch on the
                                                        reference sensor, or contact_pose if never touched
       <sensor>/rest_positions (vertex, 3)              the output mesh in the sensor's own frame
       <sensor>/tetrahedra, surface_triangles, held, touchable
-      refused/points, normals (contact, 3)             contacts that were drawn again because an indenter would leave
-                                                       too little gel: m in the shared frame; absent if there are none
+      refused/points, normals (contact, 3)             refused contacts, where an indenter would leave too little
+                                                       gel: m in the shared frame; absent if there are none
       <sensor>/pose (press, 4, 4)                      sensor -> shared frame: the unfolding transform
-      <sensor>/pressable_steps (press,)                number of steps that leave enough gel; with too_thin: stop
+      <sensor>/pressable_steps (press,)                with too_thin: stop only: number of steps that leave enough gel
       <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor;
                                                        NaN if never touched
-      <sensor>/surface_vertices (s,)                   with outputs at the surface: indices of its vertices
-      <sensor>/* (press, depth, ...)                   displacement, force, status, certificate/*, ...: the outputs of
-                                                       `simgen.config.outputs`
-      README.md, presses.csv, croissant.json           what it is, for people and machines (`simgen.dataset.card`)
-      manifest/*.json                                  sha256 of every file: the plan's, each finished shard's
-      manifest/timings.jsonl                           when, where, how long: all that the job does not decide
-      .lock                                            held, and signed, by the process that is filling the dataset
+      <sensor>/surface_vertices (s,)                   with outputs at the surface only: indices of its vertices
+      <sensor>/* (press, depth, ...)                   the outputs of `simgen.config.outputs`: displacement, force,
+                                                       status, certificate/*, ...
+      README.md, presses.csv, croissant.json           the card, for people and machines (`simgen.dataset.card`)
+      manifest/*.json                                  sha256 of every file of the plan and of finished shards
+      manifest/timings.jsonl                           time, host and duration of runs and shards
+      .lock                                            locked and signed by the process that fills the dataset
 
-A shard is what one task writes: the same presses of every array, one file per array. Two writers never share
-one. Each file is written aside, flushed to disk and renamed, the manifests last: a shard without one does not
-exist, so a run that is killed at any moment goes on from there. A sample that was not reached holds the fill
-value (NaN, -1, or -32768 in int16) and its status. One that converged but is inside out holds its values.
+One task writes one shard: the same presses of every array, one file per array. Two writers never share a shard. Each
+file is written aside, flushed to disk and renamed; the manifest comes last. A shard without a manifest does not exist,
+so a run that was killed at any moment can go on. Steps that were not reached hold the fill value (NaN, -1, or -32768
+in int16) and a status. Converged samples with an element inside out keep their values.
 """
 
 import json
@@ -56,26 +56,26 @@ from simgen.dataset.chunk_files import check_frames, chunk_path, is_sharded, ope
 from simgen.errors import InputError, shown
 
 SCHEMA = 1
-NOT_REACHED = np.iinfo(np.int16).min  # of int16 displacement; -1 of the integers, NaN of the floats
-# Of the group, at least; of a dataset that a run made, also those of `INPUTS`.
+NOT_REACHED = np.iinfo(np.int16).min  # fill value of int16 displacements; other integers have -1, floats NaN
+# Attributes that every dataset has, and those that a dataset has unless it was imported.
 ATTRIBUTES = {"job": dict, "job_hash": str, "status": dict}
-INPUTS = {"sensors": dict, "indenters": dict}
-PLAN = "plan.json"  # in the folder of manifests, as the next
+RUN_ATTRIBUTES = {"sensors": dict, "indenters": dict}
+PLAN = "plan.json"  # in the folder manifest/, as TIMINGS
 TIMINGS = "timings.jsonl"
-GROWING = ".growing"  # a folder in the dataset: the plan of a growth, until all its files are in place
+GROWING = ".growing"  # folder with the plan of added trajectories, until its files are in place
 
 ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping")  # older datasets lack both
 
 
 @dataclass(frozen=True)
 class Array:
-    """One array that tasks write: its shape behind the press axis, and how it is stored."""
+    """One array that tasks write: its shape without the press axis, and its storage."""
 
     shape: tuple[int, ...]
     dtype: str
     about: str
     unit: str = ""
-    chunk: tuple[int, ...] | None = None  # one read of training; by default all of the press
+    chunk: tuple[int, ...] | None = None  # what training reads at once; by default a whole press
     attributes: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -88,8 +88,8 @@ def written_arrays(
 ) -> dict[str, Array]:
     """The arrays that tasks write, by path.
 
-    output_vertices : number of each sensor's output vertices
-    surface_vertices : number of those on its surface, for sensors with outputs there
+    output_vertices : number of output vertices of each sensor
+    surface_vertices : number of them at the surface, for sensors with outputs there
     """
     steps, about = len(job.depths_m), "indenter to shared frame at first touch, or the contact pose where there is none"
     arrays = {"press/pose": Array((4, 4), "float64", about, "m")}
@@ -108,7 +108,7 @@ def written_arrays(
 
 
 def path_arrays(path: IndenterPath) -> dict[str, np.ndarray]:
-    """The arrays, by path in the dataset, that say where the indenters go; ``depth`` alone for presses."""
+    """The arrays of the indenters' path, by name in the dataset; only ``depth`` if there are no legs."""
     arrays = {"depth": path.depths_m}
     if not path.is_a_press:
         arrays |= {"path/offset": path.offsets_m, "path/turn": path.turns_rad, "path/leg": path.legs}
@@ -118,8 +118,9 @@ def path_arrays(path: IndenterPath) -> dict[str, np.ndarray]:
 class Dataset:
     """A dataset on disk, open for reading.
 
-    ``dataset.displacement("biotac", press, depth)`` is (vertex, 3) in m, NaN where the press did not get to;
-    ``dataset["biotac/force"]`` is any array, read whole; ``dataset.root`` is the zarr group itself.
+    ``dataset.displacement("biotac", press, depth)`` gives (vertex, 3) m, NaN where the press did not get to.
+    ``dataset["biotac/force"]`` reads a whole array. ``dataset.root`` is the zarr group.
+    Raises `InputError` if the path is not a dataset, or if a run is adding trajectories to it.
     """
 
     def __init__(self, path: str | Path):
@@ -132,59 +133,62 @@ class Dataset:
         try:
             self.root = zarr.open_group(self.path, mode="r")
             self.attributes = dict(self.root.attrs)
-        except Exception as error:  # zarr's, for what is no group, of many kinds
+        except Exception as error:  # zarr raises errors of many kinds
             raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({shown(str(error), 200)})") from None
-        self._open: dict[str, zarr.Array] = {}  # the sharded ones
+        self._open: dict[str, zarr.Array] = {}  # sharded arrays
         if self.attributes.get("schema") != SCHEMA:
             found = shown(repr(self.attributes.get("schema")))
             raise InputError(f"{path}: schema {found}; this version reads {SCHEMA}")
-        for key, kind in (ATTRIBUTES | ({} if self.imported else INPUTS)).items():
+        for key, kind in (ATTRIBUTES | ({} if self.imported else RUN_ATTRIBUTES)).items():
             if not isinstance(self.attributes.get(key), kind):
                 found = shown(repr(self.attributes[key])) if key in self.attributes else f"no {key}"
                 raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({found}; {key} is a {kind.__name__})")
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """An array, whole. Of shards that are not finished it holds fill values, whatever their files hold."""
+        """Read a whole array. Unfinished shards give fill values, whatever their files hold.
+
+        Raises `InputError` if the array is missing, has another shape, or cannot be read.
+        """
         array = self.arrays.get(name)
         stored = self.array(name)
         if array is not None and stored.shape != (self.presses, *array.shape):
             raise InputError(f"{self.path}/{name}: shape {stored.shape}; allowed: {(self.presses, *array.shape)}")
-        self._check_there(name)
+        self._check_files_exist(name)
         with self._reading(name):
             missing = self.unfinished() if array is not None else []
-            not_read = {chunk_path(name, shard, stored.ndim) for shard in missing}
-            check_frames(stored, self.path, name, not_read)
+            skipped = {chunk_path(name, shard, stored.ndim) for shard in missing}
+            check_frames(stored, self.path, name, skipped)
             if is_sharded(stored):
                 stored = self._sharded(name)
             if not missing:
                 return stored[...]
             values = np.full((self.presses, *array.shape), array.fill, array.dtype)
-            bounds = [-1, *missing, self.shards]  # shards between those that are missing are read at once
+            bounds = [-1, *missing, self.shards]  # neighbouring finished shards are read at once
             for first, end in pairwise(bounds):
                 if end > first + 1:
                     rows = slice(self.shard_presses(first + 1).start, self.shard_presses(end - 1).stop)
                     values[rows] = stored[rows]
             return values
 
-    def _check_there(self, name: str) -> None:
-        """Raises `InputError` if a file that a manifest vouches for is gone: zarr would read fill values."""
+    def _check_files_exist(self, name: str) -> None:
+        """Raise `InputError` if a file of a manifest is gone: zarr would read fill values instead."""
         if (array := self.arrays.get(name)) is None:
             files = [file for file in self.sums_of(PLAN) if file.startswith(f"{name}/c/")]
         else:
             files = [chunk_path(name, shard, 1 + len(array.shape)) for shard in self.finished()]
         for file in files:
-            self._check_file(file)
+            self._check_exists(file)
 
-    def _check_file(self, file: str) -> None:
+    def _check_exists(self, file: str) -> None:
         if not (self.path / file).exists():
             raise InputError(f"{self.path}/{file}: is gone, and its manifest says that it was there")
 
     def get(self, name: str) -> np.ndarray | None:
-        """An array, whole; None if there is none of that name."""
+        """Read a whole array; None if the dataset does not have it."""
         return self[name] if name in self.root else None
 
     def array(self, name: str) -> zarr.Array:
-        """An array as zarr reads it. Raises `InputError` if there is none."""
+        """The zarr array of this name, unread. Raises `InputError` if there is none."""
         with self._reading(name):
             found = self.root.get(name)
         if not isinstance(found, zarr.Array):
@@ -195,21 +199,21 @@ class Dataset:
     def _reading(self, name: str) -> Iterator[None]:
         try:
             yield
-        except Exception as error:  # what codecs and zarr raise for bytes that nobody wrote
+        except Exception as error:  # codecs and zarr raise errors of many kinds for spoiled bytes
             complaint = f"cannot be read ({shown(str(error), 200)}); `simgen check` names the file"
             raise InputError(f"{self.path}/{name}: {complaint}") from None
 
     @cached_property
     def job(self) -> Job:
-        """The job, whose relative paths start where they did when it was run last; here, if that is not known."""
+        """The job. Relative paths start at the folder of its last run; at the current one if that is not known."""
         folders = [line["folder"] for line in self.timings() if isinstance(line.get("folder"), str)]
         source, folder = f"{self.path}: job", Path(folders[-1]) if folders else Path()
         return job_from_resolved(self.attributes["job"], source, folder=folder)
 
     def timings(self) -> list[dict]:
-        """When and where runs began, and when, where and how each shard ended, in order.
+        """Records of started runs and ended shards, in order: time, host, outcome.
 
-        Lines that a kill has cut short are left out.
+        Lines that a kill cut short are left out.
         """
         file = self.path / "manifest" / TIMINGS
         found = []
@@ -224,12 +228,12 @@ class Dataset:
 
     @property
     def imported(self) -> bool:
-        """True if it came from files of others, which say less (see `simgen.dataset.exchange.importing`)."""
+        """True if `simgen.dataset.exchange.importing` made it from foreign files, which say less."""
         return "source" in self.attributes
 
     @property
     def grown_from(self) -> tuple[int, ...]:
-        """Counts of trajectories that the dataset had before each growth, rising."""
+        """Numbers of trajectories before each growth, ascending."""
         return tuple(self.attributes.get("grown_from", ()))
 
     @cached_property
@@ -246,7 +250,7 @@ class Dataset:
 
     @cached_property
     def arrays(self) -> dict[str, Array]:
-        """What tasks write, by path, as this dataset should have it."""
+        """The arrays that tasks write, by path, as this dataset should have them."""
         shapes = {sensor: self.array(f"{sensor}/rest_positions").shape for sensor in self.sensors}
         for sensor, shape in shapes.items():
             if len(shape) != 2:
@@ -261,7 +265,7 @@ class Dataset:
         return {name: array for name, array in arrays.items() if not (older and name.endswith(ADDED_LATER))}
 
     def sentence(self, code: int) -> str:
-        """What a status says."""
+        """The sentence of a status code."""
         return str(self.attributes["status"].get(str(code), f"Status {code}, which no version of simgen writes."))
 
     def shard_presses(self, shard: int) -> range:
@@ -274,24 +278,24 @@ class Dataset:
 
     @cached_property
     def indenter_path(self) -> IndenterPath:
-        """The path of the indenters."""
+        """The path of every indenter."""
         return self.job.indenter_path
 
     def offsets_of(self, sensor: str) -> np.ndarray:
-        """(press, depth, 3) m: offsets from first touch in the contact frame, with the depths of `depths_of`."""
+        """(press, depth, 3) m, offsets from first touch in the contact frame, with the depths of `depths_of`."""
         depths = self.depths_of(sensor)
         offsets = np.tile(self.indenter_path.offsets_m, (self.presses, 1, 1))
         offsets[..., 1] = depths
         return offsets
 
     def depths_of(self, sensor: str) -> np.ndarray:
-        """(press, depth) m: of the dataset, or what an imported file states, which need not be even."""
+        """(press, depth) m. Imported files may state depths of their own, which need not be evenly spaced."""
         depth = np.broadcast_to(self["depth"], (self.presses, len(self["depth"])))
         stated = self.get(f"{sensor}/stated_depth")
         return depth if stated is None else np.where(np.isfinite(stated), stated, depth)
 
     def finished(self) -> list[int]:
-        """Shards that are whole, by their manifests."""
+        """Numbers of the shards that have a manifest."""
         numbers = (int(name.removesuffix(".json")) for name in self.manifests() if name != PLAN)
         return [number for number in numbers if number < self.shards]
 
@@ -299,24 +303,24 @@ class Dataset:
         return sorted(set(range(self.shards)) - set(self.finished()))
 
     def displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
-        """(..., vertex, 3) float64 in m; NaN where not reached or not there yet."""
+        """(..., vertex, 3) float64, m; NaN where not reached or not there yet."""
         stored, scale = self.stored_displacement(sensor, press, depth), self.displacement_scale(sensor)
         return stored.astype(np.float64) if scale is None else np.where(stored == NOT_REACHED, np.nan, stored * scale)
 
     def stored_displacement(self, sensor: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
-        """(..., vertex, 3) as it is stored: float32 in m, or int16 in steps of `displacement_scale`."""
+        """(..., vertex, 3) as stored: float32 in m, or int16 in steps of `displacement_scale`."""
         return self.of_samples(f"{sensor}/displacement", press, depth)
 
     def of_samples(self, name: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
-        """An array with a chunk for each sample, as stored, at some presses and depths."""
+        """Read some presses and depths of an array that has a chunk for each sample, as stored."""
         for shard in self._shards_of(press):
             if (self.path / "manifest" / f"{shard:06d}.json").exists():
-                self._check_file(chunk_path(name, shard, 1 + len(self.arrays[name].shape)))
+                self._check_exists(chunk_path(name, shard, 1 + len(self.arrays[name].shape)))
         with self._reading(name):
             return self._sharded(name)[press, depth]
 
     def displacement_scale(self, sensor: str) -> float | None:
-        """m a step of stored displacements; None if they are stored in m."""
+        """Step of stored displacements, m; None if they are stored in m."""
         name = f"{sensor}/displacement"
         with self._reading(name):
             return self._sharded(name).attrs.get("scale_factor")
@@ -327,18 +331,18 @@ class Dataset:
         return self._open[name]
 
     def manifests(self) -> list[str]:
-        """Names of the manifests there are, the plan's among them."""
+        """Names of all manifests, the plan's included."""
         names = (file.name for file in (self.path / "manifest").glob("*.json"))
         return sorted(name for name in names if name == PLAN or re.fullmatch(r"\d{6,}\.json", name))
 
     def shard_files(self, shard: int) -> set[str]:
-        """Paths of all files of a shard, its manifest left out."""
+        """Paths of all files of a shard without its manifest."""
         return {chunk_path(name, shard, 1 + len(array.shape)) for name, array in self.arrays.items()}
 
     def sums_of(self, manifest: str) -> dict[str, str]:
-        """sha256 of the files that a manifest vouches for, by path in the dataset.
+        """sha256 of each file that a manifest lists, by path in the dataset.
 
-        Raises `InputError` if the manifest is not what `simgen run` wrote.
+        Raises `InputError` if `simgen run` did not write the manifest.
         """
         try:
             return dict(json.loads((self.path / "manifest" / manifest).read_text())["sha256"])

@@ -1,7 +1,7 @@
-"""Writing a dataset: making it, going on with it, and the files of its shards.
+"""Functions that create a dataset, continue it, and write the files of its shards.
 
-Whatever is unfinished lies in a folder whose name begins with a dot, which its process holds: folders that nobody holds
-are what a killed process left, and are removed.
+Unfinished files lie in a folder that its process locks and whose name begins with a dot. A folder that no process
+locks was left by a killed process and is removed.
 """
 
 import errno
@@ -32,14 +32,14 @@ from simgen.dataset.reader import PLAN, SCHEMA, TIMINGS, Array, Dataset, written
 from simgen.errors import InputError, cannot_write, writing
 
 STAGING = ".staging"
-WAIT_FOR_WORKERS = 20.0  # s, for tasks of a killed run to end: dask's workers do within seconds
+WAIT_FOR_WORKERS = 20.0  # s, for tasks of a killed run; dask's workers end within seconds
 
 
 def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
-    """Make the folder with all that is known before the first press. It appears whole or not at all.
+    """Create a dataset with everything that is known before the first press. It appears whole or not at all.
 
-    `planned` maps a path such as ``press/trajectory`` or ``digit/rest_positions`` to its array. If somebody else makes
-    the same folder meanwhile, theirs stays.
+    `planned` maps names such as ``press/trajectory`` or ``digit/rest_positions`` to arrays. If another process creates
+    the same folder meanwhile, that one stays.
     """
     with suppress(FileExistsError), whole_folder(path) as folder:
         write_plan(folder, attributes, planned, job)
@@ -48,7 +48,7 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
 def write_plan(
     folder: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
 ) -> None:
-    """Fill an empty folder with all that is known before the first press, and its manifest."""
+    """Fill an empty folder with everything that is known before the first press, and its manifest."""
     root = zarr.create_group(folder, attributes={"schema": SCHEMA, **attributes})
     for name, values in planned.items():
         root.create_array(name, data=np.asarray(values))
@@ -57,7 +57,7 @@ def write_plan(
     for name, array in written_arrays(job, vertices, surface).items():
         _create_written(root, name, array, job.presses, job.dataset.presses_per_shard)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # consolidated metadata are zarr-python's own, and worth having: one read
+        warnings.simplefilter("ignore")  # consolidated metadata are not in the standard, but save reads
         zarr.consolidate_metadata(folder)
     sums = {
         file.relative_to(folder).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
@@ -84,9 +84,9 @@ def _create_written(root: zarr.Group, name: str, array: Array, presses: int, per
 def open_or_create(
     path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
 ) -> Dataset:
-    """The dataset of exactly this plan: made anew, or found on disk from an earlier, unfinished run.
+    """Create the dataset of this plan, or open that of an earlier, unfinished run.
 
-    Raises `InputError` with the difference if what lies there came from another job, code or mesh.
+    Raises `InputError` with the difference if the folder holds another job, code or mesh.
     """
     if not path.exists():
         with writing(path):
@@ -97,12 +97,12 @@ def open_or_create(
 
 
 def as_stored(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """The attributes of a plan as a dataset has them when it is read."""
+    """The attributes of a plan, in the form in which a dataset returns them."""
     return json.loads(json.dumps({"schema": SCHEMA, **attributes}))
 
 
 def check_output(path: Path, job: Job) -> None:
-    """Raises `InputError` where `open_or_create` would, as far as that is known without a plan, which takes time."""
+    """Raise the `InputError` of `open_or_create` early, where no plan is needed for it: a plan takes time."""
     if path.exists():
         dataset = Dataset(path)
         if not grows(dataset, job):
@@ -114,7 +114,7 @@ def check_output(path: Path, job: Job) -> None:
 
 
 def grows(dataset: Dataset, job: Job) -> bool:
-    """Return True if the job differs from the dataset's only by more trajectories."""
+    """True if the job is the dataset's with more trajectories."""
     if dataset.imported or job.trajectories.count <= dataset.job.trajectories.count:
         return False
     return json.dumps(with_count(job, dataset.job.trajectories.count)) == json.dumps(dataset.attributes["job"])
@@ -127,7 +127,7 @@ def with_count(job: Job, count: int) -> dict[str, Any]:
 
 
 def check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:
-    """Raises `InputError` with the difference unless the dataset has these attributes."""
+    """Raise `InputError` with the difference unless the dataset has these attributes."""
     own = {key: value for key, value in dataset.attributes.items() if key != "grown_from"}
     asked = {key: value for key, value in asked.items() if key != "grown_from"}
     if own != asked or own["job_hash"] != asked["job_hash"]:
@@ -139,15 +139,15 @@ def check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:
 
 
 def complete(dataset: Dataset) -> bool:
-    """Whether there is nothing to write or to remove any more."""
+    """True if nothing is left to write or to remove."""
     return not dataset.unfinished() and has_card(dataset) and not (dataset.path / STAGING).exists()
 
 
 @contextmanager
 def filling(dataset: Dataset) -> Iterator[None]:
-    """The right to fill a dataset, which one process has at a time; what others left aside is removed.
+    """Lock a dataset for writing, and remove what killed processes left.
 
-    Raises `InputError` if another run has it, or if tasks of an earlier one are still writing.
+    Raises `InputError` if another run has the lock, or if tasks of an earlier run are still writing.
     """
     staging = dataset.path / STAGING
     with ExitStack() as stack:
@@ -165,7 +165,7 @@ def filling(dataset: Dataset) -> Iterator[None]:
         try:
             yield
         finally:
-            with suppress(OSError):  # what cannot be removed is not in the way
+            with suppress(OSError):  # a folder that cannot be removed does no harm
                 remove_abandoned(staging.glob("*"))
                 staging.rmdir()
 
@@ -177,7 +177,7 @@ def _remove_staged(staging: Path) -> str | None:
 
 @contextmanager
 def folder_aside(dataset: Dataset) -> Iterator[Path]:
-    """A folder for what a task has not put in its place yet; whatever is left there is removed with it."""
+    """A folder for a task's unfinished files; it is removed at the end with all that is left in it."""
     folder = None
     try:
         with locked_new(lambda text: dataset.path / STAGING / text) as folder:
@@ -190,15 +190,15 @@ def folder_aside(dataset: Dataset) -> Iterator[Path]:
 def write_aside(
     dataset: Dataset, shard: int, values: Mapping[str, Sequence[np.ndarray]], folder: Path
 ) -> dict[str, Aside]:
-    """Files of some of a shard's arrays by path, on the disk but not in their places yet.
+    """Write files of a shard's arrays to disk, not in their places yet; return them by path.
 
-    `values`, by path too, are float arrays in SI, one for each press. Raises `OverflowError` if a displacement does not
-    fit the stored type.
+    `values` maps names of arrays to float arrays in SI units, one for each press. Raises `OverflowError` if a
+    displacement does not fit the stored type.
     """
     presses, files = dataset.shard_presses(shard), {}
     for name, of_presses in values.items():
         array = dataset.arrays[name]
-        if array.chunk:  # a press at a time: what is double for a moment stays small
+        if array.chunk:  # encode one press at a time, because float64 copies are large
             stored = np.stack([_encode(np.asarray(value), array, name) for value in of_presses])
             made = sharded_files(dataset.path, name, presses, stored, folder)
         else:
@@ -209,7 +209,7 @@ def write_aside(
 
 
 def manifest_aside(shard: int, files: Mapping[str, Aside], folder: Path) -> dict[str, Aside]:
-    """The manifest of a shard, by path, which says that these are its files."""
+    """Write the manifest of a shard with these files, not in its place yet; return it by path."""
     text = _manifest({path: file.sha256 for path, file in files.items()}, shard=shard)
     return {manifest_path(shard): atomic_files.write_aside(folder, text)}
 
@@ -219,7 +219,7 @@ def manifest_path(shard: int) -> str:
 
 
 def forget(dataset: Dataset, shards: Iterable[int]) -> None:
-    """Shards are as if they had not been written, also after a power cut."""
+    """Remove the manifests of shards, so that they count as not written, also after a power cut."""
     manifests = [dataset.path / manifest_path(shard) for shard in shards]
     if there := [file for file in manifests if file.exists()]:
         for file in there:
@@ -228,13 +228,13 @@ def forget(dataset: Dataset, shards: Iterable[int]) -> None:
 
 
 def log_timing(dataset: Dataset, entry: Mapping[str, Any]) -> None:
-    """Add a line to the timings. A line that a kill has cut short costs itself alone: each begins on a new one."""
+    """Append a record to the timings, on a new line, so that a record that a kill cut short harms no other."""
     with writing(dataset.path), open(dataset.path / "manifest" / TIMINGS, "a", encoding="utf-8") as file:
         file.write("\n" + json.dumps(entry))
 
 
 def _encode(values: np.ndarray, array: Array, name: str) -> np.ndarray:
-    """Floats to the stored type; NaN becomes the fill value."""
+    """Convert floats to the stored type; NaN becomes the fill value."""
     if array.dtype.startswith("float"):
         return values.astype(array.dtype)
     missing, scale = np.isnan(values), array.attributes.get("scale_factor", 1.0)

@@ -1,4 +1,4 @@
-"""From a job to all that is known before the first press: meshes, contacts, poses on every sensor, splits."""
+"""The plan of a dataset: meshes, contacts, poses on every sensor, and splits, before the first press."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,9 +25,10 @@ from simgen.sensors.sensor_meshes import OutputMeshFile
 
 @dataclass(frozen=True)
 class Plan:
-    """`attributes` and `arrays` (by path, see `simgen.dataset.reader`) of the dataset that the job will fill.
+    """The plan of the dataset that a job will fill.
 
-    `remarks` are sentences for the user: the job can be run, but may not do what was meant.
+    attributes, arrays : of the dataset, arrays by name (see `simgen.dataset.reader`)
+    remarks : warnings to the user, in sentences
     """
 
     job: Job
@@ -40,12 +41,12 @@ class Plan:
 def make_plan(job: Job, device: str = "cpu") -> Plan:
     """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
 
-    Press = trajectory * number of indenters + indenter. The same job gives the same plan on every machine of a kind.
-    The device may be another machine's. Raises `InputError` if there can be no such device.
+    Press = trajectory * number of indenters + indenter. The same job gives the same plan on all machines of one kind.
+    `device` may be another machine's. Raises `InputError` for a name that is not a device.
     """
     check_device_name(device)
     start_warp()
-    indenters = chosen_indenters(job)  # first: it takes no time
+    indenters = chosen_indenters(job)  # first, because it is fast
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
     indented = gel_under_indenters(job, sensors, indenters)
@@ -86,7 +87,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
 def gel_under_indenters(
     job: Job, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]
 ) -> dict[str, LeastThickness]:
-    """For each sensor, the measure of the gel that the job's indenters leave; none if the job does not limit it."""
+    """Make the measure of the gel left under the job's indenters, by sensor; empty if the job sets no limit."""
     if not job.trajectories.least_thickness_left:
         return {}
     shapes = [indenter.shape() for indenter in indenters]
@@ -98,8 +99,8 @@ def first_contacts(
 ) -> pairing.Draw:
     """Draw the first ``count`` contacts of a job on the first of its sensors. Raises `InputError` if too few fit.
 
-    The same job with other output meshes has the same contacts: they are sampled with the sensors' own output meshes.
-    ``indented`` is what `gel_under_indenters` gives.
+    Output meshes that the job names do not change the contacts: sampling uses the sensors' own output meshes.
+    ``indented`` is the result of `gel_under_indenters`.
     """
     reference, *others = (
         sensor if job.sensors[name].output is None else _with_own_output(job, name) for name, sensor in sensors.items()
@@ -111,9 +112,9 @@ def first_contacts(
 
 
 def chosen_sensor(job: Job, name: str) -> Sensor:
-    """The sensor that the job names, on the mesh that it names, with the output mesh that it names.
+    """Load a sensor of the job, with the simulation mesh and the output mesh that the job chooses.
 
-    Raises `InputError` if a file that it names cannot be used.
+    Raises `InputError` if a file cannot be used.
     """
     choice = job.sensors[name]
     if choice.output is None:
@@ -123,15 +124,15 @@ def chosen_sensor(job: Job, name: str) -> Sensor:
 
 
 def _with_own_output(job: Job, name: str) -> Sensor:
-    """The sensor with its own output mesh, whatever the job says."""
+    """Load a sensor of the job with the sensor's own output mesh."""
     choice = job.sensors[name]
     return load_sensor(job.locate(choice.model), choice.mesh)
 
 
 def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
-    """The preset of the sensor with the values that the job replaces.
+    """The material of a sensor: its preset, with the values that the job replaces.
 
-    Raises `InputError` if the sensor has no such preset, or if the values do not suit its law.
+    Raises `InputError` if the sensor has no such preset, or if the law does not accept the values.
     """
     choice = job.sensors[name].material
     if choice.preset not in sensor.materials:
@@ -147,7 +148,7 @@ def chosen_material(job: Job, name: str, sensor: Sensor) -> Material:
 
 
 def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:
-    """What fills the sensor's cavity: none or incompressible. Raises `InputError` if it has no cavity to fill."""
+    """The fluid in a sensor's cavity: none or incompressible. Raises `InputError` if the sensor has no cavity."""
     fluid = job.sensors[name].fluid
     if fluid != "none" and not len(sensor.simulation_mesh.facing_core):
         raise InputError(f"sensors.{name}.fluid: {fluid!r}: sensor {sensor.name} has no cavity; allowed: none")
@@ -155,7 +156,7 @@ def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:
 
 
 def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
-    """All of a sensor that decides the physics; the meshes' hashes cover gel, held regions and core, too.
+    """All properties of a sensor that decide its presses. Hashes of meshes cover gel, fixed regions and core, too.
 
     A sensor without a support has no key for it.
     """
@@ -171,7 +172,7 @@ def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
 
 
 def indenter_identities(indenters: Iterable[Indenter]) -> dict[str, Any]:
-    """Name of each indenter -> its sizes, or how its mesh is read and the sha256 of its file."""
+    """Each indenter by name: its sizes, or the unit, spacing and sha256 of its mesh file."""
     return {indenter.name: indenter.identity() for indenter in indenters}
 
 

@@ -1,4 +1,4 @@
-"""What a job would do: counts, size, time, and the physical terms that each sensor's scene carries."""
+"""A preview of a job: counts, size, time, and the energy terms of each sensor's scene."""
 
 import math
 from collections.abc import Sequence
@@ -16,19 +16,19 @@ from simgen.sensors.sensor import Material, Sensor
 from simgen.simulation.batch_size import at_once, bytes_per_press
 from simgen.simulation.press import Scene
 
-# Seconds of one core (or one GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU:
+# Seconds of one core (or GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU by
 # `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
-# dataset.presses_per_shard=1`, 48 s of presses for 80 depths of 51,400 unknowns; on a GPU:
-# the whole paired job with its audit, 309,600 depths of 51,400 unknowns, in 310 s (docs/benchmarks).
+# dataset.presses_per_shard=1`, 48 s for 80 depths of 51,400 unknowns; on a GPU by
+# the whole paired job with its audit, 310 s for 309,600 depths of 51,400 unknowns (docs/benchmarks).
 SECONDS_PER_DEPTH = {"cpu": 0.012, "cuda": 2.0e-5}
 SECONDS_SOURCE = {
     "cpu": "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two",
     "cuda": "as measured on one NVIDIA H200, the whole paired job with its audit",
 }
 
-MOST_CONTACTS = 1000  # that are sampled; the rest of a sequence fits as often as its beginning
+MOST_CONTACTS = 1000  # sampled in a preview; later contacts of the sequence fit as often as the first ones
 
-# Stored bytes of the displacement over raw ones, and where that is from.
+# Stored over raw bytes of the displacement, with the source of the figure.
 COMPRESSION = {
     "int16": (0.56, "compression as measured on the smoke dataset"),
     "float32": (1.0, "uncompressed"),
@@ -37,14 +37,14 @@ COMPRESSION = {
 
 @dataclass(frozen=True)
 class SensorPreview:
-    """One sensor of a job: its meshes, its material, the terms (name, carried?, why) of its scene, and remarks."""
+    """A preview of one sensor: meshes, material, energy terms (name, carried?, reason), remarks."""
 
     name: str
     model: str
     nodes: int
     tetrahedra: int
     unknowns: int
-    bytes_per_press: int  # of memory, while it is under way
+    bytes_per_press: int  # memory of a press under way
     output_vertices: int
     surface_vertices: int
     material: Material
@@ -54,11 +54,11 @@ class SensorPreview:
 
 @dataclass(frozen=True)
 class Preview:
-    """Counts and estimates; `seconds` is of one core (or GPU)."""
+    """Counts and estimates of a job; `seconds` are those of one core (or GPU)."""
 
     trajectories: int
-    contacts: int  # that were sampled, and fit
-    refused: int  # that fit but for the gel that an indenter would leave, and were drawn again
+    contacts: int  # sampled contacts that fit
+    refused: int  # contacts drawn again because an indenter would leave too little gel
     indenters: int
     samples: int
     shards: int
@@ -66,14 +66,14 @@ class Preview:
     bytes_source: str
     seconds: float
     seconds_source: str
-    at_once: int  # presses under way on one device
+    at_once: int  # presses at a time on one device
     sensors: list[SensorPreview]
 
 
 def preview(job: Job, device: str = "cpu") -> Preview:
     """Load every indenter and sensor, sample contacts and make the scenes, but solve nothing.
 
-    Raises `InputError` where a run would, but for contacts beyond the first `MOST_CONTACTS`.
+    Raises every `InputError` of the run, except for contacts beyond the first `MOST_CONTACTS`.
     """
     start_warp()
     indenters = chosen_indenters(job)
@@ -119,7 +119,7 @@ def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Ind
 
 
 def _bytes(job: Job, sensors: list[SensorPreview]) -> float:
-    """Bytes that tasks will write; only displacements count as compressed."""
+    """Estimate the bytes that tasks will write. Only displacements count as compressed."""
     arrays = written_arrays(
         job,
         {sensor.name: sensor.output_vertices for sensor in sensors},

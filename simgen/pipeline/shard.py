@@ -1,7 +1,7 @@
-"""One task: press the indenters of some shards into every sensor and write the shards.
+"""A task of a run: press the indenters of some shards into every sensor, and write the shards.
 
-A worker process makes the scene of a sensor once and keeps it between tasks. The tasks of a worker with several threads
-share it (see ``pool``). What one sensor made is written while others are solved.
+A worker process makes the scene of a sensor once and keeps it between tasks. Threads of a worker share it (see
+`simgen.simulation.pool`). Results of one sensor are written while the next sensor is solved.
 """
 
 import json
@@ -40,9 +40,8 @@ from simgen.simulation.press import PressResult, Scene
 class Presser(Protocol):
     """Presses one sensor along the job's path.
 
-    indenters (b,): indices; poses (b, 4, 4) m, in the sensor's frame; steps (b,): how many points of the path each
-    press may reach, all by default. Returns one result each, in their order; they may be under way until it is
-    iterated.
+    indenters (b,): indices; poses (b, 4, 4) m, in the sensor's frame; steps (b,): number of steps of the path that
+    each press may reach, all by default. Returns one result for each press, in order. Iterating waits for the results.
     """
 
     def __call__(
@@ -50,20 +49,19 @@ class Presser(Protocol):
     ) -> Iterable[PressResult]: ...
 
 
-# Of what this process has loaded: the files may change while a worker lives, what it runs does not.
-LOADED = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
-WRITTEN_AT_ONCE = min(16, os.cpu_count() or 1)  # shards: each takes 0.2 s of a core and 0.1 GB a sensor
+# Versions at the start of the process: files may change while a worker lives, its loaded code does not.
+LOADED_VERSIONS = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
+WRITTEN_AT_ONCE = min(16, os.cpu_count() or 1)  # shards; each takes 0.2 s of a core and 0.1 GB for a sensor
 
 
 @dataclass(frozen=True)
 class ShardReport:
     """Outcome of one shard; an `error` means that nothing was written.
 
-    Samples of all sensors are counted: those that `failed`, that were not pressed as `planned`, and that converged with
-    an element `inside_out`.
-
-    `seconds` is the shard's share in those of its task, from the first press to the last file. Tasks of a worker with
-    several threads overlap.
+    failed, planned, inside_out : samples of all sensors that failed, that were not pressed, as planned, and that
+        converged with an element inside out
+    seconds : the shard's share of its task's time, from the first press to the last file. Tasks of threads overlap
+    errno : the operating system's number of the error, if there is one
     """
 
     shard: int
@@ -75,23 +73,23 @@ class ShardReport:
     seconds_by_sensor: dict[str, float] | None = None
     host: str = ""
     error: str | None = None
-    errno: int | None = None  # of the operating system, if the error has one
+    errno: int | None = None
 
 
 @cache
 def _sensor(job: Job, name: str) -> Sensor:
-    """A sensor as it was when `_inputs` looked: to cut its regions and place its core takes a second."""
+    """A sensor, loaded once: that takes a second."""
     return chosen_sensor(job, name)
 
 
 @cache
 def _indenters(job: Job) -> list[Indenter]:
-    """The job's indenters as they were when `_inputs` looked."""
+    """The job's indenters, loaded once."""
     return chosen_indenters(job)
 
 
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
-    """Presses of one sensor by finite elements. Its scene is made once and serves all presses."""
+    """Make the presser of one sensor by finite elements. One scene serves all presses."""
     start_warp()
     load_kernels(device)
     sensor = _sensor(job, sensor_name)
@@ -115,15 +113,15 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
 def _presser(
     build: Callable[[Job, str, str], Presser], job: Job, sensor: str, device: str, inputs: str
 ) -> Presser:
-    """One presser per sensor, worker process and inputs, kept between tasks."""
+    """The presser of a sensor, kept between tasks while `inputs` are the same."""
     return build(job, sensor, device)
 
 
 @lru_cache(maxsize=1)
 def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
-    """What `_sensor` and `_indenters` hold, and the code that will press, as JSON of the dataset's attributes."""
+    """Identities of the loaded sensors, indenters, code and packages, as JSON of the dataset's attributes."""
     own = {
-        **LOADED,
+        **LOADED_VERSIONS,
         "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
         "indenters": indenter_identities(_indenters(job)),
     }
@@ -131,17 +129,17 @@ def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
 
 
 def recorded_inputs(attributes: Mapping[str, Any]) -> str:
-    """What `_inputs` was where the dataset was planned, from the attributes of the dataset."""
+    """The result of `_inputs` at the time of the plan, from the attributes of the dataset."""
     own = {key: attributes[key] for key in ("sensors", "indenters", "packages")}
-    code = {key: attributes["code"][key] for key in LOADED["code"]}  # a checkout and a wheel may be the same
+    code = {key: attributes["code"][key] for key in LOADED_VERSIONS["code"]}  # without the commit, which a wheel lacks
     return json.dumps({**own, "code": code}, sort_keys=True)
 
 
 def _check_inputs(job: Job, recorded: str) -> None:
-    """Raises `InputError` where a sensor, an indenter, a package or the code is another one here than in the dataset.
+    """Raise `InputError` if a sensor, an indenter, a package or the code here differs from the dataset's.
 
-    `recorded` as by `recorded_inputs`. Machines may have other files and versions, and do have other meshes if each
-    made them for itself: fTetWild does not make the same mesh twice.
+    `recorded` is the result of `recorded_inputs`. Other machines may have other files and versions. Each has other
+    meshes if it made them itself, because fTetWild never makes the same mesh twice.
     """
     sensors = tuple(json.loads(recorded)["sensors"])
     if _inputs(job, sensors) != recorded:
@@ -157,9 +155,10 @@ def _check_inputs(job: Job, recorded: str) -> None:
 
 @dataclass(frozen=True)
 class PlannedPresses:
-    """The plan of all presses of a dataset: arrays by press, poses (press, 4, 4) m.
+    """The planned presses of a dataset.
 
-    sensor_pose, steps : by sensor; no steps where the job does not stop presses early
+    indenter (press,); contact_pose and each sensor_pose (press, 4, 4) m; steps (press,) by sensor, or none if the job
+    does not stop presses early
     """
 
     dataset: Dataset
@@ -173,7 +172,7 @@ _READING = threading.Lock()
 
 
 def _planned(path: Path, job: Job) -> PlannedPresses:
-    """Read the plan once for all tasks of this process: hundreds of them may begin at the same time."""
+    """Read the plan once for all tasks of this process: hundreds may begin at the same time."""
     found = os.stat(file) if (file := path / "zarr.json").is_file() else None
     with _READING:
         return _read_plan(path, job, found and (found.st_ino, found.st_mtime_ns))
@@ -181,7 +180,7 @@ def _planned(path: Path, job: Job) -> PlannedPresses:
 
 @lru_cache(maxsize=1)
 def _read_plan(path: Path, job: Job, version: tuple[int, int] | None) -> PlannedPresses:
-    """The plan of a job's dataset whose description has this inode and time of change."""
+    """Read the plan; `version` is the inode and time of change of its zarr.json."""
     dataset = Dataset(path)
     poses = {sensor: dataset.root[f"{sensor}/pose"][:] for sensor in dataset.sensors}
     steps = {sensor: dataset[f"{sensor}/pressable_steps"] for sensor in dataset.sensors if dataset.job.stops_early}
@@ -191,9 +190,9 @@ def _read_plan(path: Path, job: Job, version: tuple[int, int] | None) -> Planned
 
 
 def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
-    """Make all pressers of a job, which its tasks then find: their sensors and scenes, and most kernels.
+    """Make all pressers of a job before its tasks: sensors, scenes, and most kernels.
 
-    A GPU's kernels are compiled while sensors are loaded.
+    A GPU's kernels compile while sensors load.
     """
     start_warp()
     with DEVICE, ThreadPoolExecutor(1) as beside:
@@ -205,10 +204,10 @@ def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = f
 
 
 def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=fem_presser) -> list[ShardReport]:
-    """Solve all presses of some shards on every sensor and write them.
+    """Solve all presses of some shards on every sensor, and write the shards.
 
-    Raises `InputError` where this process sees other sensors or indenters than those of the dataset. What cannot be
-    written of one shard alone stands in its report.
+    Raises `InputError` if this process has other sensors or indenters than the dataset. If one shard cannot be written,
+    its report says why.
     """
     plan = _planned(path, job)
     dataset = plan.dataset
@@ -219,14 +218,14 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
             _solve(plan, writers, job, device, build)
             put_shards_in_place(dataset, writers)
         except BaseException:
-            threads.shutdown(cancel_futures=True)  # nobody will use what waits to be written
+            threads.shutdown(cancel_futures=True)  # files that wait to be written are of no use
             raise
     share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
     return [_report(writer, share) for writer in writers]
 
 
 def _solve(plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, device: str, build) -> None:
-    """Press all shards' indenters into every sensor, and give each shard's writer what came of it."""
+    """Press all shards' indenters into every sensor, and pass the results to the shards' writers."""
     dataset, rows = plan.dataset, np.concatenate([writer.presses for writer in writers])
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose, indenters = plan.contact_pose[rows], plan.indenter[rows].tolist()
@@ -244,7 +243,7 @@ def _solve(plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, devic
         for writer, end in zip(writers, ends, strict=True):
             own = slice(end - len(writer.presses), end)
             writer.take(sensor, results[own], contact_pose[own])
-        del results  # gigabytes, of which each shard lets go when it has written them
+        del results  # gigabytes: each writer frees its own part
 
 
 def _report(writer: ShardWriter, seconds_per_press: float) -> ShardReport:
