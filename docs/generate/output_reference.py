@@ -1,32 +1,46 @@
-"""Generator of the table in docs/dataset.md: ``python docs/generate/output_reference.py``. A test compares."""
+"""Write the tables of outputs in docs/dataset.md: ``python docs/generate/output_reference.py``. A test compares."""
 
 from pathlib import Path
 
-from simgen.config.outputs import OUTPUTS, SURFACE_VERTEX, VERTEX
+from simgen.config.outputs import CERTIFICATE, OUTPUTS
 
 PAGE = Path(__file__).parents[1] / "dataset.md"
-BEGIN, END = "<!-- printed by docs/generate/output_reference.py -->\n", "<!-- end of what is printed -->\n"
 KEPT = {"always": "always", "with fluid": "with a fluid", "with legs": "with legs, or on request",
         "on request": "on request"}  # fmt: skip
-AXES = {VERTEX: "vertex", SURFACE_VERTEX: "surface vertex"}
 
 
-def table() -> str:
-    """A Markdown table with one row for each output."""
+def outputs() -> str:
+    """A Markdown table with a row for each output that is no certificate."""
     rows = ["| `<sensor>/...` | shape of a sample | type | unit | meaning | kept |", "|---|---|---|---|---|---|"]
     for output in OUTPUTS:
-        shape = ", ".join(AXES.get(axis, str(axis)) for axis in output.shape) or "scalar"
-        dtype = "int16 or float32" if output.name == "displacement" else output.dtype
-        about = output.about.replace("|", "\\|")
-        rows.append(f"| `{output.name}` | {shape} | {dtype} | {output.unit} | {about} | {KEPT[output.kept]} |")
-    return "\n".join(rows) + "\n"
+        if not output.is_certificate:
+            shape = ", ".join(map(str, output.shape)) or "scalar"
+            dtype = "int16 or float32" if output.name == "displacement" else output.dtype
+            cells = f"`{output.name}`", shape, dtype, output.unit, output.about, KEPT[output.kept]
+            rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
 
 
-def page_with_table(text: str) -> str:
-    """Replace the table in the page's text."""
-    before, _, rest = text.partition(BEGIN)
-    return f"{before}{BEGIN}\n{table()}\n{END}{rest.partition(END)[2]}"
+def certificates() -> str:
+    """A Markdown table with a row for each certificate."""
+    rows = [f"| `<sensor>/{CERTIFICATE}...` | type | meaning | what it tells |", "|---|---|---|---|"]
+    for output in OUTPUTS:
+        if output.is_certificate:
+            about, name = output.about.replace("|", "\\|"), output.name.removeprefix(CERTIFICATE)
+            only = "" if output.kept == "always" else f" (only {KEPT[output.kept]})"
+            rows.append(f"| `{name}` | {output.dtype} | {about}{only} | {output.note} |")
+    return "\n".join(rows)
+
+
+def page_with_tables(text: str) -> str:
+    """The page's text with the tables in their places."""
+    for table in (outputs, certificates):
+        name = table.__name__
+        first, last = f"<!-- {name}: printed by docs/generate/output_reference.py -->", f"<!-- /{name} -->"
+        before, _, rest = text.partition(first)
+        text = f"{before}{first}\n\n{table()}\n\n{last}{rest.partition(last)[2]}"
+    return text
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page_with_table(PAGE.read_text()))
+    PAGE.write_text(page_with_tables(PAGE.read_text()))

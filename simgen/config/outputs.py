@@ -19,9 +19,11 @@ class Output:
     name : name of the dataset's array ``<sensor>/<name>``; a certificate's begins with ``certificate/``
     shape : shape of one sample; `VERTEX` and `SURFACE_VERTEX` stand for the number of vertices
     dtype : type in the dataset
-    unit : unit in the dataset; empty for pure numbers
+    unit : unit in the dataset; empty for pure numbers, and for those whose meaning states it
     about : meaning
-    kept : always; with a fluid in the cavity; with legs, or on request; on request only
+    kept : "always"; "with fluid": if a fluid fills the cavity; "with legs": if the path has legs, or if the job asks;
+        "on request": if the job asks
+    note : what a value tells the reader; for the docs
     """
 
     name: str
@@ -30,6 +32,7 @@ class Output:
     unit: str
     about: str
     kept: Literal["always", "with fluid", "with legs", "on request"] = "always"
+    note: str = ""
 
     @property
     def is_optional(self) -> bool:
@@ -38,7 +41,7 @@ class Output:
 
     @property
     def is_certificate(self) -> bool:
-        """True if it measures the accuracy of a sample."""
+        """True if it measures how well the equations of a sample are solved."""
         return self.name.startswith(CERTIFICATE)
 
     @property
@@ -52,7 +55,7 @@ class Output:
         return self.at_surface or VERTEX in self.shape
 
     @property
-    def is_measured(self) -> bool:
+    def is_sensor_value(self) -> bool:
         """True for a number or vector of the whole sensor: no mesh, status or certificate."""
         return not (self.is_mesh or self.is_certificate or self.name == "status")
 
@@ -79,33 +82,46 @@ OUTPUTS = (
            "area of the surface, as it is at rest, that the indenter presses on", "on request"),
     Output("cavity_pressure", (), "float64", "Pa", "of the fluid in the cavity, above ambient", "with fluid"),
     Output("certificate/residual", (), "float64", "",
-           "out-of-balance forces over contact forces, Euclidean norms over the nodes"),
+           "out-of-balance forces over contact forces, Euclidean norms over the nodes",
+           note="how well the equations are solved; at most `residual_tolerance`"),
     Output("certificate/contact_error", (), "float64", "",
-           "relative change (L2, weighted by edges) that one more multiplier update would make"),
+           "relative change (L2, weighted by edges) that one more multiplier update would make",
+           note="how well the contact constraint holds; at most `contact_tolerance`"),
     Output("certificate/force_balance", (), "float64", "",
-           "|contact force + reaction of what is held| / |contact force|"),
-    Output("certificate/min_det_F", (), "float64", "", "least det F over the elements' quadrature points"),
+           "|contact force + reaction of what is held| / |contact force|",
+           note="Newton's third law from end to end; the audit allows 1e-3"),
+    Output("certificate/min_det_F", (), "float64", "", "least det F over the elements' quadrature points",
+           note="above 0 nothing is inverted there; far from 1 means large strains, or a mesh too coarse"),
     Output("certificate/inverted_elements", (), "int32", "",
-           "elements that are inside out somewhere, by a bound over each (conservative)"),
+           "elements that are inside out somewhere, by a bound over each (conservative)",
+           note="0: det F > 0 everywhere. Otherwise the sample has status 9: be careful with its strains"),
     Output("certificate/stabilised_elements", (), "int32", "",
-           "elements that are kept open by a strain gradient and more bulk stiffness"),
+           "elements that are kept open by a strain gradient and more bulk stiffness",
+           note="0: the plain equations. Some hundreds: a deep press under an edge; see [physics](physics.md#solver)"),
     Output("certificate/rms_penetration_m", (), "float64", "",
-           "root mean square pointwise penetration over the contact area, m"),
-    Output("certificate/max_penetration_m", (), "float64", "", "largest pointwise penetration, m"),
-    Output("certificate/newton_iterations", (), "int32", "", "Newton iterations of this depth, all sub-steps"),
-    Output("certificate/krylov_iterations", (), "int32", "", "iterations of the linear solver of this depth"),
+           "root mean square pointwise penetration over the contact area, m",
+           note="distance between the surfaces of gel and indenter, in both directions"),
+    Output("certificate/max_penetration_m", (), "float64", "", "largest pointwise penetration, m",
+           note="contact that the mesh does not resolve"),
+    Output("certificate/newton_iterations", (), "int32", "", "Newton iterations of this depth, all sub-steps",
+           note="effort"),
+    Output("certificate/krylov_iterations", (), "int32", "", "iterations of the linear solver of this depth",
+           note="effort"),
     Output("certificate/substeps", (), "int32", "",
-           "load increments attempted from the depth before, failed ones included"),
+           "load increments attempted from the depth before, failed ones included",
+           note="more than one for each 0.25 mm: this depth was hard"),
     Output("certificate/damping", (), "float64", "",
-           "largest damping of the tangent, over mu: forces and displacements are not damped"),
+           "largest damping of the tangent, over mu: forces and displacements are not damped",
+           note="above 0: this depth was hard"),
     Output("certificate/liquid_volume_error", (), "float64", "",
-           "change of the fluid's volume / volume of the cavity", "with fluid"),
+           "change of the fluid's volume / volume of the cavity", "with fluid",
+           note="the audit allows 1e-6"),
 )  # fmt: skip
 
 BY_NAME = {output.name: output for output in OUTPUTS}
 OPTIONAL = tuple(output.name for output in OUTPUTS if output.is_optional)  # a job may ask for these
 AT_SURFACE = tuple(output.name for output in OUTPUTS if output.at_surface)
-MEASURED = tuple(output.name for output in OUTPUTS if output.is_measured)
+SENSOR_VALUES = tuple(output.name for output in OUTPUTS if output.is_sensor_value)
 
 
 def kept_outputs(fluid: bool, legs: bool, asked: tuple[str, ...] = ()) -> Iterator[Output]:

@@ -42,8 +42,10 @@ class SolverSettings(StrictSection):
         20.0, ge=0.1, le=1e3, description="k edge / E of the augmented Lagrangian in the tangential direction"
     )
     max_newton_iterations: int = Field(
-        25, ge=1, le=1000, description="Most Newton iterations of a load step; a step that needs more is halved"
-    )
+        25, ge=1, le=1000,
+        description="Newton iterations of an undamped load step; a step that needs more is halved. A damped step may take "
+        "160",
+    )  # fmt: skip
     smallest_substep: float = Field(
         1 / 64, gt=0.0, le=1.0,
         description="Smallest load step, as a share of the distance between stored depths, or of the longest load step",

@@ -194,7 +194,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         return dataset[f"{sensor}/certificate/{key}"]
 
     for output in dataset.job.kept_outputs(sensor):
-        if output.is_measured or output.at_surface:
+        if output.is_sensor_value or output.at_surface:
             finite = _finite(dataset, f"{sensor}/{output.name}", output.at_surface, converged.shape)
             yield named(sensor, f"{output.name} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("min_det_F")

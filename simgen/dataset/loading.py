@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from simgen.config.outputs import AT_SURFACE, MEASURED
+from simgen.config.outputs import AT_SURFACE, SENSOR_VALUES
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS, leave_out
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values, is_valid
 
-SENSOR_COLUMNS = (*MEASURED, "stated_depth")  # those that the dataset has
+SENSOR_COLUMNS = (*SENSOR_VALUES, "stated_depth")  # those that the dataset has
 
 
 def load_dataset(

@@ -25,9 +25,9 @@ class ConvergedContacts:
 
 def contacts_on(dataset: Dataset, sensor: str) -> ConvergedContacts:
     """Find the contacts of trajectories with a converged sample on a sensor."""
-    there = dataset["press/trajectory"][depths_reached(dataset, sensor) > 0]
+    converged = dataset["press/trajectory"][depths_reached(dataset, sensor) > 0]
     trajectories, first = np.unique(dataset["press/trajectory"], return_index=True)
-    keep = np.isin(trajectories, there)
+    keep = np.isin(trajectories, converged)
     first = first[keep]
     pose = dataset[f"{sensor}/pose"][first]
     points = dataset["press/contact_pose"][first][:, :3, 3] - pose[:, :3, 3]
@@ -41,7 +41,8 @@ def contacts_on(dataset: Dataset, sensor: str) -> ConvergedContacts:
 class Coverage:
     """Distances to the nearest contact.
 
-    area : m2, touchable
+    contacts : number of contacts
+    area : m2, of the touchable surface
     distance : (n,) m, straight line from each touchable point to its nearest contact
     median, percentile_95 : m, of the distance, weighted by area
     """

@@ -81,10 +81,10 @@ class Scene:
         self.unknowns = self.solver.n_unknowns
         if self.core_contact is not None:
             core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0, device=device)
-            self.core_contact.set_shapes([core], count_overlap_as_touching=self.solver.x)
+            self.core_contact.set_shapes([core], touching_state=self.solver.x)
         if self.support_contact is not None:
             support = sensor.support.shape(device)
-            self.support_contact.set_shapes([support], count_overlap_as_touching=self.solver.x)
+            self.support_contact.set_shapes([support], touching_state=self.solver.x)
         # Held vertices do not move. At the edge of a held region the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
         self.to_output = free @ interpolation_matrix(mesh, sensor.output_points)

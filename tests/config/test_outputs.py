@@ -11,7 +11,7 @@ def test_names_are_unique_and_types_can_hold_what_is_missing():
 
 def test_an_output_is_a_mesh_a_measurement_a_certificate_or_the_status():
     for output in OUTPUTS:
-        kinds = [output.is_mesh, output.is_measured, output.is_certificate, output.name == "status"]
+        kinds = [output.is_mesh, output.is_sensor_value, output.is_certificate, output.name == "status"]
         assert sum(kinds) == 1, output.name
 
 

@@ -1,7 +1,7 @@
 """Contact of one surface with one rigid shape per environment, as a term of the solver.
 
-The touchable surface meets the indenter, the BioTac's inner skin its core, the DIGIT's rim the plate below it. The
-formulas are in ``traction.py``.
+A scene has up to three contacts: of the touchable surface with the indenter, of the BioTac's inner skin with its core,
+and of the DIGIT's rim with the plate below it. The formulas are in ``traction.py``.
 """
 
 from __future__ import annotations
@@ -114,16 +114,16 @@ class Contact:
         self._least, self._largest = zeros(n_env), zeros(n_env)
         self._start_rotation, self._start_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
         self._saved = [wp.zeros_like(array) for array in self._history()]
-        self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # start of the last increment that was kept
+        self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # at the last converged increment's start
 
     def _launch(self, kernel, inputs, outputs, rows: int | tuple[int, ...] = 0):
         batch_arrays.launch(kernel, rows or len(self.host_faces), [self.surface, *inputs], outputs)
 
-    def set_shapes(self, shapes: list[RigidShape], count_overlap_as_touching: wp.array | None = None):
+    def set_shapes(self, shapes: list[RigidShape], touching_state: wp.array | None = None):
         """Set rigid shapes, one for each environment or (until :meth:`choose`) one for all; forget all tractions.
 
-        In the state ``count_overlap_as_touching``, overlap counts as gap 0: at rest a skin may lie on its core to
-        within the accuracy of both meshes.
+        Where the surface overlaps the shape in ``touching_state``, the gap there counts as 0: at rest a skin may lie on
+        its core to within the accuracy of both meshes.
         """
         s = self.surface
         s.rigid = shape_array(shapes, self.device)
@@ -132,8 +132,8 @@ class Contact:
         s.tangential.zero_()
         self._is_candidate.zero_()
         s.gap_offset.zero_()
-        if count_overlap_as_touching is not None:
-            overlap = np.maximum(-self.gap(count_overlap_as_touching)[:, :, 0], 0.0)
+        if touching_state is not None:
+            overlap = np.maximum(-self.gap(touching_state)[:, :, 0], 0.0)
             s.gap_offset = wp.array(overlap, dtype=wp.float64, device=self.device)
 
     def choose(self, shape_of: np.ndarray):
@@ -159,8 +159,8 @@ class Contact:
     def begin_increment(self, x_start, x_predicted, start_poses, poses, travel: np.ndarray):
         """Start an increment of the active environments at ``x_start`` and ``start_poses``, and save the tractions.
 
-        Points enter contact on the path to ``x_predicted``. They end at most ``travel`` (env,) mm from there. The
-        shapes move to ``poses`` in all environments.
+        A point may enter contact anywhere between ``x_start`` and ``x_predicted``. It ends at most ``travel`` (env,) mm
+        from its place in ``x_predicted``. The shapes move to ``poses`` in all environments.
         """
         for array, saved in zip(self._history(), self._saved, strict=True):
             batch_arrays.copy(array, self.active, saved)
@@ -187,7 +187,7 @@ class Contact:
         batch_arrays.copy(self._stiffening, self.active, self.surface.stiffening)
 
     def extrapolate(self, factor: np.ndarray):
-        """Extrapolate the active environments' multipliers by ``factor`` (env,) times their last kept change."""
+        """Extrapolate the active environments' multipliers by ``factor`` (env,) times the last increment's change."""
         inputs = [*self._before, self.active.factors(factor), self.active]
         self._launch(extrapolate_kernel, inputs, [], self.n_slots)
 
@@ -219,8 +219,9 @@ class Contact:
         self._launch(contact_residual_kernel, [x, self.active], [residual_out, self._sums])
 
     def multiplier_change(self) -> wp.array:
-        """Squared L2 norms (2, env), times `edge`, on the device: of the change that an update would make at the state
-        of the last ``residual``, and of the updated multipliers.
+        """Squared L2 norms (2, env) on the device, weighted by edge length, at the state of the last ``residual``.
+
+        Row 0 has the change that an update would make, row 1 the updated multipliers.
         """
         self._change.zero_()
         inputs = [self.weights, self._sums, self.active]
@@ -261,7 +262,7 @@ class Contact:
     def add_corner_forces(self, sums: wp.array, x, first: int = 0):
         """Add the forces on the sensor at state x, distributed to `corners`, to sums (corner, 3, lane).
 
-        Divided by `corner_areas` they are tractions per rest area. Lanes are the active environments from ``first`` on.
+        Divided by `corner_areas` they are tractions per rest area. Lane j is the active environment ``first + j``.
         """
         dim, inputs = (len(self.host_faces), sums.shape[2]), [self.surface, x, self.active.numbers, first]
         wp.launch(corner_forces_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.device)
@@ -277,10 +278,10 @@ class Contact:
         return tuple(map(np.copy, read(self._least, self._largest)))
 
     def room(self, x, dense: wp.array, other: Contact) -> np.ndarray:
-        """Least distance (env,) mm from another contact's shape minus the overlap, at points that overlap this shape.
+        """Least gel (env,) mm that is left between this contact's shape, where points overlap it, and another's shape.
 
-        Points have the shape functions ``dense`` (point, node). The result is negative where the overlap exceeds the
-        gel that is left, and inf without overlap.
+        At a point this is the distance from the other shape minus the overlap. Points have the shape functions
+        ``dense`` (point, node). The result is negative where the shapes meet, and inf without overlap.
         """
         self._least.fill_(np.inf)
         self._launch(room_kernel, [other.surface, x, dense, self.active], [self._least])

@@ -13,8 +13,8 @@ the faces' rim. Then the force is the derivative of the volume, and its tangent 
 Continuum Mechanics*, 2nd ed., section 8.5; Rumpel and Schweizerhof, Int. J. Numer. Meth. Engng 56, 2003). On quadratic
 faces all integrands are polynomials of degree 4, which the six-point rule integrates exactly.
 
-The pressure acts on all wetted faces, also where they touch a core: a film stays between them. The contact carries what
-exceeds the fluid's pressure.
+The pressure acts on all wetted faces, also where they touch a core: the model assumes a film of fluid there. There the
+contact carries only the pressure above the fluid's.
 """
 
 from __future__ import annotations
@@ -227,7 +227,8 @@ class Cavity:
     ValueError if the faces leave an opening whose rim is free.
 
     injected : (env,) mm3, added to the fluid
-    volume : mm3, enclosed by the faces at rest. If other walls close the cavity, between the faces and their mean
+    volume : mm3, enclosed by the faces at rest. If other walls close the cavity, the volume between the faces and the
+        mean of their nodes
     """
 
     def __init__(self, element: Element, nodes, faces, fixed: np.ndarray, row: int, device, active):
@@ -284,7 +285,7 @@ class Cavity:
         return force.T.copy()
 
     def blocks(self, block_index, blocks_out, linear: bool):
-        """Add the derivative by displacements as 3 x 3 blocks between nodes; their sum over faces is symmetric."""
+        """Add the derivative by displacements as 3 x 3 blocks between nodes. Summed over faces they are symmetric."""
         self._launch(cavity_blocks_kernel, [self._pressure, self._deformed, self.active, block_index], [blocks_out])
 
 

@@ -32,8 +32,8 @@ class Law:
 
     first_piola(F, cof, metric, J, p, mu, gamma, c) : stress dpsi/dF, 3 x 3
     cauchy(F, J, p, mu, gamma, c) : Cauchy stress, 3 x 3, with F = dx/dX
-    modulus(F, cof, metric, J, p, mu, gamma, c) : struct with the tangent at a point, in single precision. Its field
-        ``cofactor`` is cof; ``metric`` is the factor of dF in dP, to which damping adds
+    modulus(F, cof, metric, J, p, mu, gamma, c) : struct that describes the tangent at a point. Its field ``cofactor``
+        is cof, and ``metric`` multiplies dF in dP; damping is added to ``metric``
     increment(dF, modulus, dp) : dP, the change of stress with dF and dp
     block(ga, gb, modulus) : 3 x 3 derivative of node a's force by node b's displacement, from shape gradients by xi
     own_block(g, modulus, volume) : `block` of a node with itself, times a volume
@@ -74,7 +74,7 @@ class Law:
 
     @classmethod
     def lam_of_shape(cls, mu: float, **constants: float) -> float:
-        """Lame's first parameter of W at rest. The volumetric part has as much less."""
+        """The part of Lame's first parameter that W contributes at rest. The volumetric part has that much less."""
         return 0.0
 
     @property

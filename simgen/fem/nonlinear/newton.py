@@ -1,7 +1,9 @@
-"""Newton's method with contact multipliers updated as it goes, in many environments that each go their own way.
+"""Newton's method with updates of the contact multipliers, for many presses at once.
 
-Every iteration solves the linearised mixed system inexactly, steps with a line search, and then updates the
-multipliers, so that both converge together (a semismooth Newton method on the augmented Lagrangian; Alart and Curnier
+Each press is one *environment*: one column of every array.
+
+Each iteration solves the linearised mixed system inexactly, steps with a line search, and updates the multipliers
+where that helps. So both converge together (a semismooth Newton method on the augmented Lagrangian; Alart and Curnier
 1991). Environments begin, converge and fail independently: each call of :meth:`NewtonSolver.iterate` carries every
 environment on by one iteration, or by one trial of its line search.
 """
@@ -26,12 +28,12 @@ from simgen.fem.nonlinear.status import Status
 wp.set_module_options({"enable_backward": False})
 
 SMALLEST_FORCE = 1e-6  # E mm2: smaller forces count as zero (1e-6 x 0.539 MPa mm2 = 0.5 uN)
-# Multipliers are updated where the residual over the load is below this number. Newton iterations of four cubes to
-# 0.4 mm on the default mesh, and of 18 smooth presses to 2 mm on the coarse one: without this bound 180 and 1,307; with
-# 1 169; with 0.5 120 and 1,331; with 0.2 120 and 1,355; with 0.02 153.
+# Multipliers are updated where the residual over the load is below this number. Newton iterations of four cubes (to
+# 0.4 mm, default mesh) and of 18 smooth presses (to 2 mm, coarse mesh): no bound: 180 and 1,307. Bound 1: 169 (cubes).
+# Bound 0.5: 120 and 1,331. Bound 0.2: 120 and 1,355. Bound 0.02: 153 (cubes).
 MULTIPLIER_UPDATE_RESIDUAL = 0.5
 UPHILL_ITERATIONS = 3  # first Newton iterations of an increment, in which a step may go uphill
-STAGNATION_LIMIT = 6  # iterations without a new least residual before an increment fails and is halved
+UNDAMPED_STAGNATION_LIMIT = 6  # iterations without a new least residual before an undamped increment fails
 
 
 def per_component(fixed: np.ndarray) -> np.ndarray:
@@ -86,7 +88,7 @@ class NewtonSolver:
             flags &= ~environments
 
     def reactions(self) -> np.ndarray:
-        """Reactions (unknowns, env) at ``x``; in rows of pressures, what the volumes lack, mm3."""
+        """Reactions (unknowns, env) at ``x``; in rows of pressures, the volume error, mm3."""
         self.mark(np.ones(self.n_env, dtype=bool))
         self.balance.measure(self.x)
         return self.balance.internal.numpy() + self.balance.surface.numpy()
@@ -117,8 +119,8 @@ class NewtonSolver:
     def iterate(self) -> np.ndarray:
         """Carry all working environments on; returns those (env,) bool that have ended, with ``increment.status``.
 
-        An environment either tries a step and, if it accepts the step, begins the next linear system, or goes on with
-        the system under way.
+        An environment is in one of two states. Either it tests a step, and begins the next linear system if it accepts
+        the step. Or it continues the linear system under way.
         """
         trying = self.working & ~self.systems.solving
         again, ended = self._try_steps(trying) if trying.any() else (trying, trying)
@@ -152,8 +154,8 @@ class NewtonSolver:
         failed = lost & ~self._at_guess & self.damping.can_increase(now.newton_iterations)
         self._at_guess &= ~taken & ~lost
         batch_arrays.copy(self.trial, self.mark(taken), self.x)
-        # Multipliers stay far from equilibrium, where an update would keep the errors of a step. They also stay once
-        # they are accurate enough, so that Newton's method ends with quadratic convergence.
+        # No update far from equilibrium: it would preserve the error of a step. None either once the multipliers are
+        # accurate enough, so that Newton's method ends with quadratic convergence.
         near = measured.residual_norm <= MULTIPLIER_UPDATE_RESIDUAL * np.maximum(measured.load_norm, SMALLEST_FORCE)
         unfinished = stepped & near & (measured.contact_error > s.contact_tolerance)
         if unfinished.any():
@@ -173,7 +175,7 @@ class NewtonSolver:
         damped = failed | ~done & self.damping.adapt(stepped, self._search.alpha, self._since_best)
         if damped.any():
             self._damp(damped)
-        stagnation, most = self.damping.limits(STAGNATION_LIMIT, s.max_newton_iterations)
+        stagnation, most = self.damping.limits(UNDAMPED_STAGNATION_LIMIT, s.max_newton_iterations)
         hopeless = (self._since_best > stagnation) | (now.newton_iterations >= most)
         onwards = taken & ~done & ~hopeless & ~damped
         self._residual_norm[onwards] = measured.residual_norm[onwards]
@@ -216,7 +218,7 @@ class NewtonSolver:
         self.systems.begin(environments, self.x, eta, self.balance.residual)
 
     def _solve_anew(self, stalled: np.ndarray) -> np.ndarray:
-        """Begin systems that stalled (env,) bool once more, with rebuilt multigrid or, if it is new, more damping.
+        """Restart linear systems that stalled (env,) bool: with a new multigrid or, if it is new, with more damping.
 
         Returns the environments (env,) bool that go on.
         """

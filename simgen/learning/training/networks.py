@@ -1,7 +1,10 @@
 """The table of networks: what `simgen train` can train, what each network learns, and which class it is.
 
-A network is one file with its class (`simgen.learning.training.network.Network`) and one entry here. This module does
-not import PyTorch, so that a job can be read without it.
+A network is one entry here. The entry names its class, a `simgen.learning.training.network.Network`, which has a file
+of its own and may serve several networks. This module does not import PyTorch, so that a job can be read without it.
+
+Names: S, M and R stand for signals, meshes and reduced models; V for a variational autoencoder; B and D for BioTac and
+DIGIT; MPN for the paper's projection network. See docs/training.md.
 """
 
 from collections.abc import Iterator, Mapping
@@ -75,7 +78,8 @@ NETWORKS: dict[str, NetworkSpec] = {
     )
 }  # fmt: skip
 
-# Ways of `simgen translate`, the default first: signals to the source's latents, these to the target's.
+# Choices of `simgen translate --way`; the first is the default. Each names two networks: from signals to the source's
+# latents, and from these to the target's latents.
 WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn")}
 
 

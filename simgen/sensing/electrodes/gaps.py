@@ -21,7 +21,8 @@ from simgen.sensors.sensor_geometry import cavity_faces, load_geometry
 
 wp.set_module_options({"enable_backward": False})
 
-# Triangles closer than this to a ray's hit at rest are tried. Presses move skin by 3 mm.
+# A ray is tested against triangles within this distance of the point where it hits the skin at rest. Presses of 2 mm
+# move the skin by at most 3 mm.
 REACH_M = 5e-3
 # Rays start this far below the electrode, so that they also hit skin that overlaps the core; the gap is then negative.
 # On coarse meshes skin overlaps the core by 0.2 mm, or 0.3 mm where facets bridge its edges. The core is 9 mm thick.
@@ -87,37 +88,37 @@ class GapGauge:
         device: str = "cpu",
     ):
         check_device(device)
-        self.device, self.electrodes = device, len(electrodes)
+        self.device, self.n_electrodes = device, len(electrodes)
         self.used, inner = np.unique(triangles, return_inverse=True)
         rest, inner = rest[self.used], inner.reshape(-1, 3)
         self._rest = self._array(rest, wp.vec3d)
         self._rays = self._array(electrodes - BELOW_M * normals, wp.vec3d), self._array(normals, wp.vec3d)
-        self._try(np.tile(inner, (self.electrodes, 1)), np.full(self.electrodes, len(inner)))
+        self._set_triangles(np.tile(inner, (self.n_electrodes, 1)), np.full(self.n_electrodes, len(inner)))
         self.rest_gap = self._measure(np.zeros((1, *rest.shape)))[0]
         if len(missed := np.flatnonzero(~np.isfinite(self.rest_gap))):
             raise InputError(f"electrode {missed[0] + 1}: no inner surface of the skin above it")
         meets = electrodes + self.rest_gap[:, None] * normals
         near = [inner[_distance_bound(rest[inner], point) <= REACH_M] for point in meets]
-        self._try(np.concatenate(near), [len(some) for some in near])
+        self._set_triangles(np.concatenate(near), [len(some) for some in near])
 
     def __call__(self, displacement: np.ndarray) -> np.ndarray:
         """Gaps (sample, electrode), m, for displacements (sample, vertex, 3), m.
 
-        Negative where skin overlaps the core, infinite where it left the ray, NaN where a displacement is NaN.
+        Negative where skin overlaps the core, infinite where the ray misses the skin, NaN where a displacement is NaN.
         """
         moved = np.asarray(displacement, dtype=np.float64)[:, self.used]
         gap = self._measure(moved)
         gap[~np.isfinite(moved).all(axis=(1, 2))] = np.nan
         return gap
 
-    def _try(self, triangles: np.ndarray, counts: np.ndarray) -> None:
-        """Set the triangles that each ray tries: ``counts`` (electrode,) of them, ray after ray."""
+    def _set_triangles(self, triangles: np.ndarray, counts: np.ndarray) -> None:
+        """Set the triangles that each ray is tested against: ``counts`` (electrode,) of them, ray after ray."""
         self._triangles = self._array(triangles, wp.vec3i)
         self._first = self._array(np.concatenate([[0], np.cumsum(counts)]), wp.int32)
 
     def _measure(self, moved: np.ndarray) -> np.ndarray:
         moved = self._array(moved, wp.vec3d)
-        gap = wp.empty((len(moved), self.electrodes), dtype=wp.float64, device=self.device)
+        gap = wp.empty((len(moved), self.n_electrodes), dtype=wp.float64, device=self.device)
         inputs = [self._rest, moved, self._triangles, self._first, *self._rays, AT_EDGE]
         wp.launch(_gap_kernel, dim=gap.shape, inputs=inputs, outputs=[gap], device=self.device)
         return gap.numpy() - BELOW_M
@@ -180,7 +181,7 @@ def gaps(dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray, dev
     """
     press, step = _checked_samples(dataset, sensor, press, step)
     gauge = gauge_of(dataset, sensor, device)
-    found = np.full((len(press), gauge.electrodes), np.nan)
+    found = np.full((len(press), gauge.n_electrodes), np.nan)
     for rows, displacement in _displacements(dataset, sensor, press, step):
         found[rows] = gauge(displacement)
     return checked_gaps(found, f"{dataset.path}/{sensor}", press, step)

@@ -14,7 +14,7 @@ def test_rest_overlap_may_count_as_touching():
     nodes, term = contact(0.0, CUBE)
     rest = state(np.zeros(3 * len(nodes)))
     term.set_pose(pose(0.0, 0.2, 0.0))
-    term.set_shapes([CUBE], count_overlap_as_touching=rest)
+    term.set_shapes([CUBE], touching_state=rest)
     np.testing.assert_allclose(term.gap(rest), 0.0, atol=1e-12)
     assert np.abs(forces(term, rest)).max() < 1e-9
 
