@@ -43,8 +43,8 @@ class SolverSettings(StrictSection):
     )
     max_newton_iterations: int = Field(
         25, ge=1, le=1000,
-        description="Newton iterations of an undamped load step; a step that needs more is halved. A damped step may take "
-        "160",
+        description="Most Newton iterations of an undamped load step; a step that needs more is halved. A damped step "
+        "may take 160",
     )  # fmt: skip
     smallest_substep: float = Field(
         1 / 64, gt=0.0, le=1.0,
