@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from simgen.config.allowed_values import allowed
 from simgen.config.strict_section import StrictSection, is_section, load_section
-from simgen.errors import InputError
+from simgen.errors import InputError, shown
 from simgen.sensors.material import Material
 
 Unit = Literal["m", "mm"]
@@ -151,13 +151,14 @@ class Dome(StrictSection):
 
 def _direction(vector: Vector) -> Vector:
     if not 1e-3 <= np.linalg.norm(vector) <= 1e3:
-        raise ValueError("a direction must have a length of 1e-3 to 1e3")
+        raise ValueError(f"{list(vector)}: a direction must have a length of 1e-3 to 1e3")
     return vector
 
 
 def _inside(file: str) -> str:
     if os.path.isabs(file) or Path(os.path.normpath(file)).parts[:1] == ("..",):
-        raise ValueError("leads out of the sensor's folder; allowed: a file in the folder or below it")
+        allowed_files = "a file in the folder or below it"
+        raise ValueError(f"{shown(repr(file))} leads out of the sensor's folder; allowed: {allowed_files}")
     return file
 
 

@@ -1,5 +1,6 @@
 """Remarks on output meshes too coarse for the camera, from the shapes pressed and the pixels that see them."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,7 +57,8 @@ def flat(edge_mm: float, **camera) -> SimpleNamespace:
     triangles = np.stack([corner, corner + 1, corner + count + 1], axis=1)
     vertices = np.column_stack([x, np.full(len(x), -3e-3), z])
     mesh = SimpleNamespace(vertices=vertices, surface_triangles=triangles, touchable=np.ones(len(x), bool))
-    return SimpleNamespace(camera=place_camera(CameraSettings(**{**CAMERA, **camera})), output_mesh=mesh)
+    settings = CameraSettings.model_validate_json(json.dumps({**CAMERA, **camera}))
+    return SimpleNamespace(camera=place_camera(settings), output_mesh=mesh)
 
 
 def test_edges_and_pixels_are_measured():

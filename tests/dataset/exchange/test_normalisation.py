@@ -54,7 +54,7 @@ def test_the_shares_of_sizes_that_make_nan(column, sensor):
         repeated = np.broadcast_to(held, (samples, len(held))).copy()
         assert (np.std(repeated, axis=0) == 0.0).any() == makes_nan[samples]
     first_that_works = int(np.flatnonzero(~makes_nan[1:])[0]) + 1
-    said = re.search(r"from ([\d,]+)\s+samples on for the DIGIT, from ([\d,]+) on for the BioTac", PART)
+    said = re.search(r"from ([\d,]+)\s+samples on for the DIGIT and from ([\d,]+) on for the BioTac", PART)
     assert number(said[column]) == first_that_works
     said = re.search(r"these are ([\d,]+) and ([\d,]+) rows", PART)
     assert trained_on(number(said[column])) == first_that_works > trained_on(number(said[column]) - 1)

@@ -105,7 +105,7 @@ def test_an_interrupt_ends_with_130_and_the_same_command_goes_on(
     finally:
         signal.signal(signal.SIGINT, before)
     assert (code, errors) == (130, "")
-    assert "stopped; the same command goes on from networks" in output
+    assert "stopped; the same command continues from networks" in output
     check_it_goes_on(with_electrodes.path, tmp_path, undisturbed)
 
 
