@@ -1,4 +1,4 @@
-"""What a material law is: its constants, and the functions that kernels call for stress and tangent.
+"""Interface of a material law: its constants, and the functions that kernels call for stress and tangent.
 
 Every law is an energy W of the shape on top of one volumetric part, per unit of rest volume::
 

@@ -52,7 +52,7 @@ noise = partial(
 
 
 class Fit(StrictSection):
-    """How a network is trained: by Adam; the epoch with the least validation loss is kept."""
+    """Training of a network by Adam; the epoch with the least validation loss is kept."""
 
     epochs: int = epochs(300)
     batch: int = batch(128)
@@ -168,7 +168,7 @@ class RecordingFiles(StrictSection):
 
 
 class Signals(StrictSection):
-    """Where the electrodes' signals come from: the synthetic model, unless there are recordings."""
+    """Source of the electrodes' signals: the synthetic model, unless there are recordings."""
 
     synthetic: ElectrodeSettings = Field(
         ElectrodeSettings(), description="Signals of the dataset's samples by the [electrode model](electrodes.md)"

@@ -1,4 +1,4 @@
-"""What every law must fulfil: derivatives against finite differences, invariances, small strains."""
+"""Requirements on every law: derivatives against finite differences, invariances, small strains."""
 
 
 import numpy as np

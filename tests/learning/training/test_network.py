@@ -1,4 +1,4 @@
-"""What every network of the table must do: weights from the seed, a loss first, and all of it in a file."""
+"""Requirements on every network of the table: weights from the seed, a loss first, all state in one file."""
 
 import pytest
 import torch

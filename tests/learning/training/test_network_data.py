@@ -1,4 +1,4 @@
-"""What each network learns from: the right quantity, the right rows, latents of the right networks."""
+"""Data of each network: the right quantity, the right rows, latents of the right networks."""
 
 import pytest
 import torch
