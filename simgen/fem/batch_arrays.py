@@ -22,7 +22,7 @@ Scalars, Indices = wp.array(dtype=wp.float64), wp.array(dtype=wp.int32)  # one f
 Envs = Indices  # numbers of the active environments, see `ActiveEnvironments`
 IndexTable = wp.array2d(dtype=wp.int32)
 
-FEW = 4  # a list with less than one in so many environments is short
+FEW = 4  # few environments are active if they are at most one in so many
 
 
 @wp.kernel
@@ -41,7 +41,7 @@ def clear_kernel(active: Envs, cleared_out: wp.array2d(dtype=Any)):
         cleared_out[i, env] = cleared_out.dtype(0.0)
 
 
-for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a later kind would compile the module again
+for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a type added later would compile the module again
     wp.overload(copy_kernel, {"source": wp.array2d(dtype=_kind), "copy_out": wp.array2d(dtype=_kind)})
     wp.overload(clear_kernel, {"cleared_out": wp.array2d(dtype=_kind)})
 

@@ -1,8 +1,8 @@
 """Arrays of 3 x 3 blocks for each environment, in tiles of environments: (tile, row, place in the tile).
 
 Block k lies in the rows 9 k to 9 k + 8. The threads of a GPU's warp, which are environments, then read neighbouring
-numbers, and one warp's part of a matrix lies together. Without tiles, rows of 512 environments lay 2 kB apart and the
-linear multigrid ran at half of the memory's speed (265 us a smoothing step, in tiles 189, one H200).
+numbers, and one warp's part of a matrix lies together. Without tiles, rows of 512 environments lie 2 kB apart and the
+linear multigrid runs at half of the memory's speed (265 us per smoothing step, 189 us with tiles, one H200).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ Blocks = wp.array3d(dtype=wp.float32)
 
 
 def zeros(n_blocks: int, n_env: int, device) -> wp.array:
+    """Array for ``n_blocks`` blocks in each of ``n_env`` environments, all zero."""
     return wp.zeros((-(-n_env // TILE), 9 * n_blocks, min(n_env, TILE)), dtype=wp.float32, device=device)
 
 

@@ -33,7 +33,7 @@ class Queue:
             first = not self._turns
             self._turns.append(turn)
         if not first:
-            turn.acquire()  # until the one before lets go
+            turn.acquire()  # until the thread before releases the lock
         self._owner = threading.get_ident()
 
     def __exit__(self, *error):
@@ -76,7 +76,7 @@ large_kernel = partial(wp.kernel, module="unique", enable_backward=False)
 def load_kernels(device: str):
     """Compile the kernels of all imported modules for a GPU, as many modules at once as there are cores.
 
-    Otherwise Warp compiles one module after the other, when it first launches a kernel of it.
+    Otherwise Warp compiles one module after the other, when it first launches one of its kernels.
     """
     if not wp.get_device(device).is_cpu:
         wp.force_load(device, max_workers=os.cpu_count())
@@ -85,7 +85,7 @@ def load_kernels(device: str):
 def read(*arrays) -> list[np.ndarray]:
     """Copy arrays of one device to the host; on a CPU these are views.
 
-    Other threads may use the device until the kernels before have ended. They must not change this thread's arrays.
+    Until the kernels launched before have ended, other threads may use the device, but not change this thread's arrays.
     """
     if DEVICE.mine:
         _wait_for(arrays[0].device)

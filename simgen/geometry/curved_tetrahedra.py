@@ -16,7 +16,7 @@ from simgen.geometry.interpolation import TET_EDGES, geometry_jacobian
 from simgen.geometry.surface import ClosestPoint, patches_at, smooth_patches
 from simgen.geometry.tetrahedra import TET_FACES, TRIANGLE_EDGES, boundary_triangles, signed_volumes
 
-FREE, HELD, CORE = 0, 1, 2  # regions of the true surface: touchable, held, facing the rigid core
+FREE, HELD, CORE = 0, 1, 2  # regions of the true surface: touchable, held (fixed), facing the rigid core
 ROUNDS = 30  # alternating projections
 
 
@@ -70,8 +70,9 @@ class LabelledSurface:
         return float(self.surface.area_faces[self.region == region].sum())
 
     def project(self, points: np.ndarray, patches: list[tuple[int, ...]], limit: float) -> np.ndarray:
-        """Points (n, 3) projected onto all of their patches; where that moves one by more than ``limit`` (m), onto the
-        nearest face.
+        """Project points (n, 3) m onto all of their patches.
+
+        A point that this would move by more than ``limit`` (m) is projected onto the nearest face instead.
         """
         on = np.array(points)
         members = defaultdict(list)

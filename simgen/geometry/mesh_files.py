@@ -115,7 +115,7 @@ def closed_surface(points: np.ndarray, faces: np.ndarray, path: Path) -> trimesh
     surface.merge_vertices(merge_norm=True, merge_tex=True)
     surface.remove_unreferenced_vertices()
     if not surface.is_watertight:
-        raise InputError(f"{path}: the surface is open (an edge joins other than two faces), it must be closed")
+        raise InputError(f"{path}: the surface is open (an edge does not join exactly two faces), it must be closed")
     if not surface.is_winding_consistent or enclosed_volume(surface.vertices, surface.faces) < 0:
         surface.fix_normals(multibody=True)
     return surface

@@ -11,7 +11,7 @@ import numpy as np
 from simgen.geometry.mesh_quality import mean_ratio
 
 # Distances from a corner to the crossing, as shares of the mesh edge:
-NEAR = 0.3  # the corner may move to the crossing; below 1/3, where triangles have their centres
+NEAR = 0.3  # the corner may move to the crossing; below 1/3, the place of a triangle's centre
 AT = 0.02  # the corner counts as on the region's edge
 THIN = 0.15  # no tetrahedron's edge is split closer to a corner
 LEAST_SHAPE = 0.3  # mean ratio after a move or a split, at least: what fTetWild guarantees
@@ -27,7 +27,7 @@ def cut(
 
     edges: (e, 2) all edges of the surface.
     meeting: labels of the smooth patches at each vertex; two or more on a crease.
-    reach: m. A region that ends closer than this to a crease, and within `NEAR` of a mesh edge, ends at the crease.
+    reach: m. A region that ends closer to a crease than this, and than `NEAR` times the mesh edge, ends at the crease.
 
     A region narrower than a triangle is not seen between two corners.
     """

@@ -29,7 +29,7 @@ def rigid_shape(kind: Kind, *size_mm: float) -> RigidShape:
 
 
 def lateral_reach(shape: RigidShape) -> float:
-    """Largest distance of the shape from its y axis, mm; of a sampled shape: of its grid."""
+    """Largest distance of the shape, or of the grid of a sampled shape, from the y axis, mm."""
     kind, size = Kind(shape.kind), np.array(shape.size)
     if kind is Kind.SAMPLED:
         low = np.array(shape.grid_origin)
@@ -116,7 +116,8 @@ def sampled_distance(
     distance: function of points (n, 3) mm that returns distances (n,) mm.
     bounds_mm: (2, 3) bounds of the body. The grid reaches ``margin_mm`` beyond them.
 
-    Outside the grid, the distance to the grid is added. Raises InputError if it needs more than `MOST_GRID_POINTS`.
+    Outside the grid, the distance to the grid is added. Raises InputError if the grid would have more than
+    `MOST_GRID_POINTS`.
     """
     low = bounds_mm[0] - margin_mm - 2.0 * spacing_mm
     counts = grid_counts(1e-3 * np.ptp(bounds_mm, axis=0), spacing_mm, margin_mm)

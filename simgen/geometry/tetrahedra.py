@@ -82,7 +82,7 @@ def sizing_grid(low: np.ndarray, high: np.ndarray, cell: float) -> tuple[np.ndar
     tetrahedra = []
     for path in paths:
         corners = np.cumsum([0, *step[list(path)]])
-        if path in paths[3:]:  # an odd permutation turns the tetrahedron inside out
+        if path in paths[3:]:  # an odd permutation inverts the tetrahedron
             corners[[1, 2]] = corners[[2, 1]]
         tetrahedra.append(start[:, None] + corners)
     return points, np.concatenate(tetrahedra).astype(np.int32)

@@ -30,9 +30,9 @@ from simgen.units import MM_PER_M
 wp.set_module_options({"enable_backward": False})
 
 SPACING_MM = 0.25  # of the columns
-LEAST_ACROSS = 20  # columns between the axis and the rim of the widest indenter; refines them for small indenters
+LEAST_ACROSS = 20  # least columns between the axis and the widest indenter's rim: closer ones for small indenters
 STARTS_MM = 1.0  # above the highest indenter: sphere tracing begins here
-ENDS_MM = 10.0  # below the tip plane, less the widest indenter's reach: sphere tracing ends here
+ENDS_MM = 10.0  # plus the widest indenter's reach, below the tip plane: sphere tracing ends here
 STEPS, CLOSE_MM = 200, 1e-6  # of sphere tracing: most steps, tolerance
 MOST_VALUES = 4_000_000  # values of columns in memory at a time
 
@@ -138,7 +138,7 @@ def support_kernel(
 
 
 class LeastThickness:
-    """Least share of one sensor's gel that each indenter leaves.
+    """Least share of the thickness of one sensor's gel that each indenter leaves.
 
     shapes : the indenters, in the order of the results
     path : path from first touch; only its points count, not the segments between them

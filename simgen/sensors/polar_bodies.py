@@ -15,7 +15,7 @@ from simgen.units import MM
 
 
 class PolarBody:
-    """Radius about the line y = axis_y, z = 0, as an even function of the angle from -y, and of x.
+    """Radius, mm, about the line y = axis_y, z = 0, as a function of x and of the angle from -y, even in the angle.
 
     Along x, r^2 is interpolated: it is linear in x near a round tip, so the cap is round.
     """

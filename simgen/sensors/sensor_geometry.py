@@ -37,7 +37,7 @@ class SensorGeometry:
     own_vertices: np.ndarray | None  # (v, 3) of a user's tetrahedral file
     own_tetrahedra: np.ndarray | None
     core: trimesh.Trimesh | None
-    source: str  # hash of all the above
+    source: str  # hash of shape and regions, see `geometry_source`
 
     def mesh_source(self, settings: MeshSize | str) -> str:
         """Hash of the surface and the settings that a mesh is made from."""

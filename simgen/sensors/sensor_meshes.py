@@ -44,7 +44,7 @@ ATTEMPTS = 4  # fTetWild is not reproducible, and one mesh in many fails a gate
 MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 35,000
 LEAST_ENVELOPE = 1e-3  # of an edge's length
 FARTHEST = 0.02  # of the gel's longest side: largest distance of a given output mesh's vertex from the gel
-LIMIT = 5.0  # envelopes; largest move of a node onto its patches; a mid-edge node also bridges the bulge
+LIMIT = 5.0  # envelopes; largest move of a node onto its patches: mid-edge nodes also move from chord to arc
 
 
 def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:

@@ -26,8 +26,8 @@ SPACING_MM = 0.25  # of the grid of the signed distance, as for the core
 MARGIN_MM = 3.0  # of the grid around the body
 THICKNESS_MM = 5.0  # of a plate: gel beside its edge does not get below it
 RESTS_MM = 0.05  # largest gap or overlap of a gel that rests on a body
-# Largest distance from the bond, over the gel's height, of gel that is pressed onto the support: as deep as presses go
-# (`trajectories.max_indentation_ratio`). On the DIGIT 2.4 mm: its wall, its rim and a little of its dome.
+# Gel can be pressed onto the support up to this distance from the bond, over the gel's height: as deep as presses go
+# (default of `trajectories.max_indentation_ratio`). On the DIGIT 2.4 mm: its wall, its rim and a little of its dome.
 REACH = 0.6
 
 

@@ -18,8 +18,8 @@ USABLE = 0.8  # of the free memory; the rest is for meshes and kernels
 def bytes_per_press(sensor: Sensor, settings: SolverSettings | None = None) -> int:
     """Bytes of device memory that one running press takes: states, Krylov vectors, blocks, contact points.
 
-    Left out are a fluid (some percent), partly filled tiles of blocks (see ``fem.blocks``), and the sparse factors of
-    linear tetrahedra, which are in the host's memory.
+    A fluid (some percent), partly filled tiles of blocks (see ``fem.blocks``) and the sparse factors of linear
+    tetrahedra, which are in host memory, are left out.
     """
     mesh, settings = sensor.simulation_mesh, settings or SolverSettings()
     kind = ELEMENTS[settings.element]

@@ -18,9 +18,9 @@ from simgen.geometry.signed_distance import RigidShape, distance
 wp.set_module_options({"enable_backward": False})
 
 RETREAT_MM = 10.0  # the approach starts this far behind the given pose and ends as far beyond it
-ACCURACY_MM = 1e-6
+ACCURACY_MM = 1e-6  # a shape nearer than this touches
 CLOSE_MM = 0.02  # faces this near at the coarse first touch are sampled densely
-COARSE, FINE = 10, 80  # points on an edge of a face
+COARSE, FINE = 10, 80  # subdivisions of a face's edges
 THREADS = {"cpu": 1, "cuda": 64}  # per densely sampled face, which has 3,321 points
 
 
@@ -88,12 +88,15 @@ class _Approach:
             wp.zeros((len(faces), b), dtype=wp.float64, device=device) for _ in range(3)
         )
 
-    def _distance(self, travel: np.ndarray, going: np.ndarray, fine: bool, limit: np.ndarray) -> np.ndarray:
-        """Least distance (b,) mm from the surface after ``travel``, for the shapes that are going."""
+    def _distance(self, travel: np.ndarray, moving: np.ndarray, fine: bool, limit: np.ndarray) -> np.ndarray:
+        """Least distance (b,) mm from the surface after ``travel`` (b,) mm, of the shapes ``moving`` (b,) bool.
+
+        Fine sampling skips faces whose coarse distance is above ``limit`` (b,) mm.
+        """
         known, of_face = (self._of_face, self._ignored) if fine else (self._nothing, self._of_face)
         origin = self.poses[:, :3, 3] + travel[:, None] * self.poses[:, :3, 1]
         least = wp.full(len(self.poses), np.inf, dtype=wp.float64, device=self.device)
-        limit = wp.array(np.where(going, limit, -np.inf), dtype=wp.float64, device=self.device)
+        limit = wp.array(np.where(moving, limit, -np.inf), dtype=wp.float64, device=self.device)
         inputs = [*self._surface, self._points[fine], self._shapes, self._shape_of, self._rotation]
         threads = THREADS["cpu" if least.device.is_cpu else "cuda"] if fine else 1
         inputs += [wp.array(origin, dtype=vec3, device=self.device), known, limit, threads]
@@ -102,13 +105,13 @@ class _Approach:
         [least] = read(least)
         return least
 
-    def _advance(self, travel: np.ndarray, going: np.ndarray, fine: bool, limit) -> tuple[np.ndarray, np.ndarray]:
-        """Move the shapes that are going (b,) along their +y until they touch; returns travel and last distance."""
-        travel, going, least = travel.copy(), going.copy(), np.full(len(travel), np.inf)
-        while going.any():
-            least = np.where(going, self._distance(travel, going, fine, limit), least)
-            going &= (least >= ACCURACY_MM) & (travel <= RETREAT_MM)
-            travel[going] += least[going]
+    def _advance(self, travel: np.ndarray, moving: np.ndarray, fine: bool, limit) -> tuple[np.ndarray, np.ndarray]:
+        """Move the shapes ``moving`` (b,) bool along +y until they touch; returns travel and last distance, (b,) mm."""
+        travel, moving, least = travel.copy(), moving.copy(), np.full(len(travel), np.inf)
+        while moving.any():
+            least = np.where(moving, self._distance(travel, moving, fine, limit), least)
+            moving &= (least >= ACCURACY_MM) & (travel <= RETREAT_MM)
+            travel[moving] += least[moving]
         return travel, least
 
     def touch(self, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -21,12 +21,12 @@ from simgen.simulation.scene import Scene
 from simgen.simulation.state_sampler import StateSampler
 from simgen.simulation.tries import SECOND_TRY_ITERATIONS, Press, Try
 
-MAX_STEP_MM = 0.25  # load step; with friction the force depends on the path, so long steps change it
+MAX_STEP_MM = 0.25  # longest load step; with friction the force depends on the path, so long steps change it
 MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last load step
 GROWTH_DELAY = 4  # converged increments before a halved load step is doubled; a failed increment costs as much as four
 MAX_OVERLAP_RATIO = 0.25  # overlap over the face's edge; beyond it, the mesh does not resolve the contact
 MIN_OVERLAP_MM = 0.01  # an indenter that overlaps more without a force lies between the integration points
-REPEATABLE_ITERATIONS = 25  # Newton iterations; longer increments are not repeated to open inverted elements
+REPEATABLE_ITERATIONS = 25  # Newton iterations; after more, an increment is not repeated for inverted elements
 # Newton iterations since the last sample, after which a failed increment ends the try. Of the 619,193 samples of two
 # runs of the paired job (8a88ef0, 5c68dee; one H200) none took more than 951.
 MAX_ITERATIONS = 1000
@@ -130,7 +130,7 @@ class LoadStepping:
             press.seconds += (now - begin) / len(running)
 
     def _start_tries(self) -> np.ndarray:
-        """Start tries in free environments; returns which (env,) bool."""
+        """Start tries in free environments; returns the environments (env,) bool that began one."""
         fresh = np.zeros(self.scene.batch, dtype=bool)
         free = np.flatnonzero(~self.running)
         if not len(free):
@@ -202,12 +202,12 @@ class LoadStepping:
         solver.begin(starting)
 
     def _repeat(self, ended: np.ndarray) -> np.ndarray:
-        """Repeat increments that have converged to a state that cannot be kept; returns which (env,) bool.
+        """Repeat increments that have converged to a state that cannot be kept; returns their environments (env,) bool.
 
-        Inverted elements are stabilised more. Faces that overlap the indenter too far are stiffened where a sample is
-        due. An increment fails if stiffer faces do not help, or if no skin is left before the core. If a repeated
-        increment does not converge, it is solved once more from its start, and inverted elements are accepted. They
-        are also accepted after more than `REPEATABLE_ITERATIONS`.
+        Inverted elements are stabilised more. Where a sample is due, faces that overlap a rigid body too far, or that
+        leave no skin before the core, are stiffened; an increment fails if that does not help. If a repeated increment
+        does not converge, it is solved once more from its start, and inverted elements are accepted. They are also
+        accepted after `MAX_REPEATS` repeats, or more than `REPEATABLE_ITERATIONS` in one increment.
         """
         solver, out = self.solver, self.solver.increment
         converged = ended & (out.status == Status.CONVERGED)
@@ -260,7 +260,7 @@ class LoadStepping:
         failed &= ~unchecked
         if failed.any():
             self.step[failed], self._successes[failed] = (self.target - self.travelled)[failed] / 2.0, 0
-            # On a leg of few long steps the sub-steps may be as short as on the first leg.
+            # Sub-steps are compared with the leg's longest step, or with the first leg's if that is shorter.
             smallest = self.scene.settings.smallest_substep
             too_short = self.step < smallest * np.minimum(self.max_step / self._step_scale, self._max_steps[0])
             too_costly = failed & (self.cost[0] > MAX_ITERATIONS)

@@ -75,7 +75,7 @@ class State:
 
     @_cached
     def total_force(self) -> np.ndarray:
-        """(env, 3) sum of all forces on the gel, zero in equilibrium, in the solver's units."""
+        """Sum of all forces on the gel (env, 3), zero in equilibrium, in the solver's units."""
         scene, x = self.scene, self.scene.solver.x
         total = self.contact.force + self.sampler.reactions().T
         for fixed in scene.fixed_contacts:
@@ -84,18 +84,18 @@ class State:
 
     @_cached
     def cavity(self) -> tuple[np.ndarray, np.ndarray]:
-        """(env,) mm3 of fluid volume lost in the cavity, and (env,) fluid pressure over E."""
+        """Volume (env,) mm3 that the cavity has lost, and fluid pressure (env,) over E."""
         solver, row = self.scene.solver, self.scene.cavity.row
         return tuple(read(solver.balance.surface[row], solver.x[row]))
 
     @_cached
     def overlap_mm(self) -> np.ndarray:
-        """(env,) mm, deepest overlap with indenter, core and support."""
+        """Deepest overlap (env,) mm with indenter, core and support."""
         return self.sampler.overlap()[0]
 
     @_cached
     def inverted(self) -> np.ndarray:
-        """(env,) number of elements that are inverted somewhere."""
+        """Number (env,) of elements that are inverted somewhere."""
         return self.sampler.inverted_elements()
 
 
@@ -116,7 +116,7 @@ def take_samples(
 ) -> Iterator[tuple[int, PressSample]]:
     """Yield environment and sample for all environments (env,) bool that have just converged.
 
-    The solver has measured the forces of these states. poses (env, 4, 4): indenters at first touch.
+    The solver has measured the forces of these states. poses (env, 4, 4) mm: indenters at first touch.
     """
     sampler.scene.solver.mark(reached)
     environments = np.flatnonzero(reached)
@@ -150,7 +150,7 @@ for _name in Solution.__dataclass_fields__:
 
 @measurement
 def displacement(state: State) -> np.ndarray:
-    """On a CPU the array is valid until the next call."""
+    """Displacements of the output mesh's vertices. On a CPU the array is valid until the next call."""
     return state.sampler.displacements(len(state.environments))
 
 
@@ -166,8 +166,8 @@ def moment(state: State) -> np.ndarray:
 
 @measurement
 def status(state: State) -> np.ndarray:
-    inside_out = state.inverted[state.environments] > 0
-    return np.where(inside_out, Status.INSIDE_OUT, Status.CONVERGED).astype(np.int8)
+    inverted = state.inverted[state.environments] > 0
+    return np.where(inverted, Status.INSIDE_OUT, Status.CONVERGED).astype(np.int8)
 
 
 @measurement

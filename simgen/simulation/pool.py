@@ -80,7 +80,7 @@ class PendingResults:
             finally:
                 CREW.leave()
         if any(press.dropped for press in self._presses):
-            raise RuntimeError("another task of this process has failed, and its presses were solved with these")
+            raise RuntimeError("another task of this process has failed, and its presses ran together with these")
         return (result_of(self._stepping, press) for press in self._presses)
 
     @property
@@ -97,7 +97,7 @@ class Crew:
         self._asleep: dict[PendingResults, tuple[threading.Event, list[bool]]] = {}
 
     def join(self, results: PendingResults) -> bool:
-        """Join the crew and return True, or sleep until the own presses have ended and return False."""
+        """Join the crew and return True, or sleep until these results are ready and return False."""
         with self._lock:
             if self._free:
                 self._free -= 1
@@ -126,7 +126,7 @@ class Crew:
             self._asleep.pop(results)[0].set()
 
 
-BESIDE = 0.5  # a second pool runs beside the busiest one if it has this share of the busiest one's environments
+BESIDE = 0.5  # a second pool runs beside the busiest one if it uses at least this share of that one's environments
 # On a GPU two pools run at once: the kernels of one run while another thread prepares those of the other.
 CREW = Crew(2)
 

@@ -33,7 +33,7 @@ class PressResult:
         attribute: ``result.force`` is (d, 3). NaN where the press did not get that far; None for an output that the
         scene does not measure
     touch : m, travel along the press axis from the given pose to first touch; NaN without a touch
-    seconds : share of this press in the wall time of the presses that ran together
+    seconds : this press's share of the wall time of the presses that ran together
     """
 
     outputs: dict[str, np.ndarray]
@@ -77,7 +77,8 @@ def follow(
     path_m : (d, 3) m, offsets of the tip from first touch in the contact frame, which is the indenter's frame at first
         touch: +y presses, x and z shear
     turns_rad : (d,) rad, right-handed turns of the indenter about its +y; none by default
-    steps : (b,) number of points, 0 to d, after which each press ends with `Status.NO_ROOM`; all by default
+    steps : (b,) number of points, 0 to d, that each press follows; if less than d, it ends with `Status.NO_ROOM`. All
+        points by default
     max_force_n : N, along the press axis. A press ends with `Status.FORCE_LIMIT` at the first point where its force
         exceeds this; the sample there is not kept. Forces between the points are not checked
 

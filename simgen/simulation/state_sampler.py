@@ -86,7 +86,7 @@ class StateSampler:
         self._weights = [wp.array(a.astype(np.int32), dtype=wp.int32, device=device)
                          for a in (to_output.indptr, to_output.indices)]  # fmt: skip
         self._weights.append(wp.array(to_output.data, dtype=wp.float64, device=device))
-        # Thousands of presses of a GPU wait in the host's memory. Single precision halves it, at an error of 0.1 nm.
+        # Results of thousands of presses on a GPU wait in host memory. Single precision halves them; it errs by 0.1 nm.
         kind = wp.float64 if wp.get_device(device).is_cpu else wp.float32
         self._displacement = wp.zeros((batch, to_output.shape[0], 3), dtype=kind, device=device)
         self._nodes = len(scene.nodes)

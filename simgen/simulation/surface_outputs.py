@@ -47,7 +47,7 @@ class _Field:
         self._found = wp.zeros((lanes, *self.shape), dtype=wp.float32, device=device)
 
     def take(self, x, count: int) -> np.ndarray:
-        """(count, v, components) in the first ``count`` active environments."""
+        """Values (count, v, components) at vertices, in the first ``count`` active environments."""
         found, lanes = np.empty((count, *self.shape), np.float32), len(self._found)
         for first in range(0, count, lanes):
             self._sums.zero_()

@@ -10,8 +10,8 @@ from simgen.simulation.measurements import PressSample
 
 SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the first
 # Newton iterations since the last sample, after which the second try begins beside the first if an environment is free.
-# A failed press takes up to a thousand for each try, and a run ends when its last press ends. Of the paired job's 7,740
-# presses on the DIGIT about 20 need more than this for a depth (f124716, one H200).
+# Where a press fails, each try takes up to a thousand, and a run ends when its last press ends. About 20 of the paired
+# job's 7,740 presses on the DIGIT need more than this for a depth (f124716, one H200).
 SECOND_TRY_ITERATIONS = 300
 
 
@@ -53,7 +53,7 @@ class Press:
     status : how the press ended; None before
     tries : one or two; only the kept one after the press has ended
     kept : the try whose samples are the result; None before the press has ended
-    seconds : share in the wall time of the presses that ran together
+    seconds : this press's share of the wall time of the presses that ran together
     dropped : True where the result is not needed any more; the press will not end
     """
 

@@ -1,4 +1,4 @@
-"""Candidates: the faces that can touch the rigid shape in an increment. Kernels skip the others until it has ended.
+"""Candidates: the faces that can touch the rigid shape in an increment. Kernels skip all others in the increment.
 
 A face is a candidate if the distance of one of its quadrature points from the shape, at the predicted state, is less
 than the indenter's travel in the increment plus one edge, or if a multiplier at one of its corners is positive. No

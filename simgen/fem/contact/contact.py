@@ -1,7 +1,7 @@
 """Contact of one surface with one rigid shape per environment, as a term of the solver.
 
-A scene has up to three contacts: of the touchable surface with the indenter, of the BioTac's inner skin with its core,
-and of the DIGIT's rim with the plate below it. The formulas are in ``traction.py``.
+A scene has up to three contacts: of the touchable surface with the indenter, of the inner skin with the core (BioTac),
+and of free faces with the support below the gel (DIGIT). The formulas are in ``traction.py``.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Resultants(NamedTuple):
 class Contact:
     """Contact of faces (f, 6) of the rest mesh (nodes in mm) with a rigid shape per environment.
 
-    stiffness : k edge / E of normal and friction traction
+    stiffness : k times edge over E, of the normal and of the friction traction
     """
 
     def __init__(self, element: Element, nodes, faces, stiffness: tuple[float, float], friction: float, device, active):
@@ -270,7 +270,7 @@ class Contact:
     def nearest(self, x, dense: wp.array, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, node).
 
-        Also the largest overlap (env,) beyond ``at_rest`` mm, over the edge of its face; 0 without overlap.
+        Also returns the largest overlap (env,) beyond ``at_rest`` mm, over the edge of its face; 0 without overlap.
         """
         self._least.fill_(np.inf)
         self._largest.zero_()
@@ -278,10 +278,10 @@ class Contact:
         return tuple(map(np.copy, read(self._least, self._largest)))
 
     def room(self, x, dense: wp.array, other: Contact) -> np.ndarray:
-        """Least gel (env,) mm that is left between this contact's shape, where points overlap it, and another's shape.
+        """Least thickness (env,) mm of gel that is left between this contact's shape and another's.
 
-        At a point this is the distance from the other shape minus the overlap. Points have the shape functions
-        ``dense`` (point, node). The result is negative where the shapes meet, and inf without overlap.
+        It is measured at points that overlap this shape: the distance from the other shape minus the overlap. Points
+        have the shape functions ``dense`` (point, node). It is negative where the shapes meet, and inf without overlap.
         """
         self._least.fill_(np.inf)
         self._launch(room_kernel, [other.surface, x, dense, self.active], [self._least])

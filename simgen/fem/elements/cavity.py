@@ -239,7 +239,7 @@ class Cavity:
         rim = open_rim(self.host_faces)
         stays = fixed if fixed.ndim == 1 else fixed.any(axis=1)
         if not stays[rim].all():
-            raise ValueError("the cavity is open: its wetted faces have an edge of their own that is free to move")
+            raise ValueError("the cavity is open: its wetted faces have a rim that is free to move")
         corners = np.asarray(nodes)[self.host_faces]
         position = np.einsum("qa,fai->fqi", shapes, corners) - corners.mean(axis=(0, 1))
         along, across = np.einsum("qaj,fai->jfqi", gradients, corners)
@@ -290,7 +290,7 @@ class Cavity:
 
 
 def open_rim(faces: np.ndarray) -> np.ndarray:
-    """Nodes of the edges that only one of the faces (f, 6 or 3) has."""
+    """Nodes (n,) of the edges that belong to only one of the faces (f, 6 or 3)."""
     ends = np.sort(faces[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
     _, first, count = np.unique(ends, axis=0, return_index=True, return_counts=True)
     face, edge = np.divmod(first[count == 1], 3)

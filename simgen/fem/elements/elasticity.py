@@ -230,7 +230,7 @@ class Elasticity:
         self._launch(self._tangent_kernel, [self._reduced if reduced else self._single, v, self.active], [action_out])
 
     def inverted_elements(self, x) -> np.ndarray:
-        """Count the elements that are inside out somewhere at state x: (env,); see ``validity.py``."""
+        """Count the elements that are inverted somewhere at state x: (env,); see ``validity.py``."""
         self._count.zero_()
         self._launch(inside_out_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self._count])
         return self._read_count()
@@ -244,7 +244,7 @@ class Elasticity:
         self._launch(expect_kernel, [self._solid, x, self.active], [self.weight])
 
     def stabilise(self, x) -> np.ndarray:
-        """Stabilise elements that are inside out at state x, or stabilise them more; return how many: (env,)."""
+        """Double the weights of elements that are inverted at state x; return the number of raised weights (env,)."""
         self._count.zero_()
         self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, self._count])
         return self._read_count()

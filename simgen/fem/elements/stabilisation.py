@@ -1,18 +1,18 @@
-"""Stabilisation of single elements that are about to turn inside out.
+"""Stabilisation of single elements that are about to invert.
 
 Under an edge the free surface is compressed so far that a neo-Hookean solid folds into itself, at any length that the
-mesh allows (Biot's instability; Hohlfeld and Mahadevan, Phys. Rev. Lett. 106, 2011). Quadratic elements then turn
-inside out between their integration points, and a finer mesh has more such elements. Two energies keep an element open.
+mesh allows (Biot's instability; Hohlfeld and Mahadevan, Phys. Rev. Lett. 106, 2011). Quadratic elements then invert
+between their integration points, and a finer mesh has more such elements. Two energies keep an element from inverting.
 Both grow with its weight w::
 
-    w mu / 32  mean over the element of |grad u - mean of grad u|^2     (strain gradient; its length is the element's)
-    min(w mu, lam / 4) / 2  (J - 1)^2                                   (volume, pointwise)
+    w mu / 32  mean over the corners of |grad u - its mean|^2     (strain gradient; its length is the element's)
+    min(w mu, lam / 4) / 2  (J - 1)^2                             (volume, pointwise)
 
 The first is quadratic in u. It is zero for rotations and for uniform strains of any size, and vanishes as h^2 for
 smooth fields. The second raises the bulk stiffness by at most a quarter, so that compressible solids stay compressible.
 Weights start at zero and never fall during a press. An element gets a weight if it is nearly flat where a load step
-starts or is expected to end. If it is inside out where the load step has converged, its weight is doubled, and the load
-step is solved again (see ``load_stepping``).
+starts or is expected to end. If it is inverted where the load step has converged, its weight is doubled, and the load
+step is solved again (see ``load_stepping``). So is the weight of an element that is inverted where damping begins.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Detection of elements that are inside out somewhere, by a bound over the whole element.
+"""Detection of elements that are inverted somewhere, by a bound over the whole element.
 
 The geometry map x(xi) of a deformed quadratic tetrahedron has a derivative that is linear in the barycentric
 coordinates l: dx/dxi = l_0 A_0 + ... + l_3 A_3, with the matrices A_i at the corners (``element_fields.py``). Its
@@ -8,10 +8,10 @@ D(A, A, A) = det A ::
     6 D(A_i, A_j, A_k) = sum over the permutations (a, b, c) of (i, j, k) of det [A_a e_1, A_b e_2, A_c e_3]
 
 A polynomial lies in the convex hull of its coefficients, and those at the corners are its values there. So an element
-is valid if all coefficients are positive, and inside out if one at a corner is not. Otherwise it is divided into eight
+is valid if all coefficients are positive, and inverted if one at a corner is not. Otherwise it is divided into eight
 parts, and each part is tested in the same way, with means of the A_i at its corners. A part that is still undecided
-after `LEVELS` divisions counts as inside out. So an element that counts as valid is valid everywhere (Johnen, Remacle
-and Geuzaine, "Geometrical validity of curvilinear finite elements", J. Comput. Phys. 233, 2013).
+after `LEVELS` divisions counts as inverted. So an element that counts as valid is valid everywhere (Johnen, Remacle and
+Geuzaine, "Geometrical validity of curvilinear finite elements", J. Comput. Phys. 233, 2013).
 
 At rest det dX/dxi > 0 in a valid mesh; there, det F = det dx/dxi / det dX/dxi has the sign of det dx/dxi.
 """
@@ -33,7 +33,7 @@ LEVELS = 3  # divisions of undecided parts; each makes the bound four times as s
 
 
 def _parts() -> np.ndarray:
-    """Barycentric corners (8, 4, 4) of a tetrahedron's eight parts: one at each corner, four round a diagonal."""
+    """Barycentric corners (8, 4, 4) of a tetrahedron's eight parts: one at each corner, four around a diagonal."""
     corner = np.eye(4)
     middle = {frozenset(edge): corner[edge].mean(axis=0) for edge in TET_EDGES.tolist()}
 

@@ -40,7 +40,7 @@ def largest_eigenvalue(apply, n: int) -> float:
     v, size = np.random.default_rng(0).normal(size=n), 1.0
     for _ in range(POWER_STEPS):
         v = apply(v / np.sqrt((v * v).sum()))
-        size = float(np.sqrt((v * v).sum()))  # norm() rounds by its threads; bytes must not
+        size = float(np.sqrt((v * v).sum()))  # unlike norm(), rounds alike with any number of threads
         if size == 0.0:
             return 1.0
     return size

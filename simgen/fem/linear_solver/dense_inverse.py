@@ -1,9 +1,9 @@
 """Inverses of dense matrices, one for each environment, in place: Gauss-Jordan elimination by blocks of 4 x 4.
 
-Sixteen rows, a panel, are eliminated at once. A matrix does not fit into the caches of a GPU; panels read and write it
-24 times instead of 96. Matrices lie in tiles of environments, as blocks do (see ``blocks``): entry (r, c) of a matrix
-of m rows is row r m + c of a tile. There is no pivoting: the matrices are stiffnesses, positive definite or nearly so.
-Single precision is enough for a preconditioner.
+Sixteen rows, a panel, are eliminated at once. A matrix of 192 rows does not fit into the caches of a GPU; by panels it
+is read and written 12 times instead of 48. Matrices lie in tiles of environments, as blocks do (see ``blocks``): entry
+(r, c) of a matrix of m rows is row r m + c of a tile. There is no pivoting: the matrices are stiffnesses, positive
+definite or nearly so. Single precision is enough for a preconditioner.
 """
 
 from __future__ import annotations

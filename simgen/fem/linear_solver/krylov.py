@@ -88,11 +88,11 @@ class ConjugateResiduals:
     def advance(
         self, operator, preconditioner, tolerance: float, loose: float, most: int, together=False, capture=False
     ) -> np.ndarray:
-        """Carry the systems ``operator x = b`` of the active environments on by at most ``most`` iterations.
+        """Advance the systems ``operator x = b`` of the active environments by at most ``most`` iterations.
 
         ``operator(v, out)`` and ``preconditioner(v, out)`` overwrite ``out``. A system has finished when its residual
-        is ``tolerance`` times b, from iteration `STRICT_ITERATIONS` on ``loose`` times b, or after ``size`` iterations.
-        Returns the environments (env,) that have not finished; ``active`` then lists these alone.
+        over b is at most ``tolerance`` (from iteration `STRICT_ITERATIONS` on at most ``loose``), or after ``size``
+        iterations. Returns the environments (env,) bool that have not finished; ``active`` then lists these alone.
 
         together : finished systems go on with the others, down to `TIGHT`. On a GPU an iteration of half of them costs
             as much as one of all, and Newton's method profits
@@ -138,7 +138,7 @@ class ConjugateResiduals:
         return count.astype(int), relative.copy()
 
     def solve(self, operator, preconditioner, b, x_out, tolerance: float):
-        """Begin, finish and return the results of :meth:`end`, zeros for environments that were not active."""
+        """Solve from beginning to end; returns the results of :meth:`end`, 0 in environments that were not active."""
         began = self.active.numpy().copy()
         self.begin(b)
         self.advance(operator, preconditioner, tolerance, tolerance, self.size)

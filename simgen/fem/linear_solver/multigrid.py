@@ -5,8 +5,9 @@
     linear displacements           assembled blocks         Chebyshev with 3 x 3 blocks
     rigid motions of aggregates    dense inverse            -
 
-Quadratic to linear is p-multigrid (Ronquist and Patera, J. Sci. Comput. 2, 1987), below it is aggregation (see
-``aggregation`` and ``coarse_level``). The tangent changes under an indenter, so all levels are rebuilt for the state.
+Quadratic to linear is p-multigrid (Ronquist and Patera, J. Sci. Comput. 2, 1987). The coarsest level is aggregation
+(see ``aggregation`` and ``coarse_level``). The tangent changes under an indenter, so all levels are rebuilt for the
+state.
 """
 
 from __future__ import annotations

@@ -100,9 +100,9 @@ class BlockTriangular:
             self.factor.forget(environments)
 
     def switch_to_factors(self, environments: np.ndarray) -> np.ndarray:
-        """Use factors in the environments (env,) bool until :meth:`forget`; returns where that is possible.
+        """Use factors in the environments (env,) bool until :meth:`forget`; returns those (env,) bool where this works.
 
-        It is not in a batch on a GPU, which has no room for them.
+        A batch on a GPU cannot use factors: there is no room for them.
         """
         possible = environments & (self.elasticity.device == "cpu" or len(environments) == 1)
         if possible.any():

@@ -1,8 +1,8 @@
 """Functions of the volume ratio J that all laws share: psi's part -mu ln J + gamma/2 (J - 1)^2 + p (J - 1).
 
 Below J = 1/20 the logarithm is continued by its Taylor polynomial of second order, so that forces are finite where
-elements are inside out (Stomakhin, Howes, Schroeder and Teran, *Energetically consistent invertible elasticity*, SCA
-2012). Newton's method passes through such states. A sample that ends in one is marked as inside out.
+elements are inverted (Stomakhin, Howes, Schroeder and Teran, *Energetically consistent invertible elasticity*, SCA
+2012). Newton's method passes through such states. A sample that ends in one has the status *inside out*.
 """
 
 from __future__ import annotations

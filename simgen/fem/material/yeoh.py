@@ -1,9 +1,10 @@
 """Yeoh law: W = mu/2 s + C20 s^2 + C30 s^3 with s = tr F^T F - 3 (Yeoh, Rubber Chem. Technol. 66, 1993).
 
-C20 and C30 let a silicone stiffen at large strains. With both zero, this is the neo-Hookean law. As there, s comes from
-F itself and not from its isochoric part. So the volumetric part, its split and the pressure stay as they are, and W is
-a polynomial that is finite where elements are inside out. Nearly incompressible gels hardly feel the difference. At
-rest W resists a change of volume by 8 C20. lam is smaller by as much, so that E and nu are those of small strains.
+C20 and C30 let a silicone stiffen at large strains. With both zero, this is the neo-Hookean law. As in that law, s is
+computed from F itself and not from its isochoric part. So the volumetric part, its split and the pressure stay as they
+are, and W is a polynomial that is finite where elements are inverted. Nearly incompressible gels hardly feel the
+difference. At rest W resists a change of volume by 8 C20. lam is smaller by as much, so that E and nu are those of
+small strains.
 """
 
 from __future__ import annotations

@@ -47,10 +47,10 @@ class TangentDamping:
         self.used |= environments
 
     def adapt(self, taken: np.ndarray, share: np.ndarray, since_best: np.ndarray) -> np.ndarray:
-        """Reduce the damping where a whole step was taken (env,) bool, and double it where a short one was.
+        """Reduce the damping after whole steps and double it after short ones.
 
-        share (env,): of the step that was taken; since_best (env,): iterations without a new least residual. Returns
-        the environments (env,) bool that stagnate without damping.
+        taken (env,) bool: environments that took a step; share (env,): the share of it that they took; since_best
+        (env,): iterations without a new least residual. Returns the environments (env,) bool that stagnate undamped.
         """
         short = taken & (share < SHORT_STEP)
         self.eta[short] = np.minimum(2.0 * self.eta, MAX)[short]
@@ -60,5 +60,5 @@ class TangentDamping:
         return taken & (self.eta == 0.0) & (since_best >= STAGNATION_ONSET) & (self._since_raised >= STAGNATION_ONSET)
 
     def limits(self, stagnation: int, iterations: int) -> tuple[np.ndarray, np.ndarray]:
-        """Most iterations without progress, and most iterations (env,); the given ones where nothing is damped."""
+        """Limits (env,) of iterations without progress and of all iterations; the given ones without damping."""
         return np.where(self.used, STAGNATION_LIMIT, stagnation), np.where(self.used, MAX_ITERATIONS, iterations)

@@ -97,7 +97,7 @@ class StateMeasures(NamedTuple):
     work : virtual work of the residual along the step
     imbalance : resultant of the residual over the sum of the sizes of the indenter's loads, or of all loads where the
         indenter does not touch
-    min_det : least det F
+    min_det : least det F at integration points
     contact_error : relative change of the multipliers that a further update would make
     """
 
@@ -158,7 +158,7 @@ class ForceBalance:
         return StateMeasures(*(np.where(marked, *pair) for pair in zip(now, before, strict=True)))
 
     def _apply_surfaces(self, x):
-        """Add all loads at x; the sums get those of the first contact, the indenter, by themselves."""
+        """Add all loads at x; the loads of the first contact, the indenter, are also summed separately."""
         self._sums.zero_()
         nodes = self.elasticity.n_displacements // 3
         for i, term in enumerate(self._terms):

@@ -14,9 +14,9 @@ from simgen.fem.linear_solver.preconditioner import BlockTriangular
 wp.set_module_options({"enable_backward": False})
 
 # Factor on the linear tolerance after `STRICT_ITERATIONS`. Without it, the slowest environment of a batch takes twice
-# as many iterations as the mean. With it, Newton's method takes as many on the DIGIT, 9 % more on the BioTac.
+# as many Krylov iterations as the mean. It leaves Newton iterations the same on the DIGIT, and adds 9 % on the BioTac.
 LOOSE_FACTOR = 3.0
-# Krylov iterations of a batch before the environments that are solved go on: on a GPU most are solved after four.
+# Krylov iterations of a batch before solved environments take their Newton step: on a GPU most are solved after four.
 # 1,024 presses on one H200, DIGIT and BioTac: 17.0 and 21.2 s; with five 17.7 and 21.8, with six 18.2 and 21.8.
 KRYLOV_PER_ROUND = 4
 
@@ -48,7 +48,7 @@ class LinearSystems:
         # A batch does not wait for its slowest linear system.
         self._per_round = self.size if n_env == 1 else KRYLOV_PER_ROUND
         self._solve_together = n_env > 1 and not wp.get_device(device).is_cpu
-        self.solving, self._rebuilt = np.zeros((2, n_env), dtype=bool)  # _rebuilt: multigrid is that of this state
+        self.solving, self._rebuilt = np.zeros((2, n_env), dtype=bool)  # _rebuilt: multigrid is of this state
         self._last_iterations = np.zeros(n_env, dtype=np.int64)
 
     def _add_tangent(self, v, out, reduced: bool):
@@ -99,9 +99,9 @@ class LinearSystems:
         return singular
 
     def advance(self, residual) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Carry the systems under way on. Returns, each (env,), which are solved, which stalled, and iterations used.
+        """Advance the systems under way. Returns the environments (env,) bool that are solved, and that stalled.
 
-        The iterations are those of the systems that ended.
+        Also returns the iterations (env,) of the systems that ended, otherwise 0.
         """
         factored, used = self.preconditioner.factored, np.zeros_like(self._last_iterations)
         solved, missed = self._iterate(self.solving & ~factored, self._per_round, False, used)
@@ -115,9 +115,10 @@ class LinearSystems:
         return solved, missed, used
 
     def _iterate(self, wanted: np.ndarray, most: int, factored: bool, used: np.ndarray):
-        """Iterate the wanted systems (env,); returns which are solved and which missed their tolerance.
+        """Iterate the ``wanted`` systems (env,) bool, by at most ``most`` iterations.
 
-        Adds the iterations of the systems that ended to ``used`` (env,).
+        Returns the environments (env,) bool that are solved, and that missed their tolerance. Adds the iterations of
+        the systems that ended to ``used`` (env,).
         """
         if not wanted.any():
             return wanted, wanted

@@ -2,10 +2,10 @@
 
 Each press is one *environment*: one column of every array.
 
-Each iteration solves the linearised mixed system inexactly, steps with a line search, and updates the multipliers
-where that helps. So both converge together (a semismooth Newton method on the augmented Lagrangian; Alart and Curnier
-1991). Environments begin, converge and fail independently: each call of :meth:`NewtonSolver.iterate` carries every
-environment on by one iteration, or by one trial of its line search.
+Each iteration solves the linearised mixed system inexactly, steps with a line search, and updates the multipliers where
+that helps. So displacements and multipliers converge together (a semismooth Newton method on the augmented Lagrangian;
+Alart and Curnier 1991). Environments begin, converge and fail independently: each call of :meth:`NewtonSolver.iterate`
+advances every environment by one iteration, or by one trial of its line search.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class NewtonSolver:
         self.damping.begin(environments)
 
     def iterate(self) -> np.ndarray:
-        """Carry all working environments on; returns those (env,) bool that have ended, with ``increment.status``.
+        """Advance all working environments; returns those (env,) bool that have ended, with ``increment.status``.
 
         An environment is in one of two states. Either it tests a step, and begins the next linear system if it accepts
         the step. Or it continues the linear system under way.
@@ -186,7 +186,7 @@ class NewtonSolver:
     def _damp(self, environments: np.ndarray):
         """Damp the tangent more, and go on from the last accepted state.
 
-        Where damping begins, elements that are inside out are stabilised: they are what the increment got stuck at.
+        Where damping begins, inverted elements are stabilised, because they may be the cause.
         """
         begins = environments & (self.damping.eta == 0.0)
         self.damping.increase(environments)

@@ -1,6 +1,6 @@
 """Outcomes of a press at one depth, each with a sentence for users.
 
-A sample is **converged** if its forces balance, and **valid** if in addition no element is inside out. A press
+A sample is **converged** if its forces balance, and **valid** if in addition no element is inverted. A press
 **fails** where the solver finds no state, and **ends as planned** where the job or the geometry stops it.
 """
 
@@ -68,7 +68,7 @@ NOT_THERE = -1  # code of a sample that no task has written yet
 
 
 def is_valid(codes: np.ndarray) -> np.ndarray:
-    """Samples that are converged and have no element inside out, by their codes; bool of the same shape."""
+    """Samples that are converged and have no inverted element, by their codes; bool of the same shape."""
     return np.asarray(codes) == Status.CONVERGED
 
 
