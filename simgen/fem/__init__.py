@@ -25,12 +25,12 @@ p_c]``, without p_c where there is no fluid; the solver's arrays have shape ``(u
 A scene has a body (``elements.elasticity.Elasticity``), contacts (``contact.contact.Contact``) and perhaps a fluid
 (``elements.cavity.Cavity``). Each adds its forces to a residual, its tangent's action to a vector, and its tangent as
 3 x 3 blocks between nodes (for ``factor``). Body and contacts also add blocks between corners and on the diagonal (for
-``multigrid``). A contact also has ``begin_increment``, for quantities that are constant in a load step, and
+``multigrid``). A contact also has ``begin_increment``, for quantities that are constant in an increment, and
 multipliers. The fluid's pressure is an unknown like any other.
 
 States, forces and certificates are in double precision. Tangents and linear solves are in single precision: Newton's
 method corrects their errors, because its residual is in double precision.
 
-All kernels act in the environments of one list, ``active`` (env,) (see `simgen.fem.batch_arrays`).
+Kernels act in the environments of one list, ``active`` (env,) (see `simgen.fem.batch_arrays`).
 ``nonlinear.newton`` sets it before every phase.
 """

@@ -132,7 +132,7 @@ def _between(segment: int, t: float, points: np.ndarray, normals: np.ndarray) ->
 
 
 def _neighbours(ends: np.ndarray) -> np.ndarray:
-    """(s, 2, 2): the segment and its side that meet each side of each segment. ``ends`` has each id twice."""
+    """Segment and side (s, 2, 2) that each side of each segment meets. ``ends`` (s, 2) has each id twice."""
     order = np.argsort(ends.ravel(), kind="stable").reshape(-1, 2)
     partner = np.empty(ends.size, dtype=np.int64)
     partner[order[:, 0]], partner[order[:, 1]] = order[:, 1], order[:, 0]

@@ -92,7 +92,7 @@ def _nearest_in_straight(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
-    """Find the point of the mesh nearest to each of ``points`` (m, 3).
+    """Find the point of a mesh, nodes (n, 3) and tetrahedra (e, 10), nearest to each of ``points`` (m, 3).
 
     Returns its element (m,), its barycentric coordinates (m, 4) and its distance (m,) in the unit of the nodes. The
     distance is zero (to rounding) for points inside.

@@ -16,7 +16,7 @@ from simgen.errors import InputError
 from simgen.geometry.curved_tetrahedra import HELD, CurvedMesh, LabelledSurface, determinants
 from simgen.geometry.interpolation import TET_EDGES, geometry_jacobian
 from simgen.geometry.surface import enclosed_volume
-from simgen.geometry.tetrahedra import TET_FACES, boundary_triangles, signed_volumes
+from simgen.geometry.tetrahedra import TET_FACES, TRIANGLE_EDGES, boundary_triangles, signed_volumes
 
 LEAST_MEAN_RATIO = 0.15
 LEAST_DETERMINANT = 0.2  # of the geometry map, relative to the straight element's
@@ -58,14 +58,14 @@ def mean_ratio(vertices: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
 
 
 def curved_volume(nodes: np.ndarray, tetrahedra: np.ndarray) -> float:
-    """Volume of ten-node tetrahedra. The five-point rule is exact for their cubic determinant."""
+    """Volume, m3, of tetrahedra (e, 10) with nodes (n, 3) m. The five-point rule is exact for their determinant."""
     points = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 1 / 6) + np.eye(4) / 3])
     weights = np.array([-4 / 5, *[9 / 20] * 4]) / 6.0  # Zienkiewicz, The Finite Element Method
     return float((np.linalg.det(geometry_jacobian(nodes[tetrahedra][:, None], points)) @ weights).sum())
 
 
 def curved_area(nodes: np.ndarray, faces: np.ndarray) -> float:
-    """Area of six-node triangles by the three-point rule; exact for flat triangles, even with curved edges."""
+    """Area, m2, of triangles (f, 6) by the three-point rule; exact for flat triangles, even with curved edges."""
     area = 0.0
     for a, b, c in np.full((3, 3), 1 / 6) + np.eye(3) / 2:
         # Derivatives of the shape functions (corners, edges 01 12 20) by b and c.
@@ -85,7 +85,7 @@ def components(tetrahedra: np.ndarray) -> int:
 
 def boundary_topology(faces: np.ndarray) -> tuple[int, int]:
     """Number of closed shells of triangles, and number of edges that do not join exactly two triangles."""
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges = np.sort(faces[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
     _, edge, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
     return _components(edge.ravel(), np.repeat(np.arange(len(faces)), 3)), int((count != 2).sum())
 

@@ -149,7 +149,8 @@ class LeastThickness:
         self._support = None if sensor.support is None else shape_array([sensor.support.shape("cpu")])
         reach = max(map(lateral_reach, shapes))
         spacing = min(SPACING_MM, reach / LEAST_ACROSS)
-        # Moves are rounded to columns, turns to one column half way to the rim: points of fine paths share positions.
+        # Offsets are rounded to columns, and turns to one column at half the rim's radius. Points of fine paths then
+        # share positions.
         unit = np.array([spacing, spacing, 2.0 * spacing / reach])
         places = np.column_stack([path.offsets_m[:, [0, 2]] * MM_PER_M, path.turns_rad])
         places = unit * np.round(places / unit)
@@ -200,7 +201,7 @@ class LeastThickness:
         return np.where(too_deep.any(axis=2), too_deep.argmax(axis=2), len(self._path))
 
     def _least(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Least share and largest depth mm, (n, shapes, position) each, for poses in threads."""
+        """Least share, and largest depth mm that leaves ``share``: (n, shapes, position) each. Runs in threads."""
         threads = os.cpu_count() or 1  # kernels release the interpreter's lock
         at_once = MOST_VALUES // (8 * self._height.shape[2])
         size = max(1, -(-min(at_once, len(poses)) // threads))

@@ -18,7 +18,7 @@ from simgen.geometry import mesh_files
 from simgen.geometry.curved_tetrahedra import FREE, LabelledSurface
 from simgen.geometry.rigid_shape import mesh_distance, sampled_distance, sampled_shape
 from simgen.geometry.signed_distance import RigidShape
-from simgen.geometry.tetrahedra import SimulationMesh
+from simgen.geometry.tetrahedra import TRIANGLE_EDGES, SimulationMesh
 from simgen.sensors.sensor_schema import SupportPlane, SupportSettings
 from simgen.units import MM
 
@@ -136,7 +136,7 @@ def plate_under(gel: trimesh.Trimesh, plane: SupportPlane, path: Path) -> Plate:
     if not lies.any():
         allowed = f"allowed: a flat end of the gel, which ends at {plane.axis} = {low:.6g} and {high:.6g}"
         raise InputError(f"{where}: no triangle of the gel lies within {plane.within_mm:g} mm of it; {allowed}")
-    edges = np.sort(gel.faces[lies][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges = np.sort(gel.faces[lies][:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
     edges, count = np.unique(edges, axis=0, return_counts=True)
     outline = np.delete(gel.vertices[edges[count == 1]], axis, axis=2) / MM
     side = 1 if height.max() > plane.within_mm else -1

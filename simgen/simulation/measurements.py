@@ -38,7 +38,7 @@ class Solution:
 class _cached:
     """`functools.cached_property` without the lock that Python 3.11 shares among all objects.
 
-    A thread that waits for the device lets others in, so a thread with the device would wait for that lock for ever.
+    A thread may hold that lock while it waits for the device. The thread with the device would then wait for ever.
     """
 
     def __init__(self, function: Callable[[State], Any]):

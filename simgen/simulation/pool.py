@@ -1,8 +1,8 @@
 """Pools: tasks of one process share the load stepping of each sensor, so that no environment is idle.
 
-Some presses take ten times as many iterations as most. On a GPU hundreds of presses run at once. If each task had its
-own load stepping, most environments would be idle while the last presses of the task run. One or two threads advance
-the pools for all tasks, each until its own presses have ended. The other threads sleep.
+Some presses take ten times as many iterations as most. On a GPU hundreds of presses run at once, each in an environment
+of its own. If each task had its own load stepping, most environments would be idle while the last presses of the task
+run. One or two threads advance the pools for all tasks, each until its own presses have ended. The other threads sleep.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
-    turn : lock of the one thread that advances the presses
+    turn : lock that a thread holds while it advances the presses
     """
 
     def __init__(
@@ -154,7 +154,7 @@ def _advance():
 
 
 def _choose() -> Pool:
-    """The most urgent pool; if that pool is running, another one that is about as busy, if there is one."""
+    """The most urgent pool; while another thread advances it, a free pool that is about as busy, if there is one."""
     pools = sorted(POOLS, key=lambda pool: pool.urgency, reverse=True)
     least = BESIDE * pools[0].urgency[0]
     return next((each for each in pools if each.urgency[0] >= least and not each.turn.locked()), pools[0])

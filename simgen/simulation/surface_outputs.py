@@ -78,7 +78,8 @@ class SurfaceOutputs:
             stress = NodalStress(scene.solver.elasticity, nodes)
             self._add("stress", stress.add_to, weights[:, nodes] * (unit / stress.volumes))
         if "traction" in names:
-            # The weights of a vertex below a face are rescaled to the face's corners; only these carry traction.
+            # Only corners of faces carry traction. A vertex a little below a face also has weights at other corners:
+            # those at the face's corners are rescaled to a sum of 1.
             weights = of_corners[:, contact.corners]
             share = weights.sum(axis=1)
             weights = sparse.diags_array(1.0 / np.where(share > 0.5, share, 1.0)) @ weights

@@ -233,6 +233,7 @@ class Contact:
         self._launch(update_kernel, [self.weights, self._sums, self.active], [], self.n_slots)
 
     def linearize(self, x):
+        """Store the tangent at state x."""
         self._launch(contact_tangent_kernel, [x, self.active], [self._tangent, self._touching])
 
     def tangent(self, v, action_out):

@@ -20,7 +20,7 @@ from simgen.fem.precision import real, vec3
 
 wp.set_module_options({"enable_backward": False})
 
-SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # share of the cone's radius that counts as on the cone: rounding
+SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # share of the cone's radius at which a point slides: for rounding
 
 
 @large_kernel

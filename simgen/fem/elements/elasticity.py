@@ -1,10 +1,10 @@
 """Residual and tangent action of the elastic body, batched over environments.
 
 One thread handles one element of one environment. Kernels gather, call the material law's functions and scatter.
-Derivatives are by an element's coordinates xi. Those of a quadratic field are linear in xi, so their values at the four
-corners determine them (``element_fields.py``). An element is read and written once, and a quadrature point costs as
-much as one of a linear element. The tangent recomputes its moduli from the state. On one CPU core it would be a fifth
-faster if it stored them. But they take 350 bytes per element and environment, more than all other data that it moves.
+Derivatives are by an element's coordinates xi and are kept at its four corners (``element_fields.py``). So an element
+is read and written once, and a quadrature point costs as much as one of a linear element. The tangent recomputes its
+moduli from the state. On one CPU core it would be a fifth faster if it stored them. But they take 350 bytes per element
+and environment, more than all other data that it moves.
 """
 
 from __future__ import annotations

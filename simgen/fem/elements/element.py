@@ -12,8 +12,8 @@ from itertools import permutations
 
 import numpy as np
 
-TET_EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
-TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
+from simgen.geometry.interpolation import TET_EDGES
+from simgen.geometry.tetrahedra import TRIANGLE_EDGES
 
 
 def barycentric_p2(barycentric: np.ndarray, edges: np.ndarray) -> np.ndarray:

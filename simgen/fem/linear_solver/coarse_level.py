@@ -89,7 +89,7 @@ class CoarseLevel:
 
 
 def per_corner(space: sparse.csr_array) -> tuple[np.ndarray, np.ndarray]:
-    """Columns (n, 6) of a space (3 n, m) with entries of each corner, or -1, and these entries (n, 6, 3)."""
+    """Columns (n, 6) of a space (3 n, m) in which each corner has entries, then -1, and the entries (n, 6, 3)."""
     n = space.shape[0] // 3
     found = sparse.coo_array(space)
     corners, components = np.divmod(found.row, 3)

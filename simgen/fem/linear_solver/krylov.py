@@ -1,12 +1,12 @@
 """Batched conjugate residuals (GCR): every environment solves its own system and stops at its own tolerance.
 
 Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20, 1983. All directions are stored, so the preconditioner may be any
-map. The search space is that of GMRES as long as all images are stored. The residual extends it as long as the residual
-changes. Where it stagnates (an indefinite matrix), the last image extends it, which is always new (Young and Jea's
-Orthodir, Linear Algebra Appl. 34, 1980). Images are made orthogonal, directions are not: steps along images are turned
-into steps along directions at the end, as GMRES does, so a direction is written once and read once. Vectors are in
-single precision, scaled by the norm of the right-hand side. Inner products are summed in double precision, on a CPU
-always in the same order.
+map. The image of a direction is the operator's action on it. The search space is that of GMRES as long as all images
+are stored. The residual extends the space as long as the residual changes. Where it stagnates (an indefinite matrix),
+the last image extends the space; it is always new (Young and Jea's Orthodir, Linear Algebra Appl. 34, 1980). Images are
+made orthogonal, directions are not: steps along images are turned into steps along directions at the end, as GMRES
+does, so a direction is written once and read once. Vectors are in single precision, scaled by the norm of the
+right-hand side. Inner products are summed in double precision, on a CPU always in the same order.
 
 Environments begin at any time and keep their directions until they finish, so a slow one does not hold up the others.
 On a GPU some iterations of all environments are one graph.

@@ -172,4 +172,4 @@ class ForceBalance:
         inputs = [self.residual, self._step, self.elasticity.n_displacements, self.active]
         self._add_up(work_kernel, self._chunks, inputs, [])
         [(work, square, length, *_)] = read(self._sums)
-        return np.stack([work, np.sqrt(np.abs(square * length))])  # other environments have no meaning
+        return np.stack([work, np.sqrt(np.abs(square * length))])  # values of inactive environments have no meaning
