@@ -124,7 +124,7 @@ JOBS = [
     ],
     ("unknown sensor", job(sensors={"digit": {"model": "finger"}}), DRY, "sensor 'finger': allowed: biotac, digit"),
     ("unknown mesh", job(), f"{DRY} sensors.digit.mesh=finest", 'digit.mesh: "finest" is not allowed'),
-    ("mesh not there", sensor() | job(sensors={"s": {"model": "./s", "mesh": "fine"}}), DRY, "meshes.fine: not there"),
+    ("mesh not there", sensor() | job(sensors={"s": {"model": "./s", "mesh": "fine"}}), DRY, "meshes.fine: missing"),
     ("unknown preset", job(), f"{DRY} sensors.digit.material=wood", "'wood' is not a preset; allowed: solid"),
     ("no cavity", job(), f"{DRY} sensors.digit.fluid=incompressible", "sensor digit has no cavity; allowed: none"),
     ("MPa for Pa", job(), f"{DRY} sensors.digit.material.youngs_modulus_pa=0.5", "0.5 is not allowed; allowed: 1000"),

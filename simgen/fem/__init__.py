@@ -19,8 +19,9 @@ t, tau normal traction (compression positive) and friction traction, per unit of
 k      stiffness of the augmented Lagrangian, stress/mm
 ====== ===================================================================================================
 
-The state vector ``x`` of one environment is ``[u of node 0 (3), u of node 1, ..., p of corner 0, p of corner 1, ...,
-p_c]``, without p_c where there is no fluid; the solver's arrays have shape ``(unknowns, environments)``.
+The state vector of one environment, in the code also ``x``, is ``[u of node 0 (3), u of node 1, ..., p of corner 0,
+p of corner 1, ..., p_c]``, without p_c where there is no fluid; the solver's arrays have shape ``(unknowns,
+environments)``.
 
 A scene has a body (``elements.elasticity.Elasticity``), contacts (``contact.contact.Contact``) and perhaps a fluid
 (``elements.cavity.Cavity``). Each adds its forces to a residual, its tangent's action to a vector, and its tangent as

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 import trimesh
 
-CREASE_DEG = 30.0  # normals are not averaged over edges that are sharper
+CREASE_DEG = 30.0  # normals are not averaged across sharper edges
 
 
 def corner_normals(surface: trimesh.Trimesh) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Columns of gel along a press axis: height of the surface, thickness, height of the rigid body behind.
 
-A column is a line parallel to the press axis, on a square lattice around that axis. From the indenter on, a column
-meets the touchable surface, the gel, and then the held back, or a gap and the rigid core. A column that leaves the gel
-elsewhere has no thickness. Lengths are in mm.
+A column is a line parallel to the press axis, on a square lattice around that axis. Seen from the indenter, a column
+meets the touchable surface, the gel, and then the held back, or a gap and the rigid core. If a column leaves the gel
+elsewhere, only its surface counts. Lengths are in mm.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class Columns:
     """Columns under n poses, each (n, columns) mm. Heights are along +y of the indenter's frame.
 
     surface : height of the touchable surface; inf in columns that miss it
-    rigid : height of the held back or the core; inf in columns without one
-    thickness : of the gel before the back, or of the skin before the gap; 1 in columns without gel
+    rigid : height of the held back or the core; inf in columns that count no gel
+    thickness : of the gel before the back, or of the skin before the gap; 1 where ``rigid`` is inf
     """
 
     surface: np.ndarray

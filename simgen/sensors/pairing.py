@@ -71,7 +71,7 @@ def draw_contacts(
 ) -> Draw:
     """Draw ``count`` contacts on ``reference``, each with room for the deepest press and a partner on all ``others``.
 
-    Paths that move sideways by ``lateral_reach_m`` need as much more distance from side walls. Contacts where an
+    Paths that move sideways by ``lateral_reach_m`` need that much more distance from side walls. Contacts where an
     indenter leaves less than ``least_thickness_left`` of a sensor's gel are refused, and others are drawn.
     ``indented`` measures this on ``reference`` and on each of ``others``; without it the rule is off. Contacts are a
     scrambled Sobol sequence in (x, arc, tilt, azimuth, roll) with rejection, so the first n contacts do not depend on
@@ -232,8 +232,8 @@ class Room:
 
     A skin over a core allows deeper presses. It bends across the gap until it meets the core, and only the rest of the
     press squeezes it. So a skin of thickness s over a gap g allows a depth of g + ratio s. A press of depth d then
-    needs a ball of diameter s + g = d + (1 - ratio) s between the contact and the core. A gap with fluid counts alike,
-    because the fluid flows aside.
+    needs a ball of diameter s + g = d + (1 - ratio) s between the contact and the core. A gap with fluid counts as
+    one without, because the fluid flows aside.
     """
 
     def __init__(self, sensor: Sensor, max_depth_m: float, settings: Trajectories, lateral_reach_m: float = 0.0):

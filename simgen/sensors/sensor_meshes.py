@@ -51,7 +51,7 @@ def simulation_mesh(geometry: SensorGeometry, name: str) -> SimulationMesh:
     """Load the simulation mesh of that name from the folder or the cache, or make it. Raises InputError."""
     settings = getattr(geometry.description.meshes, name)
     if settings is None:
-        raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes.{name}: not there, needed for mesh = {name!r}")
+        raise InputError(f"{geometry.folder / 'sensor.yaml'}: meshes.{name}: missing, but needed for mesh = {name!r}")
     source = geometry.mesh_source(settings)
     committed = mesh_files.load_mesh(geometry.folder / f"{name}.npz", SimulationMesh, source)
     return committed or mesh_files.cached(source, SimulationMesh, lambda: make_simulation_mesh(geometry, settings)[0])

@@ -14,7 +14,7 @@ Multipliers are linear on each face (one per corner) and contact is integrated o
 with one multiplier per quadratic node they oscillate against incompressibility. An update moves each multiplier by the
 mean of t - lambda (and tau - lambda_t) around its corner, weighted by area / k, as stationarity of the Lagrangian
 requires. Its fixed point is the projection of the tractions. The difference that remains at a point is carried as slip
-into the next increment (``contact.py``): otherwise a sticking contact creeps with every step.
+into the next increment (``contact.py``): otherwise a sticking contact creeps with every increment.
 
 The cone uses t itself, so that Coulomb's law holds at every point of any mesh. Its derivative by the gap makes the
 tangent of sliding points unsymmetric. A cone of the lagged lambda is symmetric, but where a patch is as large as a
@@ -34,7 +34,8 @@ wp.set_module_options({"enable_backward": False})
 
 
 FACE_NODES = 6  # at most
-# An exact distance has slope 1. A sampled one has up to 1.27 along an axis at kinks: 1.62 obliquely beyond its grid.
+# An exact distance has slope 1. A sampled one has slopes of up to 1.27 along an axis at kinks. Beyond its grid the
+# distance to the grid is added, at a right angle: up to 1.62.
 STEEPEST_SLOPE = wp.constant(wp.float64(1.65))
 face_vectors = wp.types.matrix(shape=(FACE_NODES, 3), dtype=wp.float64)  # one for each node
 

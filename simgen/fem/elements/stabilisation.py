@@ -10,9 +10,10 @@ Both grow with its weight w::
 
 The first is quadratic in u. It is zero for rotations and for uniform strains of any size, and vanishes as h^2 for
 smooth fields. The second raises the bulk stiffness by at most a quarter, so that compressible solids stay compressible.
-Weights start at zero and never fall during a press. An element gets a weight if it is nearly flat where an increment
-starts or is expected to end. If it is inverted where the increment has converged, its weight is doubled, and the
-increment is solved again (see ``load_stepping``). If it is inverted where damping begins, its weight is doubled, too.
+Weights start at zero and never fall during a press. An element gets a weight, or twice its weight if it is very flat,
+where an increment starts or is expected to end. If it is inverted where the increment has converged, its weight is
+doubled, and the increment is solved again (see ``load_stepping``). If it is inverted where damping begins, its weight
+is doubled, too.
 """
 
 from __future__ import annotations
