@@ -101,7 +101,7 @@ class CurvedMesh:
     tetrahedra: np.ndarray  # (e, 10) int32
     faces: np.ndarray  # (f, 6) int32 outward quadratic triangles of the boundary
     region: np.ndarray  # (f,) FREE, HELD or CORE
-    straightened: int  # edges left straight because the curved element would have folded
+    straightened: int  # edges left straight because the curved element would be nearly inverted
 
 
 def determinants(nodes: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:

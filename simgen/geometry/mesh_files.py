@@ -27,9 +27,8 @@ SMALLEST, LARGEST = 1e-4, 0.5  # m, longest side of the bounding box of a gel, a
 def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
     """Read a user's mesh: its closed outward surface, and vertices (v, 3) m and tetrahedra (t, 4).
 
-    Vertices and tetrahedra are None for a mesh of triangles.
-    .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio) tetrahedra or triangles, .tet lines ``v x y z`` and
-    ``t a b c d``. Second-order cells are read as straight ones.
+    Vertices and tetrahedra are None for a mesh of triangles. .stl .obj .ply hold surfaces, .msh .vtu .mesh (meshio)
+    tetrahedra or triangles, .tet lines ``v x y z`` and ``t a b c d``. Second-order cells are read as straight ones.
 
     Raises InputError if the file is missing, of an unknown format, open or has tetrahedra of both signs.
     """

@@ -20,7 +20,7 @@ from simgen.fem.precision import real, vec3
 
 wp.set_module_options({"enable_backward": False})
 
-SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # share of the cone's radius at which a point slides: for rounding
+SLIDING = wp.constant(wp.float64(1.0 - 1e-9))  # a point slides from this share of the cone's radius on; rounding
 
 
 @large_kernel

@@ -16,7 +16,7 @@ import scipy.sparse as sparse
 
 AGGREGATES = 32
 MOTIONS = 6  # of an aggregate
-SMALL = AGGREGATES * MOTIONS  # up to so many free unknowns the coarsest space is the whole space
+SMALL = AGGREGATES * MOTIONS  # with no more free unknowns than this, the coarsest space is the whole space
 POWER_STEPS = 20
 INDEPENDENT = 1e-6  # singular value over the largest: smaller ones depend on others, as in an aggregate of one corner
 
