@@ -6,7 +6,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-CREASE_DEG = 40.0  # sharper edges are creases: a chamfer's (45), not those of a fillet of 3 facets per quarter turn (30)
+CREASE_DEG = 40.0  # sharper edges are creases: a chamfer's (45), not a fillet's with 3 facets per quarter turn (30)
 
 
 class ClosestPoint:
