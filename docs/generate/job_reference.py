@@ -62,7 +62,7 @@ trajectories:
   path:                                  # after the press
     - {move_mm: [0.5, 0, 0], steps: 5}   # shear along x of the contact frame
     - {turn_deg: 20, steps: 4}           # twist about the press axis
-    - {move_mm: [0, -1.2, 0], steps: 6}  # let go
+    - {move_mm: [0, -1.2, 0], steps: 6}  # release
 """,
     "depths_mm": """\
 depths_mm: {first: 0.5, last: 2.0, count: 4}   # 0.5, 1, 1.5 and 2 mm

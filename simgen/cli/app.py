@@ -1,4 +1,4 @@
-"""The command line: parsing and printing. Whatever a command does is a few lines of Python too.
+"""The command line: parsing and printing. Each command calls a few functions that Python code can call, too.
 
 Commands import what they need when they run, so that ``simgen --help`` is quick.
 """
@@ -157,9 +157,9 @@ def check(
     scheduler: Scheduler = None,
     scheduler_file: SchedulerFile = None,
 ):
-    """Audit a dataset: files, certificates, pairing, splits, held and touchable vertices.
+    """Audit a dataset: files, certificates, pairing, splits, fixed and touchable vertices.
 
-    Exit code 1 if the dataset fails. The audit names the bad samples. Samples that did not converge are no damage, and
+    Exit code 1 if the dataset fails. The audit names the bad samples. Samples that did not converge are no damage:
     --repair leaves them as they are.
     """
     from simgen.cli.console import print_findings, run_with_progress
@@ -281,7 +281,7 @@ def bench(
         "bench"
     ),
 ):
-    """Measure speed against error on this machine: elements, meshes, tolerances, terms, and other codes.
+    """Measure speed against error on this machine, for elements, meshes, tolerances, energy terms and other codes.
 
     Writes speed.csv, speed.png, and advice.txt with the fastest setting for errors of 1, 5 and 20 um.
     """

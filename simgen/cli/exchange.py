@@ -30,8 +30,8 @@ def export(
     npy: memory-mapped arrays for training.
     vtk: time series for ParaView.
 
-    Samples that did not converge are left out. npy and the table of pairs hold only samples that converged on all
-    sensors.
+    Only valid samples are written: converged, no element inverted. npy and the table of pairs hold the samples that
+    are valid on all sensors.
     """
     from simgen.cli.console import print_export, tracked
     from simgen.dataset.exchange.exporting import export
@@ -63,10 +63,11 @@ def import_(
 ):
     """Make a dataset from result files of one job of ACROSS or biotac_sim.
 
-    Displacements are the files' coordinates minus those of the rest mesh.
-    Depths come from the files. Without them, step j has the j-th depth of --depths-mm. With both, a sample goes to the
-    nearest depth.
-    Values that the files lack are NaN or missing, and simgen check names them.
+    Displacements are the files' coordinates minus those of the rest mesh. Values that the files lack are NaN or
+    missing, and simgen check names them.
+
+    Depths come from the files. If the files state none, step j has the j-th depth of --depths-mm. If both are given, a
+    sample goes to the nearest depth of --depths-mm.
     """
     from simgen.cli.console import print_import, tracked
     from simgen.dataset.exchange.importing import import_results

@@ -31,11 +31,11 @@ Size = Annotated[
 Blur = Annotated[
     str | None,
     typer.Option(metavar="HOW", show_default="whole",
-                 help="whole: smooth the whole height map. across: ACROSS's kernels; large ones leave out contacts."),
+                 help="whole: smooth the whole height map. across: ACROSS's kernels; large ones spare the contact."),
 ]  # fmt: skip
 NoBlur = Annotated[bool, typer.Option("--no-blur", help="Do not smooth height maps.")]
 Shadows = Annotated[
-    bool, typer.Option("--shadows", help="Darken what the lights do not reach; takes ten times as long.")
+    bool, typer.Option("--shadows", help="Darken pixels that a light does not reach; takes ten times as long.")
 ]
 
 

@@ -126,7 +126,7 @@ def _numbers(means: Mapping[str, float], measures: Sequence[str]) -> list[str]:
 
 
 def _count(parameters: int) -> str:
-    """A number in three or four digits: 642, 81.3k, 1.2M."""
+    """A count in short form: 642, 81.3k, 1.2M."""
     for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if parameters >= size:
             return f"{parameters / size:.1f}{letter}"

@@ -21,7 +21,7 @@ class Leg(StrictSection):
 
     move_mm: tuple[Move, Move, Move] = Field(
         (0.0, 0.0, 0.0),
-        description="Move of the indenter on this leg: x and z shear or slide, +y presses deeper, -y lets go",
+        description="Move of the indenter on this leg: x and z shear or slide, +y presses deeper, -y releases",
         **allowed("[x, y, z] in the contact frame, each -10 to 10 mm; +y presses"),
     )
     turn_deg: Angle = Field(0.0, description="Right-handed turn on this leg about +y, the press axis")
@@ -55,10 +55,11 @@ class Trajectories(StrictSection):
     )
     max_indentation_ratio: float = Field(
         0.6, gt=0.0, lt=1.0,
-        description="Deepest press over the gel's thickness (the largest ball that fits). The gap to a core is added",
+        description="Deepest press, as a share of the gel's thickness (the diameter of the largest ball that fits). "
+        "The gap to a core is added",
     )  # fmt: skip
     min_edge_ratio: float = Field(
-        1.5, ge=0.0, le=10.0, description="Smallest distance to the nearest side wall, over the deepest press"
+        1.5, ge=0.0, le=10.0, description="Smallest distance to a side wall, as a multiple of the deepest depth"
     )
     # 0 is left out, so that such a job has the same hash as before this key existed.
     least_thickness_left: float = Field(
@@ -69,14 +70,14 @@ class Trajectories(StrictSection):
     too_thin: Literal["redraw", "stop"] = Field(
         "redraw",
         exclude_if=lambda how: how == "redraw",
-        description="Treatment of presses that would leave less: `redraw` draws another contact for all indenters; "
+        description="What happens to presses that would leave less: `redraw` draws another contact for all indenters; "
         "`stop` keeps the contact and ends each such press before it is too deep (needs a share above 0)",
     )
     max_force_n: float | None = Field(
         None, gt=0.0, le=1e4, exclude_if=lambda force: force is None,
-        description="A press ends where its force along the press axis exceeds this, on each sensor separately. That "
-        "sample is not kept; this step and all later steps have status 7. Only stored steps count: between them "
-        "the force may be larger",
+        description="A press ends at the first step where its force along the press axis exceeds this, on each sensor "
+        "separately. This step and all later ones are not stored and have status 7. Between steps the force may be "
+        "larger",
     )  # fmt: skip
     path: tuple[Leg, ...] = Field(
         (),
@@ -107,8 +108,8 @@ class Depths(StrictSection):
     )  # fmt: skip
     count: int = Field(
         ge=1, le=1000,
-        description="Number of depths, both ends included. A load step leads from one to the next; a failed "
-        "load step is divided",
+        description="Number of depths, both ends included. Load steps of at most 0.25 mm lead from one to the next; a "
+        "failed load step is halved",
     )  # fmt: skip
 
     @model_validator(mode="after")

@@ -25,9 +25,9 @@ Width = Annotated[int, Field(ge=1, le=65536)]
 Share = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 
-# Keys that several sections have: each needs its default alone.
-epochs = partial(Field, ge=1, le=100_000, description="Most epochs of the training")
-batch = partial(Field, ge=1, le=1_000_000, description="Samples of a step; all of them where there are fewer")
+# Keys of several sections; each section gives its default.
+epochs = partial(Field, ge=1, le=100_000, description="Largest number of epochs")
+batch = partial(Field, ge=1, le=1_000_000, description="Samples of a training step; all of them if there are fewer")
 learning_rate = partial(Field, gt=0.0, le=1.0, description="Learning rate of the first epoch")
 schedule = partial(
     Field, description="exponential: times `decay` after each epoch. cosine: half a cosine, to 0 after the last epoch"
@@ -35,7 +35,7 @@ schedule = partial(
 decay = partial(Field, gt=0.0, le=1.0, description="Factor of the exponential schedule")
 weight_decay = partial(Field, ge=0.0, le=1.0, description="Weight decay of AdamW; with 0 it is Adam")
 patience = partial(
-    Field, ge=1, le=100_000, description="Epochs without a new least validation loss that end the training"
+    Field, ge=1, le=100_000, description="Training ends after so many epochs without a new least validation loss"
 )
 beta = partial(Field, ge=0.0, le=100.0, description="Weight of the KL divergence, which is a mean over latents")
 widths = partial(Field, min_length=1, max_length=20, **allowed("a list of widths, 1 to 65536 each, 20 at most"))
@@ -47,7 +47,8 @@ block_width = partial(Field, description="Width of the residual blocks")
 blocks = partial(Field, ge=0, le=100, description="Number of residual blocks")
 noise = partial(
     Field, ge=0.0, le=10.0,
-    description="Standard deviation of the noise that training adds to each input, over the sample's own size",
+    description="Standard deviation of the noise that training adds to each input, as a share of the input's distance "
+    "from rest",
 )  # fmt: skip
 
 
@@ -73,7 +74,7 @@ class MeshVAESettings(Fit):
 
     decay: float = decay(0.99)
     latent: Width = Field(
-        128, description="Numbers of a latent; the linear layers beside it are four times as wide"
+        128, description="Size of a latent vector; the linear layers beside it are four times as wide"
     )
     beta: float = beta(0.005)
 
@@ -85,14 +86,14 @@ class SignalVAESettings(Fit):
     batch: int = batch(256)
     learning_rate: float = learning_rate(1e-4)
     widths: tuple[Width, ...] = widths(
-        (256, 128, 64), description="Widths of the encoder's hidden layers; the decoder has them backwards"
+        (256, 128, 64), description="Widths of the encoder's hidden layers; the decoder has them in reverse order"
     )
-    latent: Width = Field(8, description="Numbers of a latent")
+    latent: Width = Field(8, description="Size of a latent vector")
     beta: float = beta(0.005)
 
 
 class ProjectionSettings(Fit):
-    """M2MPN; S2MPN with other values."""
+    """M2MPN. S2MPN has the same keys with other defaults."""
 
     epochs: int = epochs(1000)
     batch: int = batch(1024)
@@ -138,7 +139,8 @@ class TranslationSettings(Fit):
     noise: float = noise(0.0)
     power: float = Field(
         0.5, ge=0.0, le=2.0,
-        description="Errors are divided by this power of a sample's distance from rest: 0 absolute, 1 relative",
+        description="The loss divides errors by this power of a sample's distance from rest: 0 for absolute errors, 1 "
+        "for relative ones",
     )  # fmt: skip
 
 
@@ -160,10 +162,10 @@ class RecordingFiles(StrictSection):
         **allowed("a list of HDF5 files"),
     )
     least_force_n: float = Field(
-        0.1, ge=0.0, le=100.0, description="Samples of less force are no contact, and are left out"
+        0.1, ge=0.0, le=100.0, description="Samples with less force are left out, as they are no contact"
     )
     remove_drift: bool = Field(
-        False, description="Takes a straight line off each electrode, fitted where nothing touches"
+        False, description="Subtracts from each electrode a straight line, fitted to the samples without contact"
     )
 
 
@@ -195,18 +197,18 @@ class TrainingJob(StrictSection):
     )
     source: str = Field(
         "biotac",
-        description="The sensor that is translated from; signals are those of its electrodes",
+        description="The sensor to translate from; the signals are those of its electrodes",
         **allowed("the sensor with electrodes, one of the dataset's"),
     )
     target: str = Field(
         "digit",
-        description="The sensor that is translated to",
+        description="The sensor to translate to",
         **allowed("the sensor to translate to, one of the dataset's"),
     )
     networks: tuple[Literal[tuple(NETWORKS)], ...] = Field(
         tuple(NETWORKS),
         min_length=1,
-        description="The networks to train now, each after those that it needs; others may be added later",
+        description="The networks to train now. Their order here does not matter. Others may be added later",
         **allowed(f"a list of {', '.join(NETWORKS)}"),
     )
     signals: Signals = Field(Signals(), description="Where the electrodes' signals come from")
@@ -227,7 +229,7 @@ class TrainingJob(StrictSection):
     )
     output: str | None = Field(
         None,
-        description="Where the networks go; `--output` replaces it, and it is no part of the job's hash",
+        description="Folder of the networks. `--output` replaces it; the job's hash does not cover it",
         **allowed("a folder; by default <name>.networks in the current one"),
     )
     _folder: Path = PrivateAttr(default=Path())

@@ -30,7 +30,7 @@ DRIFT_KEY, NOISE_KEY = 1, 2  # follow the seed, so that drift and noise have the
 
 
 class ElectrodeSettings(StrictSection):
-    """Fluid, electrodes and circuit. The defaults have a BioTac's orders of magnitude, without noise."""
+    """Fluid, electrodes and circuit. The defaults give a BioTac's orders of magnitude, without noise."""
 
     resistivity_ohm_m: float = Field(
         10.0, ge=1e-2, le=1e4, description="Resistivity of the fluid; the film's resistance is proportional to it"
@@ -49,22 +49,22 @@ class ElectrodeSettings(StrictSection):
         10e3, ge=1.0, le=1e7, description="Resistor of the divider at which the reading is taken"
     )
     supply_v: float = Field(
-        3.3, ge=0.1, le=100.0, description="Supply of the divider; readings are cut to 0 to this"
+        3.3, ge=0.1, le=100.0, description="Supply of the divider; readings are clipped to the range from 0 to this"
     )
     noise_v: float = Field(
         0.0, ge=0.0, le=1.0,
-        description="Standard deviation of a reading: normal noise of its own for each press, depth and electrode",
+        description="Standard deviation of a reading's normal noise, drawn for each press, depth and electrode",
     )  # fmt: skip
     drift_v_per_sample: float = Field(
         0.0, ge=0.0, le=1e-2,
-        description="Standard deviation of the electrodes' drifts: straight lines over the samples in their order",
+        description="Standard deviation of the electrodes' drifts, which are straight lines over the sample's number",
     )  # fmt: skip
     bits: int | None = Field(
         12, ge=2, le=24,
-        description="Bits of a reading, which is rounded to steps of the supply",
-        **allowed("2 to 24, or null for no steps"),
+        description="Bits of a reading, which is rounded to `supply_v` / (2^bits - 1)",
+        **allowed("2 to 24, or null for no rounding"),
     )  # fmt: skip
-    seed: int = Field(0, ge=0, lt=2**32, description="Seed of noise and drift: the same seed, the same noise")
+    seed: int = Field(0, ge=0, lt=2**32, description="Seed of noise and drift; the same seed gives the same noise")
 
     @model_validator(mode="after")
     def _outside_the_electrode(self):
