@@ -159,8 +159,8 @@ def check(
 ):
     """Audit a dataset: files, certificates, pairing, splits, fixed and touchable vertices.
 
-    Exit code 1 if the dataset fails. The audit names the bad samples. Samples that did not converge are no damage:
-    --repair leaves them as they are.
+    Exit code 1 if the dataset fails. The audit names the bad samples. Samples that did not converge do not count as
+    damaged, and --repair leaves them as they are.
     """
     from simgen.cli.console import print_findings, run_with_progress
     from simgen.dataset.audit import check, passes, to_repair
@@ -204,7 +204,7 @@ def report(
     ] = None,
     networks: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Networks that `simgen train` wrote: adds a press that they translate."),
+        typer.Option(metavar="FOLDER", help="Networks that `simgen train` wrote: adds a press that they translated."),
     ] = None,
 ):
     """Write a self-contained HTML page: coverage, failures, a press in motion and in 3-D, contact patches, forces."""

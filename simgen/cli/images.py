@@ -31,7 +31,7 @@ Size = Annotated[
 Blur = Annotated[
     str | None,
     typer.Option(metavar="HOW", show_default="whole",
-                 help="whole: smooth the whole height map. across: ACROSS's kernels; large ones spare the contact."),
+                 help="whole: smooth the whole height map. across: ACROSS's kernels; large ones keep contacts sharp."),
 ]  # fmt: skip
 NoBlur = Annotated[bool, typer.Option("--no-blur", help="Do not smooth height maps.")]
 Shadows = Annotated[

@@ -17,17 +17,17 @@ class SolverSettings(StrictSection):
     )
     residual_tolerance: float = Field(
         5e-4, gt=0.0, le=1e-2,
-        description="Largest out-of-balance force, relative to the contact forces: by Euclidean norms over the nodes, "
-        "and as a resultant, relative to the sum of the sizes of the nodes' contact forces",
+        description="Limit of two ratios: of out-of-balance to contact forces (Euclidean norms over the nodes), and "
+        "of the resultant of the out-of-balance forces to the sum of the magnitudes of the nodes' contact forces",
     )  # fmt: skip
     contact_tolerance: float = Field(
         2e-2, gt=0.0, le=1e-1,
-        description="Largest relative change of the multipliers by one more update (L2 norms)",
+        description="Largest relative change (L2 norms) of the multipliers that one more update may make",
     )  # fmt: skip
     linear_tolerance: float = Field(
         0.1, ge=1e-4, lt=1.0,
-        description="Largest relative residual of a linear solve. From the fourth Krylov iteration on, three times as "
-        "much is enough. Batches on a GPU solve further where that costs nothing",
+        description="Relative residual of a linear solve; three times as much is accepted from its fourth iteration. "
+        "On a GPU, presses of one batch go on to a smaller residual where that costs no time",
     )  # fmt: skip
     volumetric_split: float = Field(
         1.0, ge=0.0, le=50.0,
@@ -36,18 +36,19 @@ class SolverSettings(StrictSection):
     )  # fmt: skip
     contact_stiffness: float = Field(
         20.0, ge=1.0, le=1e3,
-        description="k edge / E in the normal direction, with the contact stiffness k and the edge of each face",
+        description="Normal contact stiffness k h / E of the augmented Lagrangian, with the edge length h of each face",
     )  # fmt: skip
     friction_stiffness: float = Field(
-        20.0, ge=0.1, le=1e3, description="The same in the tangential direction, for friction"
+        20.0, ge=0.1, le=1e3, description="Friction stiffness k h / E of the augmented Lagrangian, with the same h"
     )
     max_newton_iterations: int = Field(
         25, ge=1, le=1000,
-        description="Most Newton iterations of an undamped load step. A damped step may take 160. A step that needs "
-        "more is halved",
+        description="Largest number of Newton iterations in an undamped load step; a step that needs more is halved. A "
+        "damped step may take 160",
     )  # fmt: skip
     smallest_substep: float = Field(
         1 / 64, gt=0.0, le=1.0,
-        description="Smallest load step, as a share of the longest one: the spacing of the depths, 0.25 mm at most",
+        description="Smallest load step, as a share of the distance between stored depths or of the longest load step "
+        "(0.25 mm), whichever is shorter",
     )  # fmt: skip
-    krylov_size: int = Field(40, ge=1, le=1000, description="Most iterations of one linear solve")
+    krylov_size: int = Field(40, ge=1, le=1000, description="Largest number of iterations in one linear solve")

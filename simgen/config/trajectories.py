@@ -55,11 +55,11 @@ class Trajectories(StrictSection):
     )
     max_indentation_ratio: float = Field(
         0.6, gt=0.0, lt=1.0,
-        description="Deepest press, as a share of the gel's thickness (the diameter of the largest ball that fits). "
-        "The gap to a core is added",
+        description="Largest depth over the gel's thickness, the diameter of the largest ball that fits under the "
+        "contact. Over a core, the depth may be larger by the gap below the skin",
     )  # fmt: skip
     min_edge_ratio: float = Field(
-        1.5, ge=0.0, le=10.0, description="Smallest distance to a side wall, as a multiple of the deepest depth"
+        1.5, ge=0.0, le=10.0, description="Smallest distance from a contact to a side wall, over the largest depth"
     )
     # 0 is left out, so that such a job has the same hash as before this key existed.
     least_thickness_left: float = Field(

@@ -25,9 +25,9 @@ Width = Annotated[int, Field(ge=1, le=65536)]
 Share = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 
-# Keys of several sections; each section gives its default.
+# Keys that several sections have: each needs its default alone.
 epochs = partial(Field, ge=1, le=100_000, description="Largest number of epochs")
-batch = partial(Field, ge=1, le=1_000_000, description="Samples of a training step; all of them if there are fewer")
+batch = partial(Field, ge=1, le=1_000_000, description="Samples per step; all training samples if there are fewer")
 learning_rate = partial(Field, gt=0.0, le=1.0, description="Learning rate of the first epoch")
 schedule = partial(
     Field, description="exponential: times `decay` after each epoch. cosine: half a cosine, to 0 after the last epoch"
@@ -35,7 +35,7 @@ schedule = partial(
 decay = partial(Field, gt=0.0, le=1.0, description="Factor of the exponential schedule")
 weight_decay = partial(Field, ge=0.0, le=1.0, description="Weight decay of AdamW; with 0 it is Adam")
 patience = partial(
-    Field, ge=1, le=100_000, description="Training ends after so many epochs without a new least validation loss"
+    Field, ge=1, le=100_000, description="Training ends after this many epochs without a new lowest validation loss"
 )
 beta = partial(Field, ge=0.0, le=100.0, description="Weight of the KL divergence, which is a mean over latents")
 widths = partial(Field, min_length=1, max_length=20, **allowed("a list of widths, 1 to 65536 each, 20 at most"))
@@ -47,8 +47,7 @@ block_width = partial(Field, description="Width of the residual blocks")
 blocks = partial(Field, ge=0, le=100, description="Number of residual blocks")
 noise = partial(
     Field, ge=0.0, le=10.0,
-    description="Standard deviation of the noise that training adds to each input, as a share of the input's distance "
-    "from rest",
+    description="Standard deviation of the noise that training adds to each input, relative to the sample's own size",
 )  # fmt: skip
 
 
@@ -74,7 +73,7 @@ class MeshVAESettings(Fit):
 
     decay: float = decay(0.99)
     latent: Width = Field(
-        128, description="Size of a latent vector; the linear layers beside it are four times as wide"
+        128, description="Length of a latent vector; the linear layers beside it are four times as wide"
     )
     beta: float = beta(0.005)
 
@@ -88,7 +87,7 @@ class SignalVAESettings(Fit):
     widths: tuple[Width, ...] = widths(
         (256, 128, 64), description="Widths of the encoder's hidden layers; the decoder has them in reverse order"
     )
-    latent: Width = Field(8, description="Size of a latent vector")
+    latent: Width = Field(8, description="Length of a latent vector")
     beta: float = beta(0.005)
 
 
@@ -121,7 +120,7 @@ class ReducedModelSettings(Fit):
     epochs: int = epochs(40)
     learning_rate: float = learning_rate(3e-3)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
-    # With what the convolutions learn, fewer numbers than PCA with 128 components.
+    # With the weights of the convolutions, fewer parameters than PCA with 128 components.
     latent: Width = Field(127, description="Principal components")
     width: Width = Field(16, description="Features of a vertex between the convolutions")
 
@@ -162,10 +161,10 @@ class RecordingFiles(StrictSection):
         **allowed("a list of HDF5 files"),
     )
     least_force_n: float = Field(
-        0.1, ge=0.0, le=100.0, description="Samples with less force are left out, as they are no contact"
+        0.1, ge=0.0, le=100.0, description="Samples with less force count as without contact and are left out"
     )
     remove_drift: bool = Field(
-        False, description="Subtracts from each electrode a straight line, fitted to the samples without contact"
+        False, description="Subtract a straight line from each electrode's signal, fitted to samples without contact"
     )
 
 
@@ -197,12 +196,12 @@ class TrainingJob(StrictSection):
     )
     source: str = Field(
         "biotac",
-        description="The sensor to translate from; the signals are those of its electrodes",
+        description="The sensor that is translated from; its electrodes give the signals",
         **allowed("the sensor with electrodes, one of the dataset's"),
     )
     target: str = Field(
         "digit",
-        description="The sensor to translate to",
+        description="The sensor that is translated to",
         **allowed("the sensor to translate to, one of the dataset's"),
     )
     networks: tuple[Literal[tuple(NETWORKS)], ...] = Field(
@@ -211,21 +210,21 @@ class TrainingJob(StrictSection):
         description="The networks to train now. Their order here does not matter. Others may be added later",
         **allowed(f"a list of {', '.join(NETWORKS)}"),
     )
-    signals: Signals = Field(Signals(), description="Where the electrodes' signals come from")
-    mesh_vae: MeshVAESettings = Field(MeshVAESettings(), description="How MVB and MVD are made and trained")
-    signal_vae: SignalVAESettings = Field(SignalVAESettings(), description="How SVB is made and trained")
+    signals: Signals = Field(Signals(), description="Source of the electrodes' signals")
+    mesh_vae: MeshVAESettings = Field(MeshVAESettings(), description="Shape and training of MVB and MVD")
+    signal_vae: SignalVAESettings = Field(SignalVAESettings(), description="Shape and training of SVB")
     signal_projection: SignalProjectionSettings = Field(
-        SignalProjectionSettings(), description="How S2MPN is made and trained"
+        SignalProjectionSettings(), description="Shape and training of S2MPN"
     )
-    mesh_projection: ProjectionSettings = Field(ProjectionSettings(), description="How M2MPN is made and trained")
+    mesh_projection: ProjectionSettings = Field(ProjectionSettings(), description="Shape and training of M2MPN")
     reduced_model: ReducedModelSettings = Field(
-        ReducedModelSettings(), description="How RMB and RMD are made and trained"
+        ReducedModelSettings(), description="Shape and training of RMB and RMD"
     )
     signal_translation: TranslationSettings = Field(
-        TranslationSettings(), description="How S2RM is made and trained"
+        TranslationSettings(), description="Shape and training of S2RM"
     )
     mesh_translation: MeshTranslationSettings = Field(
-        MeshTranslationSettings(), description="How RM2RM is made and trained"
+        MeshTranslationSettings(), description="Shape and training of RM2RM"
     )
     output: str | None = Field(
         None,

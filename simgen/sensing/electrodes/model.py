@@ -49,20 +49,20 @@ class ElectrodeSettings(StrictSection):
         10e3, ge=1.0, le=1e7, description="Resistor of the divider at which the reading is taken"
     )
     supply_v: float = Field(
-        3.3, ge=0.1, le=100.0, description="Supply of the divider; readings are clipped to the range from 0 to this"
+        3.3, ge=0.1, le=100.0, description="Supply of the divider; readings are clipped between 0 and this voltage"
     )
     noise_v: float = Field(
         0.0, ge=0.0, le=1.0,
-        description="Standard deviation of a reading's normal noise, drawn for each press, depth and electrode",
+        description="Standard deviation of the noise, normal and independent for each press, depth and electrode",
     )  # fmt: skip
     drift_v_per_sample: float = Field(
         0.0, ge=0.0, le=1e-2,
-        description="Standard deviation of the electrodes' drifts, which are straight lines over the sample's number",
+        description="Standard deviation of the electrodes' drifts, which are linear in the number of the sample",
     )  # fmt: skip
     bits: int | None = Field(
         12, ge=2, le=24,
-        description="Bits of a reading, which is rounded to `supply_v` / (2^bits - 1)",
-        **allowed("2 to 24, or null for no rounding"),
+        description="Bits of a reading; it is rounded to 2^bits levels from 0 to the supply",
+        **allowed("2 to 24, or null for no steps"),
     )  # fmt: skip
     seed: int = Field(0, ge=0, lt=2**32, description="Seed of noise and drift; the same seed gives the same noise")
 
