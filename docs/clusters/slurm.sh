@@ -5,7 +5,7 @@
 #SBATCH --mem-per-cpu=3G
 #SBATCH --time=24:00:00
 # One worker on each task's core:  sbatch slurm.sh jobs/paired.yaml [KEY=VALUE ...] [--output FOLDER]
-# Submit it again to go on. Job, dataset and this folder lie on a file system that all nodes share.
+# Submit it again to continue. Job, dataset and this folder lie on a file system that all nodes share.
 set -euo pipefail
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 export DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL="1 hour"
