@@ -19,7 +19,7 @@ class MaterialChoice(StrictSection):
     text_means = "preset"
 
     preset: str = Field(
-        "solid", description="The preset to start from, one of the `sensor.yaml`", **allowed("a preset's name")
+        "solid", description="The preset to start from, one of those in the `sensor.yaml`", **allowed("a preset's name")
     )
     youngs_modulus_pa: float | None = Field(
         None, ge=1e3, le=1e9, description="Replaces the preset's modulus at small strains"
@@ -43,7 +43,7 @@ class OutputFile(StrictSection):
     file: str = Field(
         min_length=1,
         description="The mesh, in the sensor's frame. The dataset keeps its vertices and tetrahedra in their order. A "
-        "vertex off the gel, by 2 % of the gel's length at most, moves with the nearest point of the gel's surface",
+        "vertex outside the gel (by at most 2 % of its length) moves with the nearest point of the gel's surface",
         **allowed("a path of a tetrahedral mesh: .msh .vtu .mesh .tet"),
     )
     unit: Literal["m", "mm"] = Field(description="The unit of the coordinates in the file")
@@ -96,13 +96,13 @@ class IndenterChoice(StrictSection):
     @model_validator(mode="after")
     def _only_a_mesh_has_a_unit(self) -> "IndenterChoice":
         if not is_path(self.file) and not self._is_alone():
-            raise ValueError(f"unit and spacing_mm are a mesh file's, and {shown(repr(self.file))} is a name; "
+            raise ValueError(f"unit and spacing_mm belong to mesh files, and {shown(repr(self.file))} is a name; "
                              "allowed: the name alone, or a path with its suffix")  # fmt: skip
         return self
 
     @model_serializer(mode="wrap")
     def _plain(self, sections: SerializerFunctionWrapHandler) -> str | dict[str, Any]:
-        """The text alone if all else is default, so that the job's hash does not depend on the way of writing."""
+        """Write the file alone if all else has its default: both ways of writing a job then give the same hash."""
         return self.file if self._is_alone() else sections(self)
 
     def _is_alone(self) -> bool:

@@ -37,8 +37,8 @@ def job_from_dict(
 ) -> Job:
     """Make a `Job` from plain data (as from YAML).
 
-    `sources` maps key paths to the file or override that set them; error lines name it. `folder` is the start of
-    relative paths. Raises `InputError`.
+    `sources` maps key paths to the file or override that set them; error lines name it. Relative
+    paths start at `folder`. Raises `InputError`.
     """
     job = section_from_dict(Job, data, source, sources)
     job._folder = folder

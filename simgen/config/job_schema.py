@@ -35,7 +35,7 @@ class DatasetSettings(StrictSection):
 
     displacement: Literal["int16", "float32"] = Field(
         "int16",
-        description="Type of stored displacements; int16 rounds to half a step",
+        description="Type of stored displacements; int16 rounds to the nearest step",
         **allowed("int16 (steps of 0.1 um, of 0.2 um in presses deeper than 1.6 mm) or float32"),
     )
     presses_per_shard: int = Field(
@@ -49,7 +49,7 @@ class DatasetSettings(StrictSection):
     license: str | None = Field(
         None, pattern=r"^[A-Za-z0-9][ -~]{0,99}$",
         description="Licence of the data, for the dataset's card; use an SPDX name",
-        **allowed("a licence of the data for its card, e.g. CC-BY-4.0"),
+        **allowed("a name of at most 100 characters, such as CC-BY-4.0"),
     )  # fmt: skip
     output: str | None = Field(
         None,
@@ -70,15 +70,15 @@ class Job(StrictSection):
     # The first sensor is the reference on which contacts are sampled.
     sensors: dict[str, SensorChoice] = Field(
         min_length=1,
-        description="The sensors, named as you like. Contacts are sampled on the first and unfolded onto the others",
+        description="The sensors, named as you like. Contacts are sampled on the first and mapped to the others",
         **allowed("name: {model, mesh, material, ...}, ..."),
     )
     indenters: tuple[IndenterChoice, ...] = Field(
         min_length=1,
-        description="Indenters that press every contact: names, paths, or sections with the keys below",
+        description="Indenters; each presses at every contact. Names, paths, or sections with the keys below",
         **allowed("a list of names, paths of closed meshes in m, or {file, unit, spacing_mm}"),
     )
-    trajectories: Trajectories = Field(description="How many contacts, and how they vary")
+    trajectories: Trajectories = Field(description="Number and variation of contacts, and the path after each press")
     depths_mm: Depths = Field(description="The depths that are stored")
     outputs: dict[str, tuple[Literal[OPTIONAL], ...]] = Field(
         {},
@@ -91,7 +91,7 @@ class Job(StrictSection):
         SolverSettings(), description="Element, tolerances and constants. Leave it out unless you study the solver"
     )
     dataset: DatasetSettings = Field(
-        DatasetSettings(), validate_default=True, description="How the samples are stored and split"
+        DatasetSettings(), validate_default=True, description="Storage and splits of the samples"
     )
     _folder: Path = PrivateAttr(default=Path())  # the job file's; relative paths start there
 
@@ -150,7 +150,7 @@ class Job(StrictSection):
         names = [each.name for each in info.data.get("indenters", ())]
         if names and dataset.leave_out is not None and (dataset.leave_out not in names or len(names) == 1):
             listed = shown(", ".join(names), 500)
-            words = f"one of {listed}" if len(names) > 1 else "nothing, as there is one indenter alone"
+            words = f"one of {listed}" if len(names) > 1 else "nothing, as the job has only one indenter"
             raise ValueError(f"leave_out {shown(repr(dataset.leave_out))} is not allowed; allowed: {words}")
         return dataset
 
@@ -215,7 +215,7 @@ class Job(StrictSection):
 
     @property
     def samples(self) -> int:
-        """Presses times steps. Each is one sample on every sensor."""
+        """Number of samples: presses times steps. A sample covers all sensors."""
         return self.presses * len(self.indenter_path)
 
     @property

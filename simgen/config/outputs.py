@@ -19,11 +19,11 @@ class Output:
     name : name of the dataset's array ``<sensor>/<name>``; a certificate's begins with ``certificate/``
     shape : shape of one sample; `VERTEX` and `SURFACE_VERTEX` stand for the number of vertices
     dtype : type in the dataset
-    unit : unit in the dataset; empty for pure numbers, and for those whose meaning states it
+    unit : unit in the dataset; empty for pure numbers, and if ``about`` states it
     about : meaning
     kept : "always"; "with fluid": if a fluid fills the cavity; "with legs": if the path has legs, or if the job asks;
         "on request": if the job asks
-    note : what a value tells the reader; for the docs
+    note : interpretation of a value; for the docs
     """
 
     name: str

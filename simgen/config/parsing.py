@@ -23,7 +23,7 @@ def parsing(path: Path, what: str) -> Iterator[None]:
     """Turn every error inside into an `InputError`, "path: cannot be read as ``what``".
 
     Prints and warnings inside are suppressed. Memory is limited by the file's size, because a broken header may ask
-    for more than the machine has. The limit is the process's, so one thread at a time parses.
+    for more than the machine has. The limit holds for the whole process, so one thread at a time parses.
     """
     said = io.StringIO()
     try:

@@ -60,7 +60,7 @@ def section_from_dict(
     except ValidationError as error:
         raise InputError(_error_line(kind, error, source, sources or {})) from None
     except (TypeError, ValueError, RecursionError) as error:  # keys that are not texts, or endless lists
-        raise InputError(f"{source}: not what JSON can say ({error}); allowed: a mapping of keys to values") from None
+        raise InputError(f"{source}: not writable as JSON ({error}); allowed: a mapping of keys to values") from None
 
 
 def find_file(path: str | Path, bundled: Iterable[Path], what: str) -> Path:

@@ -83,7 +83,7 @@ BAD = {
     "unit of a name": (
         "",
         ["indenters=[{file: sphere_7mm, unit: mm}]"],
-        r"indenters=.*: indenters\.0: unit and spacing_mm are a mesh file's, and 'sphere_7mm' is a name; allowed: ",
+        r"indenters=.*: indenters\.0: unit and spacing_mm belong to mesh files, and 'sphere_7mm' is a name; allowed: ",
     ),
     "unknown unit": (
         "",

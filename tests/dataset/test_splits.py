@@ -73,5 +73,5 @@ def test_only_an_indenter_of_the_job_can_be_left_out(changes):
 
 
 def test_the_only_indenter_cannot_be_left_out():
-    with pytest.raises(InputError, match="allowed: nothing, as there is one indenter alone"):
+    with pytest.raises(InputError, match="allowed: nothing, as the job has only one indenter"):
         fake.make_job(indenters=["ring_7mm"], dataset={"leave_out": "ring_7mm"})
