@@ -164,11 +164,11 @@ class RunProgress:
         self.progress.update(self.bar, completed=self.done, rate=f"{rate:.3g}/s", failures=self.failures())
 
     def failures(self) -> str:
-        """Counts of failed, inside-out and planned samples, and of unwritten shards."""
-        inside_out = f", {self.inside_out} inside out" if self.inside_out else ""
+        """Counts of failed, inverted and planned samples, and of unwritten shards."""
+        inverted = f", {self.inside_out} inverted" if self.inside_out else ""
         planned = f", {self.planned} not pressed, as planned" if self.planned else ""
         shards = f", {self.errors} shards not written" if self.errors else ""
-        return f"{self.failed or 'no'} samples failed{inside_out}{planned}{shards}"
+        return f"{self.failed or 'no'} samples failed{inverted}{planned}{shards}"
 
 
 def print_findings(path: Path, findings: list[Finding]) -> None:

@@ -135,7 +135,7 @@ def _count(parameters: int) -> str:
 
 def _short_note(entry: Entry, best: Entry | None) -> str:
     if best is None or best is entry:
-        return "" if best is None else "the bar"
+        return "" if best is None else "1.00"
     own, other = entry.main_error, best.main_error
     if not own < other:
         return f"{own / other:.3g} worse" if own > other > 0.0 else "no better"

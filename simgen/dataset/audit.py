@@ -163,7 +163,7 @@ def _splits(dataset: Dataset) -> Iterator[Finding]:
     if (left_out := dataset.job.dataset.leave_out) is not None:
         own = dataset.indenters.index(left_out)
         wrong = np.flatnonzero(used & ((split == list(SPLITS).index("test")) != (indenter == own)))
-        note = f"in a split of others: presses {', '.join(map(str, wrong[:SHOWN]))}" if len(wrong) else ""
+        note = f"in the wrong split: presses {', '.join(map(str, wrong[:SHOWN]))}" if len(wrong) else ""
         yield Finding("dataset", "left out", left_out, "in test alone", not len(wrong), note)
 
 
@@ -202,7 +202,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(valid & ~(least > 0)))
     found = f"{np.min(least, initial=np.inf, where=valid):.3f}"
     yield Finding(sensor, "det F, least", found, "> 0", not bad, name("det F", bad), bad)
-    yield _inside_out(sensor, np.where(converged, stored("inverted_elements"), 0), np.count_nonzero(converged))
+    yield _inverted(sensor, np.where(converged, stored("inverted_elements"), 0), np.count_nonzero(converged))
     rms, deepest = (
         np.max(stored(f"{each}_penetration_m"), initial=0.0, where=converged) * 1e6 for each in ("rms", "max")
     )
@@ -232,16 +232,16 @@ def _outcomes(dataset: Dataset, sensor: str, status: np.ndarray) -> Iterator[Fin
         yield Finding(sensor, "not pressed, as planned", found, "stated", None, note, listed=_first_of_presses(planned))
 
 
-def _inside_out(sensor: str, elements: np.ndarray, converged: int) -> Finding:
-    """List converged samples with elements inside out, by press; elements (press, depth) are their numbers."""
+def _inverted(sensor: str, elements: np.ndarray, converged: int) -> Finding:
+    """List converged samples with inverted elements, by press; ``elements`` (press, depth) counts these."""
     samples = np.argwhere(elements > 0)
     presses, first, counts = np.unique(samples[:, 0], return_index=True, return_counts=True)
     lines = [f"press {press}, {count} from depth {depth} on, in at most {elements[press].max()} elements"
              for press, depth, count in zip(presses, samples[first, 1], counts, strict=True)]  # fmt: skip
-    note = "inside out: " + "; ".join(lines[:SHOWN]) if lines else ""
+    note = "inverted: " + "; ".join(lines[:SHOWN]) if lines else ""
     note += f"; and {len(lines) - SHOWN} more presses" if len(lines) > SHOWN else ""
     found, listed = f"{len(samples)} of {converged}", tuple((int(press), int(depth)) for press, depth in samples)
-    return Finding(sensor, "of these inside out", found, "stated", None, note, listed=listed)
+    return Finding(sensor, "of these inverted", found, "stated", None, note, listed=listed)
 
 
 def _first_of_presses(samples: np.ndarray) -> tuple[tuple[int, int], ...]:

@@ -2,7 +2,7 @@
 
 zarr uses one thread of the process, and spends 0.3 to 0.7 ms of Python on each chunk and 2 to 3 ms on each array.
 Displacements have a chunk for each sample, 720 in a shard of 36 presses; zarrs writes and reads them without Python.
-The other thirty arrays have a single chunk in a shard; `chunk_file` makes it.
+All other arrays have a single chunk in a shard; `chunk_file` makes it.
 """
 
 import os

@@ -107,5 +107,5 @@ def _faulty_values(dataset: Dataset) -> dict[str, str]:
         if not np.isfinite(values := dataset[name]).all():
             found[name] = "values that are not finite numbers"
         elif name in poses and (np.linalg.matrix_rank(values) < 4).any():
-            found[name] = "matrices that are no rigid motions"
+            found[name] = "matrices that cannot be inverted"
     return found

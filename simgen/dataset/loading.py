@@ -14,7 +14,7 @@ from simgen.dataset.splits import IN_NONE, SPLITS, leave_out
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values, is_valid
 
-SENSOR_COLUMNS = (*SENSOR_VALUES, "stated_depth")  # those that the dataset has
+SENSOR_COLUMNS = (*SENSOR_VALUES, "stated_depth")  # of which a sample has those that the dataset has
 
 
 def load_dataset(
@@ -24,13 +24,13 @@ def load_dataset(
     left_out: str | None = None,
     include_inside_out: bool = False,
 ) -> "Samples":
-    """Load the samples of a dataset that are valid on all loaded sensors: converged, no element inside out.
+    """Load the samples of a dataset that are valid on all loaded sensors: converged, without inverted elements.
 
     split : train, validation or test; all three by default
     sensors : names of the sensors to load; all by default
-    left_out : name of an indenter. The test split has it alone; training and validation do not have it. By default as
-        the dataset's job says
-    include_inside_out : add converged samples in which an element is inside out somewhere
+    left_out : name of an indenter. The test split has this one alone, training and validation have all others. By
+        default the one that the dataset's job names
+    include_inside_out : add converged samples with inverted elements
 
     Raises `InputError` for an unknown name, and if no sample is left.
     """
@@ -75,7 +75,7 @@ class Samples(Sequence):
         return len(self.rows)
 
     def __getitem__(self, number: int | slice) -> "dict[str, np.ndarray] | Samples":
-        """One sample as a dictionary, or `Samples` for a slice. Values are float32 in SI units; numbers are int64.
+        """One sample as a dictionary, or `Samples` for a slice. Values are float32 in SI units; indices are int64.
 
         ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` (3,), ...: the outputs of `simgen.config.outputs` that
         the dataset has, without status and certificates.

@@ -33,7 +33,7 @@ A dataset is one zarr v3 directory in SI units::
 One task writes one shard: the same presses of every array, one file per array. Two writers never share a shard. Each
 file is written aside, flushed to disk and renamed; the manifest comes last. A shard without a manifest does not exist,
 so a run that was killed at any moment can go on. Steps that were not reached hold the fill value (NaN, -1, or -32768
-in int16) and a status. Converged samples with an element inside out keep their values.
+in int16) and a status. Converged samples with an inverted element keep their values.
 """
 
 import json

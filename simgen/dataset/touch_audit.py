@@ -61,7 +61,7 @@ def _has_mesh_of_the_job(dataset: Dataset, sensor: str) -> bool:
 
 
 def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
-    """Check that held vertices rest, touched ones lie on the indenter, and converged samples have displacements."""
+    """Check that held vertices rest, touched vertices lie on the indenter, and converged samples are complete."""
     check = _DisplacementCheck(dataset, sensor)
     if check.why_not:
         yield not_looked_at(sensor, "on the indenter", check.why_not)
@@ -124,8 +124,8 @@ class _DisplacementCheck:
     def _nearest(
         self, presses: range, displacement: np.ndarray, press: np.ndarray, depth: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Least distance, m, of vertices from the indenter: at rest, at first touch of each press (n,); and in samples
-        (s,), given by rows in the shard and depths."""
+        """Least distance, m, of vertices and indenter: (n,) at rest, with the indenter at first touch of each press;
+        and (s,) in samples, given by their press in the shard and their depth, (s,) each."""
         count, points = len(presses), self.patches.points
         moved = displacement[press[:, None], depth[:, None], points]
         moved = np.concatenate([np.zeros((count, *moved.shape[1:])), moved])

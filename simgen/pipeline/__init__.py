@@ -1,1 +1,1 @@
-"""From a job to its dataset: the plan, shards, workers (the only ones that import dask) and the run."""
+"""From a job to its dataset: the plan, shards, workers (the only module that imports dask) and the run."""

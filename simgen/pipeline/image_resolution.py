@@ -1,4 +1,4 @@
-"""Check of an output mesh's edge length for the camera behind it, whose images show the mesh's flat triangles.
+"""Check that the edges of an output mesh are short enough for camera images, which show its flat triangles.
 
 `benchmarks/output_edges.py` compares images of one press with the image on edges of 0.3 mm. The mean difference in the
 contact, over the mean signal, is 2 to 7 % for edges of 0.4 contact radii, 7 to 17 % for 0.5 to 0.7, 20 to 35 % for 0.8,
@@ -16,13 +16,13 @@ from simgen.sensors.sensor import Camera, Sensor
 from simgen.units import MM_PER_M
 
 LONGEST, WANTED = 0.6, 0.4  # contact radii: edges above LONGEST get a remark, which recommends WANTED
-POINTS, SECTIONS = 201, 4  # of the grid on which a contact is measured: along each side, and along the depth
+POINTS, SECTIONS = 201, 4  # of the grid that measures a contact: points along each side, sections along the depth
 
 
 def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], depth_m: float) -> list[str]:
-    """Remark, in one sentence, that images hardly show the smallest contact at the deepest depth, m; else return none.
+    """Return a sentence if images will hardly show the smallest contact at the largest depth, ``depth_m``; else none.
 
-    There is no remark without a camera, or if edges are shorter than a pixel.
+    There is none without a camera, or if edges are shorter than a pixel.
     """
     if sensor.camera is None:
         return []
@@ -39,7 +39,7 @@ def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], dept
 
 
 def contact_radius(indenter: Indenter, depth_m: float) -> float:
-    """Radius, m, of the largest circle in the outline of an indenter's part within a depth, m, behind its tip."""
+    """Radius, m, of the largest circle in the outline of an indenter, cut off ``depth_m`` behind its tip."""
     low, high = MM_PER_M * indenter.extent
     axes = [np.linspace(low[axis], high[axis], POINTS) for axis in (0, 2)]
     heights = high[1] - MM_PER_M * depth_m * np.arange(1, SECTIONS + 1) / SECTIONS

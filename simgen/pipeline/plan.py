@@ -42,7 +42,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
 
     Press = trajectory * number of indenters + indenter. The same job gives the same plan on all machines of one kind.
-    `device` may be another machine's. Raises `InputError` for a name that is not a device.
+    This machine need not have the `device`. Raises `InputError` for a name that is not a device.
     """
     check_device_name(device)
     start_warp()

@@ -28,7 +28,7 @@ SECONDS_SOURCE = {
 
 MOST_CONTACTS = 1000  # sampled in a preview; later contacts of the sequence fit as often as the first ones
 
-# Stored over raw bytes of the displacement, with the source of the figure.
+# Ratio of stored to raw bytes of the displacement, with the source of the figure.
 COMPRESSION = {
     "int16": (0.56, "compression as measured on the smoke dataset"),
     "float32": (1.0, "uncompressed"),

@@ -21,11 +21,11 @@ from simgen.pipeline.shard import Presser, ShardReport, fem_presser, run_shards
 from simgen.pipeline.shard_writer import Failure
 from simgen.pipeline.workers import Workers
 
-# Presses in all tasks that a GPU's process solves at once, if tasks have several shards. They are many more than the
-# device presses at once: a shard waits for its hardest press, and the others keep the device busy. The host keeps
+# Presses of all tasks that a GPU's process has under way, if tasks have several shards. They are many more than the
+# device solves at a time: while some shards wait for their hardest press, others keep the device busy. The host keeps
 # samples until their shard has ended, 2.5 MB for a press of the paired job in single precision.
 PRESSES_PER_GPU_PROCESS = 4608
-SMALLER = 8  # a task that failed is tried again in so many parts, most of which may succeed
+SMALLER = 8  # parts in which a failed task is tried again; most of them may succeed
 
 
 def run(
@@ -39,7 +39,7 @@ def run(
 ) -> Dataset:
     """Create or open a dataset, add new trajectories, and solve every unfinished shard.
 
-    workers : of `workers.start_workers`; None solves in this process
+    workers : made by `start_workers`; None solves in this process
     on_start : called with the number of presses that are finished already
     on_report : called with the report of each shard
     build : makes the function that solves presses
@@ -129,7 +129,7 @@ def divide(shards: list[int], size: int) -> list[list[int]]:
 
 
 def shards_per_task(shards: int, job: Job, workers: Workers) -> int:
-    """Number of shards in a GPU's task: as many as fit, or fewer, so that all processes have as many tasks."""
+    """Number of shards in a GPU's task: as many as fit, or fewer, so that all processes have equally many tasks."""
     most = max(1, PRESSES_PER_GPU_PROCESS // (workers.tasks_at_once * job.dataset.presses_per_shard))
     rounds = max(1, -(-shards // (most * workers.count)))
     return max(1, -(-shards // (rounds * workers.count)))

@@ -58,8 +58,8 @@ WRITTEN_AT_ONCE = min(16, os.cpu_count() or 1)  # shards; each takes 0.2 s of a 
 class ShardReport:
     """Outcome of one shard; an `error` means that nothing was written.
 
-    failed, planned, inside_out : samples of all sensors that failed, that were not pressed, as planned, and that
-        converged with an element inside out
+    failed, planned, inside_out : numbers of samples, over all sensors: failed; not pressed, as planned; converged with
+        an inverted element
     seconds : the shard's share of its task's time, from the first press to the last file. Tasks of threads overlap
     errno : the operating system's number of the error, if there is one
     """
@@ -119,7 +119,7 @@ def _presser(
 
 @lru_cache(maxsize=1)
 def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
-    """Identities of the loaded sensors, indenters, code and packages, as JSON of the dataset's attributes."""
+    """Identities of the loaded sensors, indenters, code and packages: JSON in the form of the dataset's attributes."""
     own = {
         **LOADED_VERSIONS,
         "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
@@ -147,7 +147,7 @@ def _check_inputs(job: Job, recorded: str) -> None:
             read.cache_clear()
     if changes := difference(json.loads(recorded), json.loads(_inputs(job, sensors))):
         raise InputError(
-            f"the inputs on {socket.gethostname()} are not the dataset's ({'; '.join(changes)}); give all workers "
+            f"the inputs on {socket.gethostname()} differ from the dataset's ({'; '.join(changes)}); give all workers "
             "the same code and files, start them again after a change, and make meshes once in a folder they share "
             "(`simgen mesh`)"
         )
@@ -206,8 +206,8 @@ def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = f
 def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=fem_presser) -> list[ShardReport]:
     """Solve all presses of some shards on every sensor, and write the shards.
 
-    Raises `InputError` if this process has other sensors or indenters than the dataset. If one shard cannot be written,
-    its report says why.
+    Raises `InputError` if sensors, indenters, code or packages of this process differ from the dataset's. If one shard
+    cannot be written, its report says why.
     """
     plan = _planned(path, job)
     dataset = plan.dataset

@@ -20,7 +20,7 @@ from simgen.errors import InputError
 from simgen.pipeline.shard import Presser, fem_presser, prepare
 
 # Threads of a GPU's process. Each solves a task, and the presses of all tasks share the device (see ``pool``). A task
-# is one shard of the default size, so finished shards are written early. With 128 threads, 74 s of the paired job's
+# of the paired job is one shard, so finished shards are written early. With 128 threads, 74 s of the paired job's
 # 377 s went into its last presses (2b75018, one H200), because hard presses of the last shards began late.
 TASKS_PER_GPU_PROCESS = 256
 TASKS_PER_THREAD = 2  # submitted tasks: one runs, one waits
@@ -105,7 +105,7 @@ class Workers:
                     raise
                 except KilledWorker as error:
                     died = error.allowed_failures + 1
-                    result = RuntimeError(f"{died} processes that were at it died, killed or out of memory")
+                    result = RuntimeError(f"{died} processes died while they solved it, killed or out of memory")
                 except Exception as error:  # for instance if a worker lacks simgen
                     result = error
                 yield submitted.pop(future), result
@@ -124,9 +124,9 @@ def start_workers(
 ) -> Iterator[Workers]:
     """Make workers for a job, and close them at the end.
 
-    Without ``scheduler``, a local cluster of ``count`` processes solves, by default one for each core or GPU and no
-    more than shards. Its processes load sensors, scenes and kernels as soon as they start. GPU processes start at
-    once. CPU processes start when they are first needed, because they would slow the caller's planning.
+    Without ``scheduler``, a local cluster of ``count`` processes solves, by default one for each core or GPU, but at
+    most one for each shard. Its processes load sensors, scenes and kernels as soon as they start. GPU processes start
+    at once. CPU processes start when they are first needed, because they would slow the caller's planning.
 
     With the address of a ``scheduler``, its workers solve once there are ``count`` of them or after `LONGEST_WAIT_S`.
     They must see the same file system. With "sync", this process solves.
@@ -172,7 +172,8 @@ def start_workers(
             try:
                 cluster = stack.enter_context(local_cluster(environments))
             except RuntimeError as error:
-                raise InputError(f"a worker of {len(environments)} did not start: {error.__cause__ or error}") from None
+                number, why = len(environments), error.__cause__ or error
+                raise InputError(f"one of {number} workers did not start: {why}") from None
             client = stack.enter_context(Client(cluster))
             own = {"allow_other_workers": True, "pure": False}  # others, if it is lost
             addresses = client.nthreads()
@@ -195,7 +196,7 @@ def visible_gpus(device: str) -> list[str]:
 
 
 def local_cluster(environments: list[dict[str, str]]):
-    """Make a dask cluster on this machine, with a process for each environment, also when it starts again.
+    """Make a dask cluster on this machine, with a process for each environment, which it keeps when it starts again.
 
     A process with a GPU of its own has several threads. The presses of their tasks are solved together (see ``pool``),
     and no task waits while another one writes.
@@ -204,9 +205,9 @@ def local_cluster(environments: list[dict[str, str]]):
     from distributed.system import MEMORY_LIMIT
 
     class QuickNanny(Nanny):
-        """Ends its worker after half a second, not five; unfinished work is of no use.
+        """Ends its worker after half a second instead of five, because unfinished work is of no use.
 
-        A worker that is killed as it first starts is started again, where dask would give up all workers.
+        A worker that is killed during its first start is started again; dask would give up all workers.
         """
 
         async def instantiate(self) -> Status:

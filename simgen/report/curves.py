@@ -23,7 +23,7 @@ def force_section(dataset: Dataset) -> Iterator[str]:
 
 
 def pressure_section(dataset: Dataset) -> Iterator[str]:
-    """Nothing unless a cavity is filled."""
+    """Yield nothing unless a fluid fills a cavity."""
     filled = [sensor for sensor in dataset.sensors if dataset.job.sensors[sensor].fluid != "none"]
     pressing = dataset.indenter_path.legs == 0
     values = {sensor: dataset[f"{sensor}/cavity_pressure"][:, pressing] / 1e3 for sensor in filled}

@@ -11,7 +11,7 @@ from simgen.fem.nonlinear.status import Status, has_values, is_planned_end
 from simgen.plotting.html import picture, table, tiles
 from simgen.report.choice import NOTHING_YET
 
-BINS = 40  # of integers, at most
+BINS = 40  # largest number of bins for whole numbers
 PER_DECADE = 10  # bins on a logarithmic scale
 SHOWN = ("residual", "contact_error", "force_balance", "min_det_F", "inverted_elements", "stabilised_elements",
          "damping", "rms_penetration_m", "max_penetration_m", "newton_iterations", "krylov_iterations")  # fmt: skip
@@ -93,8 +93,8 @@ def _stabilisation(values: dict[str, np.ndarray]) -> tuple[str, str]:
 
 
 def _certificates(dataset: Dataset) -> str:
-    header = ["sensor", "indenter", "converged", "converged inside out", "residual", "contact error", "force balance",
-              "least det F", "elements inside out", "elements stabilised (mean, max)", "samples damped",
+    header = ["sensor", "indenter", "converged", "converged, inverted", "residual", "contact error", "force balance",
+              "least det F", "inverted elements", "elements stabilised (mean, max)", "samples damped",
               "penetration rms, max (um)", "Newton, Krylov iterations (mean)"]  # fmt: skip
     rows = []
     for sensor in dataset.sensors:
@@ -105,13 +105,13 @@ def _certificates(dataset: Dataset) -> str:
             own = (dataset["press/indenter"] == index)[:, None]
             good = own & has_values(status)
             converged = f"{np.count_nonzero(good)} of {np.count_nonzero(own & ~is_planned_end(status))}"
-            inside_out = np.count_nonzero(own & (status == Status.INSIDE_OUT))
+            inverted = np.count_nonzero(own & (status == Status.INSIDE_OUT))
             if not good.any():
                 rows.append([sensor, name, converged] + [""] * (len(header) - 3))
                 continue
             values = {key: array[good] for key, array in stored.items()}
             rows.append([
-                sensor, name, converged, f"{inside_out}",
+                sensor, name, converged, f"{inverted}",
                 f"{values['residual'].max():.1e}", f"{values['contact_error'].max():.1e}",
                 f"{values['force_balance'].max():.1e}", f"{values['min_det_F'].min():.3f}",
                 f"{values['inverted_elements'].max()}",

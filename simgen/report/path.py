@@ -15,7 +15,7 @@ QUANTITIES = ("normal force, N", "shear force, N", "sliding share of the contact
 
 
 def path_section(dataset: Dataset) -> Iterator[str]:
-    """Nothing if indenters only press."""
+    """Yield nothing if indenters only press."""
     path = dataset.indenter_path
     if path.is_a_press:
         return

@@ -12,7 +12,7 @@ from simgen.dataset.touchable import TouchableSurface
 from simgen.plotting.html import picture, table
 from simgen.plotting.surface_plot import camera, draw_points, draw_surface
 
-NEAR = 0.5  # of the deepest press: skin this near to a contact counts as covered
+NEAR = 0.5  # skin within this share of the largest depth from a contact counts as covered
 KEPT, REFUSED = np.array([0.10, 0.35, 0.60]), np.array([0.80, 0.10, 0.10])
 FACING_PAD = camera(np.array([0.0, -1.0, 0.0]))
 

@@ -1,6 +1,6 @@
 """3D view of each sensor's surface during a press, with a slider over the depths.
 
-plotly.js draws it. The page holds plotly.js, so nothing is loaded.
+plotly.js draws it. The page holds plotly.js, so nothing is loaded from the network.
 """
 
 import html

@@ -23,7 +23,7 @@ def test_a_run_counts_planned_ends_and_samples_inside_out_apart_from_failures():
     assert bar.failures() == "no samples failed"
     bar.on_report(ShardReport(1, 2, planned=5, inside_out=1))
     bar.on_report(ShardReport(2, 2, failed=3, planned=2))
-    assert bar.failures() == "3 samples failed, 1 inside out, 7 not pressed, as planned"
+    assert bar.failures() == "3 samples failed, 1 inverted, 7 not pressed, as planned"
 
 
 def test_a_shard_that_was_not_written_is_named_and_counted(capsys):

@@ -108,7 +108,7 @@ def test_planned_ends_and_samples_inside_out_are_listed_apart(tmp_path):
     found = {finding.what: finding for finding in check(dataset) if finding.subject == "digit"}
     assert passes(check(dataset)) and to_repair(dataset, check(dataset)) == []
     assert found["samples converged"].found == "36 of 36"  # 4 x (3 + 2 + 4)
-    planned, inside_out = found["not pressed, as planned"], found["of these inside out"]
+    planned, inside_out = found["not pressed, as planned"], found["of these inverted"]
     assert (planned.found, planned.passed) == ("12 of 48", None)
     assert planned.note.splitlines() == [
         "4 samples, the first at press 0, depth 3: Too strong.", "8 samples, the first at press 1, depth 2: No room."
@@ -117,7 +117,7 @@ def test_planned_ends_and_samples_inside_out_are_listed_apart(tmp_path):
     assert set(planned.listed) == ends and not planned.bad
     assert (inside_out.found, inside_out.passed) == ("4 of 36", None)
     assert inside_out.listed == tuple((3 * i + 2, 1) for i in range(4)) and not inside_out.bad
-    assert inside_out.note.startswith("inside out: press 2, 1 from depth 1 on, in at most 4 elements; press 5, 1 from")
+    assert inside_out.note.startswith("inverted: press 2, 1 from depth 1 on, in at most 4 elements; press 5, 1 from")
 
 
 def test_a_sample_inside_out_is_looked_at_like_others(tmp_path):

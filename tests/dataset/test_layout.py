@@ -27,7 +27,7 @@ def test_a_dataset_that_was_just_made_has_no_fault(dataset):
     ("press/contact_pose", lambda values: values.astype(np.int32), "int32 (12, 4, 4); allowed: floating (12, 4, 4)"),
     ("press/indenter", lambda values: values + 1, "1 to 3; allowed: 0 to 2"),
     ("biotac/rest_positions", lambda values: values * np.nan, "values that are not finite numbers"),
-    ("digit/pose", np.ones_like, "matrices that are no rigid motions"),
+    ("digit/pose", np.ones_like, "matrices that cannot be inverted"),
 ])  # fmt: skip
 def test_an_array_that_was_changed_is_named(dataset, name, change, says):
     dataset = changed(dataset, name, change(dataset[name]))

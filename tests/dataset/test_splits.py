@@ -62,7 +62,7 @@ def test_the_audit_names_presses_that_are_where_they_must_not_be(left_out, code)
     fake.change(left_out, "press/split", int(press), code)
     failed = {finding.what: finding for finding in check(Dataset(left_out.path)) if finding.failed}
     assert failed.keys() == {"left out", "numbering"}
-    assert failed["left out"].note == f"in a split of others: presses {press}"
+    assert failed["left out"].note == f"in the wrong split: presses {press}"
     assert failed["numbering"].note == f"split: press {press}"
 
 

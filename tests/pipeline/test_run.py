@@ -242,7 +242,7 @@ def test_a_press_that_kills_its_process_costs_its_shard_and_no_other(whole, tmp_
     (failed,) = [report for report in reports if report.error]
     poisoned = [shard for shard in range(6) if fake.POISON in Dataset(path).shard_presses(shard)]
     assert [failed.shard] == Dataset(path).unfinished() == poisoned
-    assert "3 processes that were at it died, killed or out of memory" in failed.error
+    assert "3 processes died while they solved it, killed or out of memory" in failed.error
     run(fake.make_plan(job), path, build=fake.fake_presser)
     assert fake.contents(path) == fake.contents(whole)
 

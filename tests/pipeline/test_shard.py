@@ -32,7 +32,7 @@ def test_a_worker_with_another_indenter_file_writes_nothing(tmp_path):
     dataset = run(plan, path, on_report=reports.append, build=fake.fake_presser)
     assert dataset.finished() == []
     for report in reports:
-        assert re.search(r"the inputs on .* are not the dataset's \(indenters\.block\.sha256: ", report.error)
+        assert re.search(r"the inputs on .* differ from the dataset's \(indenters\.block\.sha256: ", report.error)
 
 
 def test_a_worker_compares_what_it_has_loaded(tmp_path, monkeypatch):
@@ -51,7 +51,7 @@ def test_a_worker_with_another_version_writes_nothing(tmp_path, what, key):
     plan.attributes = {**plan.attributes, what: {**plan.attributes[what], key: "0.1"}}
     dataset = run(plan, tmp_path / "d.zarr", on_report=reports.append, build=fake.fake_presser)
     assert dataset.finished() == []
-    assert all(re.search(rf"are not the dataset's \({what}\.{key}: 0\.1 -> ", report.error) for report in reports)
+    assert all(re.search(rf"differ from the dataset's \({what}\.{key}: 0\.1 -> ", report.error) for report in reports)
 
 
 def test_a_dataset_finds_its_indenter_again_from_anywhere(tmp_path, monkeypatch):

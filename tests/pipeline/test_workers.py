@@ -85,7 +85,7 @@ def test_a_process_that_is_killed_as_it_starts_is_started_again(dying):
 def test_processes_that_never_start_are_one_line(dying):
     dying(6)
     before = set(psutil.Process().children(recursive=True))
-    once = pytest.raises(InputError, match="a worker of 1 did not start: killed or out of memory 3 times")
+    once = pytest.raises(InputError, match="one of 1 workers did not start: killed or out of memory 3 times")
     with start_workers(fake.make_job(), count=1, build=fake.fake_presser) as started, once:
         _ = started.started
     assert set(psutil.Process().children(recursive=True)) <= before

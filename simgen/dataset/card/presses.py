@@ -23,8 +23,8 @@ SHARED = {
 def columns(dataset: Dataset) -> dict[str, tuple[str, str]]:
     """Map each column to its type, in the vocabulary of schema.org, and its meaning."""
     of_sensors = {
-        f"{sensor}_converged": ("sc:Integer", f"number of the depths with a valid sample of {sensor}, which has "
-                                              "converged and no element inside out")
+        f"{sensor}_converged": ("sc:Integer", f"number of depths with a valid sample of {sensor}: converged, "
+                                              "without inverted elements")
         for sensor in dataset.sensors
     }  # fmt: skip
     return SHARED | of_sensors

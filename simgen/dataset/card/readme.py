@@ -87,12 +87,13 @@ def _contents(dataset: Dataset) -> Iterator[str]:
     yield "No contact (trajectory) is in two splits. `presses.csv` lists the presses, `croissant.json` describes table"
     yield "and arrays, and the folder itself is a zarr v3 group."
     if (left_out := dataset.job.dataset.leave_out) is not None:
-        yield f"The test has {_plain(left_out)} alone, and nothing else has it; other presses are in no split (none)."
+        yield f"The test split has {_plain(left_out)} alone, and the others have all other indenters. The rest of the"
+        yield "presses is in no split (none)."
 
 
 def _worth(dataset: Dataset) -> Iterator[str]:
-    yield "A sample is valid if its forces balance and no element is inside out anywhere."
-    yield "Worst over the valid samples; every sample carries its own."
+    yield "A sample is valid if its forces balance and no element is inverted anywhere."
+    yield "The worst values over the valid samples; every sample has its own."
     yield ""
     keys = {"residual": "{:.1e}", "contact_error": "{:.1e}", "force_balance": "{:.1e}", "min_det_F": "{:.3f}",
             "inverted_elements": "{:.0f}", "max_penetration_m": "{:.1e}"}  # fmt: skip
@@ -131,7 +132,7 @@ def _making(dataset: Dataset) -> Iterator[str]:
         yield (f"- {sensor}: E = {material['youngs_modulus_pa']:g} Pa, nu = {material['poisson_ratio']:g}, friction "
                f"{material['friction']:g} ({source}); fluid: {known['fluid']}; mesh {mesh}")  # fmt: skip
     yield ""
-    yield "This job, in a file, makes it again: `simgen run job.yaml`."
+    yield "Save this job as `job.yaml`; then `simgen run job.yaml` makes the dataset again."
     yield ""
     job = yaml.safe_dump(dataset.attributes["job"], sort_keys=False).rstrip()
     fence = max(["```", *(f"{run}`" for run in re.findall("`+", job))], key=len)  # longer than any in the job

@@ -99,7 +99,7 @@ def _add(found: Catalogue, file: ResultFile, sensor: str) -> None:
     if (job := file.attributes.get("job")) is not None:
         found.own_jobs.setdefault(str(job), file.path)
         if len(found.own_jobs) > 1:
-            raise InputError(f"{file.path}: of another job than {next(iter(found.own_jobs.values()))}; "
+            raise InputError(f"{file.path}: its job differs from that of {next(iter(found.own_jobs.values()))}; "
                              "import one job at a time")  # fmt: skip
         found.grown_from = _grown_from(file)
     presses, taken = found.samples[sensor], {trial for trial, _ in found.samples[sensor]}
@@ -147,7 +147,7 @@ def _indenter(found: Catalogue, file: ResultFile, env: int, name: str | None) ->
     if name is None:
         published = indenter_names()
         if env >= len(published):
-            raise InputError(f"{file.path}: env_{env}: which indenter? the published order ends with "
+            raise InputError(f"{file.path}: env_{env}: names no indenter, and the published order ends with "
                              f"env_{len(published) - 1}")  # fmt: skip
         name, found.indenters_stated = published[env], False
     found.indenters.setdefault(name, env)

@@ -14,7 +14,7 @@ ROUNDING_M = 1e-9  # depths of a dataset are whole nanometres
 
 
 def depth_axis(found: Catalogue, asked: str | None, own: Job | None) -> dict[str, float | int]:
-    """Choose the keys of a job's depths, mm: as asked (``first:last:count``), of the files' job, or as the files state.
+    """Choose the depths, mm: ``asked`` (``first:last:count``), else those of the files' job, else those of the files.
 
     Raises `InputError` if nothing is asked for and the files state no depths or uneven ones.
     """

@@ -1,8 +1,8 @@
 """Import of result files of ACROSS and biotac_sim as a dataset.
 
-Displacements are coordinates less the rest positions of a mesh that the user gives. Nothing that the files lack is made
-up: numbers are NaN or -1, arrays of the plan (``held``, ``touchable``, ``press/contact_pose``) and keys of the job are
-left out. The attribute ``source`` names the files. ``<sensor>/stated_depth`` (press, depth) holds the depths of the
+Displacements are coordinates minus the rest positions of a mesh that the user gives. Nothing is made up that the files
+lack: numbers are NaN or -1; arrays of the plan (``held``, ``touchable``, ``press/contact_pose``) and keys of the job
+are left out. The attribute ``source`` names the files. ``<sensor>/stated_depth`` (press, depth) holds the depths of the
 files, m; the dataset's own depths are even.
 """
 

@@ -21,7 +21,7 @@ SHOWN = 12  # most numbers in a message
 
 
 class Track(Protocol):
-    """Shows the progress of a loop, as ``rich.progress.track``."""
+    """Shows the progress of a loop, as ``rich.progress.track`` does."""
 
     def __call__(self, sequence: Sequence, description: str) -> Iterable: ...
 
@@ -48,7 +48,7 @@ class PressSelection:
         """Raise `InputError` if no sample is selected."""
         if not self.paired.any():
             on = " and ".join(self.sensors)
-            raise InputError(f"{self.dataset.path}: of what is chosen no sample is there on {on}")
+            raise InputError(f"{self.dataset.path}: no selected sample is valid on {on}")
 
     def by_trajectory(self) -> dict[int, "PressSelection"]:
         """Divide the selection by trajectory."""
@@ -91,7 +91,7 @@ def _numbers(path: Path, text: str, there: np.ndarray) -> list[int]:
         if end <= first:
             raise InputError(f"--trajectories {text!r}: {part.strip()} is empty; its end is excluded")
         known = set(there.tolist())
-        if missing := next((number for number in range(first, end) if number not in known), None):
+        if (missing := next((number for number in range(first, end) if number not in known), None)) is not None:
             raise InputError(f"--trajectories {text!r}: {path} has no trajectory {missing}; it has {_shown(there)}")
         numbers += range(first, end)
     return numbers

@@ -29,7 +29,7 @@ class Chain:
 
 
 def make_chain(names: tuple[str, ...], trained: Callable[[str], Network]) -> Chain:
-    """Chain networks: from what the first one learns from (signals, or displacements in m) to what the last predicts.
+    """Chain networks, from the inputs of the first (signals, or displacements in m) to the outputs of the last.
 
     trained : name -> network, on one device
     """

@@ -20,7 +20,7 @@ NETWORK = "network.safetensors"
 
 
 def save_network(file: Path, network: Network, about: Mapping[str, Any]) -> None:
-    """Write ``file`` (.safetensors), then its sidecar (.json), each whole.
+    """Write ``file`` (.safetensors), then its sidecar (.json), each atomically.
 
     about : entries of the sidecar beside kind, settings, parameters and the sha256 of the weights
     """

@@ -38,7 +38,7 @@ ABSENT = "-"
 class Entry:
     """A model and its errors.
 
-    task : what it predicts from what, such as "biotac mesh -> digit mesh"; models of one task are compared
+    task : inputs and outputs, such as "biotac mesh -> digit mesh"; models of one task are compared
     baseline : True for models that networks have to beat
     published : the paper's network that it is compared with, a key of `PUBLISHED`
     labels : groups of samples, see `labels_of`

@@ -1,4 +1,4 @@
-"""Errors of all that is trained, and of the baselines, on test trajectories."""
+"""Errors of all trained networks, and of the baselines, on test trajectories."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,7 +21,7 @@ FIGURE = "errors.png"
 
 
 def evaluate(run: TrainingRun, track: Track) -> list[Entry]:
-    """Measure all that is trained, and write the tables into the run's folder. Tasks without a network are left out."""
+    """Measure all trained networks and write the tables into the run's folder. Tasks without a network are left out."""
     found = _Evaluation(run)
     entries = [entry for task in track([*TASKS], "measuring") for entry in found.task(*task)]
     write_tables(run.output, entries)

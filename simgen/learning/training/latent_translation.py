@@ -15,7 +15,7 @@ from simgen.learning.training.network import Network, Terms
 from simgen.learning.training.network_data import NetworkData
 
 LEAST = 1e-5  # least latent error: keeps the slope of the root finite
-LEAST_SIZE = 1e-2  # least distance from rest, relative to the mean over training
+LEAST_SIZE = 1e-2  # least distance from rest, relative to its root mean square over training
 
 
 class LatentTranslation(Network):

@@ -20,7 +20,7 @@ class Network(nn.Module):
     that decodes meshes has ``vertices``, their number.
 
     kind : names the class in ``network.json``
-    tf32 : whether a GPU may multiply matrices in TF32: 1 um of rounding in 2 mm
+    tf32 : True if a GPU may multiply matrices in TF32: 1 um of rounding in 2 mm
     """
 
     kind: ClassVar[str]

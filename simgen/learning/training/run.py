@@ -43,8 +43,8 @@ PACKAGES = ("torch", "numpy", "scipy", "safetensors")
 class TrainingRun:
     """A checked job, its data on a device, and its folder.
 
-    Raises `InputError` for a missing dataset or device, for a folder of another job, and for anything that a network
-    would miss hours later: another network, samples of a split, meshes of recordings.
+    Raises `InputError` for a missing dataset or device, for a folder of another job, and for anything that would
+    stop a network hours later: a missing network, no samples of a split, recordings without meshes.
     """
 
     def __init__(self, job: TrainingJob, output: Path, device: str, track: Track = lambda items, about: items):
@@ -68,7 +68,7 @@ class TrainingRun:
     def trained(self, name: str) -> Network:
         """Load a finished network. Raises `InputError` if there is none."""
         if not self.is_trained(name):
-            raise InputError(f"{self.output}: {name} is needed and not trained yet; allowed: networks that list {name}")
+            raise InputError(f"{self.output}: {name} is needed and not trained yet; allowed: networks with {name}")
         return load_network(self.output / name, self.device)
 
     def _check_needed(self) -> None:
@@ -76,7 +76,7 @@ class TrainingRun:
             for needed in NETWORKS[name].needs:
                 if needed not in self.job.networks and not self.is_trained(needed):
                     raise InputError(
-                        f"networks: {name} needs {needed}, which {self.output} does not hold; allowed: to list both"
+                        f"networks: {name} needs {needed}, which {self.output} does not hold; allowed: both"
                     )
 
     def is_trained(self, name: str) -> bool:
@@ -135,7 +135,7 @@ class TrainingRun:
 
 
 def is_trained(output: Path, name: str) -> bool:
-    """Tell whether a folder of networks holds this one, complete."""
+    """Return True if a folder of networks holds this one, complete."""
     return (output / name / NETWORK).with_suffix(".json").exists()
 
 

@@ -18,7 +18,7 @@ from simgen.sensing.electrodes.recordings import Recordings, read_recordings
 from simgen.sensing.electrodes.signals import Scaling, in_contact, without_drift
 
 LEAST_PRESSED = 0.01  # share of a recording's samples, those with the least force, that stands for rest
-BLOCKS = 100  # of a recording, in time: neighbours look alike, so that a block is in one split
+BLOCKS = 100  # of time, of a recording: neighbouring samples look alike, so each block is in one split
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class SignalData:
         """Row numbers (n,) of a split, on the device of the values. Raises `InputError` if there are none."""
         rows = np.flatnonzero(self.split == list(SPLITS).index(split))
         if not len(rows):
-            raise InputError(f"signals: no sample of split {split}, {len(self.split)} in all; allowed: some of each")
+            raise InputError(f"signals: no sample of split {split}, {len(self.split)} in all; allowed: one of each")
         return torch.from_numpy(rows).to(self.values.device)
 
     def with_meshes(self) -> MeshSamples:

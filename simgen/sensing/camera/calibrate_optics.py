@@ -1,6 +1,6 @@
 """`simgen calibrate-optics`: fits a table of colours to pictures of a sphere, or to the photometric model.
 
-Both ways write whole files and yield progress lines.
+Both ways write files atomically and yield progress lines.
 """
 
 from collections.abc import Iterator, Sequence
@@ -61,7 +61,7 @@ def fit_to_pictures(
     """Fit a table to pictures in which a sphere touches a sensor.
 
     background : picture of the untouched gel, of the same size
-    circles : CSV file of contact circles, see `read_circles`; other pictures are searched for theirs
+    circles : CSV file of contact circles, see `read_circles`; in pictures that it does not list they are searched
 
     A picture that cannot be used is left out, with a line that says why. Raises `InputError` if more than half are.
     """
@@ -146,7 +146,7 @@ def _contact(
 
 
 def check_replaceable(file: Path, source: str) -> None:
-    """Raises `InputError` if the file exists and is no table fitted to ``source``."""
+    """Raise `InputError` if the file exists and is no table fitted to ``source``."""
     if not file.exists():
         return
     try:

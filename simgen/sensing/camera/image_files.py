@@ -18,7 +18,7 @@ def read_image(file: str | Path) -> np.ndarray:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from None
     image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     if image is None:
-        raise InputError(f"{file}: not an image; allowed: PNG, JPEG and what else OpenCV reads")
+        raise InputError(f"{file}: not an image; allowed: PNG, JPEG or another format that OpenCV reads")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 

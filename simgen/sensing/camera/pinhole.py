@@ -33,7 +33,7 @@ class Pinhole:
 
     @classmethod
     def of(cls, camera: Camera, height: int | None = None, width: int | None = None) -> Self:
-        """Make one of a sensor's camera, of its own image size or another (px). Keeps its vertical field of view.
+        """Make the pinhole of a sensor's camera. Its vertical field of view stays for any ``height`` and ``width``, px.
 
         Raises `InputError` for a size out of range.
         """

@@ -18,7 +18,7 @@ from simgen.sensing.camera.spheres import Patch
 BINS = 125  # as published
 REACH = (20.0, 10.0, 5.0, 2.5, 1.2, 0.6)  # bins, standard deviations of the neighbours' weights, from far to near
 PRIOR = 10.0  # weight of the last, wider fit, in observations
-SEEN, SEEN_FROM = 5.0, 2.5  # a bin with fewer observations than this within this reach is filled in
+SEEN, SEEN_FROM = 5.0, 2.5  # a bin with fewer than SEEN observations within a reach of SEEN_FROM is filled in
 
 
 @dataclass(frozen=True)

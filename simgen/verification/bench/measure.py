@@ -1,6 +1,6 @@
 """Time each setting and measure its error.
 
-Times are seconds per depth, of one core on a CPU and of the clock on a GPU. They exclude assembly of the scene and
+Times are seconds per depth: of one core on a CPU, wall-clock time on a GPU. They exclude assembly of the scene and
 compilation of kernels. Errors are taken at the last depth, against the finest mesh of the same run.
 """
 

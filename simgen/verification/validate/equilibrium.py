@@ -1,7 +1,7 @@
-"""Equilibrium of a body under prescribed displacements and dead loads, by the solver of presses without contact.
+"""Equilibrium of a body under prescribed displacements and dead loads, by the solver of presses.
 
-The loads are one more term of ``simgen.fem``. The operator, Newton's method and the linear solver are those of presses.
-Solver units: mm, and E as the unit of stress, so that a body here has E = 1.
+There is no contact. The loads are one more term of ``simgen.fem``. The operator, Newton's method and the linear solver
+are those of presses. Solver units: mm, and E as the unit of stress, so that a body here has E = 1.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from simgen.verification.validate.meshes import Mesh
 from simgen.verification.validate.reference_law import ReferenceLaw
 
 Field = Callable[[np.ndarray], np.ndarray]  # of points (..., 3) mm
-FINE_RULE = 14  # quadrature points (degree 5) of what is measured, against the solver's own 8
+FINE_RULE = 14  # quadrature points (degree 5) of loads and errors; the solver itself has 8
 
 
 class DeadLoad:
-    """Forces that do not depend on the state, as a term of the solver: ``share`` of nodal forces (n, 3), E mm2."""
+    """State-independent forces as a term of the solver: nodal forces (n, 3), E mm2, times ``share``."""
 
     host_faces = np.zeros((0, 6), dtype=np.int32)
     edge = 1.0
@@ -93,9 +93,9 @@ def solve(
     fixed : (n, 3) bool, components that are prescribed
     displacement : (n, 3) mm, their values, reached in ``steps`` equal steps, as the loads; a first guess elsewhere
     loads : (n, 3) dead forces at the nodes, E mm2
-    out_of_balance : Euclidean norm of what may be left over of the nodal forces, E mm2, and volumes, mm3
+    out_of_balance : largest Euclidean norm of the residual, which holds nodal forces, E mm2, and volumes, mm3
 
-    Raises RuntimeError where the solver gives up, and where it converges to a state that is inside out.
+    Raises RuntimeError if the solver gives up, or converges to a state with an inverted element.
     """
     n_u, n_p = body.n_displacements, body.n_pressures
     load = DeadLoad(np.zeros_like(displacement) if loads is None else loads, n_u + n_p, body.device)
@@ -111,7 +111,7 @@ def solve(
         out = solver.solve(np.ones(1, dtype=bool))
         status = Status(out.status[0])
         if status.is_failure or out.min_det[0] <= 0.0:
-            reason = status.sentence if status.is_failure else "an element is inside out"
+            reason = status.sentence if status.is_failure else "an element is inverted"
             raise RuntimeError(f"step {number} of {steps}, residual {out.residual[0] * scale:.1e}: {reason}")
         x = solver.x.numpy()[:, 0].copy()
     forces = solver.reactions()[:n_u, 0]

@@ -59,7 +59,7 @@ def stretch_and_shear(J: float) -> np.ndarray:
     return F * np.cbrt(J / np.linalg.det(F))
 
 
-# Law, det F: all principal stresses are tensions, since a body that dead loads push together would turn round.
+# Law, det F: all principal stresses are tensions: compressive dead loads would turn the body over.
 PATCHES = tuple(zip(LAWS, (1.3, 1.003, 1.003), strict=True))
 
 
@@ -88,11 +88,11 @@ def patch_traction(context: Context) -> Outcome:
         rows += patch_rows(body, law, F, mesh, found)
         idle = np.abs(found.reactions).max() / np.abs(loads).max()
         rows.append(Row(f"reactions by loads, {law}", "", idle, math.nan, 1e-10, "at most", PATCH))
-    return Outcome(rows, notes=["Dead tractions P N on all faces, which are bent; six components at three nodes held."])
+    return Outcome(rows, notes=["Dead tractions P N on all faces, which are bent; six components at three nodes fixed."])
 
 
 def hold_against_rigid_motion(mesh: Mesh) -> np.ndarray:
-    """Fix (n, 3) bool: one node, another far along x in y and z, a third far along z in y."""
+    """Mask (n, 3) of fixed components: all of one node, y and z of another far along x, y of a third far along z."""
     fixed = np.zeros(mesh.nodes.shape, dtype=bool)
     corners = mesh.nodes[: mesh.n_corners]
     fixed[np.argmin(corners @ [1.0, 1.0, 1.0])] = True
@@ -102,7 +102,7 @@ def hold_against_rigid_motion(mesh: Mesh) -> np.ndarray:
 
 
 def pull(mesh: Mesh, law: ReferenceLaw, stretch: float, device: str, steps: int = 1) -> tuple[float, float]:
-    """Stretch a cube along x between symmetry planes, its other sides free: nominal stress, E, and lateral stretch."""
+    """Stretch a cube along x between symmetry planes; return its nominal stress, E, and its lateral stretch."""
     low, high = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     fixed = np.stack([on_plane(mesh.nodes, axis, low[axis]) for axis in range(3)], axis=1)
     end = on_plane(mesh.nodes, 0, high[0])
@@ -162,12 +162,12 @@ RADII = (1.0, 2.0)
 
 
 def inflate(mesh: Mesh, law: ReferenceLaw, inner_stretch: float, device: str, steps: int = 4) -> Inflation:
-    """Widen the cavity of an octant of a sphere: pressure inside and mean radius outside, at its corners."""
+    """Widen the cavity of an octant of a sphere; return pressure inside and mean radius of the outer corner nodes."""
     inner, outer = (np.unique(faces_on_sphere(mesh, radius)) for radius in RADII)
     fixed = np.stack([on_plane(mesh.nodes, axis, 0.0) for axis in range(3)], axis=1)
     fixed[inner] = True
     radius = np.linalg.norm(mesh.nodes, axis=1)
-    moved = np.cbrt(radius**3 + RADII[0] ** 3 * (inner_stretch**3 - 1.0))  # if nothing were compressed: a first guess
+    moved = np.cbrt(radius**3 + RADII[0] ** 3 * (inner_stretch**3 - 1.0))  # first guess: incompressible
     displacement = (moved / radius - 1.0)[:, None] * mesh.nodes
     displacement[inner] = (inner_stretch - 1.0) * mesh.nodes[inner]
     found = solve(make_body(mesh, law, device), fixed, displacement, steps=steps)

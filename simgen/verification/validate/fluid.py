@@ -35,7 +35,7 @@ class Settled:
 
     pressure : of the fluid, in units of E
     inner_radius, outer_radius : mean radii, mm
-    out_of_round : largest difference to the inner radius, over it
+    out_of_round : largest deviation from the mean inner radius, relative to it
     """
 
     pressure: float
@@ -104,8 +104,9 @@ def lame(context: Context) -> Outcome:
         rows.append(Row(f"cavity pressure / applied pressure, nu = {nu}", "", found.pressure / applied,
                         (3.0 * bulk + 4.0 * mu) / under, 1e-3, "relative", origin))  # fmt: skip
         sinking = applied / under * (outer - inner**3 / outer**2)
-        rows.append(Row(f"outer face moves in by, over P / E, nu = {nu}", "mm", (outer - found.outer_radius) / applied,
-                        sinking / applied, 1e-3, "relative", origin))  # fmt: skip
+        rows.append(Row(f"inward motion of the outer face, over P / E, nu = {nu}", "mm",
+                        (outer - found.outer_radius) / applied, sinking / applied, 1e-3, "relative",
+                        origin))  # fmt: skip
     return Outcome(rows, notes=["As nu approaches 1/2, fluid and shell have the same pressure and nothing moves."])
 
 
@@ -125,7 +126,7 @@ def inflation(context: Context) -> Outcome:
             Row(f"outer radius {at}", "mm", found.outer_radius, own.outer_radius, 3e-4, "relative", origin),
         ]
     rows.append(at_most("inner face out of round, largest", "", max(found.out_of_round for found in ours), 3e-3,
-                        "a sphere stays one; quadratic faces, 4 on a quarter of a circle"))  # fmt: skip
+                        "a sphere stays a sphere; quadratic faces, 4 on a quarter of a circle"))  # fmt: skip
     fine = np.linspace(1.01, stretches[-1], 60)
     labels = ("width of the cavity / at rest", "pressure of the fluid / E")
     closed = [incompressible(law, RADII, stretch).pressure for stretch in fine]
@@ -234,8 +235,8 @@ def by_depth(indenter: str, pressed: dict[str, FluidPress], touchable: np.ndarra
     for name, p in pressed.items():
         if p is not filled:
             apart = np.linalg.norm(p.result.displacement - filled.result.displacement, axis=2)[:, touchable]
-            columns[f"skin apart from the filled one, rms, um: {name}"] = 1e6 * np.sqrt(np.mean(apart**2, axis=1))
-            columns[f"force over the filled one's: {name}"] = p.force / filled.force
+            columns[f"rms distance from the filled skin, um: {name}"] = 1e6 * np.sqrt(np.mean(apart**2, axis=1))
+            columns[f"force over that of the filled skin: {name}"] = p.force / filled.force
     rows = [[float(f"{value:.4g}") for value in row] for row in np.column_stack(list(columns.values()))[4::5]]
     return Table(f"{indenter} on the BioTac: material and fluid", list(columns), rows)
 

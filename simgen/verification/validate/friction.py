@@ -27,7 +27,7 @@ from simgen.verification.validate.meshes import box, on_plane, top
 COULOMB = 1e-3  # tolerance of the friction coefficient
 TARGET = 0.01  # the project's target for forces
 BLOCK = (6.0, 2.0, 6.0)
-PLATE_MM = (30.0, 1.0)  # half width, far beyond the block, and fillet
+PLATE_MM = (30.0, 1.0)  # half width, far larger than the block's, and radius of the fillet
 
 
 def slide(
@@ -86,7 +86,7 @@ def solve_block(context: Context) -> Outcome:
         _, result = slide(block(), plate(), 2.0, press_then_shear([0.05, 0.1], shears), context.device)
         force[steps] = float(result.force[-1, 0])
     rows.append(Row("shear force while it sticks, 8 steps against 1, mu = 2", "N", force[8], force[1], TARGET,
-                    "relative", "what sticks has no history; the project's target"))  # fmt: skip
+                    "relative", "sticking has no history; the project's target"))  # fmt: skip
     return Outcome(rows, curves=curves)
 
 
@@ -114,7 +114,7 @@ def solve_balance(context: Context) -> Outcome:
         "moments": np.linalg.norm(result.moment[-1] + moment) / np.linalg.norm(result.moment[-1]),
     }
     tolerance = 10.0 * scene.settings.residual_tolerance
-    rows = [at_most(f"{name} of contact and reactions, sum over one of them", "", float(value), tolerance,
+    rows = [at_most(f"|contact + reactions| / |contact|, {name}", "", float(value), tolerance,
                     "zero; 10 x the solver's residual tolerance") for name, value in out.items()]  # fmt: skip
     axes = [*"xyz"]
     table = Table("Resultants on the block, N and N mm", ["of", *axes, *(f"moment about {a}" for a in axes)], [
@@ -202,7 +202,7 @@ def solve_sphere(context: Context) -> Outcome:
         at_most("largest growth of that radius in a step", "mm", float(np.diff(stick).max()), 0.0,
                 "slip grows inwards"),
         at_most("slip inside half of that radius, over the sphere's", "", float(inside), SLIPS_ANYWHERE,
-                "zero; half of what counts as slip"),
+                "zero; half the threshold of slip"),
     ]  # fmt: skip
     what = "slip in a step of shear under a sphere"
     curves = [Curve(what, f"Q = {q:.2f} mu P", [*radii], [*row], "radius, mm", "slip over the sphere's motion")

@@ -43,7 +43,7 @@ def materials(context: Context) -> Outcome:
     attempts = by_ratio + by_modulus
     rows = [
         *verdicts(attempts),
-        at_least("force grows with nu, least growth", "N", float(np.diff(force).min()), 0.0, "less volume can yield"),
+        at_least("force grows with nu, least growth", "N", float(np.diff(force).min()), 0.0, "the volume yields less"),
         Row("force at nu = 0.49999 against its first-order limit", "N", float(force[5]), float(expected),
             TIGHT.contact_tolerance, "relative", "linear in 1 - 2 nu from 0.499 and 0.4999; contact tolerance"),
         at_most("shape, E over six decades", "", float(apart), 1e-9, "displacement-driven"),
@@ -117,7 +117,7 @@ def paths(context: Context) -> Outcome:
         attempts += own
         rows += once_rows(what, at_once, stepwise) + unloading_rows(what, unloaded)
         ratio = tangential(sheared, pose)
-        curves.append(Curve("shear", what, [*(0.1 * np.arange(21))], [*ratio[4:]], "way sideways, mm",
+        curves.append(Curve("shear", what, [*(0.1 * np.arange(21))], [*ratio[4:]], "sideways travel, mm",
                             "tangential / normal force"))  # fmt: skip
         if mu:
             rows += shear_rows(mu, ratio, mobilised(scene, sheared, pose))
@@ -137,7 +137,7 @@ def once_rows(what: str, at_once: Attempt, stepwise: Attempt) -> list[Row]:
 
 
 def unloading_rows(what: str, a: Attempt) -> list[Row]:
-    """Bound what is left when the indenter is back at first touch, and without friction the hysteresis."""
+    """Bound displacement and force left with the indenter back at first touch; without friction also the hysteresis."""
     left = float(np.linalg.norm(a.result.displacement[-1], axis=1).max() * UM_PER_M)
     there, back = a.force[:4], a.force[4:-1][::-1][:4]
     rows = [at_most(f"{what}: displacement left after unloading", "um", left, 0.1, "elastic: zero"),

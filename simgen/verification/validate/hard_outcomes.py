@@ -66,7 +66,7 @@ class Attempt:
 
     @property
     def least_det_F(self) -> float:
-        """Least det F at integration points, without samples that are inside out."""
+        """Least det F at integration points, without samples that have an inverted element."""
         valid = self.result.status == Status.CONVERGED
         return float(np.min(self.result.certificate["min_det_F"], initial=math.inf, where=valid))
 
@@ -111,7 +111,7 @@ def verdicts(attempts: list[Attempt]) -> list[Row]:
     return [
         *rows,
         at_least("least det F at an integration point", "", min(a.least_det_F for a in attempts), 0.0,
-                 "an element inverts at zero; samples inside out are left out"),
+                 "an element inverts at zero; samples with the status of inverted elements are left out"),
         at_most("residual, worst", "", worst("residual", max), settings.residual_tolerance, "the solver's tolerance"),
         at_most("contact error, worst", "", worst("contact_error", max), settings.contact_tolerance,
                 "the solver's tolerance"),
@@ -121,7 +121,7 @@ def verdicts(attempts: list[Attempt]) -> list[Row]:
 
 COLUMNS = [
     "press", "outcome", "reached, mm", "force, N", "residual", "contact error", "force balance", "least det F",
-    "elements inside out", "deepest overlap, um", "Newton", "Krylov", "samples", "sub-steps", "seconds",
+    "inverted elements", "deepest overlap, um", "Newton", "Krylov", "samples", "sub-steps", "seconds",
 ]  # fmt: skip
 
 

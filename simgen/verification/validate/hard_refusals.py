@@ -96,7 +96,7 @@ def refusals(context: Context) -> Outcome:
     attempts = [
         attempt("starts inside", scene, cube, above_block(y_mm=12.0), down(0.4, 2), (Status.STARTS_INSIDE,)),
         attempt("never touches", scene, SPHERE, above_block(x_mm=30.0), down(0.4, 2), (Status.NEVER_TOUCHES,)),
-        # This press may converge with elements inside out below the bond. Such a sample is flagged.
+        # This press may converge with inverted elements below the bond. Such a sample is flagged.
         attempt("4.5 mm into a gel of 4 mm", scene, SPHERE, above_block(), down(4.5, 9),
                 (*GIVEN_UP, Status.NOT_RESOLVED, Status.INSIDE_OUT)),
     ]

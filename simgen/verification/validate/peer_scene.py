@@ -25,7 +25,7 @@ class PeerSolution:
     """Solution of one code at d depths.
 
     unknowns : size of the linear systems
-    seconds : time of one core (of the clock on a GPU) from the assembled scene to the last depth
+    seconds : time of one core (on a GPU wall-clock time) from the assembled scene to the last depth
     newton, krylov : total iterations; krylov is 0 for a direct solver
     force : (d,) N on the whole layer; NaN at depths that did not converge
     displacement : (d, n, 3) mm at the given surface points
@@ -45,7 +45,7 @@ class PeerSolution:
 
 
 def timed(device: str, action: Callable[[], T]) -> tuple[T, float]:
-    """Run an action; return its result and its seconds: of one core on a CPU, of the clock on a GPU."""
+    """Run an action; return its result and its seconds: of one core on a CPU, wall-clock time on a GPU."""
     clock = time.process_time if device == "cpu" else time.perf_counter
     start = clock()
     return action(), clock() - start

@@ -16,7 +16,7 @@ TIP_MM = 3.0  # height of the part of an indenter that can touch
 def touchable_distances(ours: SensorGeometry, published: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     """Measure distances from our touchable surface to the published one (faces,), and back (points,).
 
-    The points are those published vertices and face centres that are nearest to our touchable surface.
+    The points are the published vertices and face centres whose nearest point of our body is on its touchable surface.
     """
     free = ours.true.region == FREE
     there = ClosestPoint(published.vertices, published.faces)(ours.true.surface.triangles_center[free])[1]

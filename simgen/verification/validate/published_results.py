@@ -28,7 +28,7 @@ from simgen.verification.validate.sensors import DEFORMED, distances_um
 
 PUBLISHED_MATERIAL = {"digit": "solid", "biotac": "effective"}
 PRESSES, STEPS = 4, 3  # largest numbers of presses in all files, and of steps of each press
-SHALLOWEST = 1e-4  # m, largest displacement from which a step is compared; published samples begin there
+SHALLOWEST = 1e-4  # m; steps whose largest displacement is smaller are not compared; published samples begin there
 LEAST_TOUCHED = 6  # touched vertices that determine a pose
 FORCE, RMSE_UM = 0.01, 5.0
 OWN = "simgen wrote the file from the same job; the project's bounds"
@@ -141,7 +141,7 @@ def indenter_of(sample: Sample, job: Job | None) -> Indenter:
         return chosen_indenter(job, job.indenter_names.index(sample.indenter))
     names = indenter_names()
     if sample.indenter is None and sample.env >= len(names):
-        raise InputError(f"env_{sample.env}: which indenter? the published order ends with env_{len(names) - 1}")
+        raise InputError(f"env_{sample.env}: names no indenter, and the published order ends with env_{len(names) - 1}")
     return load_indenter(sample.indenter or names[sample.env])
 
 

@@ -19,7 +19,7 @@ from simgen.geometry.signed_distance import RigidShape
 from simgen.geometry.tetrahedra import OutputMesh
 from simgen.sensors.indenter import Indenter
 
-SAME = 0.05  # share of the travel by which displacements that moved together differ at most
+SAME = 0.05  # largest difference between displacements that move together, as a share of the travel
 PUSHED = 0.8  # share of the largest inward displacement from which a vertex may be touched
 TILT = 0.1  # rad, largest angle between the fitted axis and the travel
 PRIOR = np.array([0.3, 0.0, 0.3, 0.01, 0.01, 0.01])  # mm per rad, mm per mm: holds what the contact leaves open

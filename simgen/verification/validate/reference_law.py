@@ -69,7 +69,7 @@ class ReferenceLaw:
         return force
 
     def principal(self, along: float, across: float) -> tuple[float, float]:
-        """Nominal stresses along and across of the stretches ``along``, ``across``, ``across``."""
+        """Nominal stresses, E, along and across, at the principal stretches ``along``, ``across``, ``across``."""
         J, slope = along * across**2, self.slope(along**2 + 2.0 * across**2 - 3.0)
         volumetric = self.lam * (J - 1.0) * J - self.mu
         return slope * along + volumetric / along, slope * across + volumetric / across

@@ -54,7 +54,7 @@ def test_files_that_do_not_belong_together(tetrahedron, tmp_path):
     for file, job in ((one, "{}"), (other, "[]")):
         with h5py.File(file, "a") as opened:
             opened.attrs["job"] = job
-    with pytest.raises(InputError, match="of another job than"):
+    with pytest.raises(InputError, match="its job differs from that of"):
         import_results([one, other], [f"digit={mesh}"], output)
     with h5py.File(one, "a") as opened:
         opened.attrs["job"] = "{"

@@ -228,7 +228,7 @@ def test_a_sensor_elsewhere_in_its_world(dataset, tetrahedron, tmp_path):
         ({"coordinates": np.zeros((5, 3))}, {}, "5 vertices, but the mesh of digit has 4"),
         ({"coordinates": np.full((4, 3), np.nan)}, {}, "values that are not finite numbers"),
         ({"coordinates": np.full((4, 3), 0.05)}, {}, "mm from the mesh of digit, at most 10 is allowed"),
-        ({"env": 9}, {}, "env_9: which indenter? the published order ends with env_8"),
+        ({"env": 9}, {}, "env_9: names no indenter, and the published order ends with env_8"),
         ({"depth": None}, {}, "do not say how deep their steps are; add --depths-mm first:last:count"),
         ({"depth": None, "step": 3}, {"depths_mm": "0.1:0.3:3"}, "step_3, but there are 3 depths"),
         ({"depth": 0.02}, {}, "depths_mm.first: 20.0 is not allowed"),

@@ -209,7 +209,7 @@ def test_a_network_that_is_needed_is_missed_before_anything_is_trained(with_elec
 
 def test_a_network_that_is_needed_and_gone_is_one_line(with_electrodes, tmp_path):
     run = TrainingRun(touched.job(with_electrodes.path, networks=["rmb", "rmd", "rm2rm"]), tmp_path / "networks", "cpu")
-    with pytest.raises(InputError, match="networks: rmb is needed and not trained yet; allowed: networks that list"):
+    with pytest.raises(InputError, match="networks: rmb is needed and not trained yet; allowed: networks with rmb"):
         next(run.train("rm2rm"))
 
 

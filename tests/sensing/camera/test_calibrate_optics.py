@@ -195,7 +195,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(workplace, monkeypatch, ca
     [
         ("same.png", "no contact: at most 0.0 grey levels off the background; allowed: 8 and more"),
         ("small.png", "120 x 160 pixels: allowed: those of the background, 240 x 320"),
-        ("text.png", "not an image; allowed: PNG, JPEG and what else OpenCV reads"),
+        ("text.png", "not an image; allowed: PNG, JPEG or another format that OpenCV reads"),
         ("gone.png", "cannot be read: No such file or directory"),
         ("large.png", "circle of 99 pixels: 2.72 of the sphere's radius; allowed: between 0 and 1"),
         ("aside.png", "circle at column -5, row 60 of 240 x 320 pixels: allowed: its middle on the gel"),

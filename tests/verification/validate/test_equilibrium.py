@@ -21,5 +21,5 @@ def test_an_equilibrium_that_cannot_be_found_says_which_step():
     mesh = box((1, 1, 1), (1.0, 1.0, 1.0))
     fixed = np.ones(mesh.nodes.shape, dtype=bool)
     body = equilibrium.make_body(mesh, ReferenceLaw(0.499), "cpu")
-    with pytest.raises(RuntimeError, match=r"step 1 of 2.*inside out"):
+    with pytest.raises(RuntimeError, match=r"step 1 of 2.*inverted"):
         equilibrium.solve(body, fixed, -2.1 * mesh.nodes * [0.0, 1.0, 0.0], steps=2)

@@ -124,7 +124,7 @@ def test_which_indenter():
     nothing = np.zeros((1, 3)), np.zeros(3)
     assert indenter_of(Sample(0, 7, 0, *nothing), None).name == "ring_7mm"
     assert indenter_of(Sample(0, 0, 0, *nothing, indenter="cube_14mm"), None).name == "cube_14mm"
-    with pytest.raises(InputError, match="env_9: which indenter"):
+    with pytest.raises(InputError, match="env_9: names no indenter"):
         indenter_of(Sample(0, 9, 0, *nothing), None)
 
 
