@@ -14,7 +14,7 @@ from simgen.dataset.splits import IN_NONE, SPLITS, leave_out
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values, is_valid
 
-SENSOR_COLUMNS = (*SENSOR_VALUES, "stated_depth")  # of which a sample has those that the dataset has
+SENSOR_COLUMNS = (*SENSOR_VALUES, "stated_depth")  # a sample has the ones that are in the dataset
 
 
 def load_dataset(

@@ -14,10 +14,10 @@ A dataset is one zarr v3 directory in SI units::
       press/contact_normal (press, 3)                  outward, of the reference sensor, in the shared frame
       press/pose (press, 4, 4)                         contact_pose moved along its +y to first touch on the
                                                        reference sensor, or contact_pose if never touched
-      <sensor>/rest_positions (vertex, 3)              the output mesh in the sensor's own frame
-      <sensor>/tetrahedra, surface_triangles, held, touchable
       refused/points, normals (contact, 3)             refused contacts, where an indenter would leave too little
                                                        gel: m in the shared frame; absent if there are none
+      <sensor>/rest_positions (vertex, 3)              the output mesh in the sensor's own frame
+      <sensor>/tetrahedra, surface_triangles, held, touchable
       <sensor>/pose (press, 4, 4)                      sensor -> shared frame: the unfolding transform
       <sensor>/pressable_steps (press,)                with too_thin: stop only: number of steps that leave enough gel
       <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor;

@@ -1,4 +1,4 @@
-"""The table of networks: what `simgen train` can train, what each network learns, and which class it is.
+"""The table of the networks that `simgen train` can train, with inputs, outputs and class of each.
 
 A network is one entry here. The entry names its class, a `simgen.learning.training.network.Network`, which has a file
 of its own and may serve several networks. This module does not import PyTorch, so that a job can be read without it.
@@ -10,7 +10,7 @@ DIGIT; MPN for the paper's projection network. See docs/training.md.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-# What networks learn from and predict: electrode signals, and meshes of the job's sensors `source` and `target`.
+# Inputs and outputs of networks: electrode signals, and meshes of the job's sensors `source` and `target`.
 SIGNALS, SOURCE, TARGET = "signals", "source", "target"
 TASKS = (
     (SIGNALS, SIGNALS), (SOURCE, SOURCE), (TARGET, TARGET), (SIGNALS, SOURCE), (SOURCE, TARGET), (SIGNALS, TARGET),
@@ -24,7 +24,7 @@ class NetworkSpec:
     name : names the network in jobs, and its folder
     label : names the network in tables of errors
     settings : section of the training job with its settings
-    inputs, outputs : what it learns from and predicts, one of `TASKS`
+    inputs, outputs : its inputs and what it predicts, one of `TASKS`
     network : import path of its class
     encoder : network whose latents it takes in place of ``inputs``
     decoder : network whose latents it predicts in place of ``outputs``

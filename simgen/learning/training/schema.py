@@ -197,12 +197,12 @@ class TrainingJob(StrictSection):
     source: str = Field(
         "biotac",
         description="The sensor that is translated from; its electrodes give the signals",
-        **allowed("the sensor with electrodes, one of the dataset's"),
+        **allowed("a sensor of the dataset that has electrodes"),
     )
     target: str = Field(
         "digit",
         description="The sensor that is translated to",
-        **allowed("the sensor to translate to, one of the dataset's"),
+        **allowed("another sensor of the dataset"),
     )
     networks: tuple[Literal[tuple(NETWORKS)], ...] = Field(
         tuple(NETWORKS),

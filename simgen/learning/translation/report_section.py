@@ -44,8 +44,8 @@ def translated_section(dataset: Dataset, networks: Path) -> Iterator[str]:
     about = f"{dataset.indenters[dataset['press/indenter'][press]]}, press {press}"
     yield (
         f"<p>{html.escape(about)}, split {known}: synthetic signals of the {html.escape(job.source)}'s "
-        f"electrodes through {', '.join(networks_of(way))} to the mesh of the {html.escape(job.target)} and to what "
-        "its camera sees; last the image of the simulated mesh itself.</p>"
+        f"electrodes through {', '.join(networks_of(way))} to the mesh of the {html.escape(job.target)} and to its "
+        "camera's image; last, the image of the simulated mesh itself.</p>"
     )
     yield image(painter.motion(steps), "gif", f"{about}, translated")
     yield picture(painter.figure([steps[i] for i in spread(len(steps), DEPTHS)]), f"{about}, translated, by depth")

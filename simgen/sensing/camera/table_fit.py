@@ -36,7 +36,7 @@ def observe(patch: Patch, rest_depth: np.ndarray, focal: float, change: np.ndarr
     """Observations of a picture inside a contact.
 
     rest_depth : (height, width) m, of the untouched gel
-    change : (height, width, 3), the picture less the background
+    change : (height, width, 3), the picture minus the background, grey levels
     """
     height, width = rest_depth.shape
     risen = np.full((height, width), np.nan)

@@ -88,7 +88,7 @@ def patch_traction(context: Context) -> Outcome:
         rows += patch_rows(body, law, F, mesh, found)
         idle = np.abs(found.reactions).max() / np.abs(loads).max()
         rows.append(Row(f"reactions by loads, {law}", "", idle, math.nan, 1e-10, "at most", PATCH))
-    return Outcome(rows, notes=["Dead tractions P N on all faces, which are bent; six components at three nodes fixed."])
+    return Outcome(rows, notes=["Dead tractions P N on all (bent) faces; six components of three nodes fixed."])
 
 
 def hold_against_rigid_motion(mesh: Mesh) -> np.ndarray:

@@ -102,7 +102,7 @@ def two_mesh_rows(fine: LayerPress, coarse: LayerPress, friction: float) -> list
 
 def mesh_table(meshes: dict[str, LayerPress], friction: float) -> Table:
     """Tabulate cost and error of each mesh."""
-    columns = ["mesh", "unknowns", "seconds", "Newton iterations", "increments", "overlap rms, um", "least det F"]
+    columns = ["mesh", "unknowns", "seconds", "Newton iterations", "sub-steps", "overlap rms, um", "least det F"]
     rows = []
     for name, p in meshes.items():
         c = p.result.certificate

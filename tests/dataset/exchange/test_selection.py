@@ -62,6 +62,14 @@ def test_a_choice_of_what_is_not_there(dataset, choice, complaint):
     assert complaint in str(raised.value) and "\n" not in str(raised.value)
 
 
+def test_the_first_trajectory_is_refused_if_it_is_not_there():
+    class Numbered(dict):
+        path, sensors = "d.zarr", ("digit",)
+
+    with pytest.raises(InputError, match="has no trajectory 0; it has 1 to 2"):
+        select(Numbered({"press/trajectory": np.array([1, 2])}), trajectories="0")
+
+
 def test_a_split_without_the_trajectories_asked_for(dataset):
     trajectory, split = dataset["press/trajectory"][0], list(SPLITS)[(dataset["press/split"][0] + 1) % len(SPLITS)]
     with pytest.raises(InputError, match=f"--split {split}: no trajectory of --trajectories {trajectory}"):

@@ -74,8 +74,8 @@ def test_presses_become_rows_tables_and_curves():
     table = by_depth("pin", pressed, np.array([True, True, False, False]))
     middle = dict(zip(table.columns, table.rows[1], strict=True))
     assert middle["depth, mm"] == 1.0 and middle["force, N: solid, incompressible"] == 4.0
-    assert middle["skin apart from the filled one, rms, um: solid, none"] == pytest.approx(3.0)
-    assert middle["force over the filled one's: solid, none"] == 0.5
+    assert middle["rms distance from the filled skin, um: solid, none"] == pytest.approx(3.0)
+    assert middle["force over that of the filled skin: solid, none"] == 0.5
     assert [curve.plot for curve in lines("pin", pressed)] == ["pin: force", "pin: force", "pressure of the fluid"]
     assert costs("pin", pressed)[0] == ["pin", "solid, none", "20 of 20", 20, 100, 800, 1.5]
 
