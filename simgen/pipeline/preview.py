@@ -18,7 +18,7 @@ from simgen.simulation.press import Scene
 
 # Seconds of one core (or GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU by
 # `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
-# dataset.presses_per_shard=1`, 48 s for 80 depths of 51,400 unknowns; on a GPU by
+# dataset.presses_per_shard=1`, 48 s of a core for 80 depths of 51,400 unknowns; on a GPU by
 # the whole paired job with its audit, 310 s for 309,600 depths of 51,400 unknowns (docs/benchmarks).
 SECONDS_PER_DEPTH = {"cpu": 0.012, "cuda": 2.0e-5}
 SECONDS_SOURCE = {

@@ -94,7 +94,7 @@ def test_a_user_s_words_are_text_in_it_and_no_markup(tmp_path):
     plain = page(tmp_path / "plain", "pin", "MIT", "measured")
     found = page(tmp_path / "spoiled", spoiled, "MIT <b>*or*</b> [x](y)", spoiled)
     assert found.tags == plain.tags and "table" in plain.tags
-    above_the_job = found.text.partition("This job, in a file")[0]
+    above_the_job = found.text.partition("Save this job as")[0]
     assert above_the_job.count(spoiled) == 3  # the row, the sentence about the test, the material
     assert "MIT <b>*or*</b> [x](y)." in found.text
 
