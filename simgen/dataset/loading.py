@@ -29,7 +29,7 @@ def load_dataset(
     split : train, validation or test; all three by default
     sensors : names of the sensors to load; all by default
     left_out : name of an indenter. The test split has this one alone, training and validation have all others. By
-        default the one that the dataset's job names
+        default it is the one that the dataset's job names
     include_inside_out : add converged samples with inverted elements
 
     Raises `InputError` for an unknown name, and if no sample is left.

@@ -20,9 +20,9 @@ POINTS, SECTIONS = 201, 4  # of the grid that measures a contact: points along e
 
 
 def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], depth_m: float) -> list[str]:
-    """Return a sentence if images will hardly show the smallest contact at the largest depth, ``depth_m``; else none.
+    """Warn in one sentence if images will hardly show the smallest contact at the largest depth, ``depth_m``, m.
 
-    There is none without a camera, or if edges are shorter than a pixel.
+    The list is empty otherwise, without a camera, and if edges are shorter than a pixel.
     """
     if sensor.camera is None:
         return []

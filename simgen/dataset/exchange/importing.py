@@ -1,9 +1,9 @@
 """Import of result files of ACROSS and biotac_sim as a dataset.
 
-Displacements are coordinates minus the rest positions of a mesh that the user gives. Nothing is made up that the files
-lack: numbers are NaN or -1; arrays of the plan (``held``, ``touchable``, ``press/contact_pose``) and keys of the job
+Displacements are coordinates minus the rest positions of a mesh that the user gives. Values that the files lack are not
+made up: numbers are NaN or -1; arrays of the plan (``held``, ``touchable``, ``press/contact_pose``) and keys of the job
 are left out. The attribute ``source`` names the files. ``<sensor>/stated_depth`` (press, depth) holds the depths of the
-files, m; the dataset's own depths are even.
+files, m; the dataset's own depths are evenly spaced.
 """
 
 import json

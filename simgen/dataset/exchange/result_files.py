@@ -11,8 +11,8 @@ biotac_sim (NVlabs/biotac_sim), one contact per file::
 
     step_<j>/nodal_coords/env_<k>, step_<j>/net_force_vecs/env_<k>
 
-simgen adds attributes, which other readers ignore. Those of the file state its origin. Those of
-each ``env_<k>`` of the coordinates state the indenter's name and pose, the depth, and the sensor's pose.
+simgen adds attributes, which other readers ignore: to the file its origin, and to each ``env_<k>`` of the coordinates
+the indenter's name and pose, the depth, and the sensor's pose.
 """
 
 from __future__ import annotations

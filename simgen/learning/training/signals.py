@@ -34,7 +34,8 @@ class SignalData:
         """Row numbers (n,) of a split, on the device of the values. Raises `InputError` if there are none."""
         rows = np.flatnonzero(self.split == list(SPLITS).index(split))
         if not len(rows):
-            raise InputError(f"signals: no sample of split {split}, {len(self.split)} in all; allowed: one of each")
+            count = len(self.split)
+            raise InputError(f"signals: no sample of split {split}, {count} in all; allowed: some in each split")
         return torch.from_numpy(rows).to(self.values.device)
 
     def with_meshes(self) -> MeshSamples:

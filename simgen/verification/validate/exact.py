@@ -59,7 +59,7 @@ def stretch_and_shear(J: float) -> np.ndarray:
     return F * np.cbrt(J / np.linalg.det(F))
 
 
-# Law, det F: all principal stresses are tensions: compressive dead loads would turn the body over.
+# Law and det F. All principal stresses are tensions: compressive dead loads would turn the body over.
 PATCHES = tuple(zip(LAWS, (1.3, 1.003, 1.003), strict=True))
 
 
