@@ -23,6 +23,8 @@ from simgen.units import MM
 
 FINEST_PIECES = 100_000  # most triangles of a surface that is refined to follow its regions
 MESHING_VERSION = 2  # part of each mesh's source hash; raise it when the same settings give other meshes
+MOST_BUILT = 4
+_built: dict[tuple, tuple] = {}  # shapes by folder, source and the size that their surface is refined to
 
 
 @dataclass(frozen=True)
@@ -70,10 +72,28 @@ def bundled_sensors() -> list[str]:
 
 
 def load_geometry(model: str | Path) -> SensorGeometry:
-    """Load the true surface with its regions, the core and the user's tetrahedra. Raises InputError."""
+    """Load the true surface with its regions, the core and the user's tetrahedra. Raises InputError.
+
+    A shape takes up to a second to build. So the process keeps the last ones: do not change their arrays.
+    """
     folder = sensor_folder(model)
+    description = read_description(folder / "sensor.yaml")
+    try:
+        source = geometry_source(description, folder)
+    except OSError:
+        _build(description, folder)  # raises an InputError that names the file
+        raise
+    key = folder, source, str(description.meshes.default)
+    if key not in _built:
+        _built[key] = _build(description, folder)
+        if len(_built) > MOST_BUILT:
+            _built.pop(next(iter(_built)), None)
+    return SensorGeometry(description, folder, *_built[key], source)
+
+
+def _build(description: SensorDescription, folder: Path) -> tuple:
+    """The fields ``plain`` to ``core`` of a `SensorGeometry`."""
     path = folder / "sensor.yaml"
-    description = read_description(path)
     plain, vertices, tetrahedra = gel_surface(description.gel, folder)
     size = description.meshes.default
     reach = np.inf if isinstance(size, str) else NEAR * size.edge_length_mm * MM
@@ -92,8 +112,7 @@ def load_geometry(model: str | Path) -> SensorGeometry:
             raise InputError(f"{path}: held.{name}: selects no triangle of the surface, at least one is needed")
         held_regions[name] = inside
         region[inside] = HELD
-    true, source = LabelledSurface(surface, region), geometry_source(description, folder)
-    return SensorGeometry(description, folder, plain, true, held_regions, vertices, tetrahedra, core, source)
+    return plain, LabelledSurface(surface, region), held_regions, vertices, tetrahedra, core
 
 
 def geometry_source(description: SensorDescription, folder: Path) -> str:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import scipy.sparse as sparse
+import trimesh
 
 from simgen.config.outputs import OPTIONAL, kept_outputs
 from simgen.config.solver_settings import SolverSettings
@@ -26,6 +29,12 @@ from simgen.sensors.support import faces_in_reach
 from simgen.units import MM_PER_M
 
 CORE_SPACING_MM = 0.25  # grid of the core's signed distance
+
+
+@lru_cache(maxsize=2)
+def _core_shape(core: trimesh.Trimesh, device: str) -> RigidShape:
+    """Sample a core (m). Sampling takes two seconds, and a process often makes several scenes of one sensor."""
+    return sampled_shape(core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0, device=device)
 
 
 class Scene:
@@ -80,8 +89,7 @@ class Scene:
         self.solver = NewtonSolver(body, contacts, fixed, batch, self.settings, self.cavity)
         self.unknowns = self.solver.n_unknowns
         if self.core_contact is not None:
-            core = sampled_shape(sensor.core, spacing_mm=CORE_SPACING_MM, margin_mm=3.0, device=device)
-            self.core_contact.set_shapes([core], touching_state=self.solver.x)
+            self.core_contact.set_shapes([_core_shape(sensor.core, device)], touching_state=self.solver.x)
         if self.support_contact is not None:
             support = sensor.support.shape(device)
             self.support_contact.set_shapes([support], touching_state=self.solver.x)

@@ -41,7 +41,7 @@ run "$@" > /dev/null && cp -r /mnt/d.zarr $folder
 """
 
 
-@pytest.mark.parametrize(("kilobytes", "shards"), [(200, "none"), (2000, "some")])
+@pytest.mark.parametrize(("kilobytes", "shards"), [(200, "none"), (1500, "some")])
 def test_a_full_disk_is_one_line_and_with_more_room_the_same_command_goes_on(whole, tmp_path, kilobytes, shards):
     """A file system that has no room for the plan, or not for all shards; later it has."""
     private = ["unshare", "--mount", "--map-root-user", "bash", "-c"]

@@ -97,16 +97,16 @@ def test_a_mesh_in_mm_is_the_same_shape_as_in_m(tmp_path):
     pin = trimesh.creation.icosphere(subdivisions=4, radius=0.2)
     pin.export(tmp_path / "pin.stl")
     pin.copy().apply_scale(1e-3).export(tmp_path / "metres.stl")
-    found = load_indenter(tmp_path / "pin.stl", unit="mm", spacing_mm=0.05)
+    found = load_indenter(tmp_path / "pin.stl", unit="mm", spacing_mm=0.1)
     np.testing.assert_allclose(found.extent, load_indenter(tmp_path / "metres.stl").extent, rtol=1e-6)
     direction = np.random.default_rng(5).normal(size=(500, 3))
     surface = 0.2 * direction / np.linalg.norm(direction, axis=1)[:, None]
     fine, default = (
         np.abs(signed_distance(load_indenter(tmp_path / "pin.stl", unit="mm", **grid).shape(), surface)[0]).max()
-        for grid in ({"spacing_mm": 0.05}, {})
+        for grid in ({"spacing_mm": 0.1}, {})
     )
     print(fine, default)
-    assert fine < 0.1 * default
+    assert fine < 0.15 * default  # half the spacing: about an eighth
 
 
 def test_a_mesh_whose_faces_turn_both_ways_is_a_body(tmp_path):
