@@ -78,7 +78,8 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, words):
 
 
 def test_a_dry_run_says_how_many_contacts_leave_too_little_gel(tmp_path):
-    command = ["run", "smoke", "trajectories.count=20", "depths_mm.last=2", "--dry-run"]
+    digit = "sensors={digit: {model: digit, mesh: coarse}}"
+    command = ["run", "smoke", digit, "trajectories.count=20", "depths_mm.last=2", "--dry-run"]
     done = simgen(*command, cwd=tmp_path)
     refused = re.search(r"all 20 fit; (\d+\.\d)% of the proposals would leave less than 0.15 of the gel", done.stdout)
     assert 5.0 < float(refused[1]) < 50.0, done.stdout
