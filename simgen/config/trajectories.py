@@ -98,9 +98,9 @@ class Trajectories(StrictSection):
 
 
 class Depths(StrictSection):
-    """Depths from true first touch, evenly spaced, both ends included."""
+    """Depths from first touch, evenly spaced, both ends included."""
 
-    first: float = Field(gt=0.0, le=10.0, description="The smallest depth, from true first touch on each sensor")
+    first: float = Field(gt=0.0, le=10.0, description="The smallest depth, from first touch on each sensor")
     last: float = Field(
         gt=0.0, le=10.0,
         description="The largest depth. Contacts are sampled where there is room for it, and "

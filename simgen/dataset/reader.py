@@ -4,7 +4,7 @@ A dataset is one zarr v3 directory in SI units::
 
     <name>.zarr/
       attributes                                       resolved job and hash, code, packages, meshes, status
-      depth (depth,)                                   m, from true first touch, at each step of the indenters' path
+      depth (depth,)                                   m, from first touch, at each step of the indenters' path
       path/offset (depth, 3), turn, leg (depth,)       paths with legs only: m and rad in the contact frame; number
                                                        of the leg, 0 is the press
       press/trajectory, indenter (press,)              number of the contact; index into the job's indenters

@@ -39,7 +39,7 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
     """Create a dataset with everything that is known before the first press. It appears whole or not at all.
 
     `planned` maps names such as ``press/trajectory`` or ``digit/rest_positions`` to arrays. If another process creates
-    the same folder meanwhile, that one stays.
+    the same folder meanwhile, its dataset stays.
     """
     with suppress(FileExistsError), whole_folder(path) as folder:
         write_plan(folder, attributes, planned, job)
@@ -102,7 +102,7 @@ def as_stored(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def check_output(path: Path, job: Job) -> None:
-    """Raise the `InputError` of `open_or_create` early, where no plan is needed for it: a plan takes time."""
+    """Raise the `InputError` of `open_or_create` before the slow plan is made, if the folder alone shows it."""
     if path.exists():
         dataset = Dataset(path)
         if not grows(dataset, job):

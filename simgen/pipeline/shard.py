@@ -1,4 +1,4 @@
-"""A task of a run: press the indenters of some shards into every sensor, and write the shards.
+"""A task of a run: solve the presses of some shards on every sensor, and write the shards.
 
 A worker process makes the scene of a sensor once and keeps it between tasks. Threads of a worker share it (see
 `simgen.simulation.pool`). Results of one sensor are written while the next sensor is solved.
@@ -129,7 +129,7 @@ def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
 
 
 def recorded_inputs(attributes: Mapping[str, Any]) -> str:
-    """The result of `_inputs` at the time of the plan, from the attributes of the dataset."""
+    """Inputs that the dataset records, in the form of `_inputs`: those at the time of the plan."""
     own = {key: attributes[key] for key in ("sensors", "indenters", "packages")}
     code = {key: attributes["code"][key] for key in LOADED_VERSIONS["code"]}  # without the commit, which a wheel lacks
     return json.dumps({**own, "code": code}, sort_keys=True)
@@ -157,7 +157,7 @@ def _check_inputs(job: Job, recorded: str) -> None:
 class PlannedPresses:
     """The planned presses of a dataset.
 
-    indenter (press,); contact_pose and each sensor_pose (press, 4, 4) m; steps (press,) by sensor, or none if the job
+    indenter (press,); contact_pose and each sensor_pose (press, 4, 4) m; steps (press,) by sensor, or {} if the job
     does not stop presses early
     """
 
@@ -225,7 +225,7 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
 
 
 def _solve(plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, device: str, build) -> None:
-    """Press all shards' indenters into every sensor, and pass the results to the shards' writers."""
+    """Solve the presses of all shards on every sensor, and pass the results to the shards' writers."""
     dataset, rows = plan.dataset, np.concatenate([writer.presses for writer in writers])
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose, indenters = plan.contact_pose[rows], plan.indenter[rows].tolist()

@@ -1,8 +1,8 @@
 """Pairing: contacts that are sampled once in the shared frame, and the poses that bring every sensor to them.
 
-Contacts come from a low-discrepancy sequence over the developed skin of the reference sensor. The unfolding transform
-rolls, pitches and shifts another sensor, so that the point at the same place of its own developed skin
-(`developed_skin`) meets the contact with the same normal.
+Contacts come from a low-discrepancy sequence over the developed (unrolled) skin of the reference sensor, see
+`developed_skin`. The transform of `unfold` rolls, pitches and shifts another sensor, so that the point at the same
+place of its own developed skin meets the contact with the same normal.
 
 Shared frame, metres: x along the finger, pad side -y, z lateral.
 """
@@ -227,8 +227,8 @@ def _least_rotation(directions: np.ndarray) -> np.ndarray:
 class Room:
     """Places on a sensor that have room for a contact.
 
-    A gel on a rigid support allows presses of up to ``max_indentation_ratio`` of its local thickness. The thickness is
-    the diameter of the largest ball that touches the surface at the contact from inside and fits into the gel.
+    A gel bonded to a rigid back allows presses of up to ``max_indentation_ratio`` of its local thickness. The thickness
+    is the diameter of the largest ball that touches the surface at the contact from inside and fits into the gel.
 
     A skin over a core allows deeper presses. It bends across the gap until it meets the core, and only the rest of the
     press squeezes it. So a skin of thickness s over a gap g allows a depth of g + ratio s. A press of depth d then

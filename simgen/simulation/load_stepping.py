@@ -1,8 +1,8 @@
-"""Load stepping: presses advance along a path in increments, each press in an environment of its own.
+"""Load stepping: presses advance along a path in increments (load steps), one press in each environment.
 
 The solver advances all environments by one Newton iteration at a time. An environment whose increment has ended begins
 its next increment at once, and a press that ends leaves its environment to the next press. On a CPU the results of a
-press do not depend on the other presses, to the byte. On a GPU the order of sums depends on the threads.
+press have the same bytes, whatever the other presses are. On a GPU the order of sums depends on the threads.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from simgen.simulation.tries import SECOND_TRY_ITERATIONS, Press, Try
 MAX_STEP_MM = 0.25  # longest load step; with friction the force depends on the path, so long steps change it
 MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last load step
 GROWTH_DELAY = 4  # converged increments before a halved load step is doubled; a failed increment costs as much as four
-MAX_OVERLAP_RATIO = 0.25  # overlap over the face's edge; beyond it, the mesh does not resolve the contact
+MAX_OVERLAP_RATIO = 0.25  # share of the face's edge; with more overlap, the mesh does not resolve the contact
 MIN_OVERLAP_MM = 0.01  # an indenter that overlaps more without a force lies between the integration points
 REPEATABLE_ITERATIONS = 25  # Newton iterations; after more, an increment is not repeated for inverted elements
 # Newton iterations since the last sample, after which a failed increment ends the try. Of the 619,193 samples of two
@@ -56,7 +56,7 @@ class LoadStepping:
     the current increment, and at the next point to store.
     """
 
-    _counted = 0.0  # s, end of the wall time that has been shared out among presses
+    _counted = 0.0  # s, time up to which wall time has been shared out among presses
 
     def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float):
         self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, path, max_force_n

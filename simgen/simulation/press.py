@@ -1,4 +1,4 @@
-"""Presses of indenters into a sensor: from first touch to depths or along a path, with certified samples."""
+"""Presses of indenters into a sensor, from first touch to depths or along a path: samples with certificates."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Contact of one surface with one rigid shape per environment, as a term of the solver.
 
 A scene has up to three contacts: of the touchable surface with the indenter, of the inner skin with the core (BioTac),
-and of free faces with the support below the gel (DIGIT). The formulas are in ``traction.py``.
+and of free faces with the support below the gel (DIGIT). An environment is one of the presses that are solved together.
+The formulas are in ``traction.py``.
 """
 
 from __future__ import annotations
@@ -61,9 +62,11 @@ class Resultants(NamedTuple):
 
 
 class Contact:
-    """Contact of faces (f, 6) of the rest mesh (nodes in mm) with a rigid shape per environment.
+    """Contact of faces (f, 6) of the rest mesh, with nodes (n, 3) mm, with a rigid shape per environment.
 
     stiffness : k times edge over E, of the normal and of the friction traction
+    friction : Coulomb coefficient
+    active : list of the environments in which kernels act
     """
 
     def __init__(self, element: Element, nodes, faces, stiffness: tuple[float, float], friction: float, device, active):
@@ -75,7 +78,8 @@ class Contact:
         slots = slots.reshape(-1, 3).astype(np.int32)
         edges = np.sqrt(2.0 * geometry.areas.sum(axis=1))
         areas_of_slots = geometry.areas @ geometry.multiplier_shapes
-        weights, self.corner_areas = np.zeros((2, len(corners)))  # mm2 of the faces around each corner
+        # Integrals around each corner: of the edge, mm3, and of 1, mm2.
+        weights, self.corner_areas = np.zeros((2, len(corners)))
         np.add.at(weights, slots, edges[:, None] * areas_of_slots)
         np.add.at(self.corner_areas, slots, areas_of_slots)
         self.host_faces, self.corners, self.n_slots = faces, corners, len(corners)
@@ -214,7 +218,7 @@ class Contact:
             batch_arrays.copy(saved, marked, array)
 
     def residual(self, x, residual_out):
-        """Add the forces at x, and sum what an update of the multipliers needs."""
+        """Add the forces at x, and integrate tractions minus multipliers around each corner, for an update."""
         self._sums.zero_()
         self._launch(contact_residual_kernel, [x, self.active], [residual_out, self._sums])
 
@@ -271,7 +275,7 @@ class Contact:
     def nearest(self, x, dense: wp.array, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, node).
 
-        Also returns the largest overlap (env,) beyond ``at_rest`` mm, over the edge of its face; 0 without overlap.
+        Also returns the largest overlap (env,) beyond ``at_rest`` mm, as a share of its face's edge; 0 without overlap.
         """
         self._least.fill_(np.inf)
         self._largest.zero_()
@@ -281,8 +285,8 @@ class Contact:
     def room(self, x, dense: wp.array, other: Contact) -> np.ndarray:
         """Least thickness (env,) mm of gel that is left between this contact's shape and another's.
 
-        It is measured at points that overlap this shape: the distance from the other shape minus the overlap. Points
-        have the shape functions ``dense`` (point, node). It is negative where the shapes meet, and inf without overlap.
+        At points that overlap this shape, it is the distance from the other shape minus the overlap: negative where the
+        shapes meet. It is inf without overlap. Points have the shape functions ``dense`` (point, node).
         """
         self._least.fill_(np.inf)
         self._launch(room_kernel, [other.surface, x, dense, self.active], [self._least])

@@ -42,7 +42,7 @@ def per_component(fixed: np.ndarray) -> np.ndarray:
 
 
 class NewtonSolver:
-    """Solves increments of a body with its contacts and the fluid in its cavity, if there is one.
+    """Solves increments (load steps) of a body with its contacts and the fluid in its cavity, if there is one.
 
     ``fixed`` (node,) or (node, 3) bool marks fixed nodes or components. ``x`` (unknowns, env) are the states.
     Environments that are ``working`` (env,) bool have an increment under way.

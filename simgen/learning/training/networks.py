@@ -3,8 +3,8 @@
 A network is one entry here. The entry names its class, a `simgen.learning.training.network.Network`, which has a file
 of its own and may serve several networks. This module does not import PyTorch, so that a job can be read without it.
 
-Names: S, M and R stand for signals, meshes and reduced models; V for a variational autoencoder; B and D for BioTac and
-DIGIT; MPN for the paper's projection network. See docs/training.md.
+Names: S, M and RM stand for signals, meshes and reduced models; V for a variational autoencoder; B and D for BioTac and
+DIGIT; 2 for "to"; MPN for the paper's projection network. See docs/training.md.
 """
 
 from collections.abc import Iterator, Mapping

@@ -25,8 +25,8 @@ from simgen.verification.validate.case import Context, Curve, Outcome, Row, Tabl
 SENSORS = ("digit", "biotac")
 PLACES_MM = {"centre": (-7.5, 0.0), "side": (-7.5, 5.5), "tip": (-15.5, 0.0)}  # x along the finger, arc across it
 MESHES = ("coarse", "default", "fine")
-DEPTHS_MM = np.array([0.5, 1.0, 1.5, 2.0])  # the load steps of all meshes
-REPORTED = (0, 1, 3)
+DEPTHS_MM = np.array([0.5, 1.0, 1.5, 2.0])  # the same on all meshes
+REPORTED = (0, 1, 3)  # indices of the depths that are compared
 DEFORMED = 1e-5  # m, displacement from which a vertex belongs to the deformation region, as published
 ORDERS = np.linspace(1.5, 3.0, 151)
 WANTED_FORCE, WANTED_UM = 0.01, 5.0
@@ -81,7 +81,7 @@ def distances_um(a: np.ndarray, b: np.ndarray, moved: np.ndarray | None = None) 
     """Return root mean square and mean of the Euclidean distance, um, of positions or displacements (v, 3) m.
 
     Averages over all vertices, or over the deformation region: the vertices where ``moved`` (v, 3) m is at least 10 um.
-    The ACROSS framework takes the root mean square over coordinates, which is smaller by the root of three. NaN if a
+    The ACROSS framework takes the root mean square over coordinates, which is smaller by a factor of sqrt(3). NaN if a
     press did not reach this depth.
     """
     away = UM_PER_M * np.linalg.norm(a - b, axis=1)
