@@ -35,8 +35,8 @@ ALLOWED_OVERLAP = wp.constant(wp.float64(0.15))  # share of a face's edge: beyon
 def stiffen_kernel(s: Surface, x: Vectors, most: wp.float64, active: Envs, stiffening_out: Vectors):
     """Stiffness factor of a face for the increment that begins at x: a power of two from 1 to ``most``.
 
-    It covers the face's largest multiplier over E, or a deep overlap. It is constant during the increment: a stiffness
-    that changed with the state would be one more nonlinearity.
+    It is at least the face's largest multiplier over E, and at least the factor that a deep overlap needs. It is
+    constant during the increment, because a stiffness that changed with the state would be one more nonlinearity.
     """
     f, lane = wp.tid()
     env = active[lane]
@@ -163,7 +163,7 @@ def update_kernel(s: Surface, weights: Scalars, sums: wp.array2d(dtype=wp.vec4d)
 def extrapolate_kernel(
     s: Surface, normal_before: Vectors, tangential_before: wp.array2d(dtype=vec3), factor: Scalars, active: Envs,
 ):
-    """Extrapolate the multipliers as the displacements are: otherwise these meet the forces of the last state."""
+    """Extrapolate the multipliers with the same factor as the displacements, so that the forces fit the predicted state."""
     slot, lane = wp.tid()
     env = active[lane]
     if env < 0:
