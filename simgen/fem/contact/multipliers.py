@@ -163,7 +163,7 @@ def update_kernel(s: Surface, weights: Scalars, sums: wp.array2d(dtype=wp.vec4d)
 def extrapolate_kernel(
     s: Surface, normal_before: Vectors, tangential_before: wp.array2d(dtype=vec3), factor: Scalars, active: Envs,
 ):
-    """Extrapolate the multipliers with the same factor as the displacements, so that the forces fit the predicted state."""
+    """Extrapolate the multipliers with the displacements' factor, so that the forces fit the predicted state."""
     slot, lane = wp.tid()
     env = active[lane]
     if env < 0:
