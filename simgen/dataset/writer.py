@@ -102,7 +102,7 @@ def as_stored(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def check_output(path: Path, job: Job) -> None:
-    """Raise the `InputError` of `open_or_create` before the slow plan is made, if the folder alone shows it."""
+    """Raise the `InputError` of `open_or_create` that needs no plan, before the plan is made, which is slow."""
     if path.exists():
         dataset = Dataset(path)
         if not grows(dataset, job):
@@ -228,7 +228,7 @@ def forget(dataset: Dataset, shards: Iterable[int]) -> None:
 
 
 def log_timing(dataset: Dataset, entry: Mapping[str, Any]) -> None:
-    """Append a record to the timings, on a new line, so that a record that a kill cut short harms no other."""
+    """Append a record to the timings. It begins with a line break, in case a kill has cut the last record short."""
     with writing(dataset.path), open(dataset.path / "manifest" / TIMINGS, "a", encoding="utf-8") as file:
         file.write("\n" + json.dumps(entry))
 

@@ -40,10 +40,10 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Draw:
-    """Kept contacts, and contacts before the last kept one that leave too little gel under an indenter."""
+    """Contacts that were drawn, up to the last one that is kept."""
 
     kept: Contacts
-    refused: Contacts
+    refused: Contacts  # an indenter would leave too little gel there
 
 
 def sample_contacts(
@@ -55,7 +55,7 @@ def sample_contacts(
     others: Sequence[Sensor] = (),
     lateral_reach_m: float = 0.0,
 ) -> Contacts:
-    """Draw contacts without the rule on the gel that indenters leave; see `draw_contacts`."""
+    """Draw contacts as `draw_contacts` does, without the rule on thin gel."""
     return draw_contacts(reference, count, seed, max_depth_m, settings, others, lateral_reach_m).kept
 
 

@@ -204,10 +204,11 @@ class LoadStepping:
     def _repeat(self, ended: np.ndarray) -> np.ndarray:
         """Repeat increments that have converged to a state that cannot be kept; returns their environments (env,) bool.
 
-        Inverted elements are stabilised more. Where a sample is due, faces that overlap a rigid body too far, or that
-        leave no skin before the core, are stiffened; an increment fails if that does not help. If a repeated increment
-        does not converge, it is solved once more from its start, and inverted elements are accepted. They are also
-        accepted after `MAX_REPEATS` repeats, or more than `REPEATABLE_ITERATIONS` in one increment.
+        Inverted elements are stabilised more. Where a sample is due, faces are stiffened if they overlap a rigid body
+        too far, or if no skin is left between indenter and core; the increment fails if that does not help. If a
+        repeated increment does not converge, it is solved once more from its start, and inverted elements are accepted.
+        They are also accepted after `MAX_REPEATS` repeats, and where an increment took more Newton iterations than
+        `REPEATABLE_ITERATIONS`.
         """
         solver, out = self.solver, self.solver.increment
         converged = ended & (out.status == Status.CONVERGED)
@@ -284,7 +285,7 @@ class LoadStepping:
         self._store_samples(converged & (self.target == self.goal))
 
     def _end(self, env: int, status: int, failed: bool = False):
-        """End a try, and its press if the tries decide it; else queue the press for its second try."""
+        """End a try. If its press's result is now certain, end the press; else the press waits for its second try."""
         press, ended = self.press[env], self.tries[env]
         ended.status, ended.failed = status, failed
         self._waiting.learn(press.shape, self._try_iterations[env])

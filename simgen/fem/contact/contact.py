@@ -62,8 +62,9 @@ class Resultants(NamedTuple):
 
 
 class Contact:
-    """Contact of faces (f, 6) of the rest mesh, with nodes (n, 3) mm, with a rigid shape per environment.
+    """Contact of a surface with one rigid shape per environment.
 
+    nodes, faces : (n, 3) mm of the mesh at rest, and node numbers (f, 6) of the surface's faces
     stiffness : k times edge over E, of the normal and of the friction traction
     friction : Coulomb coefficient
     active : list of the environments in which kernels act
@@ -78,7 +79,7 @@ class Contact:
         slots = slots.reshape(-1, 3).astype(np.int32)
         edges = np.sqrt(2.0 * geometry.areas.sum(axis=1))
         areas_of_slots = geometry.areas @ geometry.multiplier_shapes
-        # Integrals around each corner: of the edge, mm3, and of 1, mm2.
+        # Integrals over the area around each corner: of the edge length (mm3), and of 1 (mm2).
         weights, self.corner_areas = np.zeros((2, len(corners)))
         np.add.at(weights, slots, edges[:, None] * areas_of_slots)
         np.add.at(self.corner_areas, slots, areas_of_slots)
@@ -124,7 +125,10 @@ class Contact:
         batch_arrays.launch(kernel, rows or len(self.host_faces), [self.surface, *inputs], outputs)
 
     def set_shapes(self, shapes: list[RigidShape], touching_state: wp.array | None = None):
-        """Set rigid shapes, one for each environment or (until :meth:`choose`) one for all; forget all tractions.
+        """Set the rigid shapes, and forget all tractions.
+
+        With as many shapes as environments, each environment has its own. Otherwise all have the first one, until
+        :meth:`choose`.
 
         Where the surface overlaps the shape in ``touching_state``, the gap there counts as 0: at rest a skin may lie on
         its core to within the accuracy of both meshes.
@@ -163,13 +167,14 @@ class Contact:
     def begin_increment(self, x_start, x_predicted, start_poses, poses, travel: np.ndarray):
         """Start an increment of the active environments at ``x_start`` and ``start_poses``, and save the tractions.
 
-        A point may enter contact anywhere between ``x_start`` and ``x_predicted``. It ends at most ``travel`` (env,) mm
-        from its place in ``x_predicted``. The shapes move to ``poses`` in all environments.
+        Faces that cannot touch if points end at most ``travel`` (env,) mm from ``x_predicted`` are left out. Where a
+        point enters contact, its slip counts from its entry on the way from ``x_start`` to ``x_predicted``. The shapes
+        move to ``poses`` in all environments.
         """
         for array, saved in zip(self._history(), self._saved, strict=True):
             batch_arrays.copy(array, self.active, saved)
         self.set_pose(poses)
-        self._find_candidates(x_predicted, travel)  # includes all faces that carry slip
+        self._find_candidates(x_predicted, travel)  # a face with a multiplier stays one
         self.set_pose(start_poses)
         self._launch(stiffen_kernel, [x_start, MAX_STIFFENING, self.active], [self._stiffening])
         if self.friction > 0.0:
