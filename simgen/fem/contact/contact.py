@@ -174,7 +174,7 @@ class Contact:
         for array, saved in zip(self._history(), self._saved, strict=True):
             batch_arrays.copy(array, self.active, saved)
         self.set_pose(poses)
-        self._find_candidates(x_predicted, travel)  # a face with a multiplier stays one
+        self._find_candidates(x_predicted, travel)  # and all faces with a positive multiplier
         self.set_pose(start_poses)
         self._launch(stiffen_kernel, [x_start, MAX_STIFFENING, self.active], [self._stiffening])
         if self.friction > 0.0:
