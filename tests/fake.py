@@ -103,6 +103,7 @@ def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: fl
         "certificate/contact_error": 1e-4 * ones,
         "certificate/force_balance": 1e-6 * ones,
         "certificate/min_det_F": 0.9 * ones,
+        "certificate/least_det_F": 0.8 * ones,
         "certificate/rms_penetration_m": 1e-6 * ones,
         "certificate/max_penetration_m": 3e-6 * ones,
         "certificate/newton_iterations": 4 * ones,

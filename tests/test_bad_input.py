@@ -230,7 +230,7 @@ DATASETS = [
     ("array of other shape", array("digit/status", np.zeros((12, 9), np.int8)), "report d.zarr", "int8 (12, 4)"),
     ("array of other type", array("press/indenter", INDENTER * 1.0), "report d.zarr", "press/indenter: float64"),
     ("index beyond", array("press/indenter", INDENTER), "report d.zarr", "press/indenter: 9 to 9; allowed: 0 to 2"),
-    ("pose of nothing", array("digit/pose", np.zeros((12, 4, 4))), "report d.zarr", "digit/pose: matrices that are no"),
+    ("pose of nothing", array("digit/pose", np.zeros((12, 4, 4))), "report d.zarr", "digit/pose: matrices that cannot"),
     ("plan rotten", content("press/indenter/c/0", b"x"), "report d.zarr", "press/indenter: cannot be read"),
     ("another job's", None, "run job.yaml --scheduler sync -o d.zarr", "d.zarr: holds another dataset (job.name"),
     ("page onto a folder", None, "report d.zarr -o d.zarr", "d.zarr: is a folder; allowed: a file"),

@@ -197,7 +197,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         if output.is_sensor_value or output.at_surface:
             finite = _finite(dataset, f"{sensor}/{output.name}", output.at_surface, converged.shape)
             yield named(sensor, f"{output.name} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
-    least = stored("min_det_F")
+    least = stored("least_det_F" if f"{sensor}/certificate/least_det_F" in dataset.arrays else "min_det_F")
     valid = dataset[f"{sensor}/status"] == Status.CONVERGED
     bad = tuple((int(press), int(depth)) for press, depth in np.argwhere(valid & ~(least > 0)))
     found = f"{np.min(least, initial=np.inf, where=valid):.3f}"

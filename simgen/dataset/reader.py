@@ -64,7 +64,8 @@ PLAN = "plan.json"  # in the folder manifest/, as TIMINGS
 TIMINGS = "timings.jsonl"
 GROWING = ".growing"  # folder with the plan of added trajectories, until its files are in place
 
-ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping")  # older datasets lack both
+# Older datasets lack some of these.
+ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping", "certificate/least_det_F")
 
 
 @dataclass(frozen=True)
@@ -261,8 +262,8 @@ class Dataset:
             if self.job.surface_outputs(sensor)
         }
         arrays = written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()}, surface)
-        older = not any(f"{sensor}/{key}" in self.root for sensor in self.sensors for key in ADDED_LATER)
-        return {name: array for name, array in arrays.items() if not (older and name.endswith(ADDED_LATER))}
+        lacking = tuple(key for key in ADDED_LATER if not any(f"{name}/{key}" in self.root for name in self.sensors))
+        return {name: array for name, array in arrays.items() if not name.endswith(lacking)}
 
     def sentence(self, code: int) -> str:
         """The sentence of a status code."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from simgen.config.indenter_path import moved
 from simgen.fem import batch_arrays
+from simgen.fem.contact.contact import Last
 from simgen.fem.nonlinear.status import Status
 from simgen.simulation.measurements import Solution, take_samples
 from simgen.simulation.press_queue import PressQueue
@@ -194,9 +195,14 @@ class LoadStepping:
         # An upper bound for all points of an indenter: the tip's travel, and an arc at the rim.
         travel = np.linalg.norm(now[:, :3], axis=1) + self._reach * np.abs(now[:, 3]) / TURN_RADIUS_MM
         before = self._poses_at(self.travelled)
-        self.scene.indenter_contact.begin_increment(self.x_start, solver.trial, before, self._target_poses, travel)
+        last = Last(self.x_previous, self._poses_at(self.previous), ratio)
+        self.scene.indenter_contact.begin_increment(
+            self.x_start, solver.trial, before, self._target_poses, travel, last
+        )
         for contact in self.scene.fixed_contacts:
-            contact.begin_increment(self.x_start, solver.trial, at_rest, at_rest, travel)
+            contact.begin_increment(
+                self.x_start, solver.trial, at_rest, at_rest, travel, Last(self.x_previous, at_rest, ratio)
+            )
         for contact in solver.contacts:
             contact.extrapolate(ratio)
         solver.begin(starting)

@@ -94,9 +94,9 @@ class State:
         return self.sampler.overlap()[0]
 
     @_cached
-    def inverted(self) -> np.ndarray:
-        """Number (env,) of elements that are inverted somewhere."""
-        return self.sampler.inverted_elements()
+    def det_F(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower bound (env,) of det F over all elements, and number (env,) of elements that are inverted somewhere."""
+        return self.sampler.bound_det_F()
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def moment(state: State) -> np.ndarray:
 
 @measurement
 def status(state: State) -> np.ndarray:
-    inverted = state.inverted[state.environments] > 0
+    inverted = inverted_elements(state) > 0
     return np.where(inverted, Status.INSIDE_OUT, Status.CONVERGED).astype(np.int8)
 
 
@@ -210,7 +210,12 @@ def force_balance(state: State) -> np.ndarray:
 
 @measurement
 def inverted_elements(state: State) -> np.ndarray:
-    return state.inverted[state.environments]
+    return state.det_F[1][state.environments]
+
+
+@measurement
+def least_det_F(state: State) -> np.ndarray:
+    return state.det_F[0][state.environments]
 
 
 @measurement

@@ -143,6 +143,9 @@ class StateSampler:
             return np.full(scene.batch, np.inf)
         return scene.indenter_contact.room(scene.solver.x, self._dense, scene.core_contact)
 
-    def inverted_elements(self) -> np.ndarray:
-        """Number of elements (env,) that are inverted somewhere, also between the solver's integration points."""
-        return self.scene.solver.elasticity.inverted_elements(self.scene.solver.x)
+    def bound_det_F(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower bound (env,) of det F over all elements, and number (env,) of elements that are inverted somewhere.
+
+        Both hold for whole elements, also between the solver's integration points.
+        """
+        return self.scene.solver.elasticity.bound_det_F(self.scene.solver.x)

@@ -39,7 +39,7 @@ def test_the_console_shows_means_and_what_they_are_beside_the_bar():
     split = [line.strip().split("  ") for line in printed(entries(), 80)]
     lines = {cells[0]: " ".join(cells).split() for cells in reversed(split)}  # the first of each
     assert lines["model"] == ["model", "RMSE", "region", "MED", "p99", "overlap", "params", "note"]
-    assert lines["PCA-128"][1:] == ["20.00", "19.5", "20.0", "60.0", "-", "1.2k", "the", "bar"]
+    assert lines["PCA-128"][1:] == ["20.00", "19.5", "20.0", "60.0", "-", "1.2k", "1.00"]
     assert lines["MVD"][1:] == ["30.00", "29.5", "30.0", "90.0", "-", "1.2k", "1.5", "worse"]
     assert lines["MVD (ACROSS)"][2:] == ["9.28", "12.4", "-", "-", "-", "-", "published"]
     assert lines["ours"][-1] == "0.50"

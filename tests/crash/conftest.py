@@ -1,5 +1,6 @@
 """A job of twelve presses that takes seconds, by the command line, in processes of their own."""
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -31,9 +32,13 @@ def simgen(*arguments: str | Path, **options) -> subprocess.CompletedProcess:
 
 
 @pytest.fixture(scope="session")
-def whole(tmp_path_factory) -> Path:
-    """The dataset of an undisturbed run."""
-    path = tmp_path_factory.mktemp("whole") / "d.zarr"
-    ended = simgen("run", *JOB, "--output", path, "--workers", "2")
-    assert ended.returncode == 0, ended.stderr
+def whole(tmp_path_factory, worker_id) -> Path:
+    """The dataset of an undisturbed run. Processes of one test run share it."""
+    own = tmp_path_factory.getbasetemp()
+    path = (own if worker_id == "master" else own.parent) / "whole.zarr"
+    with open(path.with_suffix(".lock"), "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.exists():
+            ended = simgen("run", *JOB, "--output", path, "--workers", "2")
+            assert ended.returncode == 0, ended.stderr
     return path

@@ -35,11 +35,12 @@ def test_two_runs_that_begin_together_leave_one_dataset(whole, tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["d.zarr"]
 
 
-def test_another_job_is_refused_with_the_difference(whole):
-    before = fake.contents(whole)
-    ended = simgen("run", *JOB, "solver.friction_stiffness=30", "--output", whole, "--scheduler", "sync")
+def test_another_job_is_refused_with_the_difference(whole, tmp_path):
+    before, path = fake.contents(whole), tmp_path / "d.zarr"
+    shutil.copytree(whole, path)
+    ended = simgen("run", *JOB, "solver.friction_stiffness=30", "--output", path, "--scheduler", "sync")
     assert "holds another dataset (job.solver.friction_stiffness: 20.0 -> 30.0)" in one_line(ended)
-    assert fake.contents(whole) == before
+    assert fake.contents(path) == before
 
 
 def test_rotten_files_are_named_and_repaired(whole, tmp_path):

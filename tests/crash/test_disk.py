@@ -35,8 +35,10 @@ mount -t tmpfs -o size=$1k tmpfs /mnt
 folder=$2; shift 2
 run() { "$@" --scheduler sync --output /mnt/d.zarr; }
 run "$@"
-echo "exit code $?, shards $(find /mnt -path '*/manifest/0*' | wc -l), files $(find /mnt -type f | wc -l)"
+code=$? there=$(find /mnt -type f | wc -l)
+echo "exit code $code, shards $(find /mnt -path '*/manifest/0*' | wc -l), files $there"
 mount -o remount,size=64m /mnt
+if [ $there = 0 ]; then exit; fi # a run into an empty folder is what all other tests are about
 run "$@" > /dev/null && cp -r /mnt/d.zarr $folder
 """
 
@@ -57,7 +59,10 @@ def test_a_full_disk_is_one_line_and_with_more_room_the_same_command_goes_on(who
     code, there, files = map(int, found.groups())
     assert code == 2 and "Traceback" not in ended.stdout + ended.stderr
     assert ended.stderr.strip() == "simgen: /mnt/d.zarr: cannot be written: No space left on device"
-    assert (there, files) == (0, 0) if shards == "none" else 0 < there < SHARDS
+    if shards == "none":
+        assert (there, files) == (0, 0)
+        return
+    assert 0 < there < SHARDS
     assert fake.contents(tmp_path / "d.zarr") == fake.contents(whole)
 
 

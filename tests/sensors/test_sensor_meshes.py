@@ -110,7 +110,7 @@ def test_regions_of_the_mesh_have_the_area_of_the_true_surface(bundled, mesh):
 
 def test_fields_travel_from_the_simulation_mesh_to_the_output_mesh(bundled):
     for sensor in bundled.values():
-        found, points = sensor.simulation_mesh, sensor.output_mesh.vertices
+        found, points = sensor.simulation_mesh, sensor.output_mesh.vertices[::4]
         _, _, distance = locate(found.nodes, found.tetrahedra, points)
         print(sensor.name, len(found.nodes), f"moved by {distance.max() * 1e3:.4f} mm at most")
         # The rim of the DIGIT has a radius of 0.6 mm, and elements of 1 to 2 mm cut it short; elsewhere a

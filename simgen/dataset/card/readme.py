@@ -95,7 +95,8 @@ def _worth(dataset: Dataset) -> Iterator[str]:
     yield "A sample is valid if its forces balance and no element is inverted anywhere."
     yield "The worst values over the valid samples; every sample has its own."
     yield ""
-    keys = {"residual": "{:.1e}", "contact_error": "{:.1e}", "force_balance": "{:.1e}", "min_det_F": "{:.3f}",
+    least = "least_det_F" if f"{dataset.sensors[0]}/certificate/least_det_F" in dataset.arrays else "min_det_F"
+    keys = {"residual": "{:.1e}", "contact_error": "{:.1e}", "force_balance": "{:.1e}", least: "{:.3f}",
             "inverted_elements": "{:.0f}", "max_penetration_m": "{:.1e}"}  # fmt: skip
     yield from _row(["sensor", *keys])
     yield from _row(["---"] * (1 + len(keys)))
@@ -104,7 +105,7 @@ def _worth(dataset: Dataset) -> Iterator[str]:
         worst = []
         for key, form in keys.items():
             values = dataset[f"{sensor}/certificate/{key}"][good]
-            pick = np.min if key == "min_det_F" else np.max
+            pick = np.min if key == least else np.max
             worst.append(form.format(pick(values)) if len(values) else "")
         yield from _row([sensor, *worst])
     yield from _others(dataset)

@@ -61,6 +61,18 @@ class Resultants(NamedTuple):
     slip_share: np.ndarray
 
 
+class Last(NamedTuple):
+    """The increment before, from which the next one is predicted.
+
+    x, poses : state and poses of the shapes (env, 4, 4) at its start
+    ratio : (env,) length of the next increment over its length; 0 at the start of a path and where the path turns
+    """
+
+    x: wp.array
+    poses: np.ndarray
+    ratio: np.ndarray
+
+
 class Contact:
     """Contact of a surface with one rigid shape per environment.
 
@@ -118,6 +130,8 @@ class Contact:
         self._resultants = [zeros(n_env, vec3), zeros(n_env, vec3), zeros((4, n_env))]
         self._least, self._largest = zeros(n_env), zeros(n_env)
         self._start_rotation, self._start_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
+        self._in_contact = zeros((1, n_env), wp.int32)
+        self._last_rotation, self._last_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
         self._saved = [wp.zeros_like(array) for array in self._history()]
         self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # at the last converged increment's start
 
@@ -164,7 +178,7 @@ class Contact:
         self._launch(gap_kernel, [x, self.active], [gap], self._points[:2])
         return gap.numpy()
 
-    def begin_increment(self, x_start, x_predicted, start_poses, poses, travel: np.ndarray):
+    def begin_increment(self, x_start, x_predicted, start_poses, poses, travel: np.ndarray, last: Last | None = None):
         """Start an increment of the active environments at ``x_start`` and ``start_poses``, and save the tractions.
 
         Faces that cannot touch if points end at most ``travel`` (env,) mm from ``x_predicted`` are left out. Where a
@@ -181,11 +195,16 @@ class Contact:
             wp.copy(self._start_rotation, self.surface.rotation)
             wp.copy(self._start_origin, self.surface.origin)
             inputs = [x_start, self._saved[-1], self._stiffening, self.active]
-            self._launch(carry_kernel, inputs, [self._carried])
+            batch_arrays.clear(self.active, self._in_contact)
+            self._launch(carry_kernel, inputs, [self._carried, self._in_contact])
         self.set_pose(poses)
         if self.friction > 0.0:
-            start = [self._start_rotation, self._start_origin]
-            inputs = [x_start, x_predicted, *start, self._carried, self.active]
+            last = last or Last(x_start, start_poses, np.zeros(self.n_env))
+            self._last_rotation.assign(np.ascontiguousarray(last.poses[:, :3, :3]))
+            self._last_origin.assign(np.ascontiguousarray(last.poses[:, :3, 3]))
+            poses = [self._last_rotation, self._last_origin, self._start_rotation, self._start_origin]
+            ratio = self.active.factors(last.ratio)
+            inputs = [last.x, x_start, x_predicted, *poses, ratio, self._carried, self._in_contact, self.active]
             self._launch(anchor_kernel, inputs, [self.surface.anchor])
         batch_arrays.copy(self._stiffening, self.active, self.surface.stiffening)
 

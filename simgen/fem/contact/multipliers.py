@@ -28,6 +28,8 @@ wp.set_module_options({"enable_backward": False})
 # Largest factors on a face's stiffness: at the start of an increment, and if the increment is solved again for a deep
 # overlap. With such a stiffness on all faces the surface locks: forces rise by 1 to 7 %.
 MAX_STIFFENING, MAX_IN_INCREMENT = 16.0, 128.0
+# Measured: with it, forces depend least on the load step (docs/accuracy.md). 3/2 is a straight way at constant speed.
+WAY_EXPONENT = wp.constant(wp.float64(1.8))
 ALLOWED_OVERLAP = wp.constant(wp.float64(0.15))  # share of a face's edge: beyond, its stiffness grows with the overlap
 
 
@@ -57,17 +59,35 @@ def stiffen_kernel(s: Surface, x: Vectors, most: wp.float64, active: Envs, stiff
     stiffening_out[f, env] = factor
 
 
+@wp.func
+def way_until_entry(gap_before: real, gap: real, gap_predicted: real, ratio: real):
+    """Share of the way to the predicted state after which a point with a positive gap enters contact.
+
+    Near the edge of a contact, a gap closes as (time until entry)^(3/2), and the point's way along the surface ends as
+    (time until entry)^`WAY_EXPONENT`. Gap and way of the last increment determine what is left of both. The predicted
+    state is ``ratio`` times the last increment away; 0 if there is none in this direction. Then the way is straight.
+    """
+    if ratio > real(0.0) and gap_before > gap:
+        time = real(1.0) / (wp.pow(gap_before / gap, real(2.0) / real(3.0)) - real(1.0))  # in last increments
+        time = wp.min(time, ratio)
+        left = wp.pow(time, WAY_EXPONENT)
+        return wp.min(left / (wp.pow(real(1.0) + time, WAY_EXPONENT) - left) / ratio, real(1.0))
+    return gap / (gap - wp.min(gap_predicted, real(0.0)))
+
+
 @large_kernel
 def anchor_kernel(
-    s: Surface, x_start: Vectors, x_predicted: Vectors, rotation_start: wp.array(dtype=mat33),
-    origin_start: wp.array(dtype=vec3), carried: wp.array3d(dtype=vec3), active: Envs,
+    s: Surface, x_previous: Vectors, x_start: Vectors, x_predicted: Vectors, rotation_previous: wp.array(dtype=mat33),
+    origin_previous: wp.array(dtype=vec3), rotation_start: wp.array(dtype=mat33), origin_start: wp.array(dtype=vec3),
+    ratio: Scalars, carried: wp.array3d(dtype=vec3), in_contact: wp.array2d(dtype=wp.int32), active: Envs,
     # outputs
     anchor_out: wp.array3d(dtype=vec3),
 ):
     """Anchors from which slip counts, in the shape's frame.
 
-    In contact, the anchor is the start minus the slip carried over. Otherwise it lies on the straight path to the
-    predicted state: where a point with gap g0 at the start and g1 < 0 at the end enters contact, or at the path's end.
+    In contact, the anchor is the start minus the slip carried over. Otherwise it lies on the straight way to the
+    predicted state, where the point enters contact, or at the end of this way; see `way_until_entry`. An indenter that
+    does not touch the surface at the start approaches it at constant speed.
     """
     k, lane = wp.tid()
     env = active[lane]
@@ -75,17 +95,20 @@ def anchor_kernel(
     if f < 0:
         return
     shape = s.rigid[s.shape_of[env]]
+    earlier = face_positions(s, x_previous, f, env)
     before = face_positions(s, x_start, f, env)
     after = face_positions(s, x_predicted, f, env)
     for q in range(s.areas.shape[1]):
         start = wp.transpose(rotation_start[env]) * (face_point(before, s.shapes, q) - origin_start[env])
         predicted = to_shape_frame(s, face_point(after, s.shapes, q), env)
         g0 = distance(shape, start) + s.gap_offset[f, q]
-        g1 = wp.min(distance(shape, predicted) + s.gap_offset[f, q], real(0.0))
         slip = carried[k, q, env]
         entry = real(0.0)
         if g0 > real(0.0) and wp.length_sq(slip) == real(0.0):
-            entry = g0 / (g0 - g1)
+            previous = face_point(earlier, s.shapes, q) - origin_previous[env]
+            gap_before = distance(shape, wp.transpose(rotation_previous[env]) * previous) + s.gap_offset[f, q]
+            gap_predicted = distance(shape, predicted) + s.gap_offset[f, q]
+            entry = way_until_entry(gap_before, g0, gap_predicted, ratio[env] * real(in_contact[0, env]))
         anchor_out[f, q, env] = start + entry * (predicted - start) - slip
 
 
@@ -93,7 +116,7 @@ def anchor_kernel(
 def carry_kernel(
     s: Surface, x: Vectors, was_candidate: IndexTable, stiffening: Vectors, active: Envs,
     # outputs
-    carried_out: wp.array3d(dtype=vec3),
+    carried_out: wp.array3d(dtype=vec3), in_contact_out: wp.array2d(dtype=wp.int32),
 ):
     """Slip carried over, in the shape's frame: with it the next increment begins with the friction of this state.
 
@@ -113,6 +136,7 @@ def carry_kernel(
         slip = vec3()
         if touched and found.pressure > real(0.0) and found.multiplier > real(0.0):
             slip = wp.transpose(s.rotation[env]) * ((found.tangential - found.friction) * k_inverse)
+            in_contact_out[0, env] = 1
         carried_out[k, q, env] = slip
 
 

@@ -35,7 +35,7 @@ from simgen.fem.elements.stabilisation import (
     raise_kernel,
     reinforce_kernel,
 )
-from simgen.fem.elements.validity import LEVELS, PARTS, inside_out_kernel
+from simgen.fem.elements.validity import LEVELS, PARTS, det_F_kernel
 from simgen.fem.material.law import MOST_CONSTANTS, Law, law_module
 from simgen.fem.material.neo_hookean import NeoHookean
 from simgen.fem.material.volume import cofactor
@@ -208,6 +208,7 @@ class Elasticity:
         self._damping = wp.zeros(active.shape[0], dtype=wp.float32, device=device)
         self._single.damping = self._reduced.damping = self._damping
         self._count = wp.zeros(active.shape[0], dtype=wp.int32, device=device)
+        self._least = wp.zeros(active.shape[0], dtype=wp.float64, device=device)
 
     def _launch(self, kernel, inputs, outputs):
         batch_arrays.launch(kernel, len(self.host_tetrahedra), inputs, outputs)
@@ -229,11 +230,16 @@ class Elasticity:
         """Add the action of the derivative on v, by reduced integration for a preconditioner."""
         self._launch(self._tangent_kernel, [self._reduced if reduced else self._single, v, self.active], [action_out])
 
-    def inverted_elements(self, x) -> np.ndarray:
-        """Count the elements that are inverted somewhere at state x: (env,); see ``validity.py``."""
+    def bound_det_F(self, x) -> tuple[np.ndarray, np.ndarray]:
+        """Lower bound (env,) of det F over all elements at state x, and number (env,) of elements inverted somewhere.
+
+        See ``validity.py``.
+        """
         self._count.zero_()
-        self._launch(inside_out_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self._count])
-        return self._read_count()
+        self._least.fill_(np.inf)
+        inputs = [self._solid, x, self._parts, LEVELS, self.active]
+        self._launch(det_F_kernel, inputs, [self._count, self._least])
+        return tuple(map(np.copy, read(self._least, self._count)))
 
     def forget(self, marked):
         """Remove the stabilisation of all elements in the listed environments (env,)."""

@@ -1,4 +1,4 @@
-"""Detection of elements that are inverted somewhere, by a bound over the whole element.
+"""Bounds of det F over whole elements, which find elements that are inverted somewhere.
 
 The geometry map x(xi) of a deformed quadratic tetrahedron has a derivative that is linear in the barycentric
 coordinates l: dx/dxi = l_0 A_0 + ... + l_3 A_3, with the matrices A_i at the corners (``element_fields.py``). Its
@@ -13,7 +13,9 @@ parts, and each part is tested in the same way, with means of the A_i at its cor
 after `LEVELS` divisions counts as inverted. So an element that counts as valid is valid everywhere (Johnen, Remacle and
 Geuzaine, "Geometrical validity of curvilinear finite elements", J. Comput. Phys. 233, 2013).
 
-At rest det dX/dxi > 0 in a valid mesh; there, det F = det dx/dxi / det dX/dxi has the sign of det dx/dxi.
+At rest det dX/dxi > 0 in a valid mesh; there, det F = det dx/dxi / det dX/dxi has the sign of det dx/dxi. With positive
+coefficients d of the rest element, det F is at least the smallest ratio c / d of the two elements' coefficients,
+because each Bernstein polynomial is positive. The bound is sharpened by divisions where it is below `SHARP`.
 """
 
 from __future__ import annotations
@@ -30,6 +32,9 @@ from simgen.fem.precision import mat33, real
 wp.set_module_options({"enable_backward": False})
 
 LEVELS = 3  # divisions of undecided parts; each makes the bound four times as sharp
+SHARP = wp.constant(wp.float64(0.3))  # bounds of det F above it are not sharpened
+CLOSE = wp.constant(wp.float64(0.02))  # a bound this close to a value that det F takes is sharp
+NO_BOUND = wp.constant(wp.float64(-1.0))  # where the rest element has a coefficient that is not positive
 
 
 def _parts() -> np.ndarray:
@@ -101,6 +106,81 @@ def is_inside_out(A: mat33, B: mat33, C: mat33, D: mat33, parts: wp.array(dtype=
 
 
 @wp.func
+def ratio(c: real, d: real):
+    return wp.where(d > real(0.0), c / d, NO_BOUND)
+
+
+@wp.func
+def towards(A: mat33, B: mat33, R: mat33, S: mat33):
+    """Smaller ratio of the two coefficients on an edge, deformed (A, B) over rest (R, S)."""
+    at_a = ratio(wp.ddot(cofactor(A), B), wp.ddot(cofactor(R), S))
+    return wp.min(at_a, ratio(wp.ddot(cofactor(B), A), wp.ddot(cofactor(S), R)))
+
+
+@wp.func
+def least_ratio_at_corners(
+    A: mat33, B: mat33, C: mat33, D: mat33, R: mat33, S: mat33, T: mat33, U: mat33
+):
+    """Least det F at the corners, deformed (A, B, C, D) over rest (R, S, T, U)."""
+    ab = wp.min(ratio(wp.determinant(A), wp.determinant(R)), ratio(wp.determinant(B), wp.determinant(S)))
+    return wp.min(
+        ab, wp.min(ratio(wp.determinant(C), wp.determinant(T)), ratio(wp.determinant(D), wp.determinant(U)))
+    )
+
+
+@wp.func
+def least_ratio(A: mat33, B: mat33, C: mat33, D: mat33, R: mat33, S: mat33, T: mat33, U: mat33):
+    """Least ratio of the coefficients that are not at a corner, deformed (A, B, C, D) over rest (R, S, T, U)."""
+    least = wp.min(towards(A, B, R, S), wp.min(towards(A, C, R, T), towards(A, D, R, U)))
+    least = wp.min(least, wp.min(towards(B, C, S, T), wp.min(towards(B, D, S, U), towards(C, D, T, U))))
+    abc, abd = ratio(mixed(A, B, C), mixed(R, S, T)), ratio(mixed(A, B, D), mixed(R, S, U))
+    acd, bcd = ratio(mixed(A, C, D), mixed(R, T, U)), ratio(mixed(B, C, D), mixed(S, T, U))
+    return wp.min(least, wp.min(wp.min(abc, abd), wp.min(acd, bcd)))
+
+
+@wp.func
+def bound_of_det_F(
+    A: mat33, B: mat33, C: mat33, D: mat33, R: mat33, S: mat33, T: mat33, U: mat33,
+    parts: wp.array(dtype=wp.mat44d), levels: wp.int32,
+):
+    """Lower bound of det F in an element with dx/dxi = A, B, C, D and dX/dxi = R, S, T, U at its corners.
+
+    It is not positive exactly where `is_inside_out` is True. Octal digits of ``number`` name the current part.
+    """
+    bound = wp.min(least_ratio_at_corners(A, B, C, D, R, S, T, U), least_ratio(A, B, C, D, R, S, T, U))
+    if bound > SHARP:
+        return bound
+    whole, bound = bound, real(wp.inf)
+    level, number = wp.int32(0), wp.int32(0)
+    while level >= 0:
+        corners = wp.identity(n=4, dtype=wp.float64)
+        for i in range(level):
+            corners = parts[(number >> (3 * (level - 1 - i))) & 7] * corners
+        a, b = interpolate(corners[0], A, B, C, D), interpolate(corners[1], A, B, C, D)
+        c, d = interpolate(corners[2], A, B, C, D), interpolate(corners[3], A, B, C, D)
+        r, s = interpolate(corners[0], R, S, T, U), interpolate(corners[1], R, S, T, U)
+        t, u = interpolate(corners[2], R, S, T, U), interpolate(corners[3], R, S, T, U)
+        value = least_ratio_at_corners(a, b, c, d, r, s, t, u)
+        if not (value > real(0.0)):  # or not a number
+            return whole
+        lower = wp.min(value, least_ratio(a, b, c, d, r, s, t, u))
+        if lower > SHARP or (lower > value - CLOSE and lower > real(0.0)) or level == levels:
+            bound = wp.min(bound, lower)
+            if not (bound > real(0.0)):
+                return wp.min(whole, bound)
+            while level > 0 and (number & 7) == 7:  # the last part: the level above is done
+                number = number >> 3
+                level -= 1
+            if level == 0:
+                return bound
+            number += 1
+        else:
+            number = number << 3
+            level += 1
+    return bound
+
+
+@wp.func
 def deformed_corners(s: Solid, x: wp.array2d(dtype=wp.float64), e: wp.int32, env: wp.int32):
     """Derivatives dx/dxi at an element's corners in state x: four 3 x 3 matrices, mm."""
     ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
@@ -108,7 +188,7 @@ def deformed_corners(s: Solid, x: wp.array2d(dtype=wp.float64), e: wp.int32, env
 
 
 @wp.kernel
-def inside_out_kernel(
+def det_F_kernel(
     s: Solid,
     x: wp.array2d(dtype=wp.float64),
     parts: wp.array(dtype=wp.mat44d),
@@ -116,11 +196,15 @@ def inside_out_kernel(
     active: wp.array(dtype=wp.int32),
     # outputs
     count_out: wp.array(dtype=wp.int32),
+    least_out: wp.array(dtype=wp.float64),
 ):
+    """Count the elements that are inverted somewhere, and lower ``least_out`` (env,) to the bound of det F."""
     e, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     A, B, C, D = deformed_corners(s, x, e, env)
-    if is_inside_out(A, B, C, D, parts, levels):
+    bound = bound_of_det_F(A, B, C, D, s.rest[e, 0], s.rest[e, 1], s.rest[e, 2], s.rest[e, 3], parts, levels)
+    if not (bound > real(0.0)):
         wp.atomic_add(count_out, env, 1)
+    wp.atomic_min(least_out, env, bound)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import warp as wp
 
 from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
+from simgen.fem.contact.multipliers import WAY_EXPONENT, way_until_entry
 from simgen.fem.elements.element import P2P1
 from tests.fem.box import box, top
 from tests.fem.contact.pressed_box import CUBE, NEAR, STIFFNESS, K, contact, pose, state, update
@@ -25,7 +27,6 @@ def test_stiffness_follows_the_pressure_in_powers_of_two(pressure, factor):
     np.testing.assert_allclose(force, [0.0, (pressure + K * 0.01) * 36.0, 0.0], atol=1e-12)
 
 
-
 def test_stiffness_grows_where_the_overlap_is_deep():
     """Faces have edges of 2 mm: 0.5 mm are a quarter, 1.67 times what a face holds with its own stiffness."""
     nodes, term = contact(0.0, CUBE)
@@ -35,7 +36,6 @@ def test_stiffness_grows_where_the_overlap_is_deep():
     for factor in (2.0, 4.0, 8.0, 16.0, 16.0):
         term.begin_increment(rest, rest, deep, deep, NEAR)
         assert (term.surface.stiffening.numpy() == factor).all()
-
 
 
 def test_an_update_weighs_by_area_over_stiffness():
@@ -60,7 +60,6 @@ def test_an_update_weighs_by_area_over_stiffness():
     np.testing.assert_allclose(term.surface.normal.numpy()[:, 0], above / below, rtol=1e-12)
 
 
-
 def test_multipliers_take_over_the_load():
     nodes, term = contact(0.0, CUBE)
     rest = state(np.zeros(3 * len(nodes)))
@@ -71,7 +70,6 @@ def test_multipliers_take_over_the_load():
     force = term.resultants(rest).force
     assert force[0, 1] == pytest.approx(K * 0.01 * 36.0)
     assert update(term, rest)[0][0] < 1e-12
-
 
 
 @pytest.mark.parametrize(("height", "counted"), [(0.0, 1.0), (0.03, 0.25), (0.05, 0.0)])
@@ -85,6 +83,35 @@ def test_slip_counts_from_entry(height, counted):
            nodes[term.host_faces][:, :, 0])[:, :, None]  # fmt: skip
     np.testing.assert_allclose(slip, -0.004 * counted, atol=1e-12)
 
+
+@wp.kernel
+def share_kernel(gaps: wp.array(dtype=wp.vec3d), ratio: wp.float64, share_out: wp.array(dtype=wp.float64)):
+    i = wp.tid()
+    share_out[i] = way_until_entry(gaps[i][0], gaps[i][1], gaps[i][2], ratio)
+
+
+def shares(gaps, ratio: float) -> np.ndarray:
+    """(n,) from gaps (n, 3): before, now, predicted."""
+    out = wp.zeros(len(gaps), dtype=wp.float64, device="cpu")
+    wp.launch(share_kernel, dim=len(gaps), inputs=[wp.array(gaps, dtype=wp.vec3d, device="cpu"), ratio], outputs=[out],
+              device="cpu")  # fmt: skip
+    return out.numpy()
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.5])
+def test_a_point_that_slows_down_before_its_entry_sticks_where_it_will_be(ratio):
+    """With t increments until entry, the gap is t^(3/2) and the way left t^1.8."""
+    t, p = np.array([0.01, 0.2, 0.7, 1.0]), float(WAY_EXPONENT)
+    before, now = (t + 1.0) ** 1.5, t**1.5
+    gaps = np.column_stack([before, now, now + ratio * (now - before)])
+    way_last, way_left = (t + 1.0) ** p - t**p, t**p
+    np.testing.assert_allclose(shares(gaps, ratio) * ratio * way_last, way_left, rtol=1e-12)
+
+
+def test_a_point_that_stays_away_or_has_no_past_goes_straight():
+    gaps = np.array([[0.1, 0.03, -0.01], [0.02, 0.03, -0.01], [0.1, 0.03, 0.02]])
+    np.testing.assert_allclose(shares(gaps, 0.0), [0.75, 0.75, 1.0])
+    np.testing.assert_allclose(shares(gaps, 1.0)[1], 0.75)
 
 
 def test_multipliers_go_on_along_the_last_increment_that_was_kept():
