@@ -14,7 +14,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator
 from simgen.config.allowed_values import allowed
 from simgen.config.choices import IndenterChoice, SensorChoice, is_path
 from simgen.config.indenter_path import IndenterPath
-from simgen.config.outputs import OPTIONAL, Output, kept_outputs
+from simgen.config.outputs import ESTIMATES, OPTIONAL, Output, kept_outputs
 from simgen.config.solver_settings import SolverSettings
 from simgen.config.strict_section import StrictSection
 from simgen.config.trajectories import DEEPEST_INT16_MM, Depths, Trajectories, furthest_in_contact_m, path_of
@@ -113,6 +113,12 @@ class Job(StrictSection):
         for name in outputs:
             if name not in sensors:
                 raise ValueError(f"{shown(repr(name))} is no sensor of the job; allowed: {', '.join(sensors)}")
+            estimates = sorted(set(outputs[name]) & set(ESTIMATES))
+            if estimates and getattr(sensors[name], "mesh", "") == "coarse":
+                raise ValueError(
+                    f"{name}: {estimates[0]} compares with a coarser mesh, and sensors.{name}.mesh is 'coarse'; "
+                    "allowed: mesh: default or fine"
+                )
         # One fixed order: the same outputs are the same job.
         return {name: tuple(filter(outputs[name].__contains__, OPTIONAL)) for name in sensors if outputs.get(name)}
 
@@ -190,6 +196,10 @@ class Job(StrictSection):
     def optional_outputs(self, sensor: str) -> tuple[Output, ...]:
         """The kept outputs that a job may ask for."""
         return tuple(output for output in self.kept_outputs(sensor) if output.is_optional)
+
+    def has_estimates(self, sensor: str) -> bool:
+        """True if the presses of a sensor are solved on a coarser mesh, too."""
+        return any(output.is_estimate for output in self.kept_outputs(sensor))
 
     def surface_outputs(self, sensor: str) -> tuple[str, ...]:
         """Names of the kept outputs at surface vertices."""

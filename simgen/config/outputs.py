@@ -24,6 +24,7 @@ class Output:
     kept : "always"; "with fluid": if a fluid fills the cavity; "with legs": if the path has legs, or if the job asks;
         "on request": if the job asks
     note : interpretation of a value; for the docs
+    is_estimate : it needs the same press on a coarser mesh; NaN where that press did not get so far
     """
 
     name: str
@@ -33,6 +34,7 @@ class Output:
     about: str
     kept: Literal["always", "with fluid", "with legs", "on request"] = "always"
     note: str = ""
+    is_estimate: bool = False
 
     @property
     def is_optional(self) -> bool:
@@ -80,6 +82,12 @@ OUTPUTS = (
            "on request"),
     Output("contact_area", (), "float64", "mm2",
            "area of the surface, as it is at rest, that the indenter presses on", "on request"),
+    Output("surface_error_estimate_m", (), "float32", "m",
+           "estimated error of the mesh: root mean square over the vertices that move by 10 um or more", "on request",
+           is_estimate=True),
+    Output("force_error_estimate", (), "float32", "",
+           "estimated error of the mesh: share of the force that is too much (negative: too little)", "on request",
+           is_estimate=True),
     Output("cavity_pressure", (), "float64", "Pa", "pressure of the fluid in the cavity, above ambient", "with fluid"),
     Output("certificate/residual", (), "float64", "",
            "out-of-balance forces over contact forces, Euclidean norms over the nodes",
@@ -122,6 +130,7 @@ OUTPUTS = (
 
 BY_NAME = {output.name: output for output in OUTPUTS}
 OPTIONAL = tuple(output.name for output in OUTPUTS if output.is_optional)  # a job may ask for these
+ESTIMATES = tuple(output.name for output in OUTPUTS if output.is_estimate)
 AT_SURFACE = tuple(output.name for output in OUTPUTS if output.at_surface)
 SENSOR_VALUES = tuple(output.name for output in OUTPUTS if output.is_sensor_value)
 

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from simgen.config.job_schema import hash_of
+from simgen.config.outputs import Output
 from simgen.dataset import touch_audit
 from simgen.dataset.audit_finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.dataset.layout import faults
@@ -18,6 +19,7 @@ from simgen.dataset.reader import PLAN, Dataset, path_arrays
 from simgen.dataset.splits import IN_NONE, SPLITS, number_presses, split_presses
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import NOT_THERE, Status, has_values, is_planned_end
+from simgen.units import UM_PER_M
 
 FORCE_BALANCE = 1e-3  # limit, over the contact force
 FLUID_VOLUME = 1e-6  # limit, over the cavity's volume
@@ -194,7 +196,9 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         return dataset[f"{sensor}/certificate/{key}"]
 
     for output in dataset.job.kept_outputs(sensor):
-        if output.is_sensor_value or output.at_surface:
+        if output.is_estimate:
+            yield _estimate(sensor, output, dataset[f"{sensor}/{output.name}"][converged])
+        elif output.is_sensor_value or output.at_surface:
             finite = _finite(dataset, f"{sensor}/{output.name}", output.at_surface, converged.shape)
             yield named(sensor, f"{output.name} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("least_det_F" if f"{sensor}/certificate/least_det_F" in dataset.arrays else "min_det_F")
@@ -207,6 +211,16 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
         np.max(stored(f"{each}_penetration_m"), initial=0.0, where=converged) * 1e6 for each in ("rms", "max")
     )
     yield Finding(sensor, "penetration", f"rms {rms:.1f}, max {deepest:.1f} um", "stated", None)
+
+
+def _estimate(sensor: str, output: Output, values: np.ndarray) -> Finding:
+    """State the estimated errors (n,) of the converged samples; they are no ground to fail a dataset."""
+    known = np.abs(values[np.isfinite(values)]) * (UM_PER_M if output.unit == "m" else 100.0)
+    unit, what = "um" if output.unit == "m" else "%", output.name.partition("_error")[0]
+    found = f"median {np.median(known):.1f}, worst {known.max():.1f} {unit}" if len(known) else "none"
+    if len(known) < len(values):
+        found += f"; {len(values) - len(known)} samples without"
+    return Finding(sensor, f"{what}, estimated error", found, "stated", None)
 
 
 def _finite(dataset: Dataset, name: str, at_surface: bool, shape: tuple[int, int]) -> np.ndarray:

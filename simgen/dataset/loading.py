@@ -13,7 +13,9 @@ from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS, leave_out
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values, is_valid
+from simgen.units import UM_PER_M
 
+ESTIMATE = "surface_error_estimate_m"
 SENSOR_COLUMNS = (*SENSOR_VALUES, "stated_depth")  # a sample has the ones that are in the dataset
 
 
@@ -23,6 +25,7 @@ def load_dataset(
     sensors: Sequence[str] | None = None,
     left_out: str | None = None,
     include_inside_out: bool = False,
+    max_error_um: float | None = None,
 ) -> "Samples":
     """Load the samples of a dataset that are valid on all loaded sensors: converged, without inverted elements.
 
@@ -31,8 +34,9 @@ def load_dataset(
     left_out : name of an indenter. The test split has this one alone, training and validation have all others. By
         default it is the one that the dataset's job names
     include_inside_out : add converged samples with inverted elements
+    max_error_um : keep samples whose surface has at most this estimated error, um, on all loaded sensors
 
-    Raises `InputError` for an unknown name, and if no sample is left.
+    Raises `InputError` for an unknown name, for a dataset without the estimates, and if no sample is left.
     """
     dataset = Dataset(path)
     names = dataset.sensors if sensors is None else tuple(sensors)
@@ -50,14 +54,26 @@ def load_dataset(
         raise InputError(f"{path}: left_out {left_out!r}: allowed: {stored}, which the dataset leaves out itself")
     is_chosen = has_values if include_inside_out else is_valid
     there = np.all([is_chosen(dataset[f"{name}/status"]) for name in names], axis=0)
+    if max_error_um is not None:
+        there &= np.all([_error_um(dataset, name) <= max_error_um for name in names], axis=0)
     split_of_press = dataset["press/split"]
     if left_out is not None and stored is None:
         split_of_press = leave_out(split_of_press, dataset["press/indenter"], dataset.indenters.index(left_out))
     chosen = split_of_press != IN_NONE if split is None else split_of_press == list(SPLITS).index(split)
     if not (there & chosen[:, None]).any():
         counts = ", ".join(f"{name} {np.count_nonzero(split_of_press == code)}" for code, name in enumerate(SPLITS))
-        raise InputError(f"{path}: no sample of split {split!r} is valid; presses: {counts}")
+        limit = "" if max_error_um is None else f", with an estimated error of at most {max_error_um:g} um"
+        raise InputError(f"{path}: no sample of split {split!r} is valid{limit}; presses: {counts}")
     return Samples(dataset.path, names, np.argwhere(there & chosen[:, None]))
+
+
+def _error_um(dataset: Dataset, sensor: str) -> np.ndarray:
+    """Estimated errors (press, depth) of the surface, um; raises `InputError` if the dataset has none."""
+    name = f"{sensor}/{ESTIMATE}"
+    if name not in dataset.arrays:
+        advice = f"a job that asks for them has outputs: {{{sensor}: [{ESTIMATE}]}}"
+        raise InputError(f"{dataset.path}: max_error_um: {sensor} has no error estimates; {advice}")
+    return dataset[name] * UM_PER_M
 
 
 class Samples(Sequence):

@@ -21,6 +21,7 @@ from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.sensor import Material, Sensor, load_sensor
 from simgen.sensors.sensor_meshes import OutputMeshFile
+from simgen.simulation.error_estimate import COARSER
 
 
 @dataclass(frozen=True)
@@ -111,16 +112,26 @@ def first_contacts(
     return pairing.draw_contacts(reference, count, job.seed, deepest, job.trajectories, others, reach, measures)
 
 
-def chosen_sensor(job: Job, name: str) -> Sensor:
+def chosen_sensor(job: Job, name: str, mesh: str | None = None) -> Sensor:
     """Load a sensor of the job, with the simulation mesh and the output mesh that the job chooses.
+
+    ``mesh`` replaces the simulation mesh.
 
     Raises `InputError` if a file cannot be used.
     """
     choice = job.sensors[name]
-    if choice.output is None:
-        return _with_own_output(job, name)
-    file = job.folder / os.path.expanduser(choice.output.file)
-    return load_sensor(job.locate(choice.model), choice.mesh, OutputMeshFile(file, choice.output.unit))
+    output = None
+    if choice.output is not None:
+        output = OutputMeshFile(job.folder / os.path.expanduser(choice.output.file), choice.output.unit)
+    return load_sensor(job.locate(choice.model), mesh or choice.mesh, output)
+
+
+def coarser_sensor(job: Job, name: str) -> Sensor:
+    """Load a sensor of the job with the next coarser simulation mesh and the same output mesh.
+
+    Raises `InputError` if the sensor has no such mesh.
+    """
+    return chosen_sensor(job, name, COARSER[job.sensors[name].mesh])
 
 
 def _with_own_output(job: Job, name: str) -> Sensor:
@@ -158,9 +169,10 @@ def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:
 def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
     """All properties of a sensor that decide its presses. Hashes of meshes cover gel, fixed regions and core, too.
 
-    A sensor without a support has no key for it.
+    A sensor without a support has no key for it. The coarser mesh has one if errors are estimated.
     """
     support = {"support": sensor.support.source} if sensor.support is not None else {}
+    coarser = {"coarser_mesh": coarser_sensor(job, name).simulation_mesh.hash} if job.has_estimates(name) else {}
     return {
         "simulation_mesh": sensor.simulation_mesh.hash,
         "output_mesh": sensor.output_mesh.hash,
@@ -168,6 +180,7 @@ def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
         "material": chosen_material(job, name, sensor).model_dump(),
         "fluid": chosen_fluid(job, name, sensor),
         **support,
+        **coarser,
     }
 
 

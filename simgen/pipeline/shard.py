@@ -28,11 +28,19 @@ from simgen.dataset.writer import folder_aside
 from simgen.errors import InputError
 from simgen.fem.device import DEVICE, load_kernels
 from simgen.fem.nonlinear.status import Status, is_failure, is_planned_end
-from simgen.pipeline.plan import chosen_fluid, chosen_material, chosen_sensor, indenter_identities, sensor_identity
+from simgen.pipeline.plan import (
+    chosen_fluid,
+    chosen_material,
+    chosen_sensor,
+    coarser_sensor,
+    indenter_identities,
+    sensor_identity,
+)
 from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
 from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.sensor import Sensor
 from simgen.simulation.batch_size import presses_at_once
+from simgen.simulation.error_estimate import add_error_estimates, share_of_difference
 from simgen.simulation.pool import Pool
 from simgen.simulation.press import PressResult, Scene
 
@@ -92,21 +100,40 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     """Make the presser of one sensor by finite elements. One scene serves all presses."""
     start_warp()
     load_kernels(device)
-    sensor = _sensor(job, sensor_name)
-    batch = presses_at_once(sensor, device, job.solver)
-    material, fluid = chosen_material(job, sensor_name, sensor), chosen_fluid(job, sensor_name, sensor)
-    outputs = job.surface_outputs(sensor_name)
-    scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs)
-    shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
-    max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
-    pool = Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n)
+    pool, unknowns = _pool(job, sensor_name, _sensor(job, sensor_name), device, job.surface_outputs(sensor_name))
+    coarser, share = None, 0.0
+    if job.has_estimates(sensor_name):
+        coarser, coarser_unknowns = _pool(job, sensor_name, coarser_sensor(job, sensor_name), device, ())
+        share = share_of_difference(coarser_unknowns, unknowns)
 
     def presser(
         indenters: Sequence[int], poses: np.ndarray, steps: np.ndarray | None = None
     ) -> Iterable[PressResult]:
-        return pool.press(indenters, poses, np.full(len(poses), len(path.offsets_m)) if steps is None else steps)
+        steps = np.full(len(poses), len(job.indenter_path)) if steps is None else steps
+        results = pool.press(indenters, poses, steps)
+        if coarser is None:
+            return results
+        return _with_estimates(results, coarser.press(indenters, poses, steps), share)
 
     return presser
+
+
+def _pool(job: Job, name: str, sensor: Sensor, device: str, outputs: tuple[str, ...]) -> tuple[Pool, int]:
+    """Make the pool of a sensor, and return it with the number of unknowns. outputs: those at the surface."""
+    material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
+    batch = presses_at_once(sensor, device, job.solver)
+    scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs)
+    shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
+    max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
+    return Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n), scene.unknowns
+
+
+def _with_estimates(
+    results: Iterable[PressResult], coarser: Iterable[PressResult], share: float
+) -> Iterable[PressResult]:
+    """Wait for the results on both meshes, and add error estimates."""
+    for result, other in zip(results, coarser, strict=True):
+        yield add_error_estimates(result, other, share)
 
 
 @lru_cache(maxsize=8)

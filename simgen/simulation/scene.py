@@ -100,6 +100,7 @@ class Scene:
             self.to_output = self.to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
         self.n_vertices = len(sensor.output_mesh.vertices)
         measured = kept_outputs(self.cavity is not None, legs=True, asked=OPTIONAL)
+        measured = (each for each in measured if not each.is_estimate)
         self.outputs = tuple(each for each in measured if not each.at_surface or each.name in outputs)
 
     @property

@@ -41,6 +41,34 @@ def test_samples_inside_out_are_left_out_unless_asked_for(tmp_path):
     assert all(np.isfinite(value).all() for value in added.values())
 
 
+def test_samples_with_an_error_below_a_figure(tmp_path):
+    """Estimates grow with depth, and one is unknown; the figure holds on all loaded sensors."""
+    outputs = {sensor: ["surface_error_estimate_m"] for sensor in ("digit", "biotac")}
+
+    def presser(job, sensor, device):
+        def with_estimates(indenters, poses):
+            results = fake.fake_presser(job, sensor, device)(indenters, poses)
+            for result in results:
+                result.outputs["surface_error_estimate_m"] = np.array([1e-6, 2e-6, 3e-6, np.nan])
+                result.outputs["surface_error_estimate_m"] += 0.5e-6 * (sensor == "biotac")
+            return results
+
+        return with_estimates
+
+    path = run(fake.make_plan(fake.make_job(outputs=outputs)), tmp_path / "d.zarr", build=presser).path
+    counts = [len(load_dataset(path, max_error_um=limit)) for limit in (5.0, 3.2, 2.6)]
+    assert counts == [12 * 3, 12 * 2, 12 * 2]
+    assert len(load_dataset(path, max_error_um=1.2, sensors=["digit"])) == 12
+    assert float(load_dataset(path)[0]["biotac/surface_error_estimate_m"]) == pytest.approx(1.5e-6)
+    with pytest.raises(InputError, match=r"no sample .* is valid, with an estimated error of at most 1\.2 um"):
+        load_dataset(path, max_error_um=1.2)
+
+
+def test_without_estimates_a_limit_says_how_to_get_them(dataset):
+    with pytest.raises(InputError, match=r"max_error_um: digit has no error estimates; .*surface_error_estimate_m"):
+        load_dataset(dataset.path, max_error_um=5.0)
+
+
 def test_a_sample_is_what_the_dataset_holds(dataset):
     samples = load_dataset(dataset.path, sensors=["biotac"])
     sample, (press, step) = samples[37], samples.rows[37]

@@ -12,14 +12,17 @@ import numpy as np
 import pytest
 import trimesh
 
+from simgen.config.job import load_job
 from simgen.dataset.audit import check, passes
 from simgen.dataset.provenance import code_version, package_versions
 from simgen.dataset.reader import Dataset
 from simgen.pipeline import shard
-from simgen.pipeline.plan import indenter_identities, sensor_identity
+from simgen.pipeline.plan import indenter_identities, make_plan, sensor_identity
 from simgen.pipeline.run import run
-from simgen.sensors.indenter import chosen_indenters
+from simgen.sensors.indenter import chosen_indenters, load_indenter
 from simgen.sensors.sensor import load_sensor
+from simgen.simulation.error_estimate import add_error_estimates, share_of_difference
+from simgen.simulation.press import Scene, press
 
 
 def test_a_worker_with_another_indenter_file_writes_nothing(tmp_path):
@@ -116,6 +119,27 @@ def test_pressers_are_told_how_many_steps_leave_enough_gel(tmp_path):
     told.clear()
     run(fake.make_plan(fake.make_job()), tmp_path / "e.zarr", build=build)
     assert told and not any(steps for _, steps in told)
+
+
+@pytest.mark.slow
+def test_error_estimates_come_from_the_coarser_mesh(tmp_path):
+    """With linear elements, which are fast and far off; the coarser mesh is part of the sensor's identity."""
+    names = ["surface_error_estimate_m", "force_error_estimate"]
+    job = load_job("smoke", ["sensors={digit: {model: digit, mesh: default}}", "indenters=[sphere_7mm]",
+                             "trajectories.count=1", "depths_mm={first: 0.1, last: 0.2, count: 2}",
+                             "solver.element=P1", f"outputs={{digit: [{', '.join(names)}]}}"])  # fmt: skip
+    dataset = run(make_plan(job), tmp_path / "d.zarr")
+    surface, force = (dataset[f"digit/{name}"][0] for name in names)
+    assert (surface > 0.0).all() and (np.abs(force) > 0.01).all()
+    coarse = load_sensor("digit", "coarse")
+    assert dataset.attributes["sensors"]["digit"]["coarser_mesh"] == coarse.simulation_mesh.hash
+    poses = np.linalg.inv(dataset["digit/pose"]) @ dataset["press/contact_pose"]
+    scenes = [Scene(each, each.materials["solid"], settings=job.solver) for each in (coarse, load_sensor("digit"))]
+    shapes = [load_indenter("sphere_7mm").shape()]
+    by_hand = [press(scene, shapes, poses, job.depths_m)[0] for scene in scenes]
+    add_error_estimates(by_hand[1], by_hand[0], share_of_difference(scenes[0].unknowns, scenes[1].unknowns))
+    np.testing.assert_allclose(surface, by_hand[1].surface_error_estimate_m, rtol=1e-5)
+    np.testing.assert_allclose(force, by_hand[1].force_error_estimate, rtol=1e-5)
 
 
 def test_tasks_share_what_they_read_of_the_plan_until_the_dataset_is_another(tmp_path):
