@@ -184,6 +184,7 @@ class LoadStepping:
         last, now = here - self._offsets(self.previous), self._offsets(self.target) - here
         length = (last**2).sum(axis=-1)
         ratio = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
+        continued = np.where(ratio <= MAX_EXTRAPOLATION, np.maximum(ratio, 0.0), 0.0)
         ratio = np.clip(ratio, 0.0, MAX_EXTRAPOLATION)
         marked = solver.mark(starting)
         batch_arrays.copy(solver.x, marked, self.x_start)
@@ -195,13 +196,13 @@ class LoadStepping:
         # An upper bound for all points of an indenter: the tip's travel, and an arc at the rim.
         travel = np.linalg.norm(now[:, :3], axis=1) + self._reach * np.abs(now[:, 3]) / TURN_RADIUS_MM
         before = self._poses_at(self.travelled)
-        last = Last(self.x_previous, self._poses_at(self.previous), ratio)
+        last = Last(self.x_previous, self._poses_at(self.previous), continued)
         self.scene.indenter_contact.begin_increment(
             self.x_start, solver.trial, before, self._target_poses, travel, last
         )
         for contact in self.scene.fixed_contacts:
             contact.begin_increment(
-                self.x_start, solver.trial, at_rest, at_rest, travel, Last(self.x_previous, at_rest, ratio)
+                self.x_start, solver.trial, at_rest, at_rest, travel, Last(self.x_previous, at_rest, continued)
             )
         for contact in solver.contacts:
             contact.extrapolate(ratio)

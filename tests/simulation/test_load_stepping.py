@@ -65,6 +65,14 @@ def test_the_force_hardly_depends_on_the_load_step():
     assert coarse == pytest.approx(fine, rel=2e-3)
 
 
+def test_a_tiny_step_between_two_long_ones_hardly_changes_the_force():
+    """0.5 mm as 0.25 + 0.25, and as 0.25 + 0.001 + 0.249: a tiny increment tells little of where points will stick."""
+    scene = Scene(make_block((12, 4, 12)), GEL, settings=SolverSettings(contact_tolerance=5e-3))
+    whole, parted = (press(scene, [SPHERE], pose(), 1e-3 * np.array(depths))[0].force[-1, 1]
+                     for depths in ([0.25, 0.5], [0.25, 0.251, 0.5]))  # fmt: skip
+    assert parted == pytest.approx(whole, rel=5e-3)
+
+
 def test_friction_begins_anew_after_the_indenter_has_left():
     """After shear and lift-off, a press in one step of 2.5 times the last length equals a first press.
 
