@@ -12,6 +12,7 @@ from simgen.plotting.html import contents, heading, write_page
 from simgen.report.coverage import coverage_section
 from simgen.report.curves import force_section, pressure_section
 from simgen.report.effort import effort_section
+from simgen.report.estimated_errors import estimated_errors_section
 from simgen.report.meshes import meshes_section
 from simgen.report.motion import motion_section
 from simgen.report.outcomes import outcomes_section
@@ -33,6 +34,7 @@ SECTIONS: dict[str, Section] = {
     "Cavity pressure against depth": pressure_section,
     "Forces along the path": path_section,
     "Solver effort and certificates": effort_section,
+    "Estimated errors of the mesh": estimated_errors_section,
     "Job": job_section,
 }
 
