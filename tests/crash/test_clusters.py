@@ -47,6 +47,7 @@ def test_the_slurm_script_makes_the_dataset(whole, tmp_path, slurm):
     assert not (tmp_path / "scheduler-4711.json").exists()
 
 
+@pytest.mark.long
 def test_the_jobqueue_script_makes_the_dataset(whole, tmp_path, slurm):
     command = [sys.executable, CLUSTERS / "jobqueue.py", "2", *JOB, "--output", tmp_path / "d.zarr"]
     own = {**slurm, "DASK_CONFIG": str(CLUSTERS / "jobqueue.yaml")}

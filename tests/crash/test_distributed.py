@@ -119,6 +119,7 @@ def test_a_scheduler_that_is_killed_is_one_line_and_with_another_the_same_comman
     assert fake.contents(path) == fake.contents(whole)
 
 
+@pytest.mark.long
 def test_a_run_that_is_killed_leaves_its_scheduler_free_for_the_next(whole, tmp_path, cluster):
     """What its worker was at may still be written; the next run waits for that, and does the rest."""
     path = tmp_path / "d.zarr"
