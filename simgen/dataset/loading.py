@@ -91,7 +91,9 @@ class Samples(Sequence):
         return len(self.rows)
 
     def __getitem__(self, number: int | slice) -> "dict[str, np.ndarray] | Samples":
-        """One sample as a dictionary, or `Samples` for a slice. Values are float32 in SI units; indices are int64.
+        """One sample as a dictionary, or `Samples` for a slice.
+
+        Values are float32 in the dataset's units; indices are int64.
 
         ``<sensor>/displacement`` (vertex, 3), ``<sensor>/force`` (3,), ...: the outputs of `simgen.config.outputs` that
         the dataset has, without status and certificates.

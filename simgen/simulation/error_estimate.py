@@ -2,7 +2,8 @@
 
 An error C h^p with the mean element size h = N^(-1/3) of N unknowns makes the error of the finer mesh
 1 / ((h_coarser / h)^p - 1) times the difference of both (Richardson's extrapolation). `ORDER` is measured on both
-bundled sensors (docs/accuracy.md): surfaces approach their limit with order 2.0 on the BioTac and 2.4 on the DIGIT.
+bundled sensors: surfaces approach their limit with order 2.0 on the BioTac and 2.4 on the DIGIT. docs/accuracy.md
+compares the estimates with true errors.
 """
 
 import numpy as np

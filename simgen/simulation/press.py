@@ -30,8 +30,8 @@ class PressResult:
     """One press on one sensor, at d depths or points of a path.
 
     outputs : arrays (d, ...) by name, with the shapes, units and meanings of `simgen.config.outputs`. Each is also an
-        attribute: ``result.force`` is (d, 3). NaN where the press did not get that far; None for an output that the
-        scene does not measure
+        attribute: ``result.force`` is (d, 3). Where the press did not get that far, ``status`` has the reason and all
+        others are NaN. None for an output that the scene does not measure
     touch : m, travel along the press axis from the given pose to first touch; NaN without a touch
     seconds : this press's share of the wall time of the presses that ran together
     """

@@ -78,7 +78,7 @@ class Contact:
     """Contact of a surface with one rigid shape per environment.
 
     nodes, faces : (n, 3) mm of the mesh at rest, and node numbers (f, 6) of the surface's faces
-    stiffness : k times edge over E, of the normal and of the friction traction
+    stiffness : of the normal traction and of the friction traction; each is a stiffness k as the number k * edge / E
     friction : Coulomb coefficient
     active : list of the environments in which kernels act
     """
@@ -250,7 +250,7 @@ class Contact:
     def multiplier_change(self) -> wp.array:
         """Squared L2 norms (2, env) on the device, weighted by edge length, at the state of the last ``residual``.
 
-        Row 0 has the change that an update would make, row 1 the updated multipliers.
+        Row 0 has the change that an update would make, row 1 the updated normal multipliers.
         """
         self._change.zero_()
         inputs = [self.weights, self._sums, self.active]
@@ -290,7 +290,7 @@ class Contact:
         return Resultants(force, moment, rms, np.maximum(deepest, 0.0), area, sliding / divisor)
 
     def add_corner_forces(self, sums: wp.array, x, first: int = 0):
-        """Add the forces on the sensor at state x, distributed to `corners`, to sums (corner, 3, lane).
+        """Distribute the forces on the sensor at state x to `corners`, and add them to sums (corner, 3, lane).
 
         Divided by `corner_areas` they are tractions per rest area. Lane j is the active environment ``first + j``.
         """
