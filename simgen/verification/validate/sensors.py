@@ -25,8 +25,8 @@ from simgen.verification.validate.case import Context, Curve, Outcome, Row, Tabl
 SENSORS = ("digit", "biotac")
 PLACES_MM = {"centre": (-7.5, 0.0), "side": (-7.5, 5.5), "tip": (-15.5, 0.0)}  # x along the finger, arc across it
 MESHES = ("coarse", "default", "fine")
-DEPTHS_MM = np.array([0.5, 1.0, 1.5, 2.0])  # the same on all meshes
-REPORTED = (0, 1, 3)  # indices of the depths that are compared
+DEPTHS_MM = np.arange(1, 21) * 0.1  # as in the dataset, the same on all meshes
+REPORTED = (4, 9, 19)  # indices of the depths that are compared: 0.5, 1 and 2 mm
 DEFORMED = 1e-5  # m, displacement from which a vertex belongs to the deformation region, as published
 ORDERS = np.linspace(1.5, 3.0, 151)
 WANTED_FORCE, WANTED_UM = 0.01, 5.0

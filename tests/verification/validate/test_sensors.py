@@ -56,13 +56,14 @@ def test_distances():
 
 def fake(mesh: str, unknowns: int, error: float) -> MeshSolution:
     """Make a press whose force and displacements are too large by ``error``."""
-    u = np.zeros((4, 5, 3))
+    n = len(DEPTHS_MM)
+    u = np.zeros((n, 5, 3))
     u[:, :, 1] = DEPTHS_MM[:, None] * 1e-3
-    force = np.zeros((4, 3))
+    force = np.zeros((n, 3))
     force[:, 1] = DEPTHS_MM
-    certificate = {"min_det_F": np.full(4, 0.7)}
+    certificate = {"min_det_F": np.full(n, 0.7)}
     result = SimpleNamespace(displacement=(1.0 + error) * u, force=(1.0 + error) * force, seconds=4.0,
-                             status=np.zeros(4, int), certificate=certificate)  # fmt: skip
+                             status=np.zeros(n, int), certificate=certificate)  # fmt: skip
     return MeshSolution(mesh, mesh, unknowns, result)
 
 
