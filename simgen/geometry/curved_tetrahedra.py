@@ -56,6 +56,13 @@ class LabelledSurface:
         faces = self.surface.faces[self.region == region]
         return ClosestPoint(self.surface.vertices, faces) if len(faces) else None
 
+    def held_edges(self) -> np.ndarray:
+        """Edges (e, 2, 3) m along which held faces meet others."""
+        held = self.region == HELD
+        meeting = held[self.surface.face_adjacency]
+        ends = self.surface.face_adjacency_edges[meeting[:, 0] != meeting[:, 1]]
+        return self.surface.vertices[ends]
+
     def is_held(self, points: np.ndarray) -> np.ndarray:
         """True for points whose nearest face is held: (n, 3) m to (n,) bool."""
         return self.region[self.closest(points)[2]] == HELD

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from simgen.config.parsing import parsing
 from simgen.errors import InputError
@@ -42,6 +43,7 @@ NAMES = ("default", "coarse", "fine")  # of simulation meshes
 EXACT = 1e-9  # m; vertices of a user's own tetrahedra lie on the surface already
 ATTEMPTS = 4  # fTetWild is not reproducible, and one mesh in many fails a gate
 MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 35,000
+BOND_GROWTH = 0.7  # m of edge length per m of distance from an edge of a held region
 LEAST_ENVELOPE = 1e-3  # of an edge's length
 FARTHEST = 0.02  # of the gel's longest side: largest distance of a given output mesh's vertex from the gel
 LIMIT = 5.0  # envelopes; largest move of a node onto its patches: mid-edge nodes also move from chord to arc
@@ -138,17 +140,33 @@ def _replace(path: Path, mesh: SimulationMesh | OutputMesh, source: str, quality
 
 
 def edge_lengths(geometry: SensorGeometry, size: MeshSize):
-    """Wanted edge length, m: a number, or a function of points (n, 3) m that grows towards the held regions."""
+    """Wanted edge length, m: a number, or a function of points (n, 3) m.
+
+    It grows from the touchable skin to the held regions, and away from the edges of held regions.
+    """
     fine = size.edge_length_mm * MM
-    if size.held_edge_length_mm is None:
+    held = bond = None
+    if size.held_edge_length_mm is not None:
+        coarse, grading, held = size.held_edge_length_mm * MM, size.grading_mm * MM, geometry.true.part(HELD)
+    if size.bond_edge_length_mm is not None:
+        least = size.bond_edge_length_mm * MM
+        bond = cKDTree(points_along(geometry.true.held_edges(), 0.25 * least))
+    if held is None and bond is None:
         return fine
-    coarse, grading = size.held_edge_length_mm * MM, size.grading_mm * MM
-    held = geometry.true.part(HELD)
 
     def wanted(points: np.ndarray) -> np.ndarray:
-        return coarse + (fine - coarse) * np.clip(held(points)[1] / grading, 0.0, 1.0)
+        lengths = np.full(len(points), fine)
+        if held is not None:
+            lengths = coarse + (fine - coarse) * np.clip(held(points)[1] / grading, 0.0, 1.0)
+        return lengths if bond is None else np.minimum(lengths, least + BOND_GROWTH * bond.query(points)[0])
 
     return wanted
+
+
+def points_along(edges: np.ndarray, spacing: float) -> np.ndarray:
+    """Points (n, 3) m on straight edges (e, 2, 3) m, with both ends, at most ``spacing`` m apart."""
+    counts = np.ceil(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1) / spacing).astype(int) + 1
+    return np.concatenate([np.linspace(*ends, count) for ends, count in zip(edges, counts, strict=True)])
 
 
 def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedMesh, MeshQuality]:
@@ -162,7 +180,7 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
             vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, EXACT
         else:
             check_count(geometry, size)
-            envelope, cell = size.envelope * MM, size.edge_length_mm * MM
+            envelope, cell = size.envelope * MM, size.least_edge_length_mm * MM
             wanted = edge_lengths(geometry, size)
             vertices, tetrahedra = tetrahedralize(geometry.plain, wanted, envelope, cell)
             vertices, tetrahedra = end_at_regions(vertices, tetrahedra, geometry.true)
@@ -184,8 +202,9 @@ def check_count(geometry: SensorGeometry, size: MeshSize) -> None:
     extents = np.ptp(geometry.plain.vertices, axis=0) / MM
     least = float((extents.prod() / MOST_CELLS) ** (1 / 3))
     path = geometry.folder / "sensor.yaml"
-    if size.edge_length_mm < least:
-        raise InputError(f"{path}: meshes: edge_length_mm = {size.edge_length_mm:g}: allowed: {least:.2g} mm or more")
+    for key in ("edge_length_mm", "bond_edge_length_mm"):
+        if (length := getattr(size, key)) is not None and length < least:
+            raise InputError(f"{path}: meshes: {key} = {length:g}: allowed: {least:.2g} mm or more")
     if size.envelope < (thinnest := LEAST_ENVELOPE * size.edge_length_mm):
         raise InputError(f"{path}: meshes: envelope_mm = {size.envelope:g}: allowed: {thinnest:.2g} mm or more")
 

@@ -198,17 +198,26 @@ class SupportSettings(OneOf):
 
 
 class MeshSize(StrictSection):
-    """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards held regions."""
+    """Edge lengths: ``edge_length_mm``, growing to ``held_edge_length_mm`` over ``grading_mm`` towards held regions.
+
+    Along the edges of held regions, where stress is singular, edges are as short as ``bond_edge_length_mm``.
+    """
 
     edge_length_mm: Positive
     held_edge_length_mm: Positive | None = None
     grading_mm: Positive = 4.0
+    bond_edge_length_mm: Positive | None = None
     envelope_mm: Positive | None = None  # fTetWild's tolerance; nodes are then projected onto the surface
 
     @property
     def envelope(self) -> float:
         """Tolerance of fTetWild, mm; by default a tenth of the edge length."""
         return self.envelope_mm or 0.1 * self.edge_length_mm
+
+    @property
+    def least_edge_length_mm(self) -> float:
+        """Shortest wanted edge."""
+        return min(self.edge_length_mm, self.bond_edge_length_mm or self.edge_length_mm)
 
 
 class MeshSizes(StrictSection):

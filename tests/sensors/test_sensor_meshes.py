@@ -6,16 +6,17 @@ import meshio
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 from sensors.slab import SLAB, write_sensor
 from simgen.config.resources import resource
 from simgen.errors import InputError
 from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD, determinants
-from simgen.geometry.interpolation import interpolation_matrix, locate
+from simgen.geometry.interpolation import TET_EDGES, interpolation_matrix, locate
 from simgen.geometry.mesh_quality import LEAST_DETERMINANT, LEAST_MEAN_RATIO, components, curved_area, mean_ratio
 from simgen.sensors.sensor import load_sensor, remake
 from simgen.sensors.sensor_geometry import load_geometry
-from simgen.sensors.sensor_meshes import OutputMeshFile
+from simgen.sensors.sensor_meshes import OutputMeshFile, edge_lengths
 from simgen.simulation.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -133,6 +134,29 @@ def test_a_slab_is_meshed_once_and_cached(slab, slab_folder):
     assert list(slab_folder.glob("*.npz")) == []
     np.testing.assert_allclose(np.ptp(slab.surface.vertices, axis=0), [20e-3, 4e-3, 20e-3])
     assert slab.surface.is_watertight
+
+
+def test_edges_are_short_along_the_edge_of_the_bond(slab_folder, tmp_path):
+    """Wanted lengths by hand, and a mesh that follows them: 0.5 mm at the bond's edge, 2 mm far from it."""
+    folder = tmp_path / "slab"
+    shutil.copytree(slab_folder, folder)
+    meshes = {"default": {"edge_length_mm": 2.0, "held_edge_length_mm": 3.0, "bond_edge_length_mm": 0.5}}
+    geometry = load_geometry(write_sensor(folder, SLAB | {"meshes": meshes}))
+    bond = geometry.true.held_edges()
+    assert np.ptp(bond[:, :, 1]) < 1e-9  # the outline of the plane y = 2 mm
+    low, high = geometry.true.surface.bounds
+    outline = 2 * (high - low)[[0, 2]].sum()
+    assert np.linalg.norm(bond[:, 1] - bond[:, 0], axis=1).sum() == pytest.approx(outline, rel=1e-6)
+    corner, middle = np.array([high[0], 2e-3, high[2]]), np.array([0.0, 2e-3, 0.0])
+    inwards = corner - [1e-3, 0.0, 1e-3]  # 1 mm from two edges
+    wanted = edge_lengths(geometry, geometry.description.meshes.default)
+    np.testing.assert_allclose(wanted(np.array([corner, inwards, middle])), [0.5e-3, 1.2e-3, 3e-3], rtol=0.02)
+    solved = load_sensor(folder).simulation_mesh
+    ends = solved.nodes[solved.tetrahedra[:, :4][:, TET_EDGES].reshape(-1, 2)]
+    lengths, middles = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), ends.mean(axis=1)
+    away = cKDTree(bond.reshape(-1, 3)).query(middles)[0]
+    assert np.median(lengths[away < 0.25e-3]) < 0.8e-3
+    assert np.median(lengths[away > 3e-3]) > 1.5e-3
 
 
 def test_a_cylinder_is_held_at_its_bottom(tmp_path):
