@@ -71,7 +71,7 @@ OUTPUTS = (
     Output("displacement", (VERTEX, 3), "int16", "m", "displacement of the output vertices"),
     Output("force", (3,), "float64", "N", "force on the sensor, in its frame"),
     Output("moment", (3,), "float64", "N m", "moment on the sensor about the origin of its frame"),
-    Output("status", (), "int8", "", "0 converged; names in the root attributes"),
+    Output("status", (), "int8", "", "0 converged; the root attribute `status` explains the others"),
     Output("shear_force", (2,), "float64", "N", "force on the sensor along x and z of the contact frame", "with legs"),
     Output("slip_share", (), "float64", "",
            "share of the contact area where friction is at its limit, so that the surface slides", "with legs"),

@@ -111,7 +111,7 @@ def paths(context: Context) -> Outcome:
         pose, what = place_indenter(scene.sensor, *DIGIT_MM["centre"]), f"friction {mu:g}"
         at_once, stepwise, unloaded, sheared = own = [
             attempt(f"{what}, {name}", scene, SPHERE, pose, path)
-            for name, path in (("2 mm in one step", down(2.0, 1)), ("2 mm in 20 steps", down(2.0, 20)),
+            for name, path in (("2 mm as one depth", down(2.0, 1)), ("2 mm in 20 steps", down(2.0, 20)),
                                ("to 1 mm and back", back), ("1 mm deep, 2 mm sideways", pushed))
         ]  # fmt: skip
         attempts += own
@@ -128,7 +128,7 @@ def paths(context: Context) -> Outcome:
 def once_rows(what: str, at_once: Attempt, stepwise: Attempt) -> list[Row]:
     """Compare one step with twenty."""
     return [
-        Row(f"{what}: force at 2 mm in one step", "N", at_once.force[-1], stepwise.force[-1], TARGET, "relative",
+        Row(f"{what}: force at 2 mm as one depth", "N", at_once.force[-1], stepwise.force[-1], TARGET, "relative",
             "in 20 steps; the project's target"),
         at_most(f"{what}: RMSE of the deformation region, one step", "um",
                 difference_um(at_once.result.displacement[-1], stepwise.result.displacement[-1]), 5.0,
