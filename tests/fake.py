@@ -162,6 +162,24 @@ def ending_presser(job, sensor, device):
     return presser
 
 
+ESTIMATES = ["surface_error_estimate_m", "force_error_estimate"]
+
+
+def estimating_presser(job, sensor, device):
+    """Estimates of 1, 2 and 3 um at four depths, none at the last, and 1 % of force for each um; twice as many for each
+    further indenter.
+    """
+
+    def presser(indenters, poses):
+        results = fake_presser(job, sensor, device)(indenters, poses)
+        for indenter, result in zip(indenters, results, strict=True):
+            size = 2.0**indenter * np.array([1.0, 2.0, 3.0, np.nan])
+            result.outputs |= dict(zip(ESTIMATES, (1e-6 * size, -0.01 * size), strict=True))
+        return results
+
+    return presser
+
+
 def missing_presser(job, sensor, device):
     """The ring never touches the first sensor."""
 

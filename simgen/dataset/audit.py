@@ -197,7 +197,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
 
     for output in dataset.job.kept_outputs(sensor):
         if output.is_estimate:
-            yield _estimate(sensor, output, dataset[f"{sensor}/{output.name}"][converged])
+            yield estimated_error(sensor, output, dataset[f"{sensor}/{output.name}"][converged])
         elif output.is_sensor_value or output.at_surface:
             finite = _finite(dataset, f"{sensor}/{output.name}", output.at_surface, converged.shape)
             yield named(sensor, f"{output.name} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
@@ -213,7 +213,7 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     yield Finding(sensor, "penetration", f"rms {rms:.1f}, max {deepest:.1f} um", "stated", None)
 
 
-def _estimate(sensor: str, output: Output, values: np.ndarray) -> Finding:
+def estimated_error(sensor: str, output: Output, values: np.ndarray) -> Finding:
     """State the estimated errors (n,) of the converged samples; they are no ground to fail a dataset."""
     known = np.abs(values[np.isfinite(values)]) * (UM_PER_M if output.unit == "m" else 100.0)
     unit, what = "um" if output.unit == "m" else "%", output.name.partition("_error")[0]

@@ -1,15 +1,19 @@
-"""Estimated errors of the mesh: histograms by sensor, and a table by indenter and depth."""
+"""Estimated errors of the mesh: histograms and maps by sensor, and a table by indenter and depth."""
 
 from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.spatial import cKDTree
 
 from simgen.dataset.reader import Dataset
+from simgen.dataset.touchable import touchable_surface
 from simgen.fem.nonlinear.status import has_values
 from simgen.plotting.html import picture, table, tiles
 from simgen.report.choice import step_title
+from simgen.report.coverage import contacts_on
 from simgen.report.effort import histogram
+from simgen.report.maps import draw_map
 from simgen.units import UM_PER_M
 
 SURFACE, FORCE = "surface_error_estimate_m", "force_error_estimate"
@@ -29,9 +33,37 @@ def estimated_errors_section(dataset: Dataset) -> Iterator[str]:
     kinds = ((with_surface, SURFACE, UM_PER_M, "surface, um"), (with_force, FORCE, 100.0, "force, %"))
     kinds = [kind for kind in kinds if kind[0]]
     yield tiles(picture(_draw(dataset, *kind), f"estimated error, {kind[-1]}") for kind in kinds)
+    step = (len(dataset["depth"]) - 1) // 2
+    yield f"<h3>By place, median over the indenters at {step_title(dataset, step)} (grey: not touchable)</h3>"
+    yield tiles(_maps(dataset, step, kinds))
     yield "<p>Median and worst of the converged samples:</p>"
     for kind in kinds:
         yield _by_indenter(dataset, *kind)
+
+
+def _maps(dataset: Dataset, step: int, kinds: list[tuple]) -> Iterator[str]:
+    """Maps in which each touchable point has the estimate of its nearest contact."""
+    for sensors, key, scale, label in kinds:
+        for sensor in sensors:
+            values, contacts = _by_contact(dataset, sensor, key, scale)[:, step], contacts_on(dataset, sensor)
+            values = values[contacts.trajectories]
+            known = np.isfinite(values)
+            if known.any():
+                surface = touchable_surface(dataset, sensor)
+                _, nearest = cKDTree(contacts.points[known]).query(surface.vertices[surface.points])
+                drawn = draw_map(surface, values[known][nearest], sensor, label, largest=values[known].max())
+                yield picture(drawn, f"estimated error of the {label}, by place on {sensor}")
+
+
+def _by_contact(dataset: Dataset, sensor: str, key: str, scale: float) -> np.ndarray:
+    """Median (trajectory, step) over the converged presses of each contact; NaN without one."""
+    values, trajectory = _of_samples(dataset, sensor, key, scale), dataset["press/trajectory"]
+    medians = np.full((trajectory.max() + 1, values.shape[1]), np.nan)
+    for each in np.unique(trajectory):
+        own = values[trajectory == each]
+        some = np.isfinite(own).any(axis=0)
+        medians[each, some] = np.nanmedian(own[:, some], axis=0)
+    return medians
 
 
 def _of_samples(dataset: Dataset, sensor: str, key: str, scale: float) -> np.ndarray:

@@ -3,7 +3,6 @@
 import re
 
 import fake
-import numpy as np
 import pytest
 
 from simgen.pipeline.run import run
@@ -14,18 +13,9 @@ from simgen.report.estimated_errors import estimated_errors_section
 def dataset(tmp_path_factory):
     """The digit alone has estimates: 1, 2, 3 um and none, doubled for each further indenter; its force is 1 % off."""
 
-    def build(job, sensor, device):
-        def presser(indenters, poses):
-            results = fake.fake_presser(job, sensor, device)(indenters, poses)
-            for indenter, result in zip(indenters, results, strict=True):
-                size = 2.0**indenter * np.array([1.0, 2.0, 3.0, np.nan])
-                result.outputs |= {"surface_error_estimate_m": 1e-6 * size, "force_error_estimate": -0.01 * size}
-            return results
-
-        return presser
-
-    job = fake.make_job(outputs={"digit": ["surface_error_estimate_m", "force_error_estimate"]})
-    return run(fake.make_plan(job), tmp_path_factory.mktemp("estimates") / "d.zarr", build=build)
+    job = fake.make_job(outputs={"digit": fake.ESTIMATES})
+    path = tmp_path_factory.mktemp("estimates") / "d.zarr"
+    return run(fake.make_plan(job), path, build=fake.estimating_presser)
 
 
 def test_the_table_has_median_and_worst_by_indenter_and_depth(dataset):
@@ -34,7 +24,7 @@ def test_the_table_has_median_and_worst_by_indenter_and_depth(dataset):
     assert [row[2:] for row in rows[:3]] == [["1.0, 1.0", "2.0, 2.0", ""], ["2.0, 2.0", "4.0, 4.0", ""],
                                              ["4.0, 4.0", "8.0, 8.0", ""]]  # fmt: skip
     assert [row[2:] for row in rows[3:]] == [row[2:] for row in rows[:3]]  # the force's, in %
-    assert page.count("<img") == 2 and "biotac" not in page
+    assert page.count("<img") == 4 and "biotac" not in page  # two histograms, two maps
 
 
 def test_without_estimates_there_is_no_section(tmp_path):

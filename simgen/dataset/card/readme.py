@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import yaml
 
+from simgen.dataset.audit import estimated_error
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS, split_names
 from simgen.fem.nonlinear.status import in_words, is_planned_end, is_valid
@@ -108,7 +109,21 @@ def _worth(dataset: Dataset) -> Iterator[str]:
             pick = np.min if key == least else np.max
             worst.append(form.format(pick(values)) if len(values) else "")
         yield from _row([sensor, *worst])
+    yield from _estimates(dataset)
     yield from _others(dataset)
+
+
+def _estimates(dataset: Dataset) -> Iterator[str]:
+    """Estimated errors of the mesh; nothing where the job did not ask for them."""
+    asked = [(sensor, output) for sensor in dataset.sensors for output in dataset.job.kept_outputs(sensor)
+             if output.is_estimate]  # fmt: skip
+    if asked:
+        yield ""
+        yield "Estimated errors of the mesh (`load_dataset(..., max_error_um=5)` selects samples by them):"
+    for sensor, output in asked:
+        valid = is_valid(dataset[f"{sensor}/status"])
+        finding = estimated_error(sensor, output, dataset[f"{sensor}/{output.name}"][valid])
+        yield f"- {sensor}, {output.name.partition('_')[0]}: {finding.found}"
 
 
 def _others(dataset: Dataset) -> Iterator[str]:

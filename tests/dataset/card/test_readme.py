@@ -51,6 +51,15 @@ def test_planned_ends_are_no_part_of_what_was_to_be_pressed(tmp_path):
     assert [int(row["digit_converged"]) for row in rows] == 4 * [3, 2, 3]
 
 
+def test_estimated_errors_are_stated_where_there_are_some(text, tmp_path):
+    """Estimates of 1, 2, 3 um, 2, 4, 6 um and 4, 8, 12 um; a quarter of the samples has none."""
+    job = fake.make_job(outputs={"digit": fake.ESTIMATES})
+    found = readme(run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.estimating_presser))
+    assert "- digit, surface: median 4.0, worst 12.0 um; 12 samples without\n" in found
+    assert "- digit, force: median 4.0, worst 12.0 %; 12 samples without\n" in found
+    assert "Estimated errors" not in text and "- biotac, surface" not in found
+
+
 def test_its_front_matter_is_yaml(text):
     known = yaml.safe_load(text.split("---\n")[1])
     assert known["pretty_name"] == "fake" and known["license"] == "CC-BY-4.0"
