@@ -1,4 +1,4 @@
-"""A job of twelve presses that takes seconds, by the command line, in processes of their own."""
+"""A job of eight presses that takes seconds, by the command line, in processes of their own."""
 
 import fcntl
 import os
@@ -7,13 +7,18 @@ import sys
 from pathlib import Path
 
 import pytest
+import trimesh
+from sensors.slab import SLAB, write_sensor
 
-# Linear elements and one depth: these tests are about files, and a press takes a tenth of a second.
-JOB = [
-    "smoke", "sensors={digit: {model: digit, mesh: coarse}}", "trajectories.count=4",
-    "depths_mm={first: 0.1, last: 0.1, count: 1}", "solver.element=P1",
+from simgen.sensors.sensor import remake
+
+# A slab of 97 output vertices, linear elements and one depth: these tests are about files.
+SENSOR = {**SLAB, "meshes": {"default": {"edge_length_mm": 4.0}}}
+PRESSES = [
+    "trajectories.count=4", "indenters=[sphere_7mm, ring_7mm]", "depths_mm={first: 0.1, last: 0.1, count: 1}",
+    "solver.element=P1",
 ]  # fmt: skip
-SHARDS = 12
+SHARDS = 8
 
 
 def start(*arguments: str | Path, **options) -> subprocess.Popen:
@@ -32,13 +37,33 @@ def simgen(*arguments: str | Path, **options) -> subprocess.CompletedProcess:
 
 
 @pytest.fixture(scope="session")
-def whole(tmp_path_factory, worker_id) -> Path:
-    """The dataset of an undisturbed run. Processes of one test run share it."""
+def shared(tmp_path_factory, worker_id) -> Path:
+    """A folder with the slab, `slab`, and the dataset of an undisturbed run. Processes of one test run share it."""
     own = tmp_path_factory.getbasetemp()
-    path = (own if worker_id == "master" else own.parent) / "whole.zarr"
-    with open(path.with_suffix(".lock"), "w") as lock:
+    folder = (own if worker_id == "master" else own.parent) / "crash"
+    folder.mkdir(exist_ok=True)
+    with open(folder / "lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not path.exists():
-            ended = simgen("run", *JOB, "--output", path, "--workers", "2")
+        if not (folder / "whole.zarr").exists():
+            slab = write_sensor(folder / "slab", SENSOR)
+            trimesh.creation.box([16.0, 4.0, 16.0]).export(slab / "slab.stl")
+            remake(slab)
+            ended = simgen("run", *job_in(folder), "--output", folder / "whole.zarr", "--scheduler", "sync")
             assert ended.returncode == 0, ended.stderr
-    return path
+    return folder
+
+
+def job_in(folder: Path) -> list[str]:
+    return ["smoke", f"sensors={{slab: {{model: {folder / 'slab'}}}}}", *PRESSES]
+
+
+@pytest.fixture(scope="session")
+def job(shared) -> list[str]:
+    """The job and its overrides."""
+    return job_in(shared)
+
+
+@pytest.fixture(scope="session")
+def whole(shared) -> Path:
+    """The dataset of an undisturbed run."""
+    return shared / "whole.zarr"

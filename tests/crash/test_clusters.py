@@ -11,8 +11,6 @@ import fake
 import pytest
 import yaml
 
-from tests.crash.conftest import JOB
-
 CLUSTERS = Path(__file__).resolve().parents[2] / "docs" / "clusters"
 
 # What SLURM would do on two nodes, on this one. As there, sbatch has read the script when it returns: dask-jobqueue
@@ -39,8 +37,8 @@ def slurm(tmp_path) -> dict[str, str]:
     return {**os.environ, **own, "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "500"}
 
 
-def test_the_slurm_script_makes_the_dataset(whole, tmp_path, slurm):
-    command = ["bash", CLUSTERS / "slurm.sh", *JOB, "--output", tmp_path / "d.zarr"]
+def test_the_slurm_script_makes_the_dataset(job, whole, tmp_path, slurm):
+    command = ["bash", CLUSTERS / "slurm.sh", *job, "--output", tmp_path / "d.zarr"]
     ended = subprocess.run(command, env=slurm, cwd=tmp_path, capture_output=True, text=True, timeout=240)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert fake.contents(tmp_path / "d.zarr") == fake.contents(whole)
@@ -48,8 +46,8 @@ def test_the_slurm_script_makes_the_dataset(whole, tmp_path, slurm):
 
 
 @pytest.mark.long
-def test_the_jobqueue_script_makes_the_dataset(whole, tmp_path, slurm):
-    command = [sys.executable, CLUSTERS / "jobqueue.py", "2", *JOB, "--output", tmp_path / "d.zarr"]
+def test_the_jobqueue_script_makes_the_dataset(job, whole, tmp_path, slurm):
+    command = [sys.executable, CLUSTERS / "jobqueue.py", "2", *job, "--output", tmp_path / "d.zarr"]
     own = {**slurm, "DASK_CONFIG": str(CLUSTERS / "jobqueue.yaml")}
     ended = subprocess.run(command, env=own, cwd=tmp_path, capture_output=True, text=True, timeout=240)
     assert ended.returncode == 0, ended.stdout + ended.stderr

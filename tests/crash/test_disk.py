@@ -10,7 +10,7 @@ import sys
 import fake
 import pytest
 
-from tests.crash.conftest import JOB, SHARDS, simgen
+from tests.crash.conftest import SHARDS, simgen
 
 CAP_DAC_OVERRIDE, PR_CAPBSET_DROP = 1, 24
 ALONE = ["--scheduler", "sync"]
@@ -43,13 +43,13 @@ run "$@" > /dev/null && cp -r /mnt/d.zarr $folder
 """
 
 
-@pytest.mark.parametrize(("kilobytes", "shards"), [(200, "none"), (1500, "some")])
-def test_a_full_disk_is_one_line_and_with_more_room_the_same_command_goes_on(whole, tmp_path, kilobytes, shards):
+@pytest.mark.parametrize(("kilobytes", "shards"), [(200, "none"), (500, "some")])
+def test_a_full_disk_is_one_line_and_with_more_room_the_same_command_goes_on(job, whole, tmp_path, kilobytes, shards):
     """A file system that has no room for the plan, or not for all shards; later it has."""
     private = ["unshare", "--mount", "--map-root-user", "bash", "-c"]
     if subprocess.run([*private, "mount -t tmpfs tmpfs /mnt"], capture_output=True).returncode:
         pytest.skip("no file system can be mounted here (unshare --mount --map-root-user)")
-    command = [sys.executable, "-m", "simgen.cli", "run", *JOB]
+    command = [sys.executable, "-m", "simgen.cli", "run", *job]
     ended = subprocess.run(
         [*private, SCRIPT, "bash", str(kilobytes), tmp_path, *command],
         capture_output=True, text=True, env={**os.environ, "COLUMNS": "500"}, timeout=300,
@@ -66,7 +66,7 @@ def test_a_full_disk_is_one_line_and_with_more_room_the_same_command_goes_on(who
     assert fake.contents(tmp_path / "d.zarr") == fake.contents(whole)
 
 
-def test_a_folder_that_may_not_be_written_is_one_line(whole, tmp_path):
+def test_a_folder_that_may_not_be_written_is_one_line(job, whole, tmp_path):
     """Neither a new dataset nor one that has to be gone on with; what is there stays."""
     folder = tmp_path / "read_only"
     shutil.copytree(whole, folder / "d.zarr")
@@ -77,7 +77,7 @@ def test_a_folder_that_may_not_be_written_is_one_line(whole, tmp_path):
     try:
         for name in ("new.zarr", "d.zarr"):
             path = folder / name
-            ended = simgen("run", *JOB, "--output", path, *ALONE, preexec_fn=obey_permissions)
+            ended = simgen("run", *job, "--output", path, *ALONE, preexec_fn=obey_permissions)
             assert one_line(ended) == f"simgen: {path}: cannot be written: Permission denied"
     finally:
         for path in (folder, *folder.rglob("*")):
@@ -85,9 +85,9 @@ def test_a_folder_that_may_not_be_written_is_one_line(whole, tmp_path):
     assert fake.contents(folder) == before
 
 
-def test_a_whole_dataset_that_may_not_be_written_is_not_written(whole, tmp_path):
+def test_a_whole_dataset_that_may_not_be_written_is_not_written(job, whole, tmp_path):
     shutil.copytree(whole, tmp_path / "d.zarr")
     (tmp_path / "d.zarr").chmod(0o555)
-    ended = simgen("run", *JOB, "--output", tmp_path / "d.zarr", *ALONE, preexec_fn=obey_permissions)
+    ended = simgen("run", *job, "--output", tmp_path / "d.zarr", *ALONE, preexec_fn=obey_permissions)
     (tmp_path / "d.zarr").chmod(0o755)
     assert ended.returncode == 0 and f"{SHARDS} of {SHARDS} presses" in ended.stdout

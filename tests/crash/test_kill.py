@@ -12,10 +12,10 @@ import fake
 import psutil
 import pytest
 
-from tests.crash.conftest import JOB, SHARDS, start
+from tests.crash.conftest import SHARDS, start
 
 SEED = 5
-START, SHARD = 12.0, 0.3  # s: until there is work, and from one shard to the next
+START, SHARD = 8.0, 0.3  # s: until there is work, and from one shard to the next
 
 
 def descendants(pid: int) -> list[psutil.Process]:
@@ -59,10 +59,10 @@ def wait_for_the_moment(process, path: Path, at_work: bool, chance: random.Rando
 
 
 @pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.long)])
-def test_the_same_command_ends_with_the_same_bytes(whole, tmp_path, kills):
+def test_the_same_command_ends_with_the_same_bytes(job, whole, tmp_path, kills):
     chance, path, expected, ended, killed = random.Random(SEED), tmp_path / "d.zarr", fake.contents(whole), 0, []
     for number in range(kills + 1):  # the last is left alone
-        process = start("run", *JOB, "--output", path, "--workers", "2")
+        process = start("run", *job, "--output", path, "--workers", "2")
         what = ("run", "all", "worker")[number % 3]
         if number < kills and wait_for_the_moment(process, path, number % 2 == 1, chance):
             killed.append((what, len(list(path.glob("manifest/0*.json")))))
