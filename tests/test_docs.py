@@ -1,10 +1,8 @@
 """The pages: links lead somewhere, commands and commits exist, tables are complete, code and examples run."""
 
-import os
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import fake
@@ -13,6 +11,7 @@ import pytest
 import typer
 import yaml
 from pages import DOCS, ROOT, blocks, code, prose
+from refusal import simgen
 
 from simgen.cli import app as cli
 from simgen.config.strict_section import StrictSection
@@ -136,19 +135,19 @@ def test_code_that_reads_a_dataset_runs(page, filled, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_page_on_ones_own_sensor_runs_from_top_to_bottom(tmp_path):
-    environment = {**os.environ, "SIMGEN_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+def test_the_page_on_ones_own_sensor_runs_from_top_to_bottom(tmp_path, monkeypatch, capfd):
+    """In this process; the run starts a worker, as it does for a user."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SIMGEN_CACHE", str(tmp_path / "cache"))
     for language, text in blocks(DOCS / "extending.md"):
         if language == "yaml":
-            (tmp_path / re.match(r"# (\S+)", text)[1]).write_text(text)
-            continue
-        commands = [["-c", text]]
-        if language == "sh":
-            commands = [["-m", "simgen.cli", *shlex.split(line)[1:]] for line in text.splitlines()]
-        for command in commands:
-            command = [sys.executable, *command]
-            done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
-            assert done.returncode == 0, done.stdout + done.stderr
+            Path(re.match(r"# (\S+)", text)[1]).write_text(text)
+        elif language == "python":
+            exec(text, {})
+        else:
+            for line in text.splitlines():
+                code, output, errors = simgen(shlex.split(line)[1:], monkeypatch, capfd)
+                assert code == 0, output + errors
     dataset = Dataset(tmp_path / "own.zarr")
     assert dataset.indenters == ("sphere_7mm", "egg")
     assert not dataset.unfinished() and (dataset["slab/force"][:, -1, 1] > 0).all()

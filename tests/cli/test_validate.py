@@ -1,11 +1,10 @@
 """`simgen validate` and the table that it prints."""
 
 import json
-import os
-import subprocess
 import sys
 
 import pytest
+from refusal import simgen
 from typer.testing import CliRunner
 
 from simgen.cli import app as cli
@@ -14,27 +13,24 @@ from simgen.verification.validate import runner
 from tests.verification.validate.fakes import FAKES, made_up_results
 
 
-def validate(*arguments, cwd) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "simgen.cli", "validate", *map(str, arguments)]
-    environment = {**os.environ, "COLUMNS": "100"}
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=300)
-
-
-def test_a_case_is_run_printed_and_written(tmp_path):
-    done = validate("--case", "exact-frame", "--json", "v.json", "--html", "v.html", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+def test_a_case_is_run_printed_and_written(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    command = "validate --case exact-frame --json v.json --html v.html"
+    code, output, errors = simgen(command, monkeypatch, capfd)
+    assert code == 0, errors
     for words in ("largest force after a rigid motion", "rounding of float64", "no rows fail"):
-        assert words in done.stdout
+        assert words in output
     stored = json.loads((tmp_path / "v.json").read_text())
     assert [case["case"] for case in stored["cases"]] == ["exact-frame"]
     assert "exact-frame" in (tmp_path / "v.html").read_text()
 
 
-def test_the_list_names_every_case_with_its_level(tmp_path):
-    done = validate("--list", cwd=tmp_path)
-    assert done.returncode == 0
+def test_the_list_names_every_case_with_its_level(monkeypatch, capfd):
+    monkeypatch.setattr(view.console, "width", 100)
+    code, output, _ = simgen("validate --list", monkeypatch, capfd)
+    assert code == 0
     for case in runner.all_cases().values():
-        assert case.name in done.stdout
+        assert case.name in output
 
 
 @pytest.mark.parametrize(
