@@ -6,6 +6,14 @@ from pathlib import Path
 import pytest
 
 
+@pytest.fixture(scope="session", autouse=True)
+def no_flush():
+    """Files of tests need not survive a power cut: a flush takes milliseconds, and a dataset has hundreds of files."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda handle: None)
+        yield
+
+
 @pytest.fixture(scope="session")
 def reference() -> Path:
     """The published reference data: ``../shared/reference`` beside the checkout, or ``$SIMGEN_REFERENCE``."""

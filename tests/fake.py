@@ -310,10 +310,10 @@ def change(dataset: Dataset, name: str, index, value) -> None:
 
 
 def slow_presser(job, sensor, device):
-    """0.5 s per press, so that there is time to interrupt, also on a machine with other work."""
+    """0.2 s per press, so that there is time to interrupt, also on a machine with other work."""
 
     def presser(indenters, poses):
-        time.sleep(0.5 * len(indenters))
+        time.sleep(0.2 * len(indenters))
         return fake_presser(job, sensor, device)(indenters, poses)
 
     return presser

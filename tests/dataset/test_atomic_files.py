@@ -1,6 +1,7 @@
 """Files that are there whole or not at all."""
 
 import hashlib
+import os
 
 import pytest
 
@@ -20,6 +21,14 @@ def test_a_file_has_its_place_only_when_it_is_put_there(tmp_path):
     put_in_place(root, {"a/new": first, "b/old": second})
     assert (root / "a/new").read_bytes() == (root / "b/old").read_bytes() == data
     assert not list((root / "aside").iterdir())
+
+
+def test_a_file_and_the_folders_on_its_way_are_flushed_to_disk(tmp_path, monkeypatch):
+    flushed = []
+    monkeypatch.setattr(os, "fsync", lambda handle: flushed.append(os.readlink(f"/proc/self/fd/{handle}")))
+    aside = write_aside(tmp_path, b"touch")
+    put_in_place(tmp_path, {"a/new": aside})
+    assert flushed[0] == str(aside.temporary) and set(flushed[1:]) == {str(tmp_path), str(tmp_path / "a")}
 
 
 def test_a_folder_appears_when_it_is_whole(tmp_path):

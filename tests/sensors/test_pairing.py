@@ -14,6 +14,7 @@ from simgen.errors import InputError
 from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD
 from simgen.geometry.developed_skin import Skin
 from simgen.geometry.rigid_shape import mesh_distance, signed_distance
+from simgen.sensors import pairing
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.indenter_pose import advanced
 from simgen.sensors.least_thickness import LeastThickness
@@ -37,6 +38,12 @@ def biotac():
 @pytest.fixture(scope="module")
 def contacts(digit):
     return sample_contacts(digit, COUNT, SEED, DEPTH)
+
+
+@pytest.fixture
+def short_blocks(monkeypatch):
+    """A refusal comes after 16 blocks of proposals in vain: 512 proposals instead of 4096."""
+    monkeypatch.setattr(pairing, "BLOCK", 32)
 
 
 def contacts_at(sensor, places) -> Contacts:
@@ -187,17 +194,17 @@ def test_contacts_keep_their_distance_from_walls():
     np.testing.assert_allclose(contacts.points[:, 1], -2e-3, atol=1e-12)
 
 
-def test_too_thin_a_sensor_is_refused():
+def test_too_thin_a_sensor_is_refused(short_blocks):
     with pytest.raises(InputError, match=r"slab: 0 of 5 contacts fit .* max_indentation_ratio"):
         sample_contacts(slab(height=3e-3), 5, SEED, DEPTH)
 
 
-def test_a_sheet_far_thinner_than_the_press_is_refused():
+def test_a_sheet_far_thinner_than_the_press_is_refused(short_blocks):
     with pytest.raises(InputError, match="slab: 0 of 5 contacts fit"):
         sample_contacts(slab(height=0.15e-3), 5, SEED, DEPTH)
 
 
-def test_a_skin_over_a_core_takes_the_gap_and_its_own_share():
+def test_a_skin_over_a_core_takes_the_gap_and_its_own_share(short_blocks):
     """0.6 of the skin of 1.5 mm and the gap of 1 mm allow 1.9 mm, to the 0.06 mm between samples."""
     deepest = GAP + 0.6 * SKIN
     assert len(sample_contacts(hollow_slab(), 5, SEED, deepest - 1e-6).points) == 5
@@ -249,7 +256,7 @@ def test_partners_on_the_biotac_leave_the_contacts_on_the_digit_as_they_are(digi
     np.testing.assert_array_equal(paired.points, contacts.points)
 
 
-def test_a_sensor_on_which_most_contacts_have_no_partner_is_named():
+def test_a_sensor_on_which_most_contacts_have_no_partner_is_named(short_blocks):
     tiny = slab()
     tiny.name, tiny.surface = "tiny", trimesh.creation.box(extents=[1e-4, 4e-3, 0.02])
     with pytest.raises(InputError, match=r"slab: \d of 5 contacts fit .* have no partner on tiny; put the smallest"):
@@ -318,7 +325,7 @@ def test_the_first_contacts_and_refusals_are_those_of_more():
             np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[: len(few.points)])
 
 
-def test_too_few_contacts_that_leave_enough_name_the_key_and_what_helps():
+def test_too_few_contacts_that_leave_enough_name_the_key_and_what_helps(short_blocks):
     expected = r"slab: 0 of 5 contacts fit .*; \d+ contacts fit other.*, .* least_thickness_left 0\.7 .*too_thin: stop"
     with pytest.raises(InputError, match=expected) as caught:
         draw(5, 0.7)

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from simgen.config.job import job_from_dict
 from simgen.dataset.exchange import ResultFile, Sample, write
 from simgen.dataset.exchange.exporting import export
-from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.pipeline.plan import make_plan
 from simgen.pipeline.run import run
@@ -25,24 +24,32 @@ from tests.verification.validate.fakes import outcome_of
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     """One sphere on the DIGIT, two depths."""
+    return solved("default", tmp_path_factory.mktemp("published"))
+
+
+@pytest.fixture(scope="module")
+def coarse(tmp_path_factory):
+    """The same on its coarse mesh, which is faster; the output mesh is that of all its simulation meshes."""
+    return solved("coarse", tmp_path_factory.mktemp("coarse"))
+
+
+def solved(mesh, folder):
     job = job_from_dict({
         "name": "tiny",
         "seed": 3,
-        "sensors": {"digit": {"model": "digit"}},
+        "sensors": {"digit": {"model": "digit", "mesh": mesh}},
         "indenters": ["sphere_7mm"],
         "trajectories": {"count": 1},
         "depths_mm": {"first": 0.5, "last": 1.0, "count": 2},
     })  # fmt: skip
-    path = tmp_path_factory.mktemp("published") / "tiny.zarr"
-    run(make_plan(job), path)
-    return Dataset(path)
+    return run(make_plan(job), folder / "tiny.zarr")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["across", "biotac_sim"])
-def test_an_own_file_is_reproduced(dataset, layout, tmp_path):
+def test_an_own_file_is_reproduced(coarse, layout, tmp_path):
     """The same job and poses: only the stored precision differs, 0.1 um and float32."""
-    export(dataset, layout, tmp_path / "own", ["digit"], "0")
+    export(coarse, layout, tmp_path / "own", ["digit"], "0")
     outcome = outcome_of("published-results", tmp_path, tmp_path)
     assert len(outcome.rows) == 1 + 2 * 2
     assert [row.quantity for row in outcome.rows if not row.passed] == []
