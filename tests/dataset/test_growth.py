@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 from pathlib import Path
 
 import fake
@@ -56,10 +57,16 @@ def test_it_is_the_larger_dataset_but_for_its_splits(folder, tmp_path):
     assert differing <= told
 
 
-def test_splits_of_what_was_there_stay(folder):
-    before = Dataset(folder)["press/split"]
-    grown = run(fake.make_plan(make_job(40)), folder, build=fake.fake_presser)["press/split"]
-    again = run(fake.make_plan(make_job(100)), folder, build=fake.fake_presser)
+def test_splits_of_what_was_there_stay(tmp_path):
+    """Four trajectories a shard, whose files take the time."""
+    folder, shards = tmp_path / "d.zarr", {"dataset": {"presses_per_shard": 12}}
+
+    def grown_to(count):
+        return run(fake.make_plan(make_job(count, **shards)), folder, build=fake.fake_presser)
+
+    before = grown_to(4)["press/split"]
+    grown = grown_to(40)["press/split"]
+    again = grown_to(100)
     split = again["press/split"]
     np.testing.assert_array_equal(split[: len(before)], before)
     np.testing.assert_array_equal(split[:120], grown)
@@ -145,13 +152,13 @@ def growth_killed_after(moves, folder, monkeypatch) -> bool:
 
 
 def test_a_growth_that_was_cut_short_is_completed(tmp_path, monkeypatch):
-    run(fake.make_plan(make_job(7)), tmp_path / "e.zarr", build=fake.fake_presser)
-    run(fake.make_plan(make_job(4)), tmp_path / "f.zarr", build=fake.fake_presser)
+    run(fake.make_plan(make_job(4)), tmp_path / "four.zarr", build=fake.fake_presser)
+    shutil.copytree(tmp_path / "four.zarr", tmp_path / "f.zarr")
     expected = fake.contents(run(fake.make_plan(make_job(7)), tmp_path / "f.zarr", build=fake.fake_presser).path)
     moves = 0
     while True:
         folder = tmp_path / f"{moves}.zarr"
-        run(fake.make_plan(make_job(4)), folder, build=fake.fake_presser)
+        shutil.copytree(tmp_path / "four.zarr", folder)
         if growth_killed_after(moves, folder, monkeypatch):
             break
         with pytest.raises(InputError, match="a run is adding trajectories"):

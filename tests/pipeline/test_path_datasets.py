@@ -93,8 +93,9 @@ def test_the_turn_twists_the_sensor(dataset):
 def test_a_press_is_the_special_case(dataset, tmp_path):
     """Legs change nothing of the press before them, to the bit, and a job without legs has none of their arrays."""
     straight = [{"turn_deg": 5.0, "steps": 1}]  # legs that stay on the press axis leave the contacts as they are
-    path = run(make_plan(make_job(straight)), tmp_path / "path.zarr")
-    plain = run(make_plan(make_job([])), tmp_path / "plain.zarr")
+    one = {"indenters": ["cylinder_short_7mm"]}
+    path = run(make_plan(make_job(straight, **one)), tmp_path / "path.zarr")
+    plain = run(make_plan(make_job([], **one)), tmp_path / "plain.zarr")
     np.testing.assert_array_equal(path["press/contact_pose"], plain["press/contact_pose"])
     for name in ("displacement", "force", "moment"):
         np.testing.assert_array_equal(path[f"digit/{name}"][:, :PRESSED], plain[f"digit/{name}"])
@@ -126,7 +127,8 @@ def test_a_skin_that_is_let_go_passes_its_audit(tmp_path):
     """Nothing is in balance with a contact force where there is none."""
     legs = [{"move_mm": [0.3, 0.0, 0.0], "steps": 1}, {"move_mm": [0.0, -1.3, 0.0], "steps": 2}]
     sensors = {"biotac": {"model": "biotac", "mesh": "coarse", "material": "effective"}}
-    job = make_job(legs, sensors=sensors, depths_mm={"first": 0.5, "last": 1.0, "count": 2}, seed=0)
+    depths = {"first": 0.5, "last": 1.0, "count": 2}
+    job = make_job(legs, sensors=sensors, indenters=["sphere_7mm"], depths_mm=depths, seed=0)
     released = run(make_plan(job), tmp_path / "b.zarr")
     assert (released["biotac/status"] == 0).all() and not released["biotac/force"][:, -1].any()
     findings = check(released)

@@ -31,19 +31,18 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts others that ignore it
     output, scheduler, build = pathlib.Path(sys.argv[1]), sys.argv[2] or None, getattr(fake, sys.argv[3])
     job = fake.make_job()
-    with start_workers(job, "cpu", 2, scheduler, build) as workers:
+    with start_workers(job, "cpu", int(sys.argv[4]), scheduler, build) as workers:
         run(fake.make_plan(job), output, workers, build=build)
 """
 
 
-def start(tmp_path: Path, output: Path, scheduler: str, build: str) -> subprocess.Popen:
+def start(tmp_path: Path, output: Path, scheduler: str, build: str, workers: int = 2) -> subprocess.Popen:
     script = tmp_path / "child.py"
     script.write_text(CHILD)
     paths = [str(Path(fake.__file__).parent), *sys.path]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
-    return subprocess.Popen(
-        [sys.executable, str(script), str(output), scheduler, build], env=environment, start_new_session=True
-    )
+    command = [sys.executable, str(script), str(output), scheduler, build, str(workers)]
+    return subprocess.Popen(command, env=environment, start_new_session=True)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +106,7 @@ def test_a_crash_between_files_and_manifest_costs_that_shard_alone(whole, tmp_pa
 
 def test_interrupt_leaves_a_dataset_that_a_second_run_completes(whole, tmp_path):
     path = tmp_path / "d.zarr"
-    child = start(tmp_path, path, "", "tiring_presser")
+    child = start(tmp_path, path, "", "tiring_presser", workers=1)
     deadline = time.monotonic() + 60
     while not (path.exists() and Dataset(path).finished()):
         assert time.monotonic() < deadline and child.poll() is None
