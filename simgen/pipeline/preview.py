@@ -10,7 +10,14 @@ from simgen.config.job_schema import Job
 from simgen.config.warp_device import start_warp
 from simgen.dataset.reader import written_arrays
 from simgen.pipeline.image_resolution import coarse_images
-from simgen.pipeline.plan import chosen_fluid, chosen_material, chosen_sensor, first_contacts, gel_under_indenters
+from simgen.pipeline.plan import (
+    chosen_fluid,
+    chosen_material,
+    chosen_sensor,
+    coarser_sensor,
+    first_contacts,
+    gel_under_indenters,
+)
 from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.sensor import Material, Sensor
 from simgen.simulation.batch_size import at_once, bytes_per_press
@@ -44,6 +51,7 @@ class SensorPreview:
     nodes: int
     tetrahedra: int
     unknowns: int
+    unknowns_of_coarser: int  # of the mesh that estimates errors; 0 without estimates
     bytes_per_press: int  # memory of a press under way
     output_vertices: int
     surface_vertices: int
@@ -82,7 +90,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     draw = first_contacts(job, loaded, contacts, gel_under_indenters(job, loaded, indenters))
     sensors = [_preview_sensor(job, name, sensor, indenters) for name, sensor in loaded.items()]
     kind = device.partition(":")[0]
-    unknowns = sum(sensor.unknowns for sensor in sensors)
+    unknowns = sum(sensor.unknowns + sensor.unknowns_of_coarser for sensor in sensors)
     return Preview(
         trajectories=job.trajectories.count,
         contacts=contacts,
@@ -100,15 +108,18 @@ def preview(job: Job, device: str = "cpu") -> Preview:
 
 
 def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Indenter]) -> SensorPreview:
-    material = chosen_material(job, name, sensor)
-    scene = Scene(sensor, material, settings=job.solver, fluid=chosen_fluid(job, name, sensor))
-    mesh = sensor.simulation_mesh
+    material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
+    scene = Scene(sensor, material, settings=job.solver, fluid=fluid)
+    mesh, coarser = sensor.simulation_mesh, 0
+    if job.has_estimates(name):
+        coarser = Scene(coarser_sensor(job, name), material, settings=job.solver, fluid=fluid).unknowns
     return SensorPreview(
         name,
         job.sensors[name].model,
         len(mesh.nodes),
         len(mesh.tetrahedra),
         scene.unknowns,
+        coarser,
         bytes_per_press(sensor, job.solver),
         len(sensor.output_mesh.vertices),
         len(sensor.output_mesh.surface_vertices),

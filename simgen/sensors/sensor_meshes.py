@@ -180,7 +180,7 @@ def make_curved(geometry: SensorGeometry, size: MeshSize | str) -> tuple[CurvedM
             vertices, tetrahedra, limit = geometry.own_vertices, geometry.own_tetrahedra, EXACT
         else:
             check_count(geometry, size)
-            envelope, cell = size.envelope * MM, size.least_edge_length_mm * MM
+            envelope, cell = size.envelope * MM, size.cell_mm * MM
             wanted = edge_lengths(geometry, size)
             vertices, tetrahedra = tetrahedralize(geometry.plain, wanted, envelope, cell)
             vertices, tetrahedra = end_at_regions(vertices, tetrahedra, geometry.true)

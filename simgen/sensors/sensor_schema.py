@@ -215,9 +215,9 @@ class MeshSize(StrictSection):
         return self.envelope_mm or 0.1 * self.edge_length_mm
 
     @property
-    def least_edge_length_mm(self) -> float:
-        """Shortest wanted edge."""
-        return min(self.edge_length_mm, self.bond_edge_length_mm or self.edge_length_mm)
+    def cell_mm(self) -> float:
+        """Spacing of the grid on which fTetWild samples the wanted edge length; finer grids take gigabytes."""
+        return max(self.bond_edge_length_mm or self.edge_length_mm, 0.4 * self.edge_length_mm)
 
 
 class MeshSizes(StrictSection):
