@@ -22,6 +22,7 @@ SURFACE_SUFFIXES = (".stl", ".obj", ".ply")
 MESHIO_FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".mesh": "medit"}
 TET_SUFFIXES = (*MESHIO_FORMATS, ".tet")
 SMALLEST, LARGEST = 1e-4, 0.5  # m, longest side of the bounding box of a gel, a core or an indenter
+FLATTEST = 1e-3  # shortest over longest side of a generated body's bounding box
 
 
 def read_mesh(path: Path, unit: str) -> tuple[trimesh.Trimesh, np.ndarray | None, np.ndarray | None]:
@@ -66,7 +67,8 @@ def check_body(path: Path, surface: trimesh.Trimesh) -> None:
     """Raises InputError unless a generated surface is a closed body of a fingertip's size."""
     check_mesh(path, surface.vertices, surface.faces)
     check_size(path, surface.vertices)
-    if not surface.is_watertight or not surface.volume > 0.0:
+    extents = np.ptp(surface.vertices, axis=0)
+    if not surface.is_watertight or not surface.volume > 0.0 or extents.min() < FLATTEST * extents.max():
         raise InputError(f"{path}: its sizes make no closed body")
 
 

@@ -148,7 +148,8 @@ def distance_to_outline(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
     nearest, inside = np.full(len(points), np.inf), np.zeros(len(points), dtype=bool)
     for start, end in outline:
         along, to_point = end - start, points - start
-        share = np.clip(to_point @ along / (along @ along), 0.0, 1.0)
+        length_2 = along @ along  # 0 for ends that coincide
+        share = np.clip(to_point @ along / length_2, 0.0, 1.0) if length_2 > 0.0 else np.zeros(len(points))
         np.minimum(nearest, np.hypot(*(to_point - share[:, None] * along).T), out=nearest)
         crosses = (start[1] > points[:, 1]) != (end[1] > points[:, 1])
         left = (to_point[:, 0] * along[1] < to_point[:, 1] * along[0]) == (along[1] > 0.0)

@@ -1,5 +1,7 @@
 """Users' mesh files are read, and simgen's own files are written and read again."""
 
+from pathlib import Path
+
 import meshio
 import numpy as np
 import pytest
@@ -145,3 +147,10 @@ def test_the_first_mesh_in_the_cache_stays(tmp_path, monkeypatch):
     again = mesh_files.cached("key", OutputMesh, lambda: pytest.fail("made again"))
     assert again.hash == mesh.hash
     assert [path.name for path in (tmp_path / "meshes").iterdir()] == ["key.npz"]
+
+
+def test_a_body_without_thickness_is_no_body():
+    flat = trimesh.creation.box([20e-3, 4e-3, 1e-303])
+    with pytest.raises(InputError, match=r"sensor\.yaml: its sizes make no closed body"):
+        mesh_files.check_body(Path("sensor.yaml"), flat)
+    mesh_files.check_body(Path("sensor.yaml"), trimesh.creation.box([20e-3, 4e-3, 1e-3]))

@@ -17,7 +17,7 @@ from simgen.pipeline.plan import sensor_identity
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import Material, load_sensor
 from simgen.sensors.sensor_schema import SupportPlane
-from simgen.sensors.support import THICKNESS_MM, Plate, Support, faces_in_reach, plate_under
+from simgen.sensors.support import THICKNESS_MM, Plate, Support, distance_to_outline, faces_in_reach, plate_under
 from simgen.simulation.batch_size import bytes_per_press
 from simgen.simulation.press import Scene, SolverSettings, Status, press
 from simgen.units import MM
@@ -300,3 +300,10 @@ def test_meshes_do_not_depend_on_the_support(tmp_path, own_cache):
     other = slab(tmp_path / "t", plane={"axis": "y", "at_mm": 2.0, "beyond_outline_mm": 1.0}, friction=0.1)
     shutil.copy(folder / "slab.stl", other)
     assert load_sensor(other).simulation_mesh.hash == first
+
+
+def test_an_edge_without_length_changes_no_distance():
+    corners = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]])
+    outline = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    found = distance_to_outline(np.array([[2.0, 0.5], [7.0, 6.0]]), outline)
+    np.testing.assert_allclose(found, [-0.5, 5.0])
