@@ -13,7 +13,7 @@ from simgen.config.job import load_job
 from simgen.pipeline.plan import make_plan
 from simgen.sensors.indenter import chosen_indenters
 from simgen.sensors.sensor import load_sensor
-from simgen.simulation.error_estimate import add_error_estimates, share_of_difference, surface_difference
+from simgen.simulation.error_estimate import share_of_difference, surface_difference, surface_error_estimate
 from simgen.simulation.press import PressResult, Scene, press
 from simgen.units import UM_PER_M
 
@@ -33,7 +33,8 @@ def solve(
     poses = np.linalg.inv(plan.arrays[f"{sensor}/pose"][rows]) @ plan.arrays["press/contact_pose"][rows]
     shape_of = {indenter.name: indenter.shape() for indenter in indenters}
     loaded = load_sensor(sensor, mesh)
-    scene = Scene(loaded, loaded.materials["solid"], device=device, batch=count if device != "cpu" else 1)
+    scene = Scene(loaded, loaded.materials["solid"], device=device, batch=count if device != "cpu" else 1,
+                  outputs=("error_energy",))
     results = press(scene, [shape_of[each.name] for each in chosen], poses, 1e-3 * depths_mm)
     return results, scene.unknowns, [each.name for each in chosen]
 
@@ -50,7 +51,7 @@ def main():
     share, of_fine = share_of_difference(*unknowns[:2]), share_of_difference(*unknowns[1:])
     rows = []
     for name, coarse, default, fine in zip(names[0], *results, strict=True):
-        add_error_estimates(default, coarse, share)
+        surface = surface_error_estimate(default.displacement, coarse.displacement, share)
         force = [np.linalg.norm(each.force, axis=1) for each in (default, fine)]
         true_force = (1.0 + of_fine) * (force[0] - force[1]) / force[0]
         true_surface = (1.0 + of_fine) * surface_difference(fine.displacement, default.displacement)
@@ -59,7 +60,7 @@ def main():
             if abs(depths[i] - depth) < 1e-9:
                 rows.append({
                     "indenter": name, "depth_mm": depth, "surface_um": float(UM_PER_M * true_surface[i]),
-                    "surface_estimated_um": float(UM_PER_M * default.surface_error_estimate_m[i]),
+                    "surface_estimated_um": float(UM_PER_M * surface[i]),
                     "force_percent": float(100.0 * true_force[i]),
                     "force_estimated_percent": float(100.0 * default.force_error_estimate[i]),
                 })  # fmt: skip

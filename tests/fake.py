@@ -174,7 +174,7 @@ def estimating_presser(job, sensor, device):
         results = fake_presser(job, sensor, device)(indenters, poses)
         for indenter, result in zip(indenters, results, strict=True):
             size = 2.0**indenter * np.array([1.0, 2.0, 3.0, np.nan])
-            result.outputs |= dict(zip(ESTIMATES, (1e-6 * size, -0.01 * size), strict=True))
+            result.outputs |= dict(zip(ESTIMATES, (1e-6 * size, 0.01 * size), strict=True))
         return results
 
     return presser

@@ -14,7 +14,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator
 from simgen.config.allowed_values import allowed
 from simgen.config.choices import IndenterChoice, SensorChoice, is_path
 from simgen.config.indenter_path import IndenterPath
-from simgen.config.outputs import ESTIMATES, OPTIONAL, Output, kept_outputs
+from simgen.config.outputs import BY_COARSER_MESH, OPTIONAL, OUTPUTS, Output, kept_outputs
 from simgen.config.solver_settings import SolverSettings
 from simgen.config.strict_section import StrictSection
 from simgen.config.trajectories import DEEPEST_INT16_MM, Depths, Trajectories, furthest_in_contact_m, path_of
@@ -113,7 +113,7 @@ class Job(StrictSection):
         for name in outputs:
             if name not in sensors:
                 raise ValueError(f"{shown(repr(name))} is no sensor of the job; allowed: {', '.join(sensors)}")
-            estimates = sorted(set(outputs[name]) & set(ESTIMATES))
+            estimates = sorted(set(outputs[name]) & set(BY_COARSER_MESH))
             if estimates and getattr(sensors[name], "mesh", "") == "coarse":
                 raise ValueError(
                     f"{name}: {estimates[0]} compares with a coarser mesh, and sensors.{name}.mesh is 'coarse'; "
@@ -197,9 +197,14 @@ class Job(StrictSection):
         """The kept outputs that a job may ask for."""
         return tuple(output for output in self.kept_outputs(sensor) if output.is_optional)
 
-    def has_estimates(self, sensor: str) -> bool:
+    def has_coarser_mesh(self, sensor: str) -> bool:
         """True if the presses of a sensor are solved on a coarser mesh, too."""
-        return any(output.is_estimate for output in self.kept_outputs(sensor))
+        return any(output.needs == "coarser mesh" for output in self.kept_outputs(sensor))
+
+    def slow_outputs(self, sensor: str) -> tuple[str, ...]:
+        """Names of the slow outputs that presses must measure: the kept ones, and those that kept estimates need."""
+        wanted = {name for output in self.kept_outputs(sensor) for name in (output.name, output.needs)}
+        return tuple(output.name for output in OUTPUTS if output.is_slow and output.name in wanted)
 
     def surface_outputs(self, sensor: str) -> tuple[str, ...]:
         """Names of the kept outputs at surface vertices."""

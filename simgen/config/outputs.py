@@ -24,7 +24,9 @@ class Output:
     kept : "always"; "with fluid": if a fluid fills the cavity; "with legs": if the path has legs, or if the job asks;
         "on request": if the job asks
     note : interpretation of a value; for the docs
-    is_estimate : it needs the same press on a coarser mesh; NaN where that press did not get so far
+    needs : what an estimated error is computed from after a press: "coarser mesh" for the same press on a coarser mesh,
+        or the name of another output along the path
+    is_slow : it is measured only if a job asks for it, or for an estimate that needs it
     """
 
     name: str
@@ -34,12 +36,18 @@ class Output:
     about: str
     kept: Literal["always", "with fluid", "with legs", "on request"] = "always"
     note: str = ""
-    is_estimate: bool = False
+    needs: Literal["", "coarser mesh", "error_energy"] = ""
+    is_slow: bool = False
 
     @property
     def is_optional(self) -> bool:
         """True if a job may ask for it."""
         return self.kept in ("with legs", "on request")
+
+    @property
+    def is_estimate(self) -> bool:
+        """True if it is an estimated error, computed after a press."""
+        return bool(self.needs)
 
     @property
     def is_certificate(self) -> bool:
@@ -76,18 +84,21 @@ OUTPUTS = (
     Output("slip_share", (), "float64", "",
            "share of the contact area where friction is at its limit, so that the surface slides", "with legs"),
     Output("stress", (SURFACE_VERTEX, 6), "float32", "Pa",
-           "Cauchy stress at surface_vertices, as xx, yy, zz, yz, xz, xy in the sensor's frame", "on request"),
+           "Cauchy stress at surface_vertices, as xx, yy, zz, yz, xz, xy in the sensor's frame", "on request",
+           is_slow=True),
     Output("traction", (SURFACE_VERTEX, 3), "float32", "Pa",
            "force of the indenter on the sensor per rest area, at surface_vertices, in the sensor's frame",
-           "on request"),
+           "on request", is_slow=True),
     Output("contact_area", (), "float64", "mm2",
            "area of the surface, as it is at rest, that the indenter presses on", "on request"),
+    Output("error_energy", (), "float64", "J",
+           "energy of the difference between the strain and its smoothed field, an indicator of the mesh's error",
+           "on request", is_slow=True),
     Output("surface_error_estimate_m", (), "float32", "m",
            "estimated error of the mesh: root mean square over the vertices that move by 10 um or more", "on request",
-           is_estimate=True),
+           needs="coarser mesh"),
     Output("force_error_estimate", (), "float32", "",
-           "estimated error of the mesh: share of the force that is too much (negative: too little)", "on request",
-           is_estimate=True),
+           "estimated error of the mesh: share of the force", "on request", needs="error_energy"),
     Output("cavity_pressure", (), "float64", "Pa", "pressure of the fluid in the cavity, above ambient", "with fluid"),
     Output("certificate/residual", (), "float64", "",
            "out-of-balance forces over contact forces, Euclidean norms over the nodes",
@@ -130,7 +141,7 @@ OUTPUTS = (
 
 BY_NAME = {output.name: output for output in OUTPUTS}
 OPTIONAL = tuple(output.name for output in OUTPUTS if output.is_optional)  # a job may ask for these
-ESTIMATES = tuple(output.name for output in OUTPUTS if output.is_estimate)
+BY_COARSER_MESH = tuple(output.name for output in OUTPUTS if output.needs == "coarser mesh")
 AT_SURFACE = tuple(output.name for output in OUTPUTS if output.at_surface)
 SENSOR_VALUES = tuple(output.name for output in OUTPUTS if output.is_sensor_value)
 

@@ -172,7 +172,7 @@ def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
     A sensor without a support has no key for it. The coarser mesh has one if errors are estimated.
     """
     support = {"support": sensor.support.source} if sensor.support is not None else {}
-    coarser = {"coarser_mesh": coarser_sensor(job, name).simulation_mesh.hash} if job.has_estimates(name) else {}
+    coarser = {"coarser_mesh": coarser_sensor(job, name).simulation_mesh.hash} if job.has_coarser_mesh(name) else {}
     return {
         "simulation_mesh": sensor.simulation_mesh.hash,
         "output_mesh": sensor.output_mesh.hash,

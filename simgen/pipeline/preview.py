@@ -111,7 +111,7 @@ def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Ind
     material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
     scene = Scene(sensor, material, settings=job.solver, fluid=fluid)
     mesh, coarser = sensor.simulation_mesh, 0
-    if job.has_estimates(name):
+    if job.has_coarser_mesh(name):
         coarser = Scene(coarser_sensor(job, name), material, settings=job.solver, fluid=fluid).unknowns
     return SensorPreview(
         name,

@@ -40,7 +40,7 @@ from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
 from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.sensor import Sensor
 from simgen.simulation.batch_size import presses_at_once
-from simgen.simulation.error_estimate import add_error_estimates, share_of_difference
+from simgen.simulation.error_estimate import share_of_difference, surface_error_estimate
 from simgen.simulation.pool import Pool
 from simgen.simulation.press import PressResult, Scene
 
@@ -100,9 +100,9 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     """Make the presser of one sensor by finite elements. One scene serves all presses."""
     start_warp()
     load_kernels(device)
-    pool, unknowns = _pool(job, sensor_name, _sensor(job, sensor_name), device, job.surface_outputs(sensor_name))
+    pool, unknowns = _pool(job, sensor_name, _sensor(job, sensor_name), device, job.slow_outputs(sensor_name))
     coarser, share = None, 0.0
-    if job.has_estimates(sensor_name):
+    if job.has_coarser_mesh(sensor_name):
         coarser, coarser_unknowns = _pool(job, sensor_name, coarser_sensor(job, sensor_name), device, ())
         share = share_of_difference(coarser_unknowns, unknowns)
 
@@ -113,13 +113,13 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
         results = pool.press(indenters, poses, steps)
         if coarser is None:
             return results
-        return _with_estimates(results, coarser.press(indenters, poses, steps), share)
+        return _with_surface_errors(results, coarser.press(indenters, poses, steps), share)
 
     return presser
 
 
 def _pool(job: Job, name: str, sensor: Sensor, device: str, outputs: tuple[str, ...]) -> tuple[Pool, int]:
-    """Make the pool of a sensor, and return it with the number of unknowns. outputs: those at the surface."""
+    """Make the pool of a sensor, and return it with the number of unknowns. outputs: names of the slow ones."""
     material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
     batch = presses_at_once(sensor, device, job.solver)
     scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs)
@@ -128,12 +128,15 @@ def _pool(job: Job, name: str, sensor: Sensor, device: str, outputs: tuple[str, 
     return Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n), scene.unknowns
 
 
-def _with_estimates(
+def _with_surface_errors(
     results: Iterable[PressResult], coarser: Iterable[PressResult], share: float
 ) -> Iterable[PressResult]:
-    """Wait for the results on both meshes, and add error estimates."""
+    """Wait for the results on both meshes, and add the estimates that need both."""
     for result, other in zip(results, coarser, strict=True):
-        yield add_error_estimates(result, other, share)
+        estimate = surface_error_estimate(result.displacement, other.displacement, share)
+        result.outputs["surface_error_estimate_m"] = estimate
+        result.seconds += other.seconds
+        yield result
 
 
 @lru_cache(maxsize=8)

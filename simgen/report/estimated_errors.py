@@ -27,8 +27,8 @@ def estimated_errors_section(dataset: Dataset) -> Iterator[str]:
     if not with_surface and not with_force:
         return
     yield (
-        "<p>From the same presses on the next coarser mesh. Surface: root mean square over the vertices that move by "
-        "10 um or more. Force: share of the force, whatever its sign.</p>"
+        "<p>Surface: root mean square over the vertices that move by 10 um or more, from the same presses on the next "
+        "coarser mesh. Force: share of the force, from the energy of the strain's error.</p>"
     )
     kinds = ((with_surface, SURFACE, UM_PER_M, "surface, um"), (with_force, FORCE, 100.0, "force, %"))
     kinds = [kind for kind in kinds if kind[0]]

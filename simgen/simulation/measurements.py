@@ -186,6 +186,12 @@ def contact_area(state: State) -> np.ndarray:
 
 
 @measurement
+def error_energy(state: State) -> np.ndarray:
+    energy = state.sampler.error_energy(len(state.environments))  # E mm3
+    return energy * state.scene.material.youngs_modulus_pa / MM_PER_M**3
+
+
+@measurement
 def stress(state: State) -> np.ndarray:
     return state.sampler.surface_outputs.take("stress", len(state.environments))
 

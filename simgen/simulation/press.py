@@ -16,6 +16,7 @@ from simgen.errors import InputError, shown
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import lateral_reach
 from simgen.geometry.signed_distance import RigidShape
+from simgen.simulation.error_estimate import force_error_estimate
 from simgen.simulation.first_touch import first_touch
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.scene import Scene
@@ -173,5 +174,8 @@ def result_of(stepping: LoadStepping, press: Press) -> PressResult:
         for i, sample in enumerate(samples):
             values[i] = sample.values[output.name]
         outputs[output.name] = values
+    if (energy := outputs.get("error_energy")) is not None:
+        path_m = stepping.path[:, :3] / MM_PER_M
+        outputs["force_error_estimate"] = force_error_estimate(energy, outputs["force"], path_m)
     outputs["status"] = np.where(np.isnan(outputs["status"]), press.status, outputs["status"]).astype(np.int8)
     return PressResult(outputs, press.touch, press.seconds)

@@ -41,8 +41,7 @@ class Scene:
     """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs.
 
     fluid : "none", or "incompressible" for a fluid that fills the gel's cavity; raises InputError without a cavity
-    outputs : names of outputs at the output mesh's surface (stress, traction), which are slow and measured on request.
-        The attribute ``outputs`` holds all measured outputs
+    outputs : names of slow outputs to measure. The attribute ``outputs`` holds all measured outputs
     """
 
     def __init__(
@@ -100,8 +99,8 @@ class Scene:
             self.to_output = self.to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
         self.n_vertices = len(sensor.output_mesh.vertices)
         measured = kept_outputs(self.cavity is not None, legs=True, asked=OPTIONAL)
-        measured = (each for each in measured if not each.is_estimate)
-        self.outputs = tuple(each for each in measured if not each.at_surface or each.name in outputs)
+        measured = (each for each in measured if not each.is_estimate)  # those follow after a press
+        self.outputs = tuple(each for each in measured if not each.is_slow or each.name in outputs)
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:

@@ -10,6 +10,7 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.device import read
+from simgen.fem.elements.recovered_strain import RecoveredStrain
 from simgen.fem.precision import real
 from simgen.simulation.first_touch import dense_shapes
 from simgen.simulation.scene import Scene
@@ -96,6 +97,7 @@ class StateSampler:
         for contact in scene.fixed_contacts:
             contact.set_pose(np.tile(np.eye(4), (batch, 1, 1)))
         self.surface_outputs = SurfaceOutputs(scene)
+        self._recovered: RecoveredStrain | None = None
         self._rest_overlaps = [max(-self._nearest(contact)[0][0], 0.0) for contact in scene.fixed_contacts]
 
     def _nearest(self, contact, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -120,6 +122,12 @@ class StateSampler:
         wp.launch(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
         [displacements] = read(self._displacement[:count])
         return displacements
+
+    def error_energy(self, count: int) -> np.ndarray:
+        """Energy (count,) E mm3 of the strain's error in the first active environments; see `RecoveredStrain`."""
+        if self._recovered is None:
+            self._recovered = RecoveredStrain(self.scene.solver.elasticity, self.scene.batch)
+        return self._recovered.error_energy(self.scene.solver.x, count)
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
         """Deepest overlap (env,) with indenter, core and support, mm, and (env,) largest overlap over its face's edge.

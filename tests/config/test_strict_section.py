@@ -31,9 +31,9 @@ BAD = {
         r"takes the indenter 3\.513 mm from first touch; allowed: displacement float32, or a path that stays",
     ),
     "an error estimate of the coarsest mesh": (
-        "", ["outputs.digit=[force_error_estimate]", "sensors.digit.mesh=coarse"],
-        "digit: force_error_estimate compares with a coarser mesh, and sensors.digit.mesh is 'coarse'; allowed: mesh: "
-        "default or fine",
+        "", ["outputs.digit=[surface_error_estimate_m]", "sensors.digit.mesh=coarse"],
+        "digit: surface_error_estimate_m compares with a coarser mesh, and sensors.digit.mesh is 'coarse'; allowed: "
+        "mesh: default or fine",
     ),
     "an output of no sensor": ("", ["outputs.finger=[stress]"], "'finger' is no sensor of the job; allowed: digit"),
     "wrong unit in key": ("depths_m: {first: 1}", [], r"depths_m: unknown key.*did you mean depths_mm\?"),

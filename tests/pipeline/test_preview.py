@@ -24,7 +24,7 @@ def test_a_preview_fails_where_the_run_would():
 def test_the_coarser_mesh_of_an_error_estimate_counts():
     changes = ["sensors.digit.mesh=default", "sensors.biotac.mesh=coarse"]
     plain = preview(load_job("smoke", changes))
-    estimated = preview(load_job("smoke", [*changes, "outputs.digit=[force_error_estimate]"]))
+    estimated = preview(load_job("smoke", [*changes, "outputs.digit=[surface_error_estimate_m]"]))
     digit, biotac = estimated.sensors
     assert digit.unknowns_of_coarser == preview(load_job("smoke")).sensors[0].unknowns
     assert biotac.unknowns_of_coarser == 0

@@ -21,7 +21,7 @@ def test_a_filled_sensor_carries_its_core_and_the_pressure_in_its_cavity():
     assert "cavity_pressure" in {output.name for output in scene.outputs}
 
 
-def test_outputs_at_the_surface_are_measured_on_request():
+def test_slow_outputs_are_measured_on_request():
     block = make_block((2, 1, 2))
     plain, asked = ({output.name for output in Scene(block, GEL, outputs=outputs).outputs}
                     for outputs in ((), ("stress",)))  # fmt: skip
