@@ -22,11 +22,9 @@ def test_a_preview_fails_where_the_run_would():
 
 
 def test_the_coarser_mesh_of_an_error_estimate_counts():
-    changes = ["sensors.digit.mesh=default", "sensors.biotac.mesh=coarse"]
-    plain = preview(load_job("smoke", changes))
-    estimated = preview(load_job("smoke", [*changes, "outputs.digit=[surface_error_estimate_m]"]))
-    digit, biotac = estimated.sensors
-    assert digit.unknowns_of_coarser == preview(load_job("smoke")).sensors[0].unknowns
-    assert biotac.unknowns_of_coarser == 0
-    unknowns = digit.unknowns + biotac.unknowns
-    assert estimated.seconds / plain.seconds == pytest.approx(1.0 + digit.unknowns_of_coarser / unknowns)
+    coarse = preview(load_job("smoke", ["sensors={digit: {model: digit, mesh: coarse}}"]))
+    changes = ["sensors={digit: {model: digit, mesh: default}}", "outputs={digit: [surface_error_estimate_m]}"]
+    estimated = preview(load_job("smoke", changes))
+    [before], [digit] = coarse.sensors, estimated.sensors
+    assert (before.unknowns_of_coarser, digit.unknowns_of_coarser) == (0, before.unknowns)
+    assert estimated.seconds / coarse.seconds == pytest.approx(1.0 + digit.unknowns / before.unknowns)
