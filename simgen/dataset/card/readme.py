@@ -119,7 +119,7 @@ def _estimates(dataset: Dataset) -> Iterator[str]:
              if output.is_estimate]  # fmt: skip
     if asked:
         yield ""
-        yield "Estimated errors of the mesh (`load_dataset(..., max_error_um=5)` selects samples by them):"
+        yield "Estimated errors of the mesh (`load_dataset(..., max_error_um=5)` selects by the surface's):"
     for sensor, output in asked:
         valid = is_valid(dataset[f"{sensor}/status"])
         finding = estimated_error(sensor, output, dataset[f"{sensor}/{output.name}"][valid])

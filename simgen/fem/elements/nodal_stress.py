@@ -68,6 +68,12 @@ def stress_kernel(law: type[Law]) -> wp.Kernel:
 stress_kernel(NeoHookean)
 
 
+def node_points(nodes: int) -> np.ndarray:
+    """Barycentric coordinates (nodes, 4) of a tetrahedron's 4 corners, or of its 10 nodes."""
+    corners = np.eye(4)
+    return np.vstack([corners, 0.5 * (corners[TET_EDGES[:, 0]] + corners[TET_EDGES[:, 1]])])[:nodes]
+
+
 class NodalStress:
     """Stress of a body at some of its nodes (k,), without duplicates.
 
@@ -85,12 +91,10 @@ class NodalStress:
         self.volumes = np.zeros(len(nodes))
         here, which = np.nonzero(slots[elements] >= 0)
         np.add.at(self.volumes, slots[elements][here, which], of_elements[here])
-        corners = np.eye(4)
-        points = np.vstack([corners, 0.5 * (corners[TET_EDGES[:, 0]] + corners[TET_EDGES[:, 1]])])
         self._inputs = [
             wp.array(elements, dtype=wp.int32, device=device),
             wp.array(slots[elements], dtype=wp.int32, device=device),
-            wp.array(points[: tetrahedra.shape[1]], dtype=wp.vec4d, device=device),
+            wp.array(node_points(tetrahedra.shape[1]), dtype=wp.vec4d, device=device),
             wp.array(of_elements, dtype=wp.float64, device=device),
         ]
 

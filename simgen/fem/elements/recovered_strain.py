@@ -14,10 +14,11 @@ import warp as wp
 
 from simgen.fem.device import read
 from simgen.fem.elements.elasticity import Elasticity
-from simgen.fem.elements.element import TET_EDGES
 from simgen.fem.elements.element_fields import corner_gradients, interpolate
+from simgen.fem.elements.nodal_stress import node_points
 from simgen.fem.elements.solid import Solid
 from simgen.fem.precision import mat33, real
+from simgen.geometry.interpolation import shape_functions
 
 wp.set_module_options({"enable_backward": False})
 
@@ -88,17 +89,12 @@ class RecoveredStrain:
     def __init__(self, body: Elasticity, batch: int):
         self.body, device = body, body.device
         tetrahedra = body.host_tetrahedra
-        corners = np.eye(4)
-        points = np.vstack([corners, 0.5 * (corners[TET_EDGES[:, 0]] + corners[TET_EDGES[:, 1]])])
-        points = points[: tetrahedra.shape[1]]
+        points = node_points(tetrahedra.shape[1])
         volumes = body.solid.volumes.numpy().sum(axis=1)
         around = np.zeros(tetrahedra.max() + 1)
         np.add.at(around, tetrahedra, volumes[:, None])
-        at = body.solid.shapes.numpy().astype(float)
-        shapes = at
-        if tetrahedra.shape[1] == 10:
-            middle = 4.0 * at[:, TET_EDGES[:, 0]] * at[:, TET_EDGES[:, 1]]
-            shapes = np.hstack([at * (2.0 * at - 1.0), middle])
+        at = body.solid.shapes.numpy()
+        shapes = at if len(points) == 4 else shape_functions(at)
         self._points = wp.array(points, dtype=wp.vec4d, device=device)
         self._shares = wp.array(volumes[:, None] / around[tetrahedra], dtype=wp.float64, device=device)
         self._shapes = wp.array(shapes, dtype=wp.float64, device=device)
