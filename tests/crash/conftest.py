@@ -15,7 +15,7 @@ from simgen.sensors.sensor import remake
 # A slab of 97 output vertices, linear elements and one depth: these tests are about files.
 SENSOR = {**SLAB, "meshes": {"default": {"edge_length_mm": 4.0}}}
 PRESSES = [
-    "trajectories.count=4", "indenters=[sphere_7mm, ring_7mm]", "depths_mm={first: 0.1, last: 0.1, count: 1}",
+    "trajectories.count=4", "indenters=[sphere_14mm, ring_7mm]", "depths_mm={first: 0.25, last: 0.25, count: 1}",
     "solver.element=P1",
 ]  # fmt: skip
 SHARDS = 8
