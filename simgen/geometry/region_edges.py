@@ -36,9 +36,16 @@ def cut(
     length = np.linalg.norm(np.diff(vertices[crossed], axis=1)[:, 0], axis=1)[:, None]
     close = np.where(stays, np.maximum(np.minimum(NEAR, reach / length), AT), AT)
     apart = (share > close[:, 0]) & (1.0 - share > close[:, 1])
-    for (a, b), t in zip(crossed[apart], share[apart], strict=True):
-        vertices, faces = _split(vertices, faces, a, b, (1.0 - t) * vertices[a] + t * vertices[b])
-    return vertices, faces
+    split, share = crossed[apart], share[apart][:, None]
+    points = (1.0 - share) * vertices[split[:, 0]] + share * vertices[split[:, 1]]
+    affected = np.isin(faces, split).sum(axis=1) >= 2  # only these can have an edge that is split
+    pieces, whole = faces[affected], np.flatnonzero(affected)  # the face that a piece is, or -1 for a part of one
+    for new, (a, b) in enumerate(split, len(vertices)):
+        pieces, both = _split(pieces, a, b, new)
+        whole = np.concatenate([whole[~both], np.full(2 * both.sum(), -1)])
+    kept = ~affected
+    kept[whole[whole >= 0]] = True
+    return np.vstack([vertices, points]), np.concatenate([faces[kept], pieces[whole < 0]])
 
 
 def align(
@@ -57,8 +64,7 @@ def align(
     crossed, share = _crossings(vertices, crossed[~settled], inside, THIN)
     for (a, b), t in zip(crossed, share, strict=True):
         point = (1.0 - t) * vertices[a] + t * vertices[b]
-        more, finer = _split(vertices, tetrahedra, a, b, point)
-        both = (tetrahedra == a).any(axis=1) & (tetrahedra == b).any(axis=1)
+        more, (finer, both) = np.vstack([vertices, point]), _split(tetrahedra, a, b, len(vertices))
         before = mean_ratio(vertices, tetrahedra[both]).min()
         if mean_ratio(more, finer[(finer == len(vertices)).any(axis=1)]).min() >= min(LEAST_SHAPE, before):
             vertices, tetrahedra = more, finer
@@ -108,10 +114,13 @@ def _warp(vertices, tetrahedra, crossed, share, inside, meeting) -> np.ndarray:
     return settled
 
 
-def _split(vertices, simplices, a, b, point) -> tuple[np.ndarray, np.ndarray]:
-    """Split edge a-b, and every triangle or tetrahedron that has it, at a point, which becomes the last vertex."""
+def _split(simplices: np.ndarray, a: int, b: int, new: int) -> tuple[np.ndarray, np.ndarray]:
+    """Split edge a-b, and every triangle or tetrahedron that has it, at a new vertex.
+
+    Returns the others and then the halves, and the mask of those that were split.
+    """
     both = (simplices == a).any(axis=1) & (simplices == b).any(axis=1)
-    new, first, second = len(vertices), simplices[both], simplices[both]
+    first, second = simplices[both], simplices[both]
     first[first == b] = new
     second[second == a] = new
-    return np.vstack([vertices, point]), np.concatenate([simplices[~both], first, second])
+    return np.concatenate([simplices[~both], first, second]), both

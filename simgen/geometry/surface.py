@@ -1,5 +1,7 @@
 """Queries on triangulated surfaces: closest points, small pieces in a ball, smooth patches, shells, volume."""
 
+from itertools import pairwise
+
 import numpy as np
 import trimesh
 from scipy.sparse import coo_matrix
@@ -116,10 +118,9 @@ def smooth_patches(surface: trimesh.Trimesh, region: np.ndarray | None = None) -
 
 def patches_at(n: int, faces: np.ndarray, patch: np.ndarray) -> list[set[int]]:
     """Labels of the patches that meet at each of n vertices, from faces (f, 3) and their ``patch`` (f,)."""
-    meeting = [set() for _ in range(n)]
-    for corner, label in zip(faces.ravel(), np.repeat(patch, 3), strict=True):
-        meeting[corner].add(int(label))
-    return meeting
+    at = coo_matrix((np.ones(faces.size), (faces.ravel(), np.repeat(patch, 3))), shape=(n, patch.max() + 1)).tocsr()
+    labels, start = at.indices.tolist(), at.indptr.tolist()
+    return [set(labels[i:j]) for i, j in pairwise(start)]
 
 
 def shells(surface: trimesh.Trimesh) -> list[np.ndarray]:
