@@ -1,5 +1,7 @@
 """The audit: a sound dataset passes; each way of spoiling one is found by the line that is there for it."""
 
+import shutil
+
 import fake
 import numpy as np
 import pytest
@@ -13,10 +15,15 @@ from simgen.pipeline.run import run
 from simgen.report.effort import effort_section
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return run(fake.make_plan(fake.make_job()), tmp_path_factory.mktemp("whole") / "d.zarr", build=fake.fake_presser)
+
+
 @pytest.fixture
-def dataset(tmp_path):
-    path = tmp_path / "d.zarr"
-    return run(fake.make_plan(fake.make_job()), path, build=fake.fake_presser)
+def dataset(whole, tmp_path):
+    """A copy, to be spoiled."""
+    return Dataset(shutil.copytree(whole.path, tmp_path / "d.zarr"))
 
 
 def failures(dataset: Dataset) -> set[str]:

@@ -25,10 +25,15 @@ def make_job(count, **changes):
     return fake.make_job(**{"trajectories": {"count": count}, "dataset": WHOLE, **changes})
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return run(fake.make_plan(make_job(4)), tmp_path_factory.mktemp("whole") / "d.zarr", build=fake.fake_presser)
+
+
 @pytest.fixture
-def folder(tmp_path):
-    run(fake.make_plan(make_job(4)), tmp_path / "d.zarr", build=fake.fake_presser)
-    return tmp_path / "d.zarr"
+def folder(whole, tmp_path):
+    """A copy, to be grown."""
+    return shutil.copytree(whole.path, tmp_path / "d.zarr")
 
 
 def test_only_what_is_new_is_solved(folder):
