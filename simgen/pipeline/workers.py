@@ -6,6 +6,7 @@ Only this file imports dask.
 import json
 import logging
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
@@ -33,6 +34,14 @@ STARTS = 3  # attempts to start a process that is killed as it starts
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 # Threads that write shards must not block threads that feed a GPU for Python's usual 5 ms.
 SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
+# CPU processes are forked from one that has imported these, because each import takes 3 s. That process has no threads
+# and does not initialise Warp. Others than Linux have no safe fork, and processes with a GPU were not measured.
+IMPORTED_BEFORE_FORK = ["distributed", "simgen.pipeline.shard"]
+FORK = {
+    "distributed.worker.multiprocessing-method": "forkserver",
+    # Otherwise dask has freed memory returned at once, and half of a sensor's loading goes into getting it back.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+}
 # Otherwise dask samples the stacks of all threads every 10 ms, for its dashboard.
 NO_PROFILE = {"distributed.worker.profile.enabled": False}
 
@@ -195,14 +204,17 @@ def visible_gpus(device: str) -> list[str]:
     return [names[int(number)]] if number else names
 
 
-def local_cluster(environments: list[dict[str, str]]):
+@contextmanager
+def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
     """Make a dask cluster on this machine, with a process for each environment, which it keeps when it starts again.
 
     A process with a GPU of its own has several threads. The presses of their tasks are solved together (see ``pool``),
     and no task waits while another one writes.
     """
+    import dask
     from dask.distributed import Nanny, Scheduler, SpecCluster, Status
     from distributed.system import MEMORY_LIMIT
+    from distributed.utils import get_mp_context
 
     class QuickNanny(Nanny):
         """Ends its worker after half a second instead of five, because unfinished work is of no use.
@@ -227,15 +239,19 @@ def local_cluster(environments: list[dict[str, str]]):
     shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's default is a share by cores
     threads = [TASKS_PER_GPU_PROCESS if environment else 1 for environment in environments]
     preload = [[IGNORE_INTERRUPTS, *([SHORT_TURNS] if environment else [])] for environment in environments]
+    variables = [{**os.environ, **environment} for environment in environments]  # those of now, not of the first fork
     workers = {
-        i: {"cls": QuickNanny, "options": {**shared, "nthreads": count, "env": environment, "preload": before}}
-        for i, (count, environment, before) in enumerate(zip(threads, environments, preload, strict=True))
+        i: {"cls": QuickNanny, "options": {**shared, "nthreads": count, "env": own, "preload": before}}
+        for i, (count, own, before) in enumerate(zip(threads, variables, preload, strict=True))
     }
     options = {"host": "127.0.0.1", "port": 0, "dashboard_address": "127.0.0.1:0", "dashboard": None}
     # Two other processes try the tasks of a dead one, then `simgen.pipeline.run` decides.
     options |= {"allowed_failures": 2, "worker_ttl": LONGEST_SILENCE}
     here = {"cls": Scheduler, "options": options}
-    return SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL")
+    with dask.config.set(FORK if sys.platform == "linux" and not any(environments) else {}):
+        get_mp_context().set_forkserver_preload(IMPORTED_BEFORE_FORK)
+        with SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL") as cluster:
+            yield cluster
 
 
 def scheduler_address(file: Path) -> str:

@@ -29,7 +29,7 @@ def workers_among(processes: list[psutil.Process]) -> list[psutil.Process]:
     found = []
     for process in processes:
         try:
-            if "spawn_main" in " ".join(process.cmdline()):
+            if "forkserver" in " ".join(process.cmdline()):
                 found.append(process)
         except psutil.Error:  # it has ended
             continue
@@ -37,7 +37,7 @@ def workers_among(processes: list[psutil.Process]) -> list[psutil.Process]:
 
 
 def kill(process, what: str, chance: random.Random) -> None:
-    """kill -9 the run's own process, one of its workers, or all at once."""
+    """kill -9 the run's own process, a worker or what workers are forked from, or all at once."""
     if what == "all":
         os.killpg(process.pid, signal.SIGKILL)
     elif what == "run":

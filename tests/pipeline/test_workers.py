@@ -82,8 +82,9 @@ def test_a_process_that_is_killed_as_it_starts_is_started_again(dying):
         assert len(started.started[0].nthreads()) == 2
 
 
-def test_processes_that_never_start_are_one_line(dying):
+def test_processes_that_never_start_are_one_line(dying, client):
     dying(6)
+    assert client.nthreads()  # the process that workers are forked from is there, and stays
     before = set(psutil.Process().children(recursive=True))
     once = pytest.raises(InputError, match="one of 1 workers did not start: killed or out of memory 3 times")
     with start_workers(fake.make_job(), count=1, build=fake.fake_presser) as started, once:
