@@ -3,6 +3,8 @@
 Commands import what they need when they run, so that ``simgen --help`` is quick.
 """
 
+import atexit
+import gc
 import os
 import sys
 from functools import partial
@@ -310,6 +312,8 @@ app.command("calibrate-optics")(images.calibrate_optics)
 
 def main() -> None:
     """Run the console script. Bad input prints one line and exits with code 2; an interrupt exits with 130."""
+    gc.set_threshold(50_000)  # a command makes millions of objects, and nearly all stay or are in no cycle
+    atexit.register(gc.freeze)  # looking for cycles at the end would take half a second
     try:
         app()
     except InputError as error:
