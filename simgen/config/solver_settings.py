@@ -35,12 +35,14 @@ class SolverSettings(StrictSection):
         "[physics](physics.md#material))",
     )  # fmt: skip
     contact_stiffness: float = Field(
-        20.0, ge=1.0, le=1e3,
+        40.0, ge=1.0, le=1e3,
         description="Normal contact stiffness k h / E of the augmented Lagrangian, with the edge length h of each face",
     )  # fmt: skip
     friction_stiffness: float = Field(
-        20.0, ge=0.1, le=1e3, description="Friction stiffness k h / E of the augmented Lagrangian, with the same h"
-    )
+        4.0, ge=0.1, le=1e3,
+        description="Friction stiffness k h / E of the augmented Lagrangian, with the same h. A larger one holds each "
+        "point of a face where it touched, which quadratic faces cannot follow: the contact becomes too stiff",
+    )  # fmt: skip
     max_newton_iterations: int = Field(
         25, ge=1, le=1000,
         description="Largest number of Newton iterations in an undamped load step; a step that needs more is halved. A "

@@ -49,7 +49,7 @@ def test_another_job_is_refused_with_the_difference(job, whole, tmp_path, comman
     before, path = fake.contents(whole), tmp_path / "d.zarr"
     shutil.copytree(whole, path)
     ended = command("run", *job, "solver.friction_stiffness=30", "--output", path, "--scheduler", "sync")
-    check_refusal(*ended, "holds another dataset (job.solver.friction_stiffness: 20.0 -> 30.0)")
+    check_refusal(*ended, "holds another dataset (job.solver.friction_stiffness: 4.0 -> 30.0)")
     assert fake.contents(path) == before
 
 

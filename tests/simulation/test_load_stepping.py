@@ -258,7 +258,7 @@ def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch,
         assert result.certificate["substeps"][2] > result.certificate["substeps"][1]
 
 
-@pytest.mark.parametrize(("most", "statuses"), [(25, [0, 0, 0, 0]), (0, [0, 0, 9, 9])])
+@pytest.mark.parametrize(("most", "statuses"), [(25, [0, 0, 0, 0]), (0, [0, 0, 0, 9])])
 def test_only_short_increments_are_repeated_for_elements_that_are_inside_out(block, monkeypatch, most, statuses):
     scene = Scene(block, GEL)
     monkeypatch.setattr(scene.solver.elasticity, "expect", lambda x: None)  # nothing is stabilised before

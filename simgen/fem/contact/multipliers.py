@@ -28,8 +28,6 @@ wp.set_module_options({"enable_backward": False})
 # Largest factors on a face's stiffness: at the start of an increment, and if the increment is solved again for a deep
 # overlap. With such a stiffness on all faces the surface locks: forces rise by 1 to 7 %.
 MAX_STIFFENING, MAX_IN_INCREMENT = 16.0, 128.0
-# Measured: with it, forces depend least on the load step (docs/accuracy.md). 3/2 is a straight way at constant speed.
-WAY_EXPONENT = wp.constant(wp.float64(1.8))
 ALLOWED_OVERLAP = wp.constant(wp.float64(0.15))  # share of a face's edge: beyond, its stiffness grows with the overlap
 
 
@@ -63,15 +61,15 @@ def stiffen_kernel(s: Surface, x: Vectors, most: wp.float64, active: Envs, stiff
 def way_until_entry(gap_before: real, gap: real, gap_predicted: real, ratio: real):
     """Share of the way to the predicted state after which a point with a positive gap enters contact.
 
-    Near the edge of a contact, a gap closes as (time until entry)^(3/2), and the point's way along the surface ends as
-    (time until entry)^`WAY_EXPONENT`. Gap and way of the last increment determine what is left of both. The predicted
-    state is ``ratio`` times the last increment away; 0 if there is none in this direction. Then the way is straight.
+    Near the edge of a contact, a gap closes as (time until entry)^(3/2). The point's way along the surface slows down
+    alike. So what is left of the way is to the last increment's way as the gap is to what that increment closed, and at
+    most the way of an entry at the predicted state. That state is ``ratio`` times the last increment away; 0 if there
+    is none in this direction. Then the way is straight.
     """
     if ratio > real(0.0) and gap_before > gap:
-        time = real(1.0) / (wp.pow(gap_before / gap, real(2.0) / real(3.0)) - real(1.0))  # in last increments
-        time = wp.min(time, ratio)
-        left = wp.pow(time, WAY_EXPONENT)
-        return wp.min(left / (wp.pow(real(1.0) + time, WAY_EXPONENT) - left) / ratio, real(1.0))
+        at_the_end = wp.pow(ratio, real(1.5)) / (wp.pow(real(1.0) + ratio, real(1.5)) - wp.pow(ratio, real(1.5)))
+        left = wp.min(gap / (gap_before - gap), at_the_end)  # in ways of the last increment
+        return wp.min(left / ratio, real(1.0))
     return gap / (gap - wp.min(gap_predicted, real(0.0)))
 
 
