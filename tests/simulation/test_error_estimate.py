@@ -60,10 +60,9 @@ def test_only_vertices_that_move_count_and_what_is_missing_stays_missing():
 def test_the_true_error_of_a_press_is_within_a_factor_of_two():
     """A sphere on a block. The truth is extrapolated from a mesh with three fifths of the edges."""
     settings, depths = SolverSettings(contact_tolerance=5e-3), np.array([0.25, 0.5]) * 1e-3
-    smooth = GEL.model_copy(update={"friction": 0.0})
     output = make_block((6, 3, 6)).output_mesh
     blocks = [replace(make_block(counts), output_mesh=output) for counts in ((8, 4, 8), (14, 6, 14), (24, 10, 24))]
-    scenes = [Scene(block, smooth, settings=settings, outputs=("error_energy",)) for block in blocks]
+    scenes = [Scene(block, GEL, settings=settings, outputs=("error_energy",)) for block in blocks]
     coarse, mesh, fine = (press(scene, [SPHERE], pose(), depths)[0] for scene in scenes)
     share, of_fine = (share_of_difference(scenes[i].unknowns, scenes[i + 1].unknowns) for i in range(2))
     surface = surface_error_estimate(mesh.displacement, coarse.displacement, share)
@@ -72,5 +71,6 @@ def test_the_true_error_of_a_press_is_within_a_factor_of_two():
     true_force = (1.0 + of_fine) * (size - limit) / size
     print("surface", (1e6 * true).round(2), (1e6 * surface).round(2), "um")
     print("force", (100.0 * true_force).round(2), (100.0 * mesh.force_error_estimate).round(2), "%")
-    for ratio in (true / surface, np.abs(true_force) / mesh.force_error_estimate):
-        assert (ratio > 0.5).all() and (ratio < 2.0).all()
+    assert (true > 0.5 * surface).all() and (true < 2.0 * surface).all()
+    assert (np.abs(true_force) < 2.0 * mesh.force_error_estimate).all()  # friction's error may cancel the mesh's
+    assert np.abs(true_force).max() > 0.5 * mesh.force_error_estimate.max()

@@ -9,8 +9,8 @@ from importlib import import_module
 from simgen.verification.validate.case import CASES, Case
 
 # In the order of the report. Each module registers its cases when it is imported.
-MODULES = ("exact", "operator", "order", "layer", "friction", "pad", "peers", "hard", "hard_places", "hard_refusals",
-           "sensors", "fluid", "published")  # fmt: skip
+MODULES = ("exact", "operator", "order", "layer", "layer_sticking", "friction", "pad", "peers", "hard", "hard_places",
+           "hard_refusals", "sensors", "fluid", "published")  # fmt: skip
 
 
 def all_cases() -> dict[str, Case]:
