@@ -14,8 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from simgen.verification.validate.layer_press import MODULUS_MPA, RADIUS_MM
-from simgen.verification.validate.layer_reference import HEIGHT_MM, POISSON_RATIO
+from simgen.verification.validate.layer_reference import HEIGHT_MM, MODULUS_MPA, POISSON_RATIO, RADIUS_MM
 
 MU = MODULUS_MPA / (2.0 * (1.0 + POISSON_RATIO))
 LAMBDA = 2.0 * MU * POISSON_RATIO / (1.0 - 2.0 * POISSON_RATIO)
