@@ -39,7 +39,7 @@ def cut(
     split, share = crossed[apart], share[apart][:, None]
     points = (1.0 - share) * vertices[split[:, 0]] + share * vertices[split[:, 1]]
     affected = np.isin(faces, split).sum(axis=1) >= 2  # only these can have an edge that is split
-    pieces, whole = faces[affected], np.flatnonzero(affected)  # the face that a piece is, or -1 for a part of one
+    pieces, whole = faces[affected], np.flatnonzero(affected)  # face number of each piece; -1 for a part of a face
     for new, (a, b) in enumerate(split, len(vertices)):
         pieces, both = _split(pieces, a, b, new)
         whole = np.concatenate([whole[~both], np.full(2 * both.sum(), -1)])
@@ -72,7 +72,7 @@ def align(
 
 
 def _crossings(vertices, edges, inside, off: float) -> tuple[np.ndarray, np.ndarray]:
-    """Edges (k, 2) with one end inside, and the share (k,) of each, from its first end, where the region ends.
+    """Find edges (k, 2) with one end inside, and where on each the region ends: share (k,) of it from its first end.
 
     Ends are tested ``off`` (a share of the edge) away from the corners, which may lie on the region's edge. Crossings
     closer to a corner are not found.

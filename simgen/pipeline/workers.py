@@ -35,11 +35,11 @@ IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)
 # Threads that write shards must not block threads that feed a GPU for Python's usual 5 ms.
 SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
 # CPU processes are forked from one that has imported these, because each import takes 3 s. That process has no threads
-# and does not initialise Warp. Other systems than Linux have no safe fork. With a GPU it is not measured.
+# and does not initialise Warp. Other systems than Linux have no safe fork. Forking with a GPU is not measured.
 IMPORTED_BEFORE_FORK = ["distributed", "simgen.pipeline.shard"]
 FORK = {
     "distributed.worker.multiprocessing-method": "forkserver",
-    # Otherwise dask has freed memory returned at once, and half of a sensor's loading goes into getting it back.
+    # Otherwise dask makes processes return freed memory at once. Getting it back takes half of a sensor's loading time.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
 }
 # Otherwise dask samples the stacks of all threads every 10 ms, for its dashboard.
@@ -140,8 +140,8 @@ def start_workers(
     With the address of a ``scheduler``, its workers solve once there are ``count`` of them or after `LONGEST_WAIT_S`.
     They must see the same file system. With "sync", this process solves.
 
-    Raises `InputError` for a device that this machine lacks, unless the workers are elsewhere, for a scheduler that
-    does not answer, and, on first use, for a process that does not start.
+    Raises `InputError` for a scheduler that does not answer and, on first use, for a process that does not start.
+    Raises it also for a device that this machine lacks, unless a scheduler's workers solve.
     """
     if scheduler is None or scheduler == "sync":
         check_device(device)
@@ -184,7 +184,7 @@ def start_workers(
                 number, why = len(environments), error.__cause__ or error
                 raise InputError(f"one of {number} workers did not start: {why}") from None
             client = stack.enter_context(Client(cluster))
-            own = {"allow_other_workers": True, "pure": False}  # others, if it is lost
+            own = {"allow_other_workers": True, "pure": False}  # others if this one is lost
             addresses = client.nthreads()
             return client, [client.submit(prepare, job, there, build, workers=[each], **own) for each in addresses]
 
@@ -206,10 +206,10 @@ def visible_gpus(device: str) -> list[str]:
 
 @contextmanager
 def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
-    """Make a dask cluster on this machine, with a process for each environment, which it keeps when it starts again.
+    """Make a dask cluster on this machine, with a process for each environment.
 
-    A process with a GPU of its own has several threads. The presses of their tasks are solved together (see ``pool``),
-    and no task waits while another one writes.
+    A process that starts again keeps its environment. A process with a GPU of its own has several threads. The presses
+    of their tasks are solved together (see ``pool``), and no task waits while another one writes.
     """
     import dask
     from dask.distributed import Nanny, Scheduler, SpecCluster, Status

@@ -42,7 +42,7 @@ from simgen.units import MM
 NAMES = ("default", "coarse", "fine")  # of simulation meshes
 EXACT = 1e-9  # m; vertices of a user's own tetrahedra lie on the surface already
 ATTEMPTS = 4  # fTetWild is not reproducible, and one mesh in many fails a gate
-MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 35,000
+MOST_CELLS = 2_000_000  # cubes of an edge's length in the gel's bounding box; the DIGIT's fine mesh has 40,000
 BOND_GROWTH = 0.7  # m of edge length per m of distance from an edge of a held region
 LEAST_ENVELOPE = 1e-3  # of an edge's length
 FARTHEST = 0.02  # of the gel's longest side: largest distance of a given output mesh's vertex from the gel
