@@ -61,10 +61,10 @@ def stiffen_kernel(s: Surface, x: Vectors, most: wp.float64, active: Envs, stiff
 def way_until_entry(gap_before: real, gap: real, gap_predicted: real, ratio: real):
     """Share of the way to the predicted state after which a point with a positive gap enters contact.
 
-    Near the edge of a contact, a gap closes as (time until entry)^(3/2). The point's way along the surface slows down
-    alike. So what is left of the way is to the last increment's way as the gap is to what that increment closed, and at
-    most the way of an entry at the predicted state. That state is ``ratio`` times the last increment away; 0 if there
-    is none in this direction. Then the way is straight.
+    Near the edge of a contact, a gap closes as (time until entry)^(3/2). The point's motion along the surface slows
+    down in the same manner. So the remaining way over the last increment's way equals the gap over what that increment
+    closed. It is at most the way of an entry at the predicted state. That state is ``ratio`` times the last increment
+    away; 0 if there is none in this direction. Then the way is straight.
     """
     if ratio > real(0.0) and gap_before > gap:
         at_the_end = wp.pow(ratio, real(1.5)) / (wp.pow(real(1.0) + ratio, real(1.5)) - wp.pow(ratio, real(1.5)))
