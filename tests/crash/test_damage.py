@@ -68,7 +68,7 @@ def test_rotten_files_are_named_and_repaired(whole, tmp_path, command):
     for file in (displacement, path / "slab/touch/c/2", manifest):
         assert str(file.relative_to(path)) in output
     code, output, errors = command("check", path, "--repair", "--scheduler", "sync")
-    assert code == 0 and f"{SHARDS} of {SHARDS} presses" in output, errors
+    assert code == 0 and f"{SHARDS} of {SHARDS} presses" in output, output + errors
     assert fake.contents(path) == fake.contents(whole)
 
     (path / "slab/rest_positions/c/0/0").write_bytes(b"")

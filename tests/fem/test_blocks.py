@@ -9,7 +9,7 @@ from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.precision import mat33f
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def number_kernel(blocks_out: blocks.Blocks):
     """Block k of environment e: all e + 100 k, and as much again in the last column."""
     k, env = wp.tid()
@@ -19,7 +19,7 @@ def number_kernel(blocks_out: blocks.Blocks):
     blocks.add_block(blocks_out, k, env, K * wp.diag(wp.vec3f(0.0, 0.0, 1.0)))
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def read_kernel(made: blocks.Blocks, sum_out: wp.array2d(dtype=wp.float32)):
     k, env = wp.tid()
     K = blocks.block(made, k, env)

@@ -6,7 +6,7 @@ import warp as wp
 from simgen.fem.chunks import CHUNK, chunk_dot, chunks, load_chunk, store_chunk
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def chunk_kernel(
     a: wp.array2d(dtype=wp.float32), b: wp.array2d(dtype=wp.float32),
     # outputs

@@ -85,7 +85,7 @@ def test_sampled_derivatives(sampled_sphere):
     assert np.quantile(np.abs(hessian - curvature).max(axis=(1, 2)), 0.99) < 1e-5
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def distance_kernel(shapes: wp.array(dtype=RigidShape), points: wp.array(dtype=wp.vec3d),
                     distance_out: wp.array(dtype=wp.float64)):  # fmt: skip
     i = wp.tid()

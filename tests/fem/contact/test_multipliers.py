@@ -84,7 +84,7 @@ def test_slip_counts_from_entry(height, counted):
     np.testing.assert_allclose(slip, -0.004 * counted, atol=1e-12)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def share_kernel(gaps: wp.array(dtype=wp.vec3d), ratio: wp.float64, share_out: wp.array(dtype=wp.float64)):
     i = wp.tid()
     share_out[i] = way_until_entry(gaps[i][0], gaps[i][1], gaps[i][2], ratio)

@@ -27,7 +27,7 @@ def test_stiffness_goes_with_one_over_the_edge():
 
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def least_gap_kernel(s: Surface, x: wp.array2d(dtype=wp.float64), least_out: wp.array2d(dtype=wp.float64)):
     f, env = wp.tid()
     least_out[f, env] = gap_lower_bound(s, face_positions(s, x, f, env), env)
@@ -91,7 +91,7 @@ def test_friction_sticks_then_slides_on_the_cone(slip, expected):
     assert force[0, 1] == pytest.approx(0.6 * 36.0)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def return_kernel(
     trials: wp.array(dtype=vec3), radius: real, normal: vec3,
     # outputs

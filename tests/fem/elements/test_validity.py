@@ -15,7 +15,7 @@ REFERENCE = np.vstack([np.zeros(3), np.eye(3)])  # x(xi) = xi
 EVERYWHERE = lattice(24)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def verdict_kernel(
     corners: wp.array2d(dtype=mat33), parts: wp.array(dtype=wp.mat44d), levels: wp.int32,
     # outputs
@@ -26,7 +26,7 @@ def verdict_kernel(
     verdict_out[e] = wp.where(is_inside_out(A, B, C, D, parts, levels), 1, 0)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def bound_kernel(
     deformed: wp.array2d(dtype=mat33), rest: wp.array2d(dtype=mat33), parts: wp.array(dtype=wp.mat44d),
     levels: wp.int32,

@@ -37,7 +37,7 @@ TANGENTS = {NeoHookean: neo_hookean_tangent, Yeoh: yeoh_tangent}
 def point_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel]:
     tangent, module = TANGENTS[law], law_module(__name__, law)
 
-    @wp.kernel(module=module)
+    @wp.kernel(module=module, enable_backward=False)
     def stress_kernel(
         F: wp.array(dtype=mat33),
         dF: wp.array(dtype=mat33),
@@ -58,7 +58,7 @@ def point_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel]:
         dP_out[i] = tangent(F[i], dF[i], cof, metric, alpha, beta, dp, c)
         cauchy_out[i] = law.cauchy(F[i], J, p, mu, gamma, c)
 
-    @wp.kernel(module=module)
+    @wp.kernel(module=module, enable_backward=False)
     def modulus_kernel(
         F: mat33f,
         dF: mat33f,
