@@ -30,7 +30,8 @@ class Presses:
 
 def paired_presses(sensor: str, mesh: str, trajectories: int, batch: int, device: str, overrides=()) -> Presses:
     """Make presses of the first contacts of jobs/paired.yaml on one sensor, in random order."""
-    job = load_job("paired", [f"trajectories.count={trajectories}", f"sensors.{sensor}.mesh={mesh}", *overrides])
+    changes = [f"trajectories.count={trajectories}", f"sensors.{sensor}.mesh={mesh}", "outputs={}"]
+    job = load_job("paired", [*changes, *overrides])
     plan = make_plan(job)
     scene = job_scene(job, sensor, batch, device)
     poses = np.linalg.inv(plan.arrays[f"{sensor}/pose"]) @ plan.arrays["press/contact_pose"]

@@ -155,7 +155,7 @@ def main():
     if asked.crew == 1:
         stopwatch.watch()
     rounds, reports = Rounds(stopwatch, asked.device, of_kernels=asked.crew == 1), []
-    job = load_job("paired", [f"trajectories.count={asked.trajectories}", *asked.set])
+    job = load_job("paired", [f"trajectories.count={asked.trajectories}", "outputs={}", *asked.set])
     plan = make_plan(job, asked.device)
     prepare(job, asked.device)
     begin = time.perf_counter()

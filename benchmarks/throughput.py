@@ -63,7 +63,7 @@ def main():
     parser.add_argument("--workers", nargs="+", type=int, default=[1])
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="keys of the job to replace")
     asked = parser.parse_args()
-    job = load_job("paired", [f"trajectories.count={asked.trajectories}", *asked.set])
+    job = load_job("paired", [f"trajectories.count={asked.trajectories}", "outputs={}", *asked.set])
     rows = []
     for workers in asked.workers:
         folder = Path(tempfile.mkdtemp()) / "dataset.zarr"

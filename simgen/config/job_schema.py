@@ -117,7 +117,7 @@ class Job(StrictSection):
             if estimates and getattr(sensors[name], "mesh", "") == "coarse":
                 raise ValueError(
                     f"{name}: {estimates[0]} compares with a coarser mesh, and sensors.{name}.mesh is 'coarse'; "
-                    "allowed: mesh: default or fine"
+                    "allowed: mesh: default or fine, or an output that needs no second mesh"
                 )
         # One fixed order: the same outputs are the same job.
         return {name: tuple(filter(outputs[name].__contains__, OPTIONAL)) for name in sensors if outputs.get(name)}

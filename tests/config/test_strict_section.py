@@ -33,7 +33,7 @@ BAD = {
     "an error estimate of the coarsest mesh": (
         "", ["outputs.digit=[surface_error_estimate_m]", "sensors.digit.mesh=coarse"],
         "digit: surface_error_estimate_m compares with a coarser mesh, and sensors.digit.mesh is 'coarse'; allowed: "
-        "mesh: default or fine",
+        "mesh: default or fine, or an output that needs no second mesh",
     ),
     "an output of no sensor": ("", ["outputs.finger=[stress]"], "'finger' is no sensor of the job; allowed: digit"),
     "wrong unit in key": ("depths_m: {first: 1}", [], r"depths_m: unknown key.*did you mean depths_mm\?"),
