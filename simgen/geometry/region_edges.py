@@ -11,7 +11,7 @@ import numpy as np
 from simgen.geometry.mesh_quality import mean_ratio
 
 # Distances from a corner to the crossing, as shares of the mesh edge:
-NEAR = 0.3  # the corner may move to the crossing; below 1/3, the place of a triangle's centre
+NEAR = 0.3  # the corner may move to the crossing; less than 1/3, where the centre of a triangle lies
 AT = 0.02  # the corner counts as on the region's edge
 THIN = 0.15  # no tetrahedron's edge is split closer to a corner
 LEAST_SHAPE = 0.3  # mean ratio after a move or a split, at least: what fTetWild guarantees

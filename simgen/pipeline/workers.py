@@ -35,7 +35,7 @@ IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)
 # Threads that write shards must not block threads that feed a GPU for Python's usual 5 ms.
 SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
 # CPU processes are forked from one that has imported these, because each import takes 3 s. That process has no threads
-# and does not initialise Warp. Other systems than Linux have no safe fork. Forking with a GPU is not measured.
+# and does not initialise Warp. Systems other than Linux have no safe fork. Forking with a GPU is not measured.
 IMPORTED_BEFORE_FORK = ["distributed", "simgen.pipeline.shard"]
 FORK = {
     "distributed.worker.multiprocessing-method": "forkserver",

@@ -292,7 +292,7 @@ class LoadStepping:
         self._store_samples(converged & (self.target == self.goal))
 
     def _end(self, env: int, status: int, failed: bool = False):
-        """End a try. If its press's result is now certain, end the press; else the press waits for its second try."""
+        """End a try. If its press's result is now certain, end the press; else the press waits for its other try."""
         press, ended = self.press[env], self.tries[env]
         ended.status, ended.failed = status, failed
         self._waiting.learn(press.shape, self._try_iterations[env])

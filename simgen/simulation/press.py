@@ -158,7 +158,7 @@ def begin_presses(
 
 
 def result_of(stepping: LoadStepping, press: Press) -> PressResult:
-    """Collect the samples of a press that has ended in arrays over the steps of its path."""
+    """Collect the samples of an ended press into arrays over the steps of its path."""
     scene, steps, samples = stepping.scene, len(stepping.path), press.samples
     vertices, surface_vertices = scene.n_vertices, len(scene.sensor.output_mesh.surface_vertices)
     displacement = press.displacement

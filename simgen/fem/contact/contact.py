@@ -65,8 +65,8 @@ class Last(NamedTuple):
     """The increment before, from which the next one is predicted.
 
     x, poses : state and poses of the shapes (env, 4, 4) at its start
-    ratio : (env,) length of the next increment over its length; 0 at the start of a path, where the path turns, and
-        after a much shorter increment, which tells little
+    ratio : (env,) length of the next increment over its length; 0 at the start of a path, where the path turns by
+        a right angle or more, and after a much shorter increment, which tells little
     """
 
     x: wp.array

@@ -1,7 +1,7 @@
 """An axisymmetric code of its own for a sphere on a bonded layer, whose points stick where they touch.
 
 It shares no code with the solver, and its contact has neither stiffness nor load steps. One node of the surface enters
-contact in each step: the step's depth is the unknown, and "this node touches" its equation. So every node sticks
+contact in each step: the step's depth is the unknown, and its equation is that this node touches. So every node sticks
 exactly where it touches, which is the limit of small load steps for friction that lets nothing slide.
 
 Biquadratic displacement and bilinear pressure (Taylor-Hood, Q2-Q1) on a rectangle. The law is that of the reference
