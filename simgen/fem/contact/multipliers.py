@@ -63,8 +63,8 @@ def way_until_entry(gap_before: real, gap: real, gap_predicted: real, ratio: rea
 
     Near the edge of a contact, a gap closes as (time until entry)^(3/2). The point's motion along the surface slows
     down in the same manner. So the remaining way over the last increment's way equals the gap over what that increment
-    closed. It is at most the way of an entry at the predicted state. That state is ``ratio`` times the last increment
-    away; 0 if there is none in this direction. Then the way is straight.
+    closed. It is at most the way of an entry at the predicted state. ``ratio`` is the way to that state over the last
+    increment's way, or 0 if the last increment had another direction. Then the way is straight.
     """
     if ratio > real(0.0) and gap_before > gap:
         at_the_end = wp.pow(ratio, real(1.5)) / (wp.pow(real(1.0) + ratio, real(1.5)) - wp.pow(ratio, real(1.5)))
