@@ -10,10 +10,10 @@ Both grow with its weight w::
 
 The first is quadratic in u. It is zero for rotations and for uniform strains of any size, and vanishes as h^2 for
 smooth fields. The second raises the bulk stiffness by at most a quarter, so that compressible solids stay compressible.
-Weights start at zero and never fall during a press. An element gets a weight, or twice its weight if it is very flat,
-where an increment starts or is expected to end. If it is inverted where the increment has converged, its weight is
-doubled, and the increment is solved again (see ``load_stepping``). If it is inverted where damping begins, its weight
-is doubled, too.
+Weights start at zero and never fall during a press. They make the body stiffer, so they are small. An element that is
+nearly flat gets a weight where an increment starts or is expected to end. If it is inverted where the increment has
+converged, its weight is doubled, and the increment is solved again (see ``load_stepping``). If it is inverted where
+damping begins, its weight is doubled, too.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from simgen.fem.precision import real, single
 
 wp.set_module_options({"enable_backward": False})
 
-FIRST, MOST = wp.constant(wp.float32(2.0)), wp.constant(wp.float32(1024.0))  # weights
+FIRST, MOST = wp.constant(wp.float32(1.0)), wp.constant(wp.float32(1024.0))  # weights
 MOST_EXTRA_OF_LAM = 0.25
-FLAT = wp.constant(wp.float64(0.2))  # an element whose lower bound of det F is less gets a weight
+FLAT = wp.constant(wp.float64(0.1))  # an element whose lower bound of det F is less gets a weight
 
 
 @wp.kernel
@@ -39,10 +39,7 @@ def expect_kernel(
     # outputs
     weight_out: wp.array2d(dtype=wp.float32),
 ):
-    """Give elements that are nearly flat at x at least `FIRST`: twice that below half of `FLAT`, four times below 0.
-
-    Weights of elements below a quarter of `FLAT` are doubled.
-    """
+    """Give elements that are nearly flat at x at least `FIRST`: twice that below half of `FLAT`, four times below 0."""
     e, lane = wp.tid()
     env = active[lane]
     if env < 0:
@@ -51,13 +48,12 @@ def expect_kernel(
     rest = least_at_corners(s.rest[e, 0], s.rest[e, 1], s.rest[e, 2], s.rest[e, 3])
     least = wp.min(least_at_corners(A, B, C, D), least_coefficient(A, B, C, D)) / rest
     if least < FLAT:
-        weight = wp.where(least < real(0.25) * FLAT, single(2.0) * weight_out[e, env], weight_out[e, env])
         first = FIRST
         if least < real(0.5) * FLAT:
             first *= single(2.0)
         if least < real(0.0):
             first *= single(2.0)
-        weight_out[e, env] = wp.min(wp.max(weight, first), MOST)
+        weight_out[e, env] = wp.max(weight_out[e, env], first)
 
 
 @wp.kernel
