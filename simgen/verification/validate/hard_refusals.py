@@ -96,8 +96,8 @@ def refusals(context: Context) -> Outcome:
     attempts = [
         attempt("starts inside", scene, cube, above_block(y_mm=12.0), down(0.4, 2), (Status.STARTS_INSIDE,)),
         attempt("never touches", scene, SPHERE, above_block(x_mm=30.0), down(0.4, 2), (Status.NEVER_TOUCHES,)),
-        # This press may converge with inverted elements below the bond. Such a sample is flagged. The press
-        # ends in the same way on a finer mesh, but takes four times as long there.
+        # This press may converge with inverted elements below the bond. Such a sample is flagged. On the mesh of the
+        # other presses it ends at the same depth, with one such sample, but takes four times as long.
         attempt("4.5 mm into a gel of 4 mm", scene_of(block(box(DEEP, SIZE_MM)), context.device), SPHERE, above_block(),
                 down(4.5, 9), (*GIVEN_UP, Status.NOT_RESOLVED, Status.INSIDE_OUT)),
     ]
