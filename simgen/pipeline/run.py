@@ -45,9 +45,9 @@ def run(
     build : makes the function that solves presses
     again : finished shards to solve once more
 
-    After an interrupt or a kill, the same call completes the dataset. A shard whose task fails twice, by an exception
-    or a dead process, stays unfinished, and its report carries the error. Raises `InputError` if `output` holds another
-    dataset, is locked by another run or cannot be written, and if the scheduler is lost.
+    After an interrupt or a kill, the same call completes the dataset. A shard stays unfinished if its task fails twice,
+    by an exception or a dead process, or once by bad input. Its report then carries the error. Raises `InputError` if
+    `output` holds another dataset, is locked by another run or cannot be written, and if the scheduler is lost.
     """
     if workers is None:
         check_device(plan.device)

@@ -1,8 +1,8 @@
 """Estimates of the discretisation error of a press: of its surface and of its force.
 
-Surface: the same press on the next coarser mesh. An error C h^p with the mean element size h = N^(-1/3) of N unknowns
-makes the error of the finer mesh 1 / ((h_coarser / h)^p - 1) times the difference of both (Richardson's extrapolation).
-`ORDER` is measured on both bundled sensors.
+Surface: the same press on the next coarser mesh. The error is taken as C h^p, with the mean element size h = N^(-1/3)
+of N unknowns. So the error of the finer mesh is 1 / ((h_coarser / h)^p - 1) times the difference of both (Richardson's
+extrapolation). The exponent p, `ORDER`, is measured on both bundled sensors.
 
 Force: the energy of the strain's error (`simgen.fem.elements.recovered_strain`). The error of an elastic body's stored
 energy is the energy of its error. The force is the derivative of the stored energy by the indenter's travel. So the

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-INITIAL, MAX, NEGLIGIBLE = 0.5, 50.0, 0.05  # eta: its first value, its largest, and below which it counts as 0
+# eta: its first value; the value from which it does not grow; the value below which it counts as 0
+INITIAL, MAX, NEGLIGIBLE = 0.5, 50.0, 0.05
 DECAY = 0.7  # factor on eta after a whole step
 SHORT_STEP = 0.5  # share of a step: if the line search takes less, eta doubles
 STAGNATION_ONSET = 3  # iterations without a new least residual before an increment is damped
