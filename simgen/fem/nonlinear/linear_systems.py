@@ -19,6 +19,9 @@ LOOSE_FACTOR = 3.0
 # Krylov iterations of a batch before solved environments take their Newton step: on a GPU most are solved after four.
 # 1,024 presses on one H200, DIGIT and BioTac: 17.0 and 21.2 s; with five 17.7 and 21.8, with six 18.2 and 21.8.
 KRYLOV_PER_ROUND = 4
+# Least damping of the tangent with which a sparse factor replaces multigrid. Factors on the DIGIT's default mesh take 8 s
+# of a core, damped multigrid mostly serves. A ring's first step of 0.25 mm there takes 11 s, and 64 s with factors first.
+FACTOR_DAMPING = 2.0
 
 
 @wp.kernel
@@ -50,6 +53,7 @@ class LinearSystems:
         self._solve_together = n_env > 1 and not wp.get_device(device).is_cpu
         self.solving, self._rebuilt = np.zeros((2, n_env), dtype=bool)  # _rebuilt: multigrid is of this state
         self._last_iterations = np.zeros(n_env, dtype=np.int64)
+        self._damping = np.zeros(n_env)
 
     def _add_tangent(self, v, out, reduced: bool):
         self.elasticity.tangent(v, out, reduced)
@@ -73,6 +77,7 @@ class LinearSystems:
     def begin(self, environments: np.ndarray, x, damping: np.ndarray, residual):
         """Linearise at x and begin the systems of the environments (env,) bool, with the tangent's damping (env,)."""
         self.solving |= environments
+        self._damping[environments] = damping[environments]
         self.active.choose(environments)
         self.elasticity.damp(damping)
         self.elasticity.linearize(x)
@@ -105,7 +110,8 @@ class LinearSystems:
         """
         factored, used = self.preconditioner.factored, np.zeros_like(self._last_iterations)
         solved, missed = self._iterate(self.solving & ~factored, self._per_round, False, used)
-        missed &= ~self.preconditioner.switch_to_factors(missed & self._rebuilt)
+        hopeless = missed & self._rebuilt & (self._damping >= FACTOR_DAMPING)
+        missed &= ~self.preconditioner.switch_to_factors(hopeless)
         by_factor = self.solving & factored
         if by_factor.any():
             singular = self._prepare(by_factor, residual, factored=True)
