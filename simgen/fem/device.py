@@ -7,7 +7,6 @@ Code that runs in every iteration therefore uses `read`, and arrays that are all
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import deque
@@ -69,17 +68,8 @@ class Queue:
 
 DEVICE = Queue()
 
-# A kernel that takes a second or more to compile is a module of its own: `load_kernels` compiles modules in parallel.
+# A kernel that takes a second or more to compile is a module of its own, because modules are compiled in parallel.
 large_kernel = partial(wp.kernel, module="unique", enable_backward=False)
-
-
-def load_kernels(device: str):
-    """Compile the kernels of all imported modules for a GPU, as many modules at once as there are cores.
-
-    Otherwise Warp compiles one module after the other, when it first launches one of its kernels.
-    """
-    if not wp.get_device(device).is_cpu:
-        wp.force_load(device, max_workers=os.cpu_count())
 
 
 def read(*arrays) -> list[np.ndarray]:

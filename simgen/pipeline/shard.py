@@ -26,7 +26,9 @@ from simgen.dataset.provenance import difference, package_versions, source_hash
 from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import folder_aside
 from simgen.errors import InputError
-from simgen.fem.device import DEVICE, load_kernels
+from simgen.fem.device import DEVICE
+from simgen.fem.material import LAWS
+from simgen.fem.material.law import Law
 from simgen.fem.nonlinear.status import Status, is_failure, is_planned_end
 from simgen.pipeline.plan import (
     chosen_fluid,
@@ -41,6 +43,7 @@ from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.sensor import Sensor
 from simgen.simulation.batch_size import presses_at_once
 from simgen.simulation.error_estimate import share_of_difference, surface_error_estimate
+from simgen.simulation.kernel_loading import load_kernels, load_press_kernels
 from simgen.simulation.pool import Pool
 from simgen.simulation.press import PressResult, Scene
 
@@ -94,6 +97,11 @@ def _sensor(job: Job, name: str) -> Sensor:
 def _indenters(job: Job) -> list[Indenter]:
     """The job's indenters, loaded once."""
     return chosen_indenters(job)
+
+
+def _laws(job: Job) -> set[type[Law]]:
+    """Material laws of the job's sensors."""
+    return {LAWS[chosen_material(job, name, _sensor(job, name)).law] for name in job.sensors}
 
 
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
@@ -219,16 +227,19 @@ def _read_plan(path: Path, job: Job, version: tuple[int, int] | None) -> Planned
     )
 
 
-def prepare(job: Job, device: str, build: Callable[[Job, str, str], Presser] = fem_presser) -> None:
+def prepare(
+    job: Job, device: str, build: Callable[[Job, str, str], Presser] = fem_presser, part: int = 0, parts: int = 1
+) -> None:
     """Make all pressers of a job before its tasks: sensors, scenes, and most kernels.
 
-    A GPU's kernels compile while sensors load.
+    A GPU's kernels compile while sensors load. ``parts`` CPU processes that start together compile different kernels.
     """
     start_warp()
     with DEVICE, ThreadPoolExecutor(1) as beside:
         loading = beside.submit(load_kernels, device)
         inputs = _inputs(job, tuple(sorted(job.sensors)))
         loading.result()
+        load_press_kernels(device, _laws(job), part, parts)
         for sensor in job.sensors:
             _presser(build, job, sensor, device, inputs)
 

@@ -185,8 +185,9 @@ def start_workers(
                 raise InputError(f"one of {number} workers did not start: {why}") from None
             client = stack.enter_context(Client(cluster))
             own = {"allow_other_workers": True, "pure": False}  # others if this one is lost
-            addresses = client.nthreads()
-            return client, [client.submit(prepare, job, there, build, workers=[each], **own) for each in addresses]
+            addresses = list(client.nthreads())
+            return client, [client.submit(prepare, job, there, build, part, len(addresses), workers=[address], **own)
+                            for part, address in enumerate(addresses)]  # fmt: skip
 
         workers = Workers(there, len(environments), start, stack.close, TASKS_PER_GPU_PROCESS if gpus else 1)
         if gpus:

@@ -19,8 +19,8 @@ LOOSE_FACTOR = 3.0
 # Krylov iterations of a batch before solved environments take their Newton step: on a GPU most are solved after four.
 # 1,024 presses on one H200, DIGIT and BioTac: 17.0 and 21.2 s; with five 17.7 and 21.8, with six 18.2 and 21.8.
 KRYLOV_PER_ROUND = 4
-# Least damping with which a sparse factor replaces multigrid. Factors on the DIGIT's default mesh take 8 s of a core, and
-# damped multigrid mostly serves: a ring's first step of 0.25 mm takes 12 s, and 64 s with factors first.
+# Least damping with which a sparse factor replaces multigrid. Factors on the DIGIT's default mesh take 8 s of a core,
+# and damped multigrid mostly serves: a ring's first step of 0.25 mm takes 12 s, and 64 s with factors first.
 FACTOR_DAMPING = 2.0
 
 

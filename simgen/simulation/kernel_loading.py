@@ -1,0 +1,64 @@
+"""Loading of kernels before their first launch, by several cores or processes together.
+
+Otherwise Warp compiles one module after the other, when it first launches one of its kernels. Compiled kernels stay in
+a cache on disk, which all processes share.
+"""
+
+import os
+import sys
+from collections.abc import Collection
+
+import warp as wp
+
+from simgen.fem.elements.elasticity import operator_kernels
+from simgen.fem.elements.elasticity_blocks import block_kernels
+from simgen.fem.material.law import Law
+
+FOLDERS = ("simgen.fem.", "simgen.simulation.")
+# Python modules and kernels that only some presses launch: those with a fluid or a core, and those that ask for more
+# outputs.
+SELDOM_USED = {
+    "simgen.fem.elements.cavity",
+    "simgen.fem.elements.nodal_stress",
+    "simgen.fem.elements.recovered_strain",
+    "simgen.simulation.surface_outputs",
+    "corner_forces_kernel",
+    "room_kernel",
+}
+
+
+def load_kernels(device: str):
+    """Compile and load all kernels for a GPU, as many modules at once as there are cores. A CPU loads none."""
+    if not wp.get_device(device).is_cpu:
+        wp.force_load(device, max_workers=os.cpu_count())
+
+
+def load_press_kernels(device: str, laws: Collection[type[Law]], part: int = 0, parts: int = 1):
+    """Compile and load the kernels of presses of sensors with these material laws.
+
+    Call it in the thread that solves: on a CPU, Warp compiles its headers again for each thread, which takes 4 s.
+    Of ``parts`` processes that start together, each begins elsewhere and finds what others have compiled in the cache.
+    """
+    modules = in_turn(press_modules(laws), part, parts)
+    wp.force_load(device, modules, max_workers=0 if wp.get_device(device).is_cpu else os.cpu_count())
+
+
+def in_turn(modules: list, part: int, parts: int) -> list:
+    """All modules, in the order in which process number ``part`` of ``parts`` compiles them.
+
+    Two neighbours begin at both ends of their common share, so that they meet in its middle.
+    """
+    n = len(modules)
+    if part % 2:
+        last = (part + 1) * n // parts - 1
+        return [modules[(last - i) % n] for i in range(n)]
+    return [modules[(part * n // parts + i) % n] for i in range(n)]
+
+
+def press_modules(laws: Collection[type[Law]]) -> list[wp.Module]:
+    """Warp's modules that every press of sensors with these material laws needs, always in the same order."""
+    kernels = [kernel for law in laws for kernel in (*operator_kernels(law), *block_kernels(law))]
+    for name in sorted(sys.modules):
+        if name.startswith(FOLDERS) and name not in SELDOM_USED:
+            kernels += [each for each in vars(sys.modules[name]).values() if isinstance(each, wp.Kernel)]
+    return list(dict.fromkeys(kernel.module for kernel in kernels if kernel.key not in SELDOM_USED))

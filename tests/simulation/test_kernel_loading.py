@@ -1,0 +1,43 @@
+"""The list of kernels that presses need, and how processes share their compilation."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from simgen.fem.material import LAWS
+from simgen.sensors.indenter import load_indenter
+from simgen.sensors.sensor import load_sensor
+from simgen.simulation.kernel_loading import in_turn, press_modules
+from simgen.simulation.press import Scene, press
+from simgen.verification.validate.sensors import PLACES_MM, place_indenter
+
+
+def test_the_listed_modules_are_those_that_a_press_launches(monkeypatch):
+    launched, launch = set(), wp.launch
+
+    def recorded(kernel, *args, **more):
+        launched.add(kernel.module.name)
+        return launch(kernel, *args, **more)
+
+    monkeypatch.setattr(wp, "launch", recorded)
+    digit = load_sensor("digit", "coarse")
+    material = digit.materials["solid"]
+    scene = Scene(digit, material)
+    shapes, poses = [load_indenter("sphere_7mm").shape()], place_indenter(digit, *PLACES_MM["centre"])[None]
+    press(scene, shapes, poses, np.array([1e-4, 2e-4]))
+    assert {module.name for module in press_modules([LAWS[material.law]])} == launched
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 4, 7])
+def test_each_process_compiles_all_modules_and_begins_with_its_own(parts):
+    modules = list(range(30))
+    orders = [in_turn(modules, part, parts) for part in range(parts)]
+    assert all(sorted(order) == modules for order in orders)
+    own = [order[: len(modules) // parts] for order in orders]
+    assert len({module for order in own for module in order}) == sum(map(len, own))
+
+
+def test_two_processes_meet_in_the_middle():
+    first, second = (in_turn(list("abcdef"), part, 2) for part in (0, 1))
+    assert first[:3] == ["a", "b", "c"]
+    assert second[:3] == ["f", "e", "d"]
