@@ -35,6 +35,11 @@ def write_aside(folder: Path, data: bytes) -> Aside:
     return Aside(temporary, hashlib.sha256(data).hexdigest())
 
 
+def holds(file: Path, written: Aside) -> bool:
+    """True if a file is there with the same content."""
+    return file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() == written.sha256
+
+
 def put_in_place(root: Path, files: Mapping[str, Aside]) -> None:
     """Rename files to paths below a root on the same disk, and flush their folders."""
     for name, file in files.items():

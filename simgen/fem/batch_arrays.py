@@ -41,8 +41,15 @@ def clear_kernel(active: Envs, cleared_out: wp.array2d(dtype=Any)):
         cleared_out[i, env] = cleared_out.dtype(0.0)
 
 
+@wp.kernel
+def move_kernel(sources: Indices, targets: Indices, moved_out: wp.array2d(dtype=Any)):
+    i, k = wp.tid()
+    moved_out[i, targets[k]] = moved_out[i, sources[k]]
+
+
 for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a type added later would compile the module again
     wp.overload(copy_kernel, {"source": wp.array2d(dtype=_kind), "copy_out": wp.array2d(dtype=_kind)})
+    wp.overload(move_kernel, {"moved_out": wp.array2d(dtype=_kind)})
     wp.overload(clear_kernel, {"cleared_out": wp.array2d(dtype=_kind)})
 
 
@@ -145,6 +152,14 @@ def reset(active, out):
         out.zero_()
     else:
         clear(active, out)
+
+
+def move(arrays, sources: np.ndarray, targets: np.ndarray):
+    """Copy the columns of the environments numbered ``sources`` (k,) to those numbered ``targets`` (k,)."""
+    device = arrays[0].device
+    numbers = [wp.array(each, dtype=wp.int32, device=device) for each in (sources, targets)]
+    for array in arrays:
+        wp.launch(move_kernel, dim=(len(array), len(sources)), inputs=numbers, outputs=[array], device=device)
 
 
 def add_scaled(start, step, factor: np.ndarray, active, out):

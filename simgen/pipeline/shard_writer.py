@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from simgen.dataset.atomic_files import Aside, put_in_place
+from simgen.dataset.atomic_files import Aside, holds, put_in_place
 from simgen.dataset.reader import Dataset
-from simgen.dataset.writer import forget, manifest_aside, write_aside
+from simgen.dataset.writer import forget, manifest_aside, manifest_path, write_aside
 from simgen.errors import NOT_WRITABLE, InputError
 from simgen.fem.nonlinear.status import is_valid
 from simgen.sensors.indenter_pose import advanced
@@ -97,8 +97,10 @@ def put_shards_in_place(dataset: Dataset, writers: Sequence[ShardWriter]) -> Non
         of_shard, manifest = writer.files()
         files |= of_shard
         manifests |= manifest
-    # A shard that is solved again has an old manifest, which is wrong while files are replaced.
-    forget(dataset, [writer.shard for writer in writers if writer.failure is None])
+    # The old manifest of a shard that is solved again is wrong while other files replace its own. It stays if the files
+    # are the same: dask may solve a shard twice when processes die, and a later death must not undo the first success.
+    changed = [path for path, manifest in manifests.items() if not holds(dataset.path / path, manifest)]
+    forget(dataset, [writer.shard for writer in writers if manifest_path(writer.shard) in changed])
     put_in_place(dataset.path, files)
     put_in_place(dataset.path, manifests)
 

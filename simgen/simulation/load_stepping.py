@@ -12,17 +12,16 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
-from simgen.config.indenter_path import moved
 from simgen.fem import batch_arrays
 from simgen.fem.contact.contact import Last
 from simgen.fem.nonlinear.status import Status
 from simgen.simulation.measurements import Solution, take_samples
+from simgen.simulation.press_path import PressPath, longest_way
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
 from simgen.simulation.state_sampler import StateSampler
 from simgen.simulation.tries import SECOND_TRY_ITERATIONS, Press, Try
 
-MAX_STEP_MM = 0.25  # longest load step; with friction the force depends on the path, so long steps change it
 MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last load step
 GROWTH_DELAY = 4  # converged increments before a halved load step is doubled; a failed increment costs as much as four
 MAX_OVERLAP_RATIO = 0.25  # share of the face's edge; with more overlap, the mesh does not resolve the contact
@@ -32,20 +31,11 @@ REPEATABLE_ITERATIONS = 25  # Newton iterations; after more, an increment is not
 # runs of the paired job (8a88ef0, 5c68dee; one H200) none took more than 951.
 MAX_ITERATIONS = 1000
 MAX_REPEATS = 8  # of an increment whose converged state has inverted elements or too much overlap
-TURN_RADIUS_MM = 5.0  # a turn counts as an arc of this radius: half an indenter's width
-
-
-def longest_segments(corners: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """Length (d,) of the longest segment in each segment's leg; a leg is a run of segments in one direction.
-
-    corners (d + 1, c): of the path; lengths (d,): of its segments.
-    """
-    directions = np.diff(corners, axis=0) / np.maximum(lengths, 1e-12)[:, None]
-    turns = (directions[1:] * directions[:-1]).sum(axis=1) < 1.0 - 1e-9
-    leg = np.concatenate([[0], np.cumsum(turns)])
-    longest = np.zeros(leg[-1] + 1)
-    np.maximum.at(longest, leg, lengths)
-    return longest[leg]
+# Attributes of `LoadStepping` with one value for each environment, which belongs to its press.
+OF_PRESS = (
+    "_shape", "_poses", "_reach", "travelled", "previous", "target", "step", "goal", "max_step", "_step_scale",
+    "_successes", "_repeats", "_damping", "_reinforced", "_try_iterations", "_target_poses", "running",
+)  # fmt: skip
 
 
 class LoadStepping:
@@ -60,12 +50,8 @@ class LoadStepping:
     _counted = 0.0  # s, time up to which wall time has been shared out among presses
 
     def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float):
-        self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, path, max_force_n
+        self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, PressPath(path), max_force_n
         self.sampler, self._waiting = StateSampler.of(scene), PressQueue()
-        self._corners = np.vstack([np.zeros(4), path * [1.0, 1.0, 1.0, TURN_RADIUS_MM]])
-        lengths = np.linalg.norm(np.diff(self._corners, axis=0), axis=1)
-        self._corner_lengths = np.concatenate([[0.0], np.cumsum(lengths)])
-        self._max_steps = np.minimum(longest_segments(self._corners, lengths), MAX_STEP_MM)
         batch = scene.batch
         self.press: list[Press | None] = [None] * batch
         self.tries: list[Try | None] = [None] * batch
@@ -78,7 +64,7 @@ class LoadStepping:
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self._step_scale = np.ones(batch)  # of the current tries
         self.goal = np.zeros(batch)
-        self.max_step = np.full(batch, self._max_steps[0])  # on the current leg
+        self.max_step = np.full(batch, self.path.max_steps[0])  # on the current leg
         self._try_iterations = np.zeros(batch, dtype=np.int64)  # Newton iterations of the current tries
         self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations, sub-steps since the last sample
         self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
@@ -116,7 +102,9 @@ class LoadStepping:
     def advance(self):
         """Advance all running presses by one iteration."""
         begin = time.perf_counter()
-        self._begin_increments(self._starting | self._start_tries())
+        fresh = self._start_tries()
+        self._move_together()
+        self._begin_increments(self._starting | fresh)
         self._starting[:] = False
         running = [press for press in self.press if press is not None]
         ended = self.solver.iterate()
@@ -151,17 +139,33 @@ class LoadStepping:
         self.travelled[fresh] = self.previous[fresh] = self._damping[fresh] = 0.0
         self._successes[fresh] = GROWTH_DELAY
         self._reinforced[fresh] = False
-        self.step[fresh] = self.max_step[fresh] = self._step_scale[fresh] * self._max_steps[0]
+        self.step[fresh] = self.max_step[fresh] = self._step_scale[fresh] * self.path.max_steps[0]
         self.scene.load(fresh, self._shape)
         return fresh
 
-    def _offsets(self, length: np.ndarray) -> np.ndarray:
-        """Offsets from first touch and turns as arcs, (env, 4) mm, after these lengths (env,) of the path."""
-        return np.stack([np.interp(length, self._corner_lengths, self._corners[:, i]) for i in range(4)], axis=-1)
+    def _move_together(self):
+        """Move presses that begin an increment to free environments with lower numbers.
 
-    def _poses_at(self, length: np.ndarray) -> np.ndarray:
-        offsets = self._offsets(length)
-        return moved(self._poses, offsets[:, :3], offsets[:, 3] / TURN_RADIUS_MM)
+        A GPU reads and writes the values of neighbouring environments together. So scattered environments cost as much
+        as all those between them.
+        """
+        movable = np.flatnonzero(self._starting & ~self.solver.preconditioner.factored)[::-1]
+        free = np.flatnonzero(~self.running)
+        count = min(len(movable), len(free))
+        count = int((movable[:count] > free[:count]).sum())
+        if not count:
+            return
+        sources, targets = movable[:count], free[:count]
+        for name in OF_PRESS:
+            values = getattr(self, name)
+            values[targets] = values[sources]
+        self.cost[:, targets] = self.cost[:, sources]
+        for source, target in zip(sources, targets, strict=True):
+            self.press[target], self.tries[target] = self.press[source], self.tries[source]
+        self._starting[targets] = True
+        self.scene.move(sources, targets, self._shape)
+        batch_arrays.move([self.x_previous], sources, targets)
+        self._release(np.isin(np.arange(self.scene.batch), sources))
 
     def _begin_increments(self, starting: np.ndarray):
         """Begin the next increment in the environments (env,) bool.
@@ -174,14 +178,14 @@ class LoadStepping:
         solver = self.solver
         stored = np.array([0 if each is None else len(each.samples) for each in self.tries])
         segment = np.minimum(stored, len(self.path) - 1)
-        self.goal = self._corner_lengths[1 + segment]
-        max_step = self._step_scale * self._max_steps[segment]
+        self.goal = self.path.lengths[1 + segment]
+        max_step = self._step_scale * self.path.max_steps[segment]
         self.step = np.where(max_step != self.max_step, max_step, self.step)
         self.max_step = max_step
         target = np.minimum(self.travelled + self.step, self.goal)
         self.target = np.where(starting, np.where(self.goal - target < 1e-9, self.goal, target), self.target)
-        here = self._offsets(self.travelled)
-        last, now = here - self._offsets(self.previous), self._offsets(self.target) - here
+        path, here = self.path, self.path.offsets(self.travelled)
+        last, now = here - path.offsets(self.previous), path.offsets(self.target) - here
         length = (last**2).sum(axis=-1)
         ratio = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         continued = np.where(ratio <= MAX_EXTRAPOLATION, np.maximum(ratio, 0.0), 0.0)
@@ -191,12 +195,11 @@ class LoadStepping:
         batch_arrays.extrapolate(self.x_previous, self.x_start, ratio, marked, solver.trial)
         for x in (self.x_start, solver.trial):
             solver.elasticity.expect(x)
-        self._target_poses[starting] = self._poses_at(self.target)[starting]
+        self._target_poses[starting] = path.poses(self._poses, self.target)[starting]
         at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
-        # An upper bound for all points of an indenter: the tip's travel, and an arc at the rim.
-        travel = np.linalg.norm(now[:, :3], axis=1) + self._reach * np.abs(now[:, 3]) / TURN_RADIUS_MM
-        before = self._poses_at(self.travelled)
-        last = Last(self.x_previous, self._poses_at(self.previous), continued)
+        travel = longest_way(now, self._reach)
+        before = path.poses(self._poses, self.travelled)
+        last = Last(self.x_previous, path.poses(self._poses, self.previous), continued)
         self.scene.indenter_contact.begin_increment(
             self.x_start, solver.trial, before, self._target_poses, travel, last
         )
@@ -270,7 +273,7 @@ class LoadStepping:
             self.step[failed], self._successes[failed] = (self.target - self.travelled)[failed] / 2.0, 0
             # Sub-steps are compared with the leg's longest step, or with the first leg's if that is shorter.
             smallest = self.scene.settings.smallest_substep
-            too_short = self.step < smallest * np.minimum(self.max_step / self._step_scale, self._max_steps[0])
+            too_short = self.step < smallest * np.minimum(self.max_step / self._step_scale, self.path.max_steps[0])
             too_costly = failed & (self.cost[0] > MAX_ITERATIONS)
             reinforce = failed & too_short & ~too_costly & ~self._reinforced
             given_up = failed & too_short & ~reinforce | too_costly
@@ -325,7 +328,7 @@ class LoadStepping:
             if abs(force @ press.pose[:3, 1]) > self._max_force_n:
                 self._end(env, Status.FORCE_LIMIT)
                 continue
-            entered = not current.samples and self.path[0, 1] > MIN_OVERLAP_MM
+            entered = not current.samples and self.path.points[0, 1] > MIN_OVERLAP_MM
             missed = not force.any() and (entered or sample.overlap_mm > MIN_OVERLAP_MM)
             if missed:
                 self._end(env, Status.NOT_RESOLVED)

@@ -142,7 +142,7 @@ def begin_presses(
     poses = np.array(poses, dtype=float)
     poses[:, :3, 3] *= MM_PER_M
     own = [shapes[i] for i in shape_of]
-    reach = float(np.linalg.norm(stepping.path[:, :3], axis=1).max())
+    reach = float(np.linalg.norm(stepping.path.points[:, :3], axis=1).max())
     faces = scene.indenter_contact.host_faces
     travel, status, near = first_touch(scene.nodes, faces, own, poses, scene.device, scene.batch, reach)
     poses[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
@@ -175,7 +175,7 @@ def result_of(stepping: LoadStepping, press: Press) -> PressResult:
             values[i] = sample.values[output.name]
         outputs[output.name] = values
     if (energy := outputs.get("error_energy")) is not None:
-        path_m = stepping.path[:, :3] / MM_PER_M
+        path_m = stepping.path.points[:, :3] / MM_PER_M
         outputs["force_error_estimate"] = force_error_estimate(energy, outputs["force"], path_m)
     outputs["status"] = np.where(np.isnan(outputs["status"]), press.status, outputs["status"]).astype(np.int8)
     return PressResult(outputs, press.touch, press.seconds)

@@ -19,7 +19,6 @@ from simgen.pipeline.run import run
 from simgen.report import write_report
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
-from simgen.simulation.load_stepping import longest_segments
 from simgen.simulation.press import Scene, SolverSettings, follow
 
 LEGS = [
@@ -115,12 +114,6 @@ def test_a_long_leg_leaves_the_press_its_load_steps():
     turned = follow(scene, cube, pose, np.vstack([path, path[-1:]]), np.radians([0.0, 0.0, 0.0, 20.0]))[0]
     assert has_values(alone.status).all() and alone.certificate["substeps"].max() > 1
     np.testing.assert_array_equal(turned.force[:3], alone.force)
-
-
-def test_legs_are_segments_in_one_direction():
-    corners = np.array([[0.0, 0.0], [0.0, 0.1], [0.0, 0.3], [0.5, 0.3], [1.5, 0.3], [1.5, 0.1]])
-    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    np.testing.assert_allclose(longest_segments(corners, lengths), [0.2, 0.2, 1.0, 1.0, 0.2])
 
 
 def test_a_skin_that_is_let_go_passes_its_audit(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import create, folder_aside
 from simgen.errors import InputError
+from simgen.pipeline import shard_writer
 from simgen.pipeline.shard_writer import Failure, ShardWriter, put_shards_in_place
 
 
@@ -22,6 +23,7 @@ def dataset(tmp_path):
 def write(dataset: Dataset, shards: range, build=fake.fake_presser) -> list[ShardWriter]:
     """Press and write shards; returns their writers."""
     indenter, contact = dataset["press/indenter"], dataset["press/contact_pose"]
+    before = dataset.finished()
     with folder_aside(dataset) as folder, ThreadPoolExecutor(2) as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
         for sensor in dataset.sensors:
@@ -29,9 +31,25 @@ def write(dataset: Dataset, shards: range, build=fake.fake_presser) -> list[Shar
             for writer in writers:
                 own = contact[writer.presses]
                 writer.take(sensor, presser(indenter[writer.presses].tolist(), own), own)
-        assert dataset.finished() == []
+        assert dataset.finished() == before
         put_shards_in_place(dataset, writers)
     return writers
+
+
+@pytest.mark.parametrize(("build", "stays"), [(fake.fake_presser, True), (fake.missing_presser, False)])
+def test_a_shard_that_is_solved_again_stays_finished_if_its_files_are_the_same(dataset, monkeypatch, build, stays):
+    """As if a process died between the new files and the manifest."""
+    write(dataset, range(dataset.shards))
+    put, finished = shard_writer.put_in_place, []
+
+    def watched(root, files):
+        finished.append(dataset.finished())
+        put(root, files)
+
+    monkeypatch.setattr(shard_writer, "put_in_place", watched)
+    write(dataset, range(1), build)
+    assert finished[0] == ([0, 1, 2, 3, 4, 5] if stays else [1, 2, 3, 4, 5])
+    assert dataset.unfinished() == []
 
 
 def test_poses_are_at_first_touch_of_the_reference_sensor(dataset):

@@ -12,7 +12,7 @@ from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.simulation.load_stepping import MAX_OVERLAP_RATIO, LoadStepping
-from simgen.simulation.press import Scene, begin_presses, follow, press
+from simgen.simulation.press import DOWN, Scene, begin_presses, follow, press
 from simgen.simulation.state_sampler import StateSampler
 from simgen.simulation.tries import Press
 from simulation.blocks import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
@@ -54,6 +54,26 @@ def test_multipliers_rest_far_from_balance(block, monkeypatch):
     result = press(Scene(block, GEL), [CUBE], pose(tilt_deg=10.0), np.array([0.1e-3, 0.2e-3]))[0]
     assert (result.status == 0).all()
     assert max(out_of_balance) > 1.0 and 0.0 < max(followed) <= MULTIPLIER_UPDATE_RESIDUAL
+
+
+def test_a_press_moves_to_a_free_environment_without_a_change(block, scene, monkeypatch):
+    """When the first press has ended, one of the others moves to its place. Bytes stay as those of a press alone."""
+    moves, move = [], Scene.move
+
+    def watch(scene, sources, targets, shape_of):
+        moves.append((sources.tolist(), targets.tolist()))
+        move(scene, sources, targets, shape_of)
+
+    monkeypatch.setattr(Scene, "move", watch)
+    shapes, steps = [CUBE, SPHERE, SPHERE], np.array([1, 2, len(DEPTHS)])
+    poses = np.concatenate([pose(tilt_deg=5.0), pose(), pose(x=1.0)])
+    together = follow(Scene(block, GEL, batch=3), shapes, poses, DEPTHS[:, None] * DOWN, steps=steps)
+    assert moves == [([1], [0]), ([2], [1])]
+    monkeypatch.undo()
+    for i, result in enumerate(together):
+        alone = follow(scene, [shapes[i]], poses[i : i + 1], DEPTHS[:, None] * DOWN, steps=steps[i : i + 1])[0]
+        for name in ("displacement", "force", "moment", "status"):
+            np.testing.assert_array_equal(getattr(result, name), getattr(alone, name))
 
 
 def test_the_force_hardly_depends_on_the_load_step():

@@ -237,6 +237,11 @@ class Contact:
         s = self.surface
         return s.normal, s.tangential, s.anchor.reshape((-1, self.n_env)), s.stiffening, self._is_candidate
 
+    @property
+    def memory(self) -> list[wp.array]:
+        """All that a press's contact keeps between two increments, (row, env)."""
+        return [*self._history(), *self._before]
+
     def restore(self, marked):
         """Return the listed environments to the start of their increment."""
         for array, saved in zip(self._history(), self._saved, strict=True):
