@@ -22,7 +22,7 @@ Scalars, Indices = wp.array(dtype=wp.float64), wp.array(dtype=wp.int32)  # one f
 Envs = Indices  # numbers of the active environments, see `ActiveEnvironments`
 IndexTable = wp.array2d(dtype=wp.int32)
 
-FEW = 4  # few environments are active if they are at most one in so many
+FEW = 4  # few environments are active if their number times FEW is at most the number of all
 
 
 @wp.kernel

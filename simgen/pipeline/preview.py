@@ -25,8 +25,8 @@ from simgen.simulation.press import Scene
 
 # Seconds of one core (or GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU by
 # `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
-# dataset.presses_per_shard=1`, 48 s of a core for 80 depths of 51,400 unknowns; on a GPU by
-# the whole paired job, 592 s for 309,600 depths (docs/benchmarks/paired_estimates_h200.json).
+# dataset.presses_per_shard=1` on older meshes and without estimates, 48 s of a core for 80 depths of 51,400 unknowns;
+# on a GPU by the whole paired job, 592 s for 309,600 depths (docs/benchmarks/paired_estimates_h200.json).
 SECONDS_PER_DEPTH = {"cpu": 0.012, "cuda": 2.2e-5}
 SECONDS_SOURCE = {
     "cpu": "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two",
