@@ -239,7 +239,8 @@ def prepare(
         loading = beside.submit(load_kernels, device)
         inputs = _inputs(job, tuple(sorted(job.sensors)))
         loading.result()
-        load_press_kernels(device, _laws(job), part, parts)
+        if build is fem_presser:  # others launch no kernels
+            load_press_kernels(device, _laws(job), part, parts)
         for sensor in job.sensors:
             _presser(build, job, sensor, device, inputs)
 
