@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import warp as wp
 
 from simgen.fem import batch_arrays
@@ -38,3 +39,12 @@ def test_vectors_are_cleared_too():
     vectors = wp.array(np.ones((2, 3, 3)), dtype=wp.vec3d, device="cpu")
     batch_arrays.clear(ACTIVE, vectors)
     assert (vectors.numpy()[:, 0] == 1.0).all() and not vectors.numpy()[:, 1:].any()
+
+
+@pytest.mark.parametrize("dtype", [wp.float64, wp.float32, wp.int32, wp.vec3d])
+def test_columns_move_to_other_environments(dtype):
+    shape = (3, 5, 3) if dtype == wp.vec3d else (3, 5)
+    values = np.arange(np.prod(shape)).reshape(shape)
+    array = wp.array(values, dtype=dtype, device="cpu")
+    batch_arrays.move([array], np.array([4, 3]), np.array([0, 2]))
+    np.testing.assert_array_equal(array.numpy(), values[:, [4, 1, 3, 3, 4]])
