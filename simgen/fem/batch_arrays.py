@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simgen.fem.device import read
+from simgen.fem.device import launch_kernel, read
 
 wp.set_module_options({"enable_backward": False})
 
@@ -42,9 +42,10 @@ def clear_kernel(active: Envs, cleared_out: wp.array2d(dtype=Any)):
 
 
 @wp.kernel
-def move_kernel(sources: Indices, targets: Indices, moved_out: wp.array2d(dtype=Any)):
+def move_kernel(pairs: IndexTable, moved_out: wp.array2d(dtype=Any)):
+    """``pairs`` (2, env): the numbers of columns, and of those to which they are copied."""
     i, k = wp.tid()
-    moved_out[i, targets[k]] = moved_out[i, sources[k]]
+    moved_out[i, pairs[1, k]] = moved_out[i, pairs[0, k]]
 
 
 for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a type added later would compile the module again
@@ -80,6 +81,7 @@ class ActiveEnvironments:
     def __init__(self, n_env: int, device):
         self.numbers = wp.array(np.arange(n_env), dtype=wp.int32, device=device)
         self._factors = wp.zeros(n_env, dtype=wp.float64, device=device)
+        self._pairs = wp.zeros((2, n_env), dtype=wp.int32, device=device)
         self.device, self.shape, self.lanes = device, (n_env,), n_env
         self._exact = wp.get_device(device).is_cpu
 
@@ -108,6 +110,13 @@ class ActiveEnvironments:
         self._factors.assign(values)
         return self._factors
 
+    def pairs(self, sources: np.ndarray, targets: np.ndarray) -> wp.array:
+        """Copy environments' numbers (k,) to the device in the same way: (2, env)."""
+        pairs = np.zeros(self._pairs.shape, dtype=np.int32)
+        pairs[:, : len(sources)] = sources, targets
+        self._pairs.assign(pairs)
+        return self._pairs
+
     def numpy(self) -> np.ndarray:
         [numbers] = read(self.numbers)
         return numbers
@@ -133,7 +142,7 @@ def launch(kernel, rows: int | tuple[int, ...], inputs: list, outputs: list):
     [active] = [each for each in inputs if isinstance(each, ActiveEnvironments)]
     inputs = [each.numbers if each is active else each for each in inputs]
     rows = rows if isinstance(rows, tuple) else (rows,)
-    wp.launch(kernel, dim=(*rows, active.lanes), inputs=inputs, outputs=outputs, device=active.device)
+    launch_kernel(kernel, dim=(*rows, active.lanes), inputs=inputs, outputs=outputs, device=active.device)
 
 
 def copy(source, active, out):
@@ -154,12 +163,12 @@ def reset(active, out):
         clear(active, out)
 
 
-def move(arrays, sources: np.ndarray, targets: np.ndarray):
+def move(arrays, active: ActiveEnvironments, sources: np.ndarray, targets: np.ndarray):
     """Copy the columns of the environments numbered ``sources`` (k,) to those numbered ``targets`` (k,)."""
-    device = arrays[0].device
-    numbers = [wp.array(each, dtype=wp.int32, device=device) for each in (sources, targets)]
+    pairs = active.pairs(sources, targets)
     for array in arrays:
-        wp.launch(move_kernel, dim=(len(array), len(sources)), inputs=numbers, outputs=[array], device=device)
+        dim = len(array), len(sources)
+        launch_kernel(move_kernel, dim=dim, inputs=[pairs], outputs=[array], device=active.device)
 
 
 def add_scaled(start, step, factor: np.ndarray, active, out):

@@ -13,6 +13,7 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.chunks import CHUNK, chunks
+from simgen.fem.columns import rows_of, store_vector, vector_at
 from simgen.fem.precision import mat33f, vec3f
 
 wp.set_module_options({"enable_backward": False})
@@ -47,39 +48,34 @@ def clear_kernel(active: Envs, blocks_out: Blocks):
         blocks_out[env / TILE, row, env % TILE] = 0.0
 
 
-@wp.func
-def block(blocks: Blocks, k: wp.int32, env: wp.int32) -> mat33f:
-    t, row, j = env / TILE, 9 * k, env % TILE
-    return mat33f(
-        blocks[t, row, j], blocks[t, row + 1, j], blocks[t, row + 2, j],
-        blocks[t, row + 3, j], blocks[t, row + 4, j], blocks[t, row + 5, j],
-        blocks[t, row + 6, j], blocks[t, row + 7, j], blocks[t, row + 8, j],
-    )  # fmt: skip
+def _block(body: str) -> str:
+    place = f"""size_t(unsigned(env) / {TILE}) * unsigned(blocks.strides[0])
+        + size_t(9 * unsigned(k)) * unsigned(blocks.strides[1]) + unsigned(env) % {TILE} * sizeof(float)"""
+    return rows_of("blocks", place, "blocks.strides[1]", body)
 
 
-@wp.func
-def store_block(blocks: Blocks, k: wp.int32, env: wp.int32, K: mat33f):
-    for i in range(3):
-        for j in range(3):
-            blocks[env / TILE, 9 * k + 3 * i + j, env % TILE] = K[i, j]
+@wp.func_native(
+    _block("""return wp::mat_t<3, 3, wp::float32>(at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7), at(8));""")
+)
+def block(blocks: Blocks, k: wp.int32, env: wp.int32) -> mat33f: ...
 
 
-@wp.func
-def add_block(blocks: Blocks, k: wp.int32, env: wp.int32, K: mat33f):
-    for i in range(3):
-        for j in range(3):
-            wp.atomic_add(blocks, env / TILE, 9 * k + 3 * i + j, env % TILE, K[i, j])
+@wp.func_native(_block("for (int i = 0; i < 9; ++i) at(i) = K.data[i / 3][i % 3];"))
+def store_block(blocks: Blocks, k: wp.int32, env: wp.int32, K: mat33f): ...
+
+
+@wp.func_native(_block("for (int i = 0; i < 9; ++i) wp::atomic_add(&at(i), K.data[i / 3][i % 3]);"))
+def add_block(blocks: Blocks, k: wp.int32, env: wp.int32, K: mat33f): ...
 
 
 @wp.func
 def load(x: SingleVectors, node: wp.int32, env: wp.int32) -> vec3f:
-    return vec3f(x[3 * node, env], x[3 * node + 1, env], x[3 * node + 2, env])
+    return vector_at(x, 3 * node, env)
 
 
 @wp.func
 def store(x: SingleVectors, node: wp.int32, env: wp.int32, value: vec3f):
-    for i in range(3):
-        x[3 * node + i, env] = value[i]
+    store_vector(x, 3 * node, env, value)
 
 
 @wp.kernel

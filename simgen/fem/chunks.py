@@ -5,6 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from simgen.fem.batch_arrays import SingleVectors
+from simgen.fem.columns import rows_of
 from simgen.fem.precision import real
 
 wp.set_module_options({"enable_backward": False})
@@ -16,23 +17,25 @@ CHUNK = 16
 Chunk = wp.types.vector(length=CHUNK, dtype=wp.float32)
 
 
-@wp.func
-def load_chunk(a: SingleVectors, c: wp.int32, env: wp.int32):
+def _chunk(body: str) -> str:
+    place = f"size_t({CHUNK} * unsigned(c)) * unsigned(a.strides[0]) + size_t(unsigned(env)) * sizeof(float)"
+    count = f"const unsigned count = a.shape[0] - {CHUNK} * unsigned(c);"
+    return rows_of("a", place, "a.strides[0]", f"{count} {body}")
+
+
+def _each(action: str) -> str:
+    """Do the action for all rows i that a chunk has. A loop of variable length would keep it out of registers."""
+    return f"for (unsigned i = 0; i < {CHUNK}; ++i) if (i < count) {{ {action} }}"
+
+
+@wp.func_native(_chunk(f"wp::vec_t<{CHUNK}, wp::float32> values(0.0f); {_each('values[i] = at(i);')} return values;"))
+def load_chunk(a: SingleVectors, c: wp.int32, env: wp.int32) -> Chunk:
     """Chunk c of a vector, with zeros beyond the vector's end."""
-    values = Chunk()
-    for j in range(CHUNK):
-        i = c * CHUNK + j
-        if i < a.shape[0]:
-            values[j] = a[i, env]
-    return values
+    ...
 
 
-@wp.func
-def store_chunk(a: SingleVectors, c: wp.int32, env: wp.int32, values: Chunk):
-    for j in range(CHUNK):
-        i = c * CHUNK + j
-        if i < a.shape[0]:
-            a[i, env] = values[j]
+@wp.func_native(_chunk(_each("at(i) = values[i];")))
+def store_chunk(a: SingleVectors, c: wp.int32, env: wp.int32, values: Chunk): ...
 
 
 @wp.func

@@ -68,8 +68,16 @@ class Queue:
 
 DEVICE = Queue()
 
+# Threads of a GPU's block. With 256, Warp's default, all kernels of 512 presses take 5 % longer (one H100).
+BLOCK = 128
+
 # A kernel that takes a second or more to compile is a module of its own, because modules are compiled in parallel.
 large_kernel = partial(wp.kernel, module="unique", enable_backward=False)
+
+
+def launch_kernel(kernel: wp.Kernel, **arguments):
+    """Launch a kernel in blocks of `BLOCK` threads: all kernels of a module, or Warp compiles it twice."""
+    wp.launch(kernel, block_dim=BLOCK, **arguments)
 
 
 def read(*arrays) -> list[np.ndarray]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from simgen.fem.device import read
+from simgen.fem.device import launch_kernel, read
 from simgen.fem.elements.element import TRIANGLE_EDGES, barycentric_p2
 from simgen.fem.nonlinear.status import Status
 from simgen.fem.precision import mat33, real, vec3
@@ -101,7 +101,7 @@ class _Approach:
         threads = THREADS["cpu" if least.device.is_cpu else "cuda"] if fine else 1
         inputs += [wp.array(origin, dtype=vec3, device=self.device), known, limit, threads]
         dim, outputs = (known.shape[0], threads, known.shape[1]), [of_face, least]
-        wp.launch(approach_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+        launch_kernel(approach_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
         [least] = read(least)
         return least
 

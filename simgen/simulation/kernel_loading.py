@@ -10,9 +10,11 @@ from collections.abc import Collection
 
 import warp as wp
 
+from simgen.fem.device import BLOCK
 from simgen.fem.elements.elasticity import operator_kernels
 from simgen.fem.elements.elasticity_blocks import block_kernels
 from simgen.fem.material.law import Law
+from simgen.fem.material.neo_hookean import NeoHookean
 
 FOLDERS = ("simgen.fem.", "simgen.simulation.")
 # Python modules and kernels that only some presses launch: those with a fluid or a core, and those that ask for more
@@ -30,7 +32,7 @@ SELDOM_USED = {
 def load_kernels(device: str):
     """Compile and load all kernels for a GPU, as many modules at once as there are cores. A CPU loads none."""
     if not wp.get_device(device).is_cpu:
-        wp.force_load(device, max_workers=os.cpu_count())
+        _load(device, modules_of([NeoHookean]), os.cpu_count())
 
 
 def load_press_kernels(device: str, laws: Collection[type[Law]], part: int = 0, parts: int = 1):
@@ -40,7 +42,11 @@ def load_press_kernels(device: str, laws: Collection[type[Law]], part: int = 0, 
     Of ``parts`` processes that start together, each begins elsewhere and finds what others have compiled in the cache.
     """
     modules = in_turn(press_modules(laws), part, parts)
-    wp.force_load(device, modules, max_workers=0 if wp.get_device(device).is_cpu else os.cpu_count())
+    _load(device, modules, 0 if wp.get_device(device).is_cpu else os.cpu_count())
+
+
+def _load(device: str, modules: list[wp.Module], workers: int):
+    wp.force_load(device, modules, block_dim=BLOCK, max_workers=workers)
 
 
 def in_turn(modules: list, part: int, parts: int) -> list:
@@ -57,8 +63,13 @@ def in_turn(modules: list, part: int, parts: int) -> list:
 
 def press_modules(laws: Collection[type[Law]]) -> list[wp.Module]:
     """Warp's modules that every press of sensors with these material laws needs, always in the same order."""
+    return modules_of(laws, SELDOM_USED)
+
+
+def modules_of(laws: Collection[type[Law]], without: Collection[str] = ()) -> list[wp.Module]:
+    """Warp's modules of the solver, always in the same order, without some Python modules and kernels."""
     kernels = [kernel for law in laws for kernel in (*operator_kernels(law), *block_kernels(law))]
     for name in sorted(sys.modules):
-        if name.startswith(FOLDERS) and name not in SELDOM_USED:
+        if name.startswith(FOLDERS) and name not in without:
             kernels += [each for each in vars(sys.modules[name]).values() if isinstance(each, wp.Kernel)]
-    return list(dict.fromkeys(kernel.module for kernel in kernels if kernel.key not in SELDOM_USED))
+    return list(dict.fromkeys(kernel.module for kernel in kernels if kernel.key not in without))

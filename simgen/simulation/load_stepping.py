@@ -164,7 +164,7 @@ class LoadStepping:
             self.press[target], self.tries[target] = self.press[source], self.tries[source]
         self._starting[targets] = True
         self.scene.move(sources, targets, self._shape)
-        batch_arrays.move([self.x_previous], sources, targets)
+        batch_arrays.move([self.x_previous], self.solver.active, sources, targets)
         self._release(np.isin(np.arange(self.scene.batch), sources))
 
     def _begin_increments(self, starting: np.ndarray):

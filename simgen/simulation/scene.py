@@ -149,7 +149,7 @@ class Scene:
         """
         solver = self.solver
         memory = [array for contact in solver.contacts for array in contact.memory]
-        batch_arrays.move([solver.x, solver.elasticity.weight, *memory], sources, targets)
+        batch_arrays.move([solver.x, solver.elasticity.weight, *memory], solver.active, sources, targets)
         self.indenter_contact.choose(shape_of)
 
     def load(self, environments: np.ndarray, shape_of: np.ndarray):

@@ -9,7 +9,7 @@ import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.chunks import CHUNK, chunks
-from simgen.fem.device import read
+from simgen.fem.device import launch_kernel, read
 from simgen.fem.elements.recovered_strain import RecoveredStrain
 from simgen.fem.precision import real
 from simgen.simulation.first_touch import dense_shapes
@@ -119,7 +119,7 @@ class StateSampler:
         """
         solver, dim = self.scene.solver, (self._displacement.shape[1], 3, count)
         inputs, outputs = [*self._weights, solver.x, solver.active.numbers], [self._displacement]
-        wp.launch(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
+        launch_kernel(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
         [displacements] = read(self._displacement[:count])
         return displacements
 

@@ -7,7 +7,7 @@ import scipy.sparse as sparse
 import warp as wp
 
 from simgen.config.outputs import BY_NAME
-from simgen.fem.device import read
+from simgen.fem.device import launch_kernel, read
 from simgen.fem.elements.nodal_stress import NodalStress
 from simgen.fem.linear_solver.pattern import corners_to_nodes
 from simgen.fem.precision import real
@@ -54,7 +54,7 @@ class _Field:
             self.add_to(self._sums, x, first)
             some, device = min(lanes, count - first), self._found.device
             inputs, outputs = [*self._matrix, self._sums], [self._found]
-            wp.launch(to_vertices_kernel, dim=(*self.shape, some), inputs=inputs, outputs=outputs, device=device)
+            launch_kernel(to_vertices_kernel, dim=(*self.shape, some), inputs=inputs, outputs=outputs, device=device)
             [found[first : first + some]] = read(self._found[:some])
         return found
 

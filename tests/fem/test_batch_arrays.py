@@ -46,5 +46,5 @@ def test_columns_move_to_other_environments(dtype):
     shape = (3, 5, 3) if dtype == wp.vec3d else (3, 5)
     values = np.arange(np.prod(shape)).reshape(shape)
     array = wp.array(values, dtype=dtype, device="cpu")
-    batch_arrays.move([array], np.array([4, 3]), np.array([0, 2]))
+    batch_arrays.move([array], ActiveEnvironments(5, "cpu"), np.array([4, 3]), np.array([0, 2]))
     np.testing.assert_array_equal(array.numpy(), values[:, [4, 1, 3, 3, 4]])

@@ -34,7 +34,7 @@ from simgen.fem.contact.multipliers import (
 )
 from simgen.fem.contact.results import corner_forces_kernel, gap_kernel, nearest_kernel, resultant_kernel, room_kernel
 from simgen.fem.contact.traction import Surface
-from simgen.fem.device import read
+from simgen.fem.device import launch_kernel, read
 from simgen.fem.elements.element import Element, face_geometry
 from simgen.fem.precision import mat33, vec3
 from simgen.geometry.rigid_shape import shape_array
@@ -300,7 +300,7 @@ class Contact:
         Divided by `corner_areas` they are tractions per rest area. Lane j is the active environment ``first + j``.
         """
         dim, inputs = (len(self.host_faces), sums.shape[2]), [self.surface, x, self.active.numbers, first]
-        wp.launch(corner_forces_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.device)
+        launch_kernel(corner_forces_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.device)
 
     def nearest(self, x, dense: wp.array, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, node).

@@ -27,7 +27,7 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.blocks import Blocks, add_block
 from simgen.fem.chunks import CHUNK, chunks
-from simgen.fem.device import read
+from simgen.fem.device import launch_kernel, read
 from simgen.fem.elements.element import TRIANGLE_EDGES, Element, face_shapes
 from simgen.fem.elements.element_fields import gather
 from simgen.fem.precision import mat33f, real, single, vec3
@@ -263,8 +263,8 @@ class Cavity:
     def residual(self, x, residual_out):
         """Add the forces of p_c, and to its row the missing volume V(0) + injected - V(u), mm3."""
         self._launch(cavity_residual_kernel, [x, self.active], [residual_out])
-        inputs = [self.injected, self.row]
-        wp.launch(add_volume_kernel, dim=len(self.injected), inputs=inputs, outputs=[residual_out], device=self.device)
+        inputs, n_env = [self.injected, self.row], len(self.injected)
+        launch_kernel(add_volume_kernel, dim=n_env, inputs=inputs, outputs=[residual_out], device=self.device)
 
     def linearize(self, x):
         """Store the state x for the tangent; ``gradient`` (3 nodes, env) is the derivative of the volume row by u."""

@@ -15,14 +15,15 @@ from typing import Any
 
 import warp as wp
 
+from simgen.fem.columns import add_vector, vector_at
+
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
 def gather(tetrahedra: wp.array2d(dtype=wp.int32), x: wp.array2d(dtype=Any), e: wp.int32, a: wp.int32, env: wp.int32):
     """Vector at an element's node a."""
-    row = 3 * tetrahedra[e, a]
-    return wp.vector(x[row, env], x[row + 1, env], x[row + 2, env])
+    return vector_at(x, 3 * tetrahedra[e, a], env)
 
 
 @wp.func
@@ -34,10 +35,7 @@ def scatter(
     env: wp.int32,
     x: wp.array2d(dtype=Any),
 ):
-    row = 3 * tetrahedra[e, a]
-    wp.atomic_add(x, row, env, value[0])
-    wp.atomic_add(x, row + 1, env, value[1])
-    wp.atomic_add(x, row + 2, env, value[2])
+    add_vector(x, 3 * tetrahedra[e, a], env, value)
 
 
 @wp.func

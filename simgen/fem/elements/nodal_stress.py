@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import warp as wp
 
+from simgen.fem.device import launch_kernel
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import TET_EDGES
 from simgen.fem.elements.element_fields import corner_gradients, corner_pressures, interpolate
@@ -106,4 +107,4 @@ class NodalStress:
         dim = (self._inputs[0].shape[0], sums.shape[2])
         inputs = [self.body.solid, x, *self._inputs, self.body.active.numbers, first]
         kernel = stress_kernel(type(self.body.material))
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.body.device)
+        launch_kernel(kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.body.device)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from simgen.fem.device import read
+from simgen.fem.device import launch_kernel, read
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element_fields import corner_gradients, interpolate
 from simgen.fem.elements.nodal_stress import node_points
@@ -116,8 +116,8 @@ class RecoveredStrain:
             self._recovered.zero_()
             self._energy.zero_()
             inputs = [solid, x, self._points, self._shares, active, first]
-            wp.launch(sum_at_nodes_kernel, dim=dim, inputs=inputs, outputs=[self._recovered], device=device)
+            launch_kernel(sum_at_nodes_kernel, dim=dim, inputs=inputs, outputs=[self._recovered], device=device)
             inputs = [solid, x, self._shapes, self._recovered, active, first]
-            wp.launch(energy_kernel, dim=dim, inputs=inputs, outputs=[self._energy], device=device)
+            launch_kernel(energy_kernel, dim=dim, inputs=inputs, outputs=[self._energy], device=device)
             [found[first : first + some]] = read(self._energy[:some])
         return found

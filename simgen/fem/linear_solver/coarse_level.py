@@ -85,7 +85,7 @@ class CoarseLevel:
         batch_arrays.clear(self.active, self._forces)  # padding rows
         self._transfer.restrict(residual, self._forces)
         dense_inverse.multiply(self._inverse, self._m, self._forces, self.active, self._x)
-        self._transfer.prolong(self._x, x)
+        self._transfer.add_prolonged(self._x, x)
 
 
 def per_corner(space: sparse.csr_array) -> tuple[np.ndarray, np.ndarray]:

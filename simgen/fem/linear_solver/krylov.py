@@ -19,7 +19,7 @@ import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.chunks import chunks
-from simgen.fem.device import read, recording
+from simgen.fem.device import launch_kernel, read, recording
 from simgen.fem.linear_solver.krylov_kernels import (
     IMAGES_PER_THREAD,
     STRICT_ITERATIONS,
@@ -168,5 +168,5 @@ class ConjugateResiduals:
         """Shorten the list of active environments to those to keep."""
         outputs = [self._kept, self._iterations, self._unfinished]
         inputs, numbers = [self._keep, self.active.numbers, most], self.active.numbers
-        wp.launch(compact_kernel, dim=self.n_env, inputs=inputs, outputs=outputs, device=self.device)
+        launch_kernel(compact_kernel, dim=self.n_env, inputs=inputs, outputs=outputs, device=self.device)
         wp.copy(numbers, self._kept)

@@ -33,11 +33,25 @@ QUADRATIC_SPREAD = 3.0  # largest over smallest eigenvalue that is smoothed
 
 
 @wp.kernel
-def smooth_kernel(inverse: Blocks, residual: SingleVectors, step: single, active: Envs, x_out: SingleVectors):
+def start_kernel(inverse: Blocks, b: SingleVectors, step: single, active: Envs, x_out: SingleVectors):
+    """The first smoothing step, from x = 0."""
     node, lane = wp.tid()
     env = active[lane]
     if env >= 0:
-        change = step * (block(inverse, node, env) * load(residual, node, env))
+        store(x_out, node, env, step * (block(inverse, node, env) * load(b, node, env)))
+
+
+@wp.kernel
+def finish_kernel(
+    inverse: Blocks, correction: SingleVectors, negative: SingleVectors, step: single, active: Envs,
+    # outputs
+    x_out: SingleVectors,
+):
+    """Add the correction of the lower levels, and a smoothing step for the residual that it leaves."""
+    node, lane = wp.tid()
+    env = active[lane]
+    if env >= 0:
+        change = load(correction, node, env) - step * (block(inverse, node, env) * load(negative, node, env))
         store(x_out, node, env, load(x_out, node, env) + change)
 
 
@@ -52,7 +66,7 @@ def negative_kernel(a: SingleVectors, active: Envs, negative_out: SingleVectors)
 class Multigrid:
     """Multigrid cycle for the displacements of quadratic elements, made at rest, with nothing in contact.
 
-    ``add_tangent(v, out, reduced)`` as in `BlockTriangular`.
+    ``add_tangent(v, out)`` as in `BlockTriangular`.
     """
 
     def __init__(self, elasticity: Elasticity, contacts: list, fixed, add_tangent):
@@ -68,6 +82,7 @@ class Multigrid:
         self._blocks, self._inverse = (zeros(n_nodes, n_env, device) for _ in range(2))
         self._nodes = wp.array(np.arange(n_nodes), dtype=wp.int32, device=device)
         self._negative = vector(n)  # minus the residual
+        self._correction = vector(n)  # of the lower levels: displacements only
         self._linear_b, self._linear_x = vector(3 * elasticity.n_corners), vector(3 * elasticity.n_corners)
         elasticity.linearize(wp.zeros((n, n_env), dtype=wp.float64, device=device))
         self.linear = LinearMultigrid(elasticity, contacts, fixed)
@@ -93,9 +108,8 @@ class Multigrid:
         def apply(u):
             wp.copy(v[:n_u, 0], wp.array(u, dtype=wp.float32, device=v.device))
             self._negative.zero_()
-            self._add_tangent(v, self._negative, reduced=True)
-            out.zero_()
-            self._smooth(self._negative, out)
+            self._add_tangent(v, self._negative)
+            self._launch(start_kernel, [self._inverse, self._negative, self._step, self.active], [out])
             return out[:n_u, 0].contiguous().numpy()
 
         return largest_eigenvalue(apply, n_u)
@@ -114,19 +128,14 @@ class Multigrid:
     def _launch(self, kernel, inputs, outputs):
         batch_arrays.launch(kernel, len(self._nodes), inputs, outputs)
 
-    def _smooth(self, residual, x_out, sign: float = 1.0):
-        self._launch(smooth_kernel, [self._inverse, residual, sign * self._step, self.active], [x_out])
-
-    def _negative_residual(self, b, x):
-        batch_arrays.launch(negative_kernel, chunks(b.shape[0]), [b, self.active], [self._negative])
-        self._add_tangent(x, self._negative, reduced=True)
-
     def apply(self, b, x_out):
-        """Set the displacements in x, which are zero, to about K^-1 (b - B^T p), where p are the pressures in x."""
-        self._smooth(b, x_out)  # without p, which the residual then contains
-        self._negative_residual(b, x_out)
+        """Set the displacements in x to about K^-1 (b - B^T p), where p are the pressures in x."""
+        inverse, step = self._inverse, self._step
+        self._launch(start_kernel, [inverse, b, step, self.active], [x_out])  # the residual contains p, this does not
+        batch_arrays.launch(negative_kernel, chunks(b.shape[0]), [b, self.active], [self._negative])
+        self._add_tangent(x_out, self._negative)
         self.transfer.restrict(self._negative, self._linear_b, -1.0)
         self.linear.apply(self._linear_b, self._linear_x)
-        self.transfer.prolong(self._linear_x, x_out)
-        self._negative_residual(b, x_out)
-        self._smooth(self._negative, x_out, -1.0)
+        self.transfer.prolong(self._linear_x, self._correction)
+        self._add_tangent(self._correction, self._negative)
+        self._launch(finish_kernel, [inverse, self._correction, self._negative, step, self.active], [x_out])

@@ -8,6 +8,7 @@ import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
+from simgen.fem.columns import number_at
 from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
@@ -27,7 +28,7 @@ def sparse_kernel(
         return
     total = single(0.0)
     for k in range(row_starts[row], row_starts[row + 1]):
-        total += values[k] * x[columns[k], env]
+        total += values[k] * number_at(x, columns[k], env)
     total *= factor
     if keep:
         total += y_out[row, env]
@@ -50,6 +51,10 @@ class Transfer:
         batch_arrays.launch(sparse_kernel, rows, [*matrix, x, factor, keep, self._active], [out])
 
     def prolong(self, x, y_out):
+        """y = M x."""
+        self._launch(self._matrix, self.shape[0], x, 1.0, False, y_out)
+
+    def add_prolonged(self, x, y_out):
         """y += M x."""
         self._launch(self._matrix, self.shape[0], x, 1.0, True, y_out)
 
