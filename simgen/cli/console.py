@@ -50,13 +50,13 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
     console.print(f"size: about {_size(seen.bytes)} ({seen.bytes_source})")
     device_name = "core" if device == "cpu" else device
     console.print(f"time: about {_time(seen.seconds)} of one {device_name} ({seen.seconds_source})")
-    under_way = "one press" if seen.at_once == 1 else f"at most {seen.at_once} presses at once"
     for sensor in seen.sensors:
+        under_way = "one press" if sensor.at_once == 1 else f"at most {sensor.at_once} presses at once"
         material = sensor.material
         console.print(
             f"\n[bold]{sensor.name}[/]: {sensor.tetrahedra:,} tetrahedra, {sensor.nodes:,} nodes, "
             f"{sensor.unknowns:,} unknowns; {sensor.output_vertices:,} output vertices; "
-            f"memory: {_size(sensor.bytes_per_press * seen.at_once)} for {under_way}; "
+            f"memory: {_size(sensor.bytes_per_press * sensor.at_once)} for {under_way}; "
             f"{material.elasticity}, friction {material.friction:g}"
         )
         table = Table("term", "carried", "why", box=None, pad_edge=False, padding=(0, 2, 0, 0))

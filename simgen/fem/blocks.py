@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
-from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
+from simgen.fem.batch_arrays import Envs, SingleVectors
 from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.columns import rows_of, store_vector, vector_at
 from simgen.fem.precision import mat33f, vec3f
@@ -22,9 +22,9 @@ TILE = 32  # environments: a warp
 Blocks = wp.array3d(dtype=wp.float32)
 
 
-def zeros(n_blocks: int, n_env: int, device) -> wp.array:
+def zeros(n_blocks: int, n_env: int, device, dtype=wp.float32) -> wp.array:
     """Array for ``n_blocks`` blocks in each of ``n_env`` environments, all zero."""
-    return wp.zeros((-(-n_env // TILE), 9 * n_blocks, min(n_env, TILE)), dtype=wp.float32, device=device)
+    return wp.zeros((-(-n_env // TILE), 9 * n_blocks, min(n_env, TILE)), dtype=dtype, device=device)
 
 
 def of_environment(blocks: wp.array, env: int) -> np.ndarray:
@@ -48,23 +48,24 @@ def clear_kernel(active: Envs, blocks_out: Blocks):
         blocks_out[env / TILE, row, env % TILE] = 0.0
 
 
-def _block(body: str) -> str:
+def block_code(body: str) -> str:
+    """C++ code in which ``at(i)`` is number i of block k."""
     place = f"""size_t(unsigned(env) / {TILE}) * unsigned(blocks.strides[0])
-        + size_t(9 * unsigned(k)) * unsigned(blocks.strides[1]) + unsigned(env) % {TILE} * sizeof(float)"""
+        + size_t(9 * unsigned(k)) * unsigned(blocks.strides[1]) + unsigned(env) % {TILE} * sizeof(*blocks.data)"""
     return rows_of("blocks", place, "blocks.strides[1]", body)
 
 
 @wp.func_native(
-    _block("""return wp::mat_t<3, 3, wp::float32>(at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7), at(8));""")
+    block_code("return wp::mat_t<3, 3, wp::float32>(at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7), at(8));")
 )
 def block(blocks: Blocks, k: wp.int32, env: wp.int32) -> mat33f: ...
 
 
-@wp.func_native(_block("for (int i = 0; i < 9; ++i) at(i) = K.data[i / 3][i % 3];"))
+@wp.func_native(block_code("for (int i = 0; i < 9; ++i) at(i) = K.data[i / 3][i % 3];"))
 def store_block(blocks: Blocks, k: wp.int32, env: wp.int32, K: mat33f): ...
 
 
-@wp.func_native(_block("for (int i = 0; i < 9; ++i) wp::atomic_add(&at(i), K.data[i / 3][i % 3]);"))
+@wp.func_native(block_code("for (int i = 0; i < 9; ++i) wp::atomic_add(&at(i), K.data[i / 3][i % 3]);"))
 def add_block(blocks: Blocks, k: wp.int32, env: wp.int32, K: mat33f): ...
 
 
@@ -76,24 +77,3 @@ def load(x: SingleVectors, node: wp.int32, env: wp.int32) -> vec3f:
 @wp.func
 def store(x: SingleVectors, node: wp.int32, env: wp.int32, value: vec3f):
     store_vector(x, 3 * node, env, value)
-
-
-@wp.kernel
-def invert_kernel(blocks: Blocks, diagonal: Indices, fixed: Indices, active: Envs, inverse_out: Blocks):
-    """Invert the diagonal blocks; fixed rows and columns of the inverses are zero."""
-    node, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    K = block(blocks, diagonal[node], env)
-    for i in range(3):
-        if fixed[3 * node + i] == 1:
-            for j in range(3):
-                K[i, j] = 0.0
-                K[j, i] = 0.0
-            K[i, i] = 1.0
-    K = wp.inverse(K)
-    for i in range(3):
-        if fixed[3 * node + i] == 1:
-            K[i, i] = 0.0
-    store_block(inverse_out, node, env, K)

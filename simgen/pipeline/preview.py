@@ -53,6 +53,7 @@ class SensorPreview:
     unknowns: int
     unknowns_of_coarser: int  # of the mesh that estimates errors; 0 without estimates
     bytes_per_press: int  # memory of a press under way
+    at_once: int  # presses at a time on one device
     output_vertices: int
     surface_vertices: int
     material: Material
@@ -74,7 +75,6 @@ class Preview:
     bytes_source: str
     seconds: float
     seconds_source: str
-    at_once: int  # presses at a time on one device
     sensors: list[SensorPreview]
 
 
@@ -88,7 +88,7 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     loaded = {name: chosen_sensor(job, name) for name in job.sensors}
     contacts = min(job.trajectories.count, MOST_CONTACTS)
     draw = first_contacts(job, loaded, contacts, gel_under_indenters(job, loaded, indenters))
-    sensors = [_preview_sensor(job, name, sensor, indenters) for name, sensor in loaded.items()]
+    sensors = [_preview_sensor(job, name, sensor, indenters, device) for name, sensor in loaded.items()]
     kind = device.partition(":")[0]
     unknowns = sum(sensor.unknowns + sensor.unknowns_of_coarser for sensor in sensors)
     return Preview(
@@ -102,12 +102,13 @@ def preview(job: Job, device: str = "cpu") -> Preview:
         bytes_source=COMPRESSION[job.dataset.displacement][1],
         seconds=SECONDS_PER_DEPTH[kind] * unknowns / 1000 * job.samples,
         seconds_source=SECONDS_SOURCE[kind],
-        at_once=at_once(device),
         sensors=sensors,
     )
 
 
-def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Indenter]) -> SensorPreview:
+def _preview_sensor(
+    job: Job, name: str, sensor: Sensor, indenters: Sequence[Indenter], device: str
+) -> SensorPreview:
     material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
     scene = Scene(sensor, material, settings=job.solver, fluid=fluid)
     mesh, coarser = sensor.simulation_mesh, 0
@@ -121,6 +122,7 @@ def _preview_sensor(job: Job, name: str, sensor: Sensor, indenters: Sequence[Ind
         scene.unknowns,
         coarser,
         bytes_per_press(sensor, job.solver),
+        at_once(sensor, device, job.solver),
         len(sensor.output_mesh.vertices),
         len(sensor.output_mesh.surface_vertices),
         material,

@@ -11,7 +11,10 @@ from simgen.fem.linear_solver.krylov_kernels import WINDOW
 from simgen.sensors.sensor import Sensor
 from simgen.sensors.support import faces_in_reach
 
-AT_ONCE = {"cpu": 1, "cuda": 512}  # presses
+AT_ONCE = 512  # presses on a GPU
+# On meshes with at most so many unknowns more presses run at once, because the host limits a round. 4,096 presses on
+# the coarse DIGIT and BioTac take 26.6 and 26.9 s with 512 at once, 18.1 and 20.9 s with 2,048 (248ee6f, one H200).
+SMALL_MESH, MOST_AT_ONCE = 20_000, 2048
 USABLE = 0.8  # of the free memory; the rest is for meshes and kernels
 
 
@@ -23,9 +26,7 @@ def bytes_per_press(sensor: Sensor, settings: SolverSettings | None = None) -> i
     """
     mesh, settings = sensor.simulation_mesh, settings or SolverSettings()
     kind = ELEMENTS[settings.element]
-    corners = mesh.n_corners
-    nodes = len(mesh.nodes) if kind.nodes == 10 else corners
-    unknowns = 3 * nodes + (corners if kind.pressures else 0)
+    corners, nodes, unknowns = mesh.n_corners, _nodes(sensor, settings), _unknowns(sensor, settings)
     edges = len(mesh.nodes) - corners
     faces = [mesh.touchable] + ([mesh.facing_core] if sensor.core is not None else [])
     faces += [faces_in_reach(sensor.support, mesh)] if sensor.support is not None else []
@@ -35,28 +36,40 @@ def bytes_per_press(sensor: Sensor, settings: SolverSettings | None = None) -> i
     blocks = edges * 2 + corners
     coarse = 0
     if kind.pressures:
-        vectors += 3
-        blocks = 2 * nodes + blocks + corners
+        vectors += 4
+        blocks = 1.5 * (nodes + blocks) + 0.5 * corners  # rounded copies and inverses take half as much
         coarse = 4 * SMALL * (SMALL + 2 * SIDE * WIDE)  # a dense inverse
     single = vectors * unknowns + 12 * corners
     in_contact = points * (3 * 24 + 36) + sum(44 * len(f) + 132 * len(set(f[:, :3].ravel())) for f in faces)
     output = 24 * len(sensor.output_mesh.vertices)
     products = 8 * settings.krylov_size * (settings.krylov_size + 2)
     weights = 4 * len(mesh.tetrahedra)
-    return 8 * double + 4 * single + 36 * blocks + coarse + weights + products + in_contact + output
+    return int(8 * double + 4 * single + 36 * blocks + coarse + weights + products + in_contact + output)
 
 
-def at_once(device: str) -> int:
-    """Number of presses that run at once on a device with enough memory."""
-    return AT_ONCE[device.partition(":")[0]]
+def _nodes(sensor: Sensor, settings: SolverSettings) -> int:
+    mesh = sensor.simulation_mesh
+    return len(mesh.nodes) if ELEMENTS[settings.element].nodes == 10 else mesh.n_corners
+
+
+def _unknowns(sensor: Sensor, settings: SolverSettings) -> int:
+    pressures = sensor.simulation_mesh.n_corners if ELEMENTS[settings.element].pressures else 0
+    return 3 * _nodes(sensor, settings) + pressures
+
+
+def at_once(sensor: Sensor, device: str, settings: SolverSettings) -> int:
+    """Number of presses on a sensor that run at once on a device with enough memory."""
+    if device == "cpu":
+        return 1
+    return MOST_AT_ONCE if _unknowns(sensor, settings) <= SMALL_MESH else AT_ONCE
 
 
 def presses_at_once(sensor: Sensor, device: str, settings: SolverSettings) -> int:
-    """Number of presses that run at once on a device: `AT_ONCE`, or fewer if the free memory is too small.
+    """Number of presses that run at once on a device: :func:`at_once`, or fewer if the free memory is too small.
 
     Raises InputError if not even one fits.
     """
-    most = at_once(device)
+    most = at_once(sensor, device, settings)
     if most == 1:
         return 1
     each, free = bytes_per_press(sensor, settings), wp.get_device(device).free_memory

@@ -48,11 +48,13 @@ class Gpu:
 
 
 def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
-    sensor, settings = load_sensor("digit", "coarse"), SolverSettings()
-    each = bytes_per_press(sensor)
-    for free, expected in ((1e12, 512), (100.0 * each, 80), (1.3 * each, 1)):
-        monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name, free=free: Gpu(free))
-        assert presses_at_once(sensor, "cuda:0", settings) == expected
+    settings = SolverSettings()
+    for mesh, most in (("coarse", 2048), ("default", 512)):
+        sensor = load_sensor("digit", mesh)
+        each = bytes_per_press(sensor)
+        for free, expected in ((1e13, most), (100.0 * each, 80), (1.3 * each, 1)):
+            monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name, free=free: Gpu(free))
+            assert presses_at_once(sensor, "cuda:0", settings) == expected
     monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name: Gpu(1.2 * each))
     with pytest.raises(InputError, match="coarser mesh"):
         presses_at_once(sensor, "cuda", settings)

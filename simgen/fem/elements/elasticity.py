@@ -183,15 +183,15 @@ class Elasticity:
         self._positions = wp.array(nodes.ravel(), dtype=wp.float64, device=device)
         self._parts = wp.array(PARTS, dtype=wp.mat44d, device=device)
         self.weight = wp.zeros((len(tetrahedra), active.shape[0]), dtype=wp.float32, device=device)
-        self._solid, self._single = Solid(), SingleSolid()
+        self._solid, self._single, self._reduced = Solid(), SingleSolid(), SingleSolid()
         self._solid.rest = wp.array(geometry.corner_jacobians, dtype=mat33, device=device)
-        of_tangent = tet_geometry(replace(element, quadrature_points=element.tangent_points), nodes, tetrahedra)
-        self._gradients = wp.array(of_tangent.local_gradients, dtype=vec3f, device=device)
+        reduced = tet_geometry(replace(element, quadrature_points=element.preconditioner_points), nodes, tetrahedra)
+        self._gradients = wp.array(geometry.local_gradients, dtype=vec3f, device=device)
         tets = wp.array(self.host_tetrahedra, dtype=wp.int32, device=device)
         constants = np.pad(material.kernel_constants, (0, MOST_CONSTANTS - len(material.kernel_constants)))
         doubles, singles = (real, wp.vec4d, mat33), (single, wp.vec4f, mat33f)
         for s, g, (scalar, vec4, mat) in (
-            (self._solid, geometry, doubles), (self._single, of_tangent, singles)
+            (self._solid, geometry, doubles), (self._single, geometry, singles), (self._reduced, reduced, singles)
         ):  # fmt: skip
             metric = material.mu * np.einsum("eqij,eqkj->eqik", g.inverse, g.inverse)
             s.tetrahedra = tets
@@ -207,8 +207,9 @@ class Elasticity:
             s.most_extra = MOST_EXTRA_OF_LAM * material.lam / material.mu
         unknowns = self.n_displacements + self.n_pressures
         self._single.state = wp.zeros((unknowns, active.shape[0]), dtype=wp.float32, device=device)
+        self._reduced.state = self._single.state
         self._damping = wp.zeros(active.shape[0], dtype=wp.float32, device=device)
-        self._single.damping = self._damping
+        self._single.damping = self._reduced.damping = self._damping
         self._count = wp.zeros(active.shape[0], dtype=wp.int32, device=device)
         self._least = wp.zeros(active.shape[0], dtype=wp.float64, device=device)
 
@@ -228,9 +229,9 @@ class Elasticity:
         state = self._single.state
         batch_arrays.launch(state_kernel, len(state), [self._positions, x, self.active], [state])
 
-    def tangent(self, v, action_out):
-        """Add the action of the derivative on v, with the element's tangent points."""
-        self._launch(self._tangent_kernel, [self._single, v, self.active], [action_out])
+    def tangent(self, v, action_out, reduced: bool = False):
+        """Add the action of the derivative on v, by reduced integration for a preconditioner."""
+        self._launch(self._tangent_kernel, [self._reduced if reduced else self._single, v, self.active], [action_out])
 
     def bound_det_F(self, x) -> tuple[np.ndarray, np.ndarray]:
         """Lower bound (env,) of det F over all elements at state x, and number (env,) of elements inverted somewhere.
@@ -279,13 +280,13 @@ class Elasticity:
     def blocks(self, block_index, blocks_out, linear: bool):
         """Add the derivative by displacements as 3 x 3 blocks between nodes.
 
-        With ``linear``, add that by linear displacements between corners.
+        With ``linear``, add that by linear displacements between corners, with the preconditioner's fewer points.
         """
         if linear:
-            self._launch(self._corner_blocks_kernel, [self._single, self.active, block_index], [blocks_out])
+            self._launch(self._corner_blocks_kernel, [self._reduced, self.active, block_index], [blocks_out])
         else:
             self._launch(self._blocks_kernel, [self._single, self._gradients, self.active, block_index], [blocks_out])
 
     def diagonal(self, diagonal_out):
-        """Add the 3 x 3 block of each node with itself, for quadratic elements."""
-        self._launch(self._diagonal_kernel, [self._single, self.active], [diagonal_out])
+        """Add the 3 x 3 block of each node with itself, for quadratic elements, with the preconditioner's points."""
+        self._launch(self._diagonal_kernel, [self._reduced, self.active], [diagonal_out])

@@ -30,7 +30,7 @@ def elimination_order(graph: sparse.csr_array) -> np.ndarray:
 class SparseFactor:
     """Factor of the displacement block for each environment, at the state of its last factorisation.
 
-    ``fixed`` (unknowns,) int32 on the device; ``add_tangent(v, out)`` as in `BlockTriangular`.
+    ``fixed`` (unknowns,) int32 on the device; ``add_tangent(v, out, reduced)`` as in `BlockTriangular`.
     """
 
     def __init__(self, elasticity, surface_terms: list, fixed, add_tangent):
@@ -78,7 +78,7 @@ class SparseFactor:
     def apply(self, b, x_out):
         """Set the displacements in x, which are zero, to A^-1 (b - B^T p), where p are the pressures in x."""
         self._action.zero_()
-        self._add_tangent(x_out, self._action)
+        self._add_tangent(x_out, self._action, reduced=False)
         load, x = b.numpy() - self._action.numpy(), x_out.numpy().copy()
         for env in self._solved:
             if self.factors[env] is not None:

@@ -8,11 +8,13 @@ import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
-from simgen.fem.blocks import Blocks, block, clear, invert_kernel, load, of_environment, store, zeros
+from simgen.fem.blocks import clear, load, store, zeros
 from simgen.fem.elements.elasticity import Elasticity
+from simgen.fem.linear_solver import rounded_blocks
 from simgen.fem.linear_solver.aggregation import coarse_space, largest_eigenvalue
 from simgen.fem.linear_solver.coarse_level import CoarseLevel
 from simgen.fem.linear_solver.pattern import BlockPattern
+from simgen.fem.linear_solver.rounded_blocks import RoundedBlocks, invert_kernel, of_environment, rounded_block
 from simgen.fem.precision import single, vec3f
 
 wp.set_module_options({"enable_backward": False})
@@ -39,22 +41,22 @@ def chebyshev(largest: float, steps: int, spread: float) -> list[tuple[float, fl
 
 @wp.func
 def row_residual(
-    row_starts: Indices, columns: Indices, blocks: Blocks, x: SingleVectors, b: SingleVectors, row: wp.int32,
+    row_starts: Indices, columns: Indices, blocks: RoundedBlocks, x: SingleVectors, b: SingleVectors, row: wp.int32,
     env: wp.int32,
 ) -> vec3f:
     r, begin, end = load(b, row, env), row_starts[row], row_starts[row + 1]
     whole = begin + (end - begin) / UNROLLED * UNROLLED
     for first in range(begin, whole, UNROLLED):
         for i in range(UNROLLED):
-            r -= block(blocks, first + i, env) * load(x, columns[first + i], env)
+            r -= rounded_block(blocks, first + i, env) * load(x, columns[first + i], env)
     for k in range(whole, end):
-        r -= block(blocks, k, env) * load(x, columns[k], env)
+        r -= rounded_block(blocks, k, env) * load(x, columns[k], env)
     return r
 
 
 @wp.kernel
 def residual_kernel(
-    row_starts: Indices, columns: Indices, blocks: Blocks, x: SingleVectors, b: SingleVectors, active: Envs,
+    row_starts: Indices, columns: Indices, blocks: RoundedBlocks, x: SingleVectors, b: SingleVectors, active: Envs,
     # outputs
     residual_out: SingleVectors,
 ):
@@ -66,7 +68,7 @@ def residual_kernel(
 
 @wp.kernel
 def chebyshev_start_kernel(
-    inverse: Blocks, b: SingleVectors, step: single, active: Envs,
+    inverse: RoundedBlocks, b: SingleVectors, step: single, active: Envs,
     # outputs
     direction_out: SingleVectors, x_out: SingleVectors,
 ):
@@ -75,15 +77,15 @@ def chebyshev_start_kernel(
     env = active[lane]
     if env < 0:
         return
-    d = step * (block(inverse, row, env) * load(b, row, env))
+    d = step * (rounded_block(inverse, row, env) * load(b, row, env))
     store(direction_out, row, env, d)
     store(x_out, row, env, d)
 
 
 @wp.kernel
 def chebyshev_kernel(
-    row_starts: Indices, columns: Indices, blocks: Blocks, inverse: Blocks, x: SingleVectors, b: SingleVectors,
-    keep: single, step: single, active: Envs,
+    row_starts: Indices, columns: Indices, blocks: RoundedBlocks, inverse: RoundedBlocks, x: SingleVectors,
+    b: SingleVectors, keep: single, step: single, active: Envs,
     # outputs
     direction_out: SingleVectors, x_out: SingleVectors,
 ):
@@ -92,7 +94,7 @@ def chebyshev_kernel(
     if env < 0:
         return
     r = row_residual(row_starts, columns, blocks, x, b, row, env)
-    d = step * (block(inverse, row, env) * r)
+    d = step * (rounded_block(inverse, row, env) * r)
     if keep != 0.0:
         d += keep * load(direction_out, row, env)
     store(direction_out, row, env, d)
@@ -109,14 +111,15 @@ class LinearMultigrid:
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra[:, :4], faces, device)
         self.fixed = fixed[: 3 * n]
         self._n, self._blocks = n, zeros(self.pattern.n_blocks, n_env, device)
-        self._inverse = zeros(n, n_env, device)
+        self._rounded = rounded_blocks.zeros(self.pattern.n_blocks, n_env, device)
+        self._inverse = rounded_blocks.zeros(n, n_env, device)
         self._residual, self._direction, self._x = (
             wp.zeros((3 * n, n_env), dtype=wp.float32, device=device) for _ in range(3)
         )
         diagonal = np.repeat(np.arange(n), np.diff(self.pattern.host_row_starts)) == self.pattern.host_columns
         self._diagonal = wp.array(np.flatnonzero(diagonal), dtype=wp.int32, device=device)
         self._assemble()
-        matrix = self.pattern.matrix(of_environment(self._blocks, 0))
+        matrix = self.pattern.matrix(of_environment(self._rounded, 0))
         inverse = of_environment(self._inverse, 0)
         inverse = sparse.csr_array(sparse.bsr_array((inverse, np.arange(n), np.arange(n + 1)), shape=matrix.shape))
         largest = largest_eigenvalue(lambda v: inverse @ (matrix @ v), 3 * n)
@@ -131,18 +134,19 @@ class LinearMultigrid:
         self.coarse.rebuild(self._blocks)
 
     def _assemble(self):
-        """Assemble the blocks of the last linearisation, and invert the diagonal ones."""
+        """Assemble and round the blocks of the last linearisation, and invert the diagonal ones."""
         clear(self._blocks, self.active)
         self.elasticity.blocks(self.pattern.tet_index, self._blocks, linear=True)
         for contact, index in zip(self.contacts, self.pattern.face_index, strict=True):
             contact.blocks(index, self._blocks, linear=True)
+        rounded_blocks.round_blocks(self._blocks, self.pattern.n_blocks, self.active, self._rounded)
         self._launch(invert_kernel, [self._blocks, self._diagonal, self.fixed, self.active], [self._inverse])
 
     def _launch(self, kernel, inputs, outputs):
         batch_arrays.launch(kernel, self._n, inputs, outputs)
 
     def _rows(self):
-        return [self.pattern.row_starts, self.pattern.columns, self._blocks]
+        return [self.pattern.row_starts, self.pattern.columns, self._rounded]
 
     def _steps(self, coefficients, b, x, other):
         """Chebyshev steps, from x to the other array and back; returns x and the other array after the last step."""

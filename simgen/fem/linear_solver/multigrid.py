@@ -18,12 +18,14 @@ import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, SingleVectors
-from simgen.fem.blocks import Blocks, block, clear, invert_kernel, load, store, zeros
+from simgen.fem.blocks import clear, load, store, zeros
 from simgen.fem.chunks import chunks, load_chunk, store_chunk
 from simgen.fem.elements.elasticity import Elasticity
+from simgen.fem.linear_solver import rounded_blocks
 from simgen.fem.linear_solver.aggregation import largest_eigenvalue
 from simgen.fem.linear_solver.linear_multigrid import LinearMultigrid, chebyshev
 from simgen.fem.linear_solver.pattern import corners_to_nodes
+from simgen.fem.linear_solver.rounded_blocks import RoundedBlocks, invert_kernel, rounded_block
 from simgen.fem.linear_solver.transfer import Transfer
 from simgen.fem.precision import single
 
@@ -33,17 +35,17 @@ QUADRATIC_SPREAD = 3.0  # largest over smallest eigenvalue that is smoothed
 
 
 @wp.kernel
-def start_kernel(inverse: Blocks, b: SingleVectors, step: single, active: Envs, x_out: SingleVectors):
+def start_kernel(inverse: RoundedBlocks, b: SingleVectors, step: single, active: Envs, x_out: SingleVectors):
     """The first smoothing step, from x = 0."""
     node, lane = wp.tid()
     env = active[lane]
     if env >= 0:
-        store(x_out, node, env, step * (block(inverse, node, env) * load(b, node, env)))
+        store(x_out, node, env, step * (rounded_block(inverse, node, env) * load(b, node, env)))
 
 
 @wp.kernel
 def finish_kernel(
-    inverse: Blocks, correction: SingleVectors, negative: SingleVectors, step: single, active: Envs,
+    inverse: RoundedBlocks, correction: SingleVectors, negative: SingleVectors, step: single, active: Envs,
     # outputs
     x_out: SingleVectors,
 ):
@@ -51,7 +53,7 @@ def finish_kernel(
     node, lane = wp.tid()
     env = active[lane]
     if env >= 0:
-        change = load(correction, node, env) - step * (block(inverse, node, env) * load(negative, node, env))
+        change = load(correction, node, env) - step * (rounded_block(inverse, node, env) * load(negative, node, env))
         store(x_out, node, env, load(x_out, node, env) + change)
 
 
@@ -66,7 +68,7 @@ def negative_kernel(a: SingleVectors, active: Envs, negative_out: SingleVectors)
 class Multigrid:
     """Multigrid cycle for the displacements of quadratic elements, made at rest, with nothing in contact.
 
-    ``add_tangent(v, out)`` as in `BlockTriangular`.
+    ``add_tangent(v, out, reduced)`` as in `BlockTriangular`.
     """
 
     def __init__(self, elasticity: Elasticity, contacts: list, fixed, add_tangent):
@@ -79,7 +81,8 @@ class Multigrid:
         def vector(size):
             return wp.zeros((size, n_env), dtype=wp.float32, device=device)
 
-        self._blocks, self._inverse = (zeros(n_nodes, n_env, device) for _ in range(2))
+        self._blocks = zeros(n_nodes, n_env, device)
+        self._inverse = rounded_blocks.zeros(n_nodes, n_env, device)
         self._nodes = wp.array(np.arange(n_nodes), dtype=wp.int32, device=device)
         self._negative = vector(n)  # minus the residual
         self._correction = vector(n)  # of the lower levels: displacements only
@@ -108,7 +111,7 @@ class Multigrid:
         def apply(u):
             wp.copy(v[:n_u, 0], wp.array(u, dtype=wp.float32, device=v.device))
             self._negative.zero_()
-            self._add_tangent(v, self._negative)
+            self._add_tangent(v, self._negative, reduced=True)
             self._launch(start_kernel, [self._inverse, self._negative, self._step, self.active], [out])
             return out[:n_u, 0].contiguous().numpy()
 
@@ -133,9 +136,9 @@ class Multigrid:
         inverse, step = self._inverse, self._step
         self._launch(start_kernel, [inverse, b, step, self.active], [x_out])  # the residual contains p, this does not
         batch_arrays.launch(negative_kernel, chunks(b.shape[0]), [b, self.active], [self._negative])
-        self._add_tangent(x_out, self._negative)
+        self._add_tangent(x_out, self._negative, reduced=True)
         self.transfer.restrict(self._negative, self._linear_b, -1.0)
         self.linear.apply(self._linear_b, self._linear_x)
         self.transfer.prolong(self._linear_x, self._correction)
-        self._add_tangent(self._correction, self._negative)
+        self._add_tangent(self._correction, self._negative, reduced=True)
         self._launch(finish_kernel, [inverse, self._correction, self._negative, step, self.active], [x_out])

@@ -67,8 +67,9 @@ def border_kernel(
 class BlockTriangular:
     """Preconditioner; call ``rebuild_multigrid`` and ``prepare`` after a linearisation, then ``apply``.
 
-    ``fixed`` (unknowns,) int32 on the device. ``add_tangent(v, out)`` adds the tangent's action on v to out, and
-    leaves zeros in fixed rows. ``factored`` (env,) bool marks environments that use sparse factors.
+    ``fixed`` (unknowns,) int32 on the device. ``add_tangent(v, out, reduced)`` adds the tangent's action on v to out,
+    by reduced integration if told so, and leaves zeros in fixed rows. ``factored`` (env,) bool marks environments that
+    use sparse factors.
     """
 
     def __init__(self, elasticity, contacts: list, cavity, fixed, add_tangent):

@@ -55,15 +55,15 @@ class LinearSystems:
         self._last_iterations = np.zeros(n_env, dtype=np.int64)
         self._damping = np.zeros(n_env)
 
-    def _add_tangent(self, v, out):
-        self.elasticity.tangent(v, out)
+    def _add_tangent(self, v, out, reduced: bool):
+        self.elasticity.tangent(v, out, reduced)
         for term in self.surface_terms:
             term.tangent(v, out)
         batch_arrays.launch(clear_rows_kernel, len(self._fixed_rows), [self._fixed_rows, self.active], [out])
 
     def _tangent(self, v, out):
         batch_arrays.reset(self.active, out)
-        self._add_tangent(v, out)
+        self._add_tangent(v, out, reduced=False)
 
     def distrust(self, environments: np.ndarray):
         """Rebuild multigrid at the next linearisation of the environments (env,) bool."""

@@ -16,7 +16,7 @@ from simgen.config.solver_settings import SolverSettings
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
-from simgen.fem.elements.element import P2P1, TET_EDGES, Element, barycentric_p2, face_shapes, tet_geometry, tet_rule
+from simgen.fem.elements.element import P2P1, TET_EDGES, barycentric_p2, face_shapes, tet_geometry, tet_rule
 from simgen.fem.material import LAWS
 from simgen.fem.nonlinear.newton import SMALLEST_FORCE, NewtonSolver
 from simgen.fem.nonlinear.status import Status
@@ -72,12 +72,12 @@ class Equilibrium:
     reactions: np.ndarray
 
 
-def make_body(mesh: Mesh, law: ReferenceLaw, device: str, element: Element = P2P1) -> Elasticity:
-    """Make a body of E = 1 with the solver's own functions of a law, and the volumetric split of presses."""
+def make_body(mesh: Mesh, law: ReferenceLaw, device: str) -> Elasticity:
+    """Make a P2-P1 body of E = 1 with the solver's own functions of a law, and the volumetric split of presses."""
     split = SolverSettings().volumetric_split
     solid = LAWS[law.name].from_engineering(1.0, law.poisson_ratio, split, **law.constants)
     active = ActiveEnvironments(1, device)
-    return Elasticity(element, mesh.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
+    return Elasticity(P2P1, mesh.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
 
 
 def solve(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -155,9 +154,8 @@ def tangent(context: Context) -> Outcome:
             curves.append(Curve(f"tangent, {what}", name, [*map(float, steps)], errors[name], "step, mm",
                                 "relative error", log=True))  # fmt: skip
     return Outcome(rows, curves=curves, notes=[
-        "Elasticity at random finite strains, the forces with the tangent's quadrature points; a sphere of radius 7 mm "
-        "in contact with a whole face, frictionless. The tangent of friction leaves out how the tangent plane turns, "
-        "so that it is no derivative.",
+        "Elasticity at random finite strains; a sphere of radius 7 mm in contact with a whole face, frictionless. The "
+        "tangent of friction leaves out how the tangent plane turns, so that it is no derivative.",
     ])  # fmt: skip
 
 
@@ -174,9 +172,8 @@ def difference_errors(
 
 
 def elasticity_term(context: Context, law: ReferenceLaw):
-    """Forces, tangent action and a state of the elastic body, the forces with the tangent's points."""
-    element = replace(P2P1, quadrature_points=P2P1.tangent_points)
-    body = make_body(block(inside_only=False), law, context.device, element)
+    """Forces, tangent action and a state of the elastic body."""
+    body = make_body(block(inside_only=False), law, context.device)
     return (lambda x: internal_forces(body, x)), (lambda x, v: tangent_action(body, x, v)), random_state(body, 4)
 
 

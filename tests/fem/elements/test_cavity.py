@@ -236,8 +236,8 @@ def test_the_preconditioner_eliminates_the_pressure_of_the_fluid(element):
     fixed[: clamped.size] = clamped.ravel()
     on_device = wp.array(fixed, dtype=wp.int32, device="cpu")
 
-    def add_tangent(v, out):
-        body.tangent(v, out)
+    def add_tangent(v, out, reduced):
+        body.tangent(v, out, reduced)
         fluid.tangent(v, out)
         out.assign(np.where(fixed[:, None] == 1, 0.0, out.numpy()))
 
@@ -254,7 +254,7 @@ def test_the_preconditioner_eliminates_the_pressure_of_the_fluid(element):
     assert len(made.prepare(np.array([0]), np.array([0]), made.factored[0])) == 0
     v = np.where(fixed == 1, 0.0, rng.normal(size=len(fixed)))
     force, found = (wp.zeros((len(fixed), 1), dtype=wp.float32, device="cpu") for _ in range(2))
-    add_tangent(wp.array(v[:, None], dtype=wp.float32, device="cpu"), force)
+    add_tangent(wp.array(v[:, None], dtype=wp.float32, device="cpu"), force, reduced=False)
     made.apply(force, found)
     z = found.numpy()[:, 0]
     swept = fluid.gradient.numpy()[:, 0] @ z[: clamped.size]

@@ -46,13 +46,13 @@ class Block:
         self.preconditioner.rebuild_multigrid()
         self.preconditioner.prepare(np.array([0]), np.array([0]), self.preconditioner.factored[0])
 
-    def add_tangent(self, v, out):
-        self.body.tangent(v, out)
+    def add_tangent(self, v, out, reduced):
+        self.body.tangent(v, out, reduced)
         out.assign(np.where(self.fixed, 0.0, out.numpy()))
 
     def tangent(self, v, out):
         out.zero_()
-        self.add_tangent(v, out)
+        self.add_tangent(v, out, reduced=False)
 
     def iterations(self) -> int:
         """Iterations of the Krylov solver to 1e-6."""
