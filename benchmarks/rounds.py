@@ -4,9 +4,9 @@
 
 Runs the first trajectories of the paired job in this process, as a worker of `simgen run` does, into a folder that is
 removed. A round is one call of `LoadStepping.advance`: an iteration, or a trial of a line search, of all active presses
-of a sensor. The time of a phase excludes phases inside it. The device works asynchronously, so a phase may wait for
-kernels of earlier phases. `--wait` waits after each phase instead, which slows the run. Kernels are timed in some
-rounds at each number of presses, without CUDA graphs.
+of a sensor. The time of a phase excludes phases inside it: it is the host's own. The phase `_wait_for` is the time in
+which the host waits for the device, so all phases together are the time of all rounds. `--wait` also waits after each
+phase, which slows the run. Kernels and copies are timed in some rounds at each number of presses, without CUDA graphs.
 
 One thread feeds the device. `--crew 2` uses two threads, as `simgen run` does. Rounds of the two sensors then overlap,
 so only rounds are timed, not phases or kernels.
@@ -22,6 +22,7 @@ import warp as wp
 from record import arguments, write
 
 from simgen.config.job import load_job
+from simgen.fem import device
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver.krylov import ConjugateResiduals
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
@@ -35,10 +36,13 @@ from simgen.pipeline.workers import TASKS_PER_GPU_PROCESS, Workers
 from simgen.simulation import pool
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.state_sampler import StateSampler
+from simgen.simulation.tries import Try
 
 PHASES = {
     LoadStepping: ("_begin_increments", "_start_tries", "_repeat", "_accept_or_reject", "_store_samples"),
-    StateSampler: ("overlap", "room", "_displacements", "inverted_elements"),
+    StateSampler: ("overlap", "room", "displacements", "bound_det_F", "reactions"),
+    Try: ("keep",),
+    device: ("_wait_for",),
     NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving"),
     LinearSystems: ("advance",),
     ForceBalance: ("measure", "measure_surfaces", "work"),
@@ -84,9 +88,9 @@ class Stopwatch:
 class Rounds:
     """Sensor, active presses and time of each round, and kernel times of some."""
 
-    def __init__(self, stopwatch: Stopwatch, device: str, of_kernels: bool):
+    def __init__(self, stopwatch: Stopwatch, on: str, of_kernels: bool):
         self.found, self.kernels, self._seen = [], defaultdict(lambda: defaultdict(float)), defaultdict(int)
-        self._capture, self._of_kernels = True, of_kernels and not wp.get_device(device).is_cpu
+        self._capture, self._of_kernels = True, of_kernels and not wp.get_device(on).is_cpu
         go_on, krylov = LoadStepping.advance, ConjugateResiduals.advance
         if of_kernels:
             go_on = stopwatch.timed("the rest of a round", go_on)
@@ -98,7 +102,7 @@ class Rounds:
             kind, begin, at_work = self._kind(stepping), time.perf_counter(), int(stepping.running.sum())
             if kind:
                 self._capture = False
-                wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
+                wp.timing_begin(cuda_filter=wp.TIMING_ALL)
             go_on(stepping)
             if kind:
                 self._keep(kind, wp.timing_end(), time.perf_counter() - begin)

@@ -37,3 +37,8 @@ def test_a_record_has_arguments_rows_and_origin(tmp_path):
     assert stored["question"] == "Measure nothing." and stored["rows"] == [{"seconds": 1.0}] and stored["unknowns"] == 7
     assert stored["asked"] == {"device": "cpu", "sensor": "digit", "mesh": "fine"}
     assert stored["machine"]["device"] == "cpu" and len(stored["code"]["source"]) == 64
+
+
+def test_the_phases_that_are_timed_exist():
+    phases = importlib.import_module("rounds").PHASES
+    assert not [(owner, name) for owner, names in phases.items() for name in names if not hasattr(owner, name)]
