@@ -189,8 +189,8 @@ def test_elements_that_would_be_inside_out_are_kept_open(block):
         assert plain.status[-1] == Status.INSIDE_OUT
         untouched = stabilised == 0
         np.testing.assert_array_equal(kept.force[untouched], plain.force[untouched])
-        rise.append(kept.force[-1, 1] / plain.force[-1, 1] - 1.0)
-    assert 0.0 < rise[1] < 0.6 * rise[0]  # 4.5 and 2.0 %
+        rise.append(kept.force[-2, 1] / plain.force[-2, 1] - 1.0)  # at 2 mm, folds of the fine mesh have several states
+    assert 0.0 < rise[1] < 0.6 * rise[0]  # 3.6 and 1.3 %
     assert rise[0] < 0.06
 
 
