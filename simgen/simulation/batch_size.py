@@ -12,7 +12,7 @@ from simgen.sensors.sensor import Sensor
 from simgen.sensors.support import faces_in_reach
 
 AT_ONCE = 512  # presses on a GPU
-# On meshes with at most so many unknowns more presses run at once, because the host limits a round. 4,096 presses on
+# On meshes with at most so many unknowns, more presses run at once, because the host limits a round. 4,096 presses on
 # the coarse DIGIT and BioTac take 26.6 and 26.9 s with 512 at once, 18.1 and 20.9 s with 2,048 (248ee6f, one H200).
 SMALL_MESH, MOST_AT_ONCE = 20_000, 2048
 USABLE = 0.8  # of the free memory; the rest is for meshes and kernels

@@ -43,7 +43,8 @@ from simgen.fem.precision import mat33, mat33f, real, single, vec3f
 
 wp.set_module_options({"enable_backward": False})
 
-# Per GPU thread: with 128, some corners' derivatives lie in memory, and 512 presses take 3 % longer (one H100).
+# Per GPU thread: with 128, some numbers lie in memory. A tangent of 512 presses then takes 2.51 us a press instead of
+# 2.29 with four points of an element, and 3.19 instead of 3.17 with eight (one H100).
 TANGENT_REGISTERS = 168
 
 
