@@ -122,7 +122,7 @@ def _preview_sensor(
         scene.unknowns,
         coarser,
         bytes_per_press(sensor, job.solver),
-        at_once(sensor, device, job.solver),
+        at_once(sensor, device, job.solver, job.dataset.presses_per_shard),
         len(sensor.output_mesh.vertices),
         len(sensor.output_mesh.surface_vertices),
         material,

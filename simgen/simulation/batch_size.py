@@ -5,6 +5,7 @@ import warp as wp
 from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
 from simgen.fem.elements.element import ELEMENTS
+from simgen.fem.elements.side_by_side import FEWEST, WIDTH
 from simgen.fem.linear_solver.aggregation import SMALL
 from simgen.fem.linear_solver.dense_inverse import SIDE, WIDE
 from simgen.fem.linear_solver.krylov_kernels import WINDOW
@@ -57,21 +58,24 @@ def _unknowns(sensor: Sensor, settings: SolverSettings) -> int:
     return 3 * _nodes(sensor, settings) + pressures
 
 
-def at_once(sensor: Sensor, device: str, settings: SolverSettings) -> int:
-    """Number of presses on a sensor that run at once on a device with enough memory."""
+def at_once(sensor: Sensor, device: str, settings: SolverSettings, presses: int) -> int:
+    """Number of presses on a sensor that run at once on a device with enough memory, if a task has ``presses``.
+
+    A core computes `WIDTH` presses side by side. Few presses would fill its vectors too seldom.
+    """
     if device == "cpu":
-        return 1
+        return WIDTH if presses >= FEWEST else 1
     return MOST_AT_ONCE if _unknowns(sensor, settings) <= SMALL_MESH else AT_ONCE
 
 
-def presses_at_once(sensor: Sensor, device: str, settings: SolverSettings) -> int:
-    """Number of presses that run at once on a device: :func:`at_once`, or fewer if the free memory is too small.
+def presses_at_once(sensor: Sensor, device: str, settings: SolverSettings, presses: int) -> int:
+    """Number of presses that run at once on a device: :func:`at_once`, or fewer if a GPU's free memory is too small.
 
     Raises InputError if not even one fits.
     """
-    most = at_once(sensor, device, settings)
-    if most == 1:
-        return 1
+    most = at_once(sensor, device, settings, presses)
+    if device == "cpu":
+        return most
     each, free = bytes_per_press(sensor, settings), wp.get_device(device).free_memory
     fit = int(USABLE * free / each)
     if fit < 1:

@@ -11,8 +11,8 @@ from collections.abc import Collection
 import warp as wp
 
 from simgen.fem.device import BLOCK
-from simgen.fem.elements.elasticity import operator_kernels
 from simgen.fem.elements.elasticity_blocks import block_kernels
+from simgen.fem.elements.operators import operator_kernels
 from simgen.fem.material.law import Law
 from simgen.fem.material.neo_hookean import NeoHookean
 
@@ -32,7 +32,7 @@ SELDOM_USED = {
 def load_kernels(device: str):
     """Compile and load all kernels for a GPU, as many modules at once as there are cores. A CPU loads none."""
     if not wp.get_device(device).is_cpu:
-        _load(device, modules_of([NeoHookean]), os.cpu_count())
+        _load(device, modules_of([NeoHookean], cpu=False), os.cpu_count())
 
 
 def load_press_kernels(device: str, laws: Collection[type[Law]], part: int = 0, parts: int = 1):
@@ -41,8 +41,8 @@ def load_press_kernels(device: str, laws: Collection[type[Law]], part: int = 0, 
     Call it in the thread that solves: on a CPU, Warp compiles its headers again for each thread, which takes 4 s.
     Of ``parts`` processes that start together, each begins elsewhere and finds what others have compiled in the cache.
     """
-    modules = in_turn(press_modules(laws), part, parts)
-    _load(device, modules, 0 if wp.get_device(device).is_cpu else os.cpu_count())
+    cpu = wp.get_device(device).is_cpu
+    _load(device, in_turn(press_modules(laws, cpu), part, parts), 0 if cpu else os.cpu_count())
 
 
 def _load(device: str, modules: list[wp.Module], workers: int):
@@ -61,14 +61,14 @@ def in_turn(modules: list, part: int, parts: int) -> list:
     return [modules[(part * n // parts + i) % n] for i in range(n)]
 
 
-def press_modules(laws: Collection[type[Law]]) -> list[wp.Module]:
+def press_modules(laws: Collection[type[Law]], cpu: bool) -> list[wp.Module]:
     """Warp's modules that every press of sensors with these material laws needs, always in the same order."""
-    return modules_of(laws, SELDOM_USED)
+    return modules_of(laws, cpu, SELDOM_USED)
 
 
-def modules_of(laws: Collection[type[Law]], without: Collection[str] = ()) -> list[wp.Module]:
+def modules_of(laws: Collection[type[Law]], cpu: bool, without: Collection[str] = ()) -> list[wp.Module]:
     """Warp's modules of the solver, always in the same order, without some Python modules and kernels."""
-    kernels = [kernel for law in laws for kernel in (*operator_kernels(law), *block_kernels(law))]
+    kernels = [kernel for law in laws for kernel in (*operator_kernels(law, cpu), *block_kernels(law))]
     for name in sorted(sys.modules):
         if name.startswith(FOLDERS) and name not in without:
             kernels += [each for each in vars(sys.modules[name]).values() if isinstance(each, wp.Kernel)]

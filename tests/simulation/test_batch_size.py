@@ -54,8 +54,12 @@ def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
         each = bytes_per_press(sensor)
         for free, expected in ((1e13, most), (100.0 * each, 80), (1.3 * each, 1)):
             monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name, free=free: Gpu(free))
-            assert presses_at_once(sensor, "cuda:0", settings) == expected
+            assert presses_at_once(sensor, "cuda:0", settings, 36) == expected
     monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name: Gpu(1.2 * each))
     with pytest.raises(InputError, match="coarser mesh"):
-        presses_at_once(sensor, "cuda", settings)
-    assert presses_at_once(sensor, "cpu", settings) == 1
+        presses_at_once(sensor, "cuda", settings, 36)
+
+
+def test_a_core_computes_eight_presses_or_one():
+    sensor, settings = load_sensor("digit", "coarse"), SolverSettings()
+    assert [presses_at_once(sensor, "cpu", settings, presses) for presses in (1, 2, 3, 8, 36)] == [1, 1, 8, 8, 8]

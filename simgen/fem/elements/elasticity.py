@@ -1,16 +1,11 @@
-"""Residual and tangent action of the elastic body, batched over environments.
+"""The elastic body as a term of the solver: residual, tangent and blocks, batched over environments.
 
-One thread handles one element of one environment. Kernels gather, call the material law's functions and scatter.
-Derivatives are by an element's coordinates xi and are kept at its four corners (``element_fields.py``). So an element
-is read and written once, and a quadrature point costs as much as one of a linear element. The tangent recomputes its
-moduli from the state. On one CPU core it would be a fifth faster if it stored them. But they take 350 bytes per element
-and environment, more than all other data that it moves.
+The kernels are in ``operators.py`` and ``elasticity_blocks.py``. One thread handles one element of one environment.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import warp as wp
@@ -19,15 +14,8 @@ from simgen.fem import batch_arrays
 from simgen.fem.device import read
 from simgen.fem.elements.elasticity_blocks import block_kernels
 from simgen.fem.elements.element import Element, tet_geometry
-from simgen.fem.elements.element_fields import (
-    corner_gradients,
-    corner_pressures,
-    interpolate,
-    scatter_gradients,
-    scatter_pressures,
-    without_mean,
-)
-from simgen.fem.elements.solid import SingleSolid, Solid, extra_gamma, gradient_metric, make_modulus
+from simgen.fem.elements.operators import operator_kernels
+from simgen.fem.elements.solid import SingleSolid, Solid
 from simgen.fem.elements.stabilisation import (
     MOST_EXTRA_OF_LAM,
     count_kernel,
@@ -36,16 +24,10 @@ from simgen.fem.elements.stabilisation import (
     reinforce_kernel,
 )
 from simgen.fem.elements.validity import LEVELS, PARTS, det_F_kernel
-from simgen.fem.material.law import MOST_CONSTANTS, Law, law_module
-from simgen.fem.material.neo_hookean import NeoHookean
-from simgen.fem.material.volume import cofactor
+from simgen.fem.material.law import MOST_CONSTANTS, Law
 from simgen.fem.precision import mat33, mat33f, real, single, vec3f
 
 wp.set_module_options({"enable_backward": False})
-
-# Per GPU thread: with 128, some numbers lie in memory. A tangent of 512 presses then takes 2.51 us a press instead of
-# 2.29 with four points of an element, and 3.19 instead of 3.17 with eight (one H100).
-TANGENT_REGISTERS = 168
 
 
 @wp.kernel
@@ -67,110 +49,13 @@ def state_kernel(
     state_out[i, env] = single(value)
 
 
-@cache
-def operator_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel]:
-    """Kernels of the residual and of the tangent's action for a law."""
-    module, modulus = law_module(__name__, law), make_modulus(law)
-
-    @wp.kernel(module=module)
-    def residual_kernel(
-        s: Solid,
-        x: wp.array2d(dtype=wp.float64),
-        active: wp.array(dtype=wp.int32),
-        # outputs
-        residual_out: wp.array2d(dtype=wp.float64),
-        min_det_out: wp.array(dtype=wp.float64),
-    ):
-        e, lane = wp.tid()
-        env = active[lane]
-        if env < 0:
-            return
-        ua, ub, uc, ud = corner_gradients(s.tetrahedra, x, e, env)
-        Fa, Fb, Fc, Fd = s.rest[e, 0] + ua, s.rest[e, 1] + ub, s.rest[e, 2] + uc, s.rest[e, 3] + ud
-        pressures = corner_pressures(s.tetrahedra, x, s.first_pressure, e, env)
-        Pa, Pb, Pc, Pd = mat33(), mat33(), mat33(), mat33()
-        constraints = wp.vec4d()
-        least = real(1.0e30)
-        weight = s.weight[e, env]
-        gamma = s.gamma + s.mu * real(extra_gamma(weight, s.most_extra))
-        for q in range(s.volumes.shape[1]):
-            shapes = s.shapes[q]
-            F = interpolate(shapes, Fa, Fb, Fc, Fd)
-            p = wp.dot(shapes, pressures)
-            J = s.contraction[e, q] * wp.determinant(F)
-            least = wp.min(least, J)
-            cof = s.contraction[e, q] * cofactor(F)
-            P = law.first_piola(F, cof, s.metric[e, q], J, p, s.mu, gamma, s.constants)
-            weights = s.volumes[e, q] * shapes
-            Pa += weights[0] * P
-            Pb += weights[1] * P
-            Pc += weights[2] * P
-            Pd += weights[3] * P
-            constraints += (J - real(1.0) - s.pressure_compliance * p) * weights
-        if weight > single(0.0):
-            M = gradient_metric(s.mean_metric[e], weight)
-            da, db, dc, dd = without_mean(ua, ub, uc, ud)
-            Pa += da * M
-            Pb += db * M
-            Pc += dc * M
-            Pd += dd * M
-        scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, residual_out)
-        scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, residual_out)
-        wp.atomic_min(min_det_out, env, least)
-
-    @wp.kernel(module=module, cuda_max_registers=TANGENT_REGISTERS)
-    def tangent_kernel(
-        s: SingleSolid,
-        v: wp.array2d(dtype=wp.float32),
-        active: wp.array(dtype=wp.int32),
-        # outputs
-        action_out: wp.array2d(dtype=wp.float32),
-    ):
-        e, lane = wp.tid()
-        env = active[lane]
-        if env < 0:
-            return
-        Fa, Fb, Fc, Fd = corner_gradients(s.tetrahedra, s.state, e, env)
-        Ha, Hb, Hc, Hd = corner_gradients(s.tetrahedra, v, e, env)
-        pressures = corner_pressures(s.tetrahedra, s.state, s.first_pressure, e, env)
-        increments = corner_pressures(s.tetrahedra, v, s.first_pressure, e, env)
-        Pa, Pb, Pc, Pd = mat33f(), mat33f(), mat33f(), mat33f()
-        constraints = wp.vec4f()
-        for q in range(s.volumes.shape[1]):
-            shapes = s.shapes[q]
-            m = modulus(s, interpolate(shapes, Fa, Fb, Fc, Fd), wp.dot(shapes, pressures), e, q, env)
-            dF = interpolate(shapes, Ha, Hb, Hc, Hd)
-            dp = wp.dot(shapes, increments)
-            dP = law.increment(dF, m, dp)
-            weights = s.volumes[e, q] * shapes
-            Pa += weights[0] * dP
-            Pb += weights[1] * dP
-            Pc += weights[2] * dP
-            Pd += weights[3] * dP
-            constraints += (wp.ddot(m.cofactor, dF) - s.pressure_compliance * dp) * weights
-        weight = s.weight[e, env]
-        if weight > single(0.0):
-            M = gradient_metric(s.mean_metric[e], weight)
-            Da, Db, Dc, Dd = without_mean(Ha, Hb, Hc, Hd)
-            Pa += Da * M
-            Pb += Db * M
-            Pc += Dc * M
-            Pd += Dd * M
-        scatter_gradients(s.tetrahedra, Pa, Pb, Pc, Pd, e, env, action_out)
-        scatter_pressures(s.tetrahedra, constraints, s.first_pressure, e, env, action_out)
-
-    return residual_kernel, tangent_kernel
-
-
-operator_kernels(NeoHookean)  # a GPU compiles the default law's with all other kernels
-
-
 class Elasticity:
     """Elastic body: a mesh with its material, as a term of the solver (see ``simgen.fem``)."""
 
     def __init__(self, element: Element, nodes, tetrahedra, n_corners: int, material: Law, device, active):
         self.material, self.device, self.active = material, device, active
-        self._residual_kernel, self._tangent_kernel = operator_kernels(type(material))
+        cpu = wp.get_device(device).is_cpu
+        self._residual_kernel, self._tangent_kernel = operator_kernels(type(material), cpu)
         self._corner_blocks_kernel, self._blocks_kernel, self._diagonal_kernel = block_kernels(type(material))
         self.host_nodes, self.n_corners = nodes, n_corners
         self.n_displacements = 3 * len(nodes)
@@ -209,7 +94,7 @@ class Elasticity:
         unknowns = self.n_displacements + self.n_pressures
         self._single.state = wp.zeros((unknowns, active.shape[0]), dtype=wp.float32, device=device)
         self._reduced.state = self._single.state
-        self._damping = wp.zeros(active.shape[0], dtype=wp.float32, device=device)
+        self._damping = wp.zeros((1, active.shape[0]), dtype=wp.float32, device=device)
         self._single.damping = self._reduced.damping = self._damping
         self._count = wp.zeros(active.shape[0], dtype=wp.int32, device=device)
         self._least = wp.zeros(active.shape[0], dtype=wp.float64, device=device)
@@ -223,7 +108,7 @@ class Elasticity:
 
     def damp(self, eta: np.ndarray):
         """Damp the derivatives of the environments by eta (env,), see ``damping.py``."""
-        self._damping.assign((self.material.mu * eta).astype(np.float32))
+        self._damping.assign((self.material.mu * eta).astype(np.float32)[None])
 
     def linearize(self, x):
         """Take derivatives at state x from now on."""

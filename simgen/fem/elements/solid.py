@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from simgen.fem.columns import number_at
 from simgen.fem.material.law import Law
 from simgen.fem.material.volume import cofactor
 from simgen.fem.precision import mat33, mat33f, single
@@ -54,7 +55,7 @@ class SingleSolid:
     gamma: wp.float32
     most_extra: wp.float32
     pressure_compliance: wp.float32
-    damping: wp.array(dtype=wp.float32)  # (env,) eta mu of the damped tangent, see damping.py
+    damping: wp.array2d(dtype=wp.float32)  # (1, env) eta mu of the damped tangent, see damping.py
     state: wp.array2d(dtype=wp.float32)  # (unknowns, env) deformed positions and pressures: where derivatives are taken
 
 
@@ -81,10 +82,11 @@ def make_modulus(law: type[Law]) -> wp.Function:
     def modulus(s: SingleSolid, F: mat33f, p: single, e: wp.int32, q: wp.int32, env: wp.int32):
         J = s.contraction[e, q] * wp.determinant(F)
         cof = s.contraction[e, q] * cofactor(F)
-        gamma = s.gamma + s.mu * extra_gamma(s.weight[e, env], s.most_extra)
+        gamma = s.gamma + s.mu * extra_gamma(number_at(s.weight, e, env), s.most_extra)
         out = law.modulus(F, cof, s.metric[e, q], J, p, s.mu, gamma, s.constants)
-        if s.damping[env] > single(0.0):
-            out.metric += (s.damping[env] / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
+        damping = number_at(s.damping, 0, env)
+        if damping > single(0.0):
+            out.metric += (damping / wp.max(J, LEAST_DAMPED)) * (wp.transpose(out.cofactor) * out.cofactor)
         return out
 
     return modulus

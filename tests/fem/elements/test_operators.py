@@ -1,0 +1,43 @@
+"""Kernels of a CPU, which computes environments side by side, against those of a GPU, which does not."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from simgen.fem.elements.element import P1, P2P1
+from simgen.fem.elements.operators import operator_kernels
+from simgen.fem.material import LAWS
+from tests.fem.elements.test_elasticity import body
+
+N_ENV = 20  # two whole groups and a part of one
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("element", [P1, P2P1])
+def test_environments_side_by_side_give_the_same_bytes_as_one_after_the_other(element, law, reduced):
+    rng = np.random.default_rng(2)
+    _, term = body(element, n_env=N_ENV, law=law)
+    n = term.n_displacements + term.n_pressures
+    x = wp.array(0.03 * rng.normal(size=(n, N_ENV)), dtype=wp.float64, device="cpu")
+    v = wp.array(rng.normal(size=(n, N_ENV)), dtype=wp.float32, device="cpu")
+    term.damp(np.where(np.arange(N_ENV) % 3 == 0, 0.1, 0.0))
+    term.linearize(x)
+    term.weight.assign(np.where(rng.random(term.weight.shape) < 0.2, 0.5, 0.0).astype(np.float32))
+    before = rng.normal(size=(n, N_ENV))
+
+    def outputs(cpu: bool):
+        term._residual_kernel, term._tangent_kernel = operator_kernels(LAWS[law], cpu)
+        residual = wp.array(before, dtype=wp.float64, device="cpu")
+        action = wp.array(before, dtype=wp.float32, device="cpu")
+        least = wp.full(N_ENV, np.inf, dtype=wp.float64, device="cpu")
+        term.residual(x, residual, least)
+        term.tangent(v, action, reduced)
+        return residual.numpy(), action.numpy(), least.numpy()
+
+    for environments in (np.arange(N_ENV), [0, 1, 3, 4, 7, 9, 15, 16, 17, 18], [5, 12, 13, 14], [8]):
+        chosen = np.isin(np.arange(N_ENV), environments)
+        term.active.choose(chosen)
+        for own, other in zip(outputs(cpu=True), outputs(cpu=False), strict=True):
+            np.testing.assert_array_equal(own, other)
+        assert (own[chosen] < 1.0).all() and np.isinf(own[~chosen]).all()  # the least det F, last of the outputs
