@@ -5,7 +5,7 @@ import warp as wp
 from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
 from simgen.fem.elements.element import ELEMENTS
-from simgen.fem.elements.side_by_side import FEWEST, WIDTH
+from simgen.fem.groups import FEWEST, WIDTH
 from simgen.fem.linear_solver.aggregation import SMALL
 from simgen.fem.linear_solver.dense_inverse import SIDE, WIDE
 from simgen.fem.linear_solver.krylov_kernels import WINDOW

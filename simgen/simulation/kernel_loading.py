@@ -67,9 +67,13 @@ def press_modules(laws: Collection[type[Law]], cpu: bool) -> list[wp.Module]:
 
 
 def modules_of(laws: Collection[type[Law]], cpu: bool, without: Collection[str] = ()) -> list[wp.Module]:
-    """Warp's modules of the solver, always in the same order, without some Python modules and kernels."""
+    """Warp's modules of the solver, always in the same order, for CPUs or for GPUs.
+
+    without : Python modules and kernels to leave out
+    """
     kernels = [kernel for law in laws for kernel in (*operator_kernels(law, cpu), *block_kernels(law))]
     for name in sorted(sys.modules):
         if name.startswith(FOLDERS) and name not in without:
             kernels += [each for each in vars(sys.modules[name]).values() if isinstance(each, wp.Kernel)]
-    return list(dict.fromkeys(kernel.module for kernel in kernels if kernel.key not in without))
+    modules = dict.fromkeys(kernel.module for kernel in kernels if kernel.key not in without)
+    return [module for module in modules if not module.name.endswith(".gpu" if cpu else ".cpu")]

@@ -6,6 +6,7 @@ import pytest
 from simgen.config.solver_settings import SolverSettings
 from simgen.fem.contact.contact import Contact
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
+from simgen.fem.nonlinear import linear_systems
 from simgen.fem.nonlinear.force_balance import ForceBalance
 from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS
 from simgen.fem.nonlinear.status import Status
@@ -65,6 +66,7 @@ def test_a_press_moves_to_a_free_environment_without_a_change(block, scene, monk
         move(scene, sources, targets, shape_of)
 
     monkeypatch.setattr(Scene, "move", watch)
+    as_on_a_gpu(monkeypatch)
     shapes, steps = [CUBE, SPHERE, SPHERE], np.array([1, 2, len(DEPTHS)])
     poses = np.concatenate([pose(tilt_deg=5.0), pose(), pose(x=1.0)])
     together = follow(Scene(block, GEL, batch=3), shapes, poses, DEPTHS[:, None] * DOWN, steps=steps)
@@ -106,6 +108,11 @@ def test_friction_begins_anew_after_the_indenter_has_left():
     np.testing.assert_allclose(again.force[-1], fresh.force[-1], atol=1e-3 * fresh.force[-1, 1])
 
 
+def as_on_a_gpu(monkeypatch):
+    """Let linear systems take as many iterations in a round as on a GPU."""
+    monkeypatch.setattr(linear_systems, "KRYLOV_PER_CPU_ROUND", linear_systems.KRYLOV_PER_ROUND)
+
+
 def test_multigrid_is_rebuilt_rarely_in_a_batch(monkeypatch):
     """As on a GPU, all linear systems take the same number of iterations; few Newton iterations rebuild multigrid."""
     made = []
@@ -116,6 +123,7 @@ def test_multigrid_is_rebuilt_rarely_in_a_batch(monkeypatch):
         follow_state(preconditioner)
 
     monkeypatch.setattr(BlockTriangular, "rebuild_multigrid", watch)
+    as_on_a_gpu(monkeypatch)
     scene = Scene(make_block((8, 2, 8)), GEL, batch=2)
     scene.solver.systems._solve_together = True
     results = press(scene, [SPHERE, CUBE], np.tile(pose(), (2, 1, 1)), np.array([0.2e-3, 0.4e-3, 0.6e-3, 0.8e-3]))
@@ -187,6 +195,7 @@ def test_a_second_try_beside_the_first_changes_no_result_and_saves_time(block, m
     """The second try begins right after the first, which counts if it reaches its end."""
     settings, depths = SolverSettings(smallest_substep=0.5), np.array([0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3])
     fail_beyond(monkeypatch, furthest)
+    as_on_a_gpu(monkeypatch)
     iterations, tries, advance = [0, 0], [0, 0], LoadStepping.advance
 
     def watch(stepping):

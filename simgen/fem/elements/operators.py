@@ -24,8 +24,9 @@ from simgen.fem.elements.element_fields import (
     scatter_pressures,
     without_mean,
 )
-from simgen.fem.elements.side_by_side import FEWEST, WIDTH, make_actions, make_forces, neighbours
+from simgen.fem.elements.side_by_side import make_actions, make_forces
 from simgen.fem.elements.solid import SingleSolid, Solid, extra_gamma, gradient_metric, make_modulus
+from simgen.fem.groups import FEWEST, WIDTH, neighbours
 from simgen.fem.material.law import Law, law_module
 from simgen.fem.material.neo_hookean import NeoHookean
 from simgen.fem.material.volume import cofactor

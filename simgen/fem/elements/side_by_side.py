@@ -9,19 +9,13 @@ from __future__ import annotations
 
 import warp as wp
 
-from simgen.fem.batch_arrays import Envs, Scalars, SingleVectors, Vectors
+from simgen.fem.batch_arrays import Scalars, SingleVectors, Vectors
 from simgen.fem.elements.element_fields import corner_gradients, interpolate, scatter_gradients
 from simgen.fem.elements.solid import SingleSolid, Solid
+from simgen.fem.groups import EACH, WIDTH
 
 wp.set_module_options({"enable_backward": False})
 
-WIDTH = 8  # environments side by side: the numbers in a vector of 256 bits
-# Active environments in a group from which on the whole group is computed; it takes as long as two or three alone.
-FEWEST = 3
-
-# Without the second option, the compiler would unroll the loop first and then find no loop to vectorise.
-_EACH = """_Pragma("clang loop vectorize(assume_safety) interleave(disable) unroll(disable)")
-    for (int l = 0; l < WIDTH; ++l)"""
 _CORNERS = """_Pragma("clang loop unroll(full)") for (int k = 0; k < 4; ++k)"""
 
 # Names that the code below shares. Environments of arrays begin with the group's first one, so that the compiler sees
@@ -142,8 +136,7 @@ def _code(body: str, number: str, at_point: wp.Function, stabilise: wp.Function)
     functions = (corner_gradients, interpolate, scatter_gradients)
     names = {each.key: each.native_func for each in functions}
     names |= {"at_point": at_point.native_func, "stabilise": stabilise.native_func}
-    each = _EACH.replace("WIDTH", str(WIDTH))
-    return (_TOOLS + body).format(width=WIDTH, number=number, each=each, corners=_CORNERS, **names)
+    return (_TOOLS + body).format(width=WIDTH, number=number, each=EACH, corners=_CORNERS, **names)
 
 
 def make_actions(at_point: wp.Function, stabilise: wp.Function) -> wp.Function:
@@ -166,19 +159,3 @@ def make_forces(at_point: wp.Function, stabilise: wp.Function) -> wp.Function:
     ): ...
 
     return forces
-
-
-@wp.func
-def neighbours(active: Envs, lane: wp.int32):
-    """Find the active environments in the group of entry ``lane`` of the list.
-
-    Returns them as bits, their number, and whether the entry is the first of them.
-    """
-    group = active[lane] / WIDTH
-    bits, count, first = wp.int32(0), wp.int32(0), wp.bool(True)
-    for k in range(wp.max(lane - WIDTH + 1, 0), wp.min(lane + WIDTH, active.shape[0])):
-        if active[k] >= 0 and active[k] / WIDTH == group:
-            bits |= 1 << (active[k] - WIDTH * group)
-            count += 1
-            first = first and k >= lane
-    return bits, count, first

@@ -10,9 +10,11 @@ from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.blocks import clear, load, store, zeros
 from simgen.fem.elements.elasticity import Elasticity
+from simgen.fem.groups import FEWEST, WIDTH, cpu_kernel, gpu_kernel, neighbours
 from simgen.fem.linear_solver import rounded_blocks
 from simgen.fem.linear_solver.aggregation import coarse_space, largest_eigenvalue
 from simgen.fem.linear_solver.coarse_level import CoarseLevel
+from simgen.fem.linear_solver.group_rows import EACH_CHOSEN, ROWS, block_row
 from simgen.fem.linear_solver.pattern import BlockPattern
 from simgen.fem.linear_solver.rounded_blocks import RoundedBlocks, invert_kernel, of_environment, rounded_block
 from simgen.fem.precision import single, vec3f
@@ -54,7 +56,20 @@ def row_residual(
     return r
 
 
-@wp.kernel
+@wp.func
+def smooth(
+    inverse: RoundedBlocks, r: vec3f, x: SingleVectors, keep: single, step: single, row: wp.int32, env: wp.int32,
+    direction: SingleVectors, x_out: SingleVectors,
+):
+    """One Chebyshev step for the row's residual r."""
+    d = step * (rounded_block(inverse, row, env) * r)
+    if keep != 0.0:
+        d += keep * load(direction, row, env)
+    store(direction, row, env, d)
+    store(x_out, row, env, load(x, row, env) + d)
+
+
+@gpu_kernel
 def residual_kernel(
     row_starts: Indices, columns: Indices, blocks: RoundedBlocks, x: SingleVectors, b: SingleVectors, active: Envs,
     # outputs
@@ -82,7 +97,7 @@ def chebyshev_start_kernel(
     store(x_out, row, env, d)
 
 
-@wp.kernel
+@gpu_kernel
 def chebyshev_kernel(
     row_starts: Indices, columns: Indices, blocks: RoundedBlocks, inverse: RoundedBlocks, x: SingleVectors,
     b: SingleVectors, keep: single, step: single, active: Envs,
@@ -94,11 +109,74 @@ def chebyshev_kernel(
     if env < 0:
         return
     r = row_residual(row_starts, columns, blocks, x, b, row, env)
-    d = step * (rounded_block(inverse, row, env) * r)
-    if keep != 0.0:
-        d += keep * load(direction_out, row, env)
-    store(direction_out, row, env, d)
-    store(x_out, row, env, load(x, row, env) + d)
+    smooth(inverse, r, x, keep, step, row, env, direction_out, x_out)
+
+
+@wp.func_native(block_row(f"{EACH_CHOSEN} {store.native_func}(residual, row, l, r(l));", vectors=("residual",)))
+def group_residual(
+    row_starts: Indices, columns: Indices, blocks: RoundedBlocks, x: SingleVectors, b: SingleVectors, row: wp.int32,
+    first: wp.int32, chosen: wp.int32, residual: SingleVectors,
+): ...
+
+
+# The compiler does not vectorise a loop with a condition on ``keep`` inside.
+_SMOOTH = f"""
+    if (keep == 0.0f) {{
+        {EACH_CHOSEN} {smooth.native_func}(inverse, r(l), x, 0.0f, step, row, l, direction, x_out);
+    }} else {{
+        {EACH_CHOSEN} {smooth.native_func}(inverse, r(l), x, keep, step, row, l, direction, x_out);
+    }}
+"""
+
+
+@wp.func_native(block_row(_SMOOTH, vectors=("direction", "x_out"), blocks=("inverse",)))
+def group_smooth(
+    row_starts: Indices, columns: Indices, blocks: RoundedBlocks, inverse: RoundedBlocks, x: SingleVectors,
+    b: SingleVectors, keep: single, step: single, row: wp.int32, first: wp.int32, chosen: wp.int32,
+    direction: SingleVectors, x_out: SingleVectors,
+): ...
+
+
+@cpu_kernel
+def group_residual_kernel(
+    row_starts: Indices, columns: Indices, blocks: RoundedBlocks, x: SingleVectors, b: SingleVectors, active: Envs,
+    # outputs
+    residual_out: SingleVectors,
+):
+    part, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    group, count, leads = neighbours(active, lane)
+    first = env / WIDTH * WIDTH
+    for row in range(part * ROWS, wp.min((part + 1) * ROWS, row_starts.shape[0] - 1)):
+        if count < FEWEST or first + WIDTH > x.shape[1]:
+            store(residual_out, row, env, row_residual(row_starts, columns, blocks, x, b, row, env))
+        elif leads:
+            group_residual(row_starts, columns, blocks, x, b, row, first, group, residual_out)
+
+
+@cpu_kernel
+def group_chebyshev_kernel(
+    row_starts: Indices, columns: Indices, blocks: RoundedBlocks, inverse: RoundedBlocks, x: SingleVectors,
+    b: SingleVectors, keep: single, step: single, active: Envs,
+    # outputs
+    direction_out: SingleVectors, x_out: SingleVectors,
+):
+    part, lane = wp.tid()
+    env = active[lane]
+    if env < 0:
+        return
+    group, count, leads = neighbours(active, lane)
+    first = env / WIDTH * WIDTH
+    for row in range(part * ROWS, wp.min((part + 1) * ROWS, row_starts.shape[0] - 1)):
+        if count < FEWEST or first + WIDTH > x.shape[1]:
+            r = row_residual(row_starts, columns, blocks, x, b, row, env)
+            smooth(inverse, r, x, keep, step, row, env, direction_out, x_out)
+        elif leads:
+            group_smooth(
+                row_starts, columns, blocks, inverse, x, b, keep, step, row, first, group, direction_out, x_out
+            )
 
 
 class LinearMultigrid:
@@ -110,6 +188,7 @@ class LinearMultigrid:
         faces = [contact.host_faces[:, :3] for contact in contacts]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra[:, :4], faces, device)
         self.fixed = fixed[: 3 * n]
+        self._cpu = wp.get_device(device).is_cpu
         self._n, self._blocks = n, zeros(self.pattern.n_blocks, n_env, device)
         self._rounded = rounded_blocks.zeros(self.pattern.n_blocks, n_env, device)
         self._inverse = rounded_blocks.zeros(n, n_env, device)
@@ -145,6 +224,12 @@ class LinearMultigrid:
     def _launch(self, kernel, inputs, outputs):
         batch_arrays.launch(kernel, self._n, inputs, outputs)
 
+    def _launch_rows(self, kernel, group_kernel, inputs, outputs):
+        if self._cpu:
+            batch_arrays.launch(group_kernel, -(-self._n // ROWS), inputs, outputs)
+        else:
+            self._launch(kernel, inputs, outputs)
+
     def _rows(self):
         return [self.pattern.row_starts, self.pattern.columns, self._rounded]
 
@@ -152,7 +237,7 @@ class LinearMultigrid:
         """Chebyshev steps, from x to the other array and back; returns x and the other array after the last step."""
         for keep, step in coefficients:
             inputs = [*self._rows(), self._inverse, x, b, keep, step, self.active]
-            self._launch(chebyshev_kernel, inputs, [self._direction, other])
+            self._launch_rows(chebyshev_kernel, group_chebyshev_kernel, inputs, [self._direction, other])
             x, other = other, x
         return x, other
 
@@ -162,6 +247,7 @@ class LinearMultigrid:
         x, other = self._x, x_out  # after an odd number of swaps, x_out is x
         self._launch(chebyshev_start_kernel, [self._inverse, b, first, self.active], [self._direction, x])
         x, other = self._steps(others, b, x, other)
-        self._launch(residual_kernel, [*self._rows(), x, b, self.active], [self._residual])
+        inputs = [*self._rows(), x, b, self.active]
+        self._launch_rows(residual_kernel, group_residual_kernel, inputs, [self._residual])
         self.coarse.correct(self._residual, x)
         self._steps(self._smoothing, b, x, other)

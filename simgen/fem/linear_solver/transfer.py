@@ -9,12 +9,28 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.columns import number_at
+from simgen.fem.groups import FEWEST, WIDTH, cpu_kernel, gpu_kernel, neighbours
+from simgen.fem.linear_solver.group_rows import ROWS, group_sparse_row
 from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.kernel
+@wp.func
+def sparse_row(
+    row_starts: Indices, columns: Indices, values: wp.array(dtype=wp.float32), x: SingleVectors, factor: single,
+    keep: wp.bool, row: wp.int32, env: wp.int32, y_out: SingleVectors,
+):
+    total = single(0.0)
+    for k in range(row_starts[row], row_starts[row + 1]):
+        total += values[k] * number_at(x, columns[k], env)
+    total *= factor
+    if keep:
+        total += y_out[row, env]
+    y_out[row, env] = total
+
+
+@gpu_kernel
 def sparse_kernel(
     row_starts: Indices, columns: Indices, values: wp.array(dtype=wp.float32), x: SingleVectors, factor: single,
     keep: wp.bool, active: Envs,
@@ -24,15 +40,28 @@ def sparse_kernel(
     """y = factor times M x, plus y if ``keep``."""
     row, lane = wp.tid()
     env = active[lane]
+    if env >= 0:
+        sparse_row(row_starts, columns, values, x, factor, keep, row, env, y_out)
+
+
+@cpu_kernel
+def group_sparse_kernel(
+    row_starts: Indices, columns: Indices, values: wp.array(dtype=wp.float32), x: SingleVectors, factor: single,
+    keep: wp.bool, active: Envs,
+    # outputs
+    y_out: SingleVectors,
+):
+    part, lane = wp.tid()
+    env = active[lane]
     if env < 0:
         return
-    total = single(0.0)
-    for k in range(row_starts[row], row_starts[row + 1]):
-        total += values[k] * number_at(x, columns[k], env)
-    total *= factor
-    if keep:
-        total += y_out[row, env]
-    y_out[row, env] = total
+    group, count, leads = neighbours(active, lane)
+    first = env / WIDTH * WIDTH
+    for row in range(part * ROWS, wp.min((part + 1) * ROWS, row_starts.shape[0] - 1)):
+        if count < FEWEST or first + WIDTH > x.shape[1]:
+            sparse_row(row_starts, columns, values, x, factor, keep, row, env, y_out)
+        elif leads:
+            group_sparse_row(row_starts, columns, values, x, factor, keep, row, first, group, y_out)
 
 
 class Transfer:
@@ -48,7 +77,11 @@ class Transfer:
         return [*indices, wp.array(matrix.data, dtype=wp.float32, device=device)]
 
     def _launch(self, matrix, rows, x, factor, keep, out):
-        batch_arrays.launch(sparse_kernel, rows, [*matrix, x, factor, keep, self._active], [out])
+        inputs = [*matrix, x, factor, keep, self._active]
+        if wp.get_device(self._active.device).is_cpu:
+            batch_arrays.launch(group_sparse_kernel, -(-rows // ROWS), inputs, [out])
+        else:
+            batch_arrays.launch(sparse_kernel, rows, inputs, [out])
 
     def prolong(self, x, y_out):
         """y = M x."""

@@ -1,43 +1,24 @@
-"""Kernels of a CPU, which computes environments side by side, against those of a GPU, which does not."""
+"""Kernels of a body's elements: for linear elements, and for both kinds of devices."""
 
 import numpy as np
 import pytest
-import warp as wp
 
-from simgen.fem.elements.element import P1, P2P1
+from simgen.fem.elements.element import P1
 from simgen.fem.elements.operators import operator_kernels
 from simgen.fem.material import LAWS
-from tests.fem.elements.test_elasticity import body
-
-N_ENV = 20  # two whole groups and a part of one
+from tests.fem.elements.test_side_by_side import N_ENV, outputs_of_both
 
 
-@pytest.mark.parametrize("reduced", [False, True])
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("element", [P1, P2P1])
-def test_environments_side_by_side_give_the_same_bytes_as_one_after_the_other(element, law, reduced):
-    rng = np.random.default_rng(2)
-    _, term = body(element, n_env=N_ENV, law=law)
-    n = term.n_displacements + term.n_pressures
-    x = wp.array(0.03 * rng.normal(size=(n, N_ENV)), dtype=wp.float64, device="cpu")
-    v = wp.array(rng.normal(size=(n, N_ENV)), dtype=wp.float32, device="cpu")
-    term.damp(np.where(np.arange(N_ENV) % 3 == 0, 0.1, 0.0))
-    term.linearize(x)
-    term.weight.assign(np.where(rng.random(term.weight.shape) < 0.2, 0.5, 0.0).astype(np.float32))
-    before = rng.normal(size=(n, N_ENV))
+def test_linear_elements_have_no_group_and_give_the_same_bytes_on_a_cpu(law):
+    cpu, gpu, before = outputs_of_both(P1, law, np.arange(N_ENV))
+    for own, other in zip(cpu, gpu, strict=True):
+        np.testing.assert_array_equal(own, other)
+    assert (cpu[0] != before).all()
 
-    def outputs(cpu: bool):
-        term._residual_kernel, term._tangent_kernel = operator_kernels(LAWS[law], cpu)
-        residual = wp.array(before, dtype=wp.float64, device="cpu")
-        action = wp.array(before, dtype=wp.float32, device="cpu")
-        least = wp.full(N_ENV, np.inf, dtype=wp.float64, device="cpu")
-        term.residual(x, residual, least)
-        term.tangent(v, action, reduced)
-        return residual.numpy(), action.numpy(), least.numpy()
 
-    for environments in (np.arange(N_ENV), [0, 1, 3, 4, 7, 9, 15, 16, 17, 18], [5, 12, 13, 14], [8]):
-        chosen = np.isin(np.arange(N_ENV), environments)
-        term.active.choose(chosen)
-        for own, other in zip(outputs(cpu=True), outputs(cpu=False), strict=True):
-            np.testing.assert_array_equal(own, other)
-        assert (own[chosen] < 1.0).all() and np.isinf(own[~chosen]).all()  # the least det F, last of the outputs
+@pytest.mark.parametrize("law", LAWS.values())
+def test_each_kind_of_device_loads_its_own_kernels(law):
+    on_cpu, on_gpu = (operator_kernels(law, cpu) for cpu in (True, False))
+    assert on_cpu is operator_kernels(law, True)
+    assert not {kernel.module.name for kernel in on_cpu} & {kernel.module.name for kernel in on_gpu}

@@ -1,60 +1,54 @@
-"""Groups of environments: which are active, and whether the compiler turns loops over them into vector operations."""
-
-import os
-import subprocess
-import sys
+"""Kernels of a CPU, which computes environments side by side, against those of a GPU, which does not."""
 
 import numpy as np
 import pytest
 import warp as wp
 
-from simgen.fem.batch_arrays import Envs, env_indices
-from simgen.fem.elements.side_by_side import WIDTH, neighbours
-
-wp.set_module_options({"enable_backward": False})
-
-
-@wp.kernel
-def neighbours_kernel(active: Envs, group_out: Envs, count_out: Envs, leads_out: Envs):
-    lane = wp.tid()
-    group, count, leads = neighbours(active, lane)
-    group_out[lane] = group
-    count_out[lane] = count
-    leads_out[lane] = wp.where(leads, 1, 0)
-
-
-@pytest.mark.parametrize("share", [0.2, 0.7, 1.0])
-def test_active_environments_of_a_group(share):
-    chosen = np.random.default_rng(1).random(5 * WIDTH + 3) < share
-    numbers = env_indices(chosen)
-    active = wp.array(numbers, dtype=wp.int32, device="cpu")
-    outputs = [wp.zeros(len(numbers), dtype=wp.int32, device="cpu") for _ in range(3)]
-    wp.launch(neighbours_kernel, dim=int(chosen.sum()), inputs=[active], outputs=outputs, device="cpu")
-    led = []
-    for lane, env in enumerate(numbers[numbers >= 0]):
-        first = env // WIDTH * WIDTH
-        group = chosen[first : first + WIDTH]
-        bits, count, leads = (int(out.numpy()[lane]) for out in outputs)
-        assert bits == sum(1 << i for i in np.flatnonzero(group)) and count == group.sum()
-        assert leads == (env == first + np.flatnonzero(group)[0])
-        led += [first] * leads
-    assert led == sorted({env // WIDTH * WIDTH for env in np.flatnonzero(chosen)})
-
-
-COMPILE = """
-import warp as wp
+from simgen.fem.elements.element import P2P1
 from simgen.fem.elements.operators import operator_kernels
 from simgen.fem.material import LAWS
-for law in [LAWS["neo_hookean"]]:
-    wp.force_load("cpu", [kernel.module for kernel in operator_kernels(law, cpu=True)])
-"""
+from tests.fem.elements.test_elasticity import body
+
+N_ENV = 20  # two whole groups and a part of one
 
 
-def test_the_compiler_vectorises_all_loops_over_environments(tmp_path):
-    """Clang warns of each loop that it was told to vectorise and did not."""
-    done = subprocess.run(
-        [sys.executable, "-c", COMPILE], env={**os.environ, "WARP_CACHE_PATH": str(tmp_path)},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert list(tmp_path.rglob("*.o"))
-    assert "not vectorized" not in done.stderr
+def outputs_of_both(element, law: str, environments, reduced: bool = False):
+    """Residuals, actions of the tangent and least det F by the kernels of a CPU and of a GPU, and what they begin with.
+
+    Some environments are damped, and some elements are stabilised.
+    """
+    rng = np.random.default_rng(2)
+    _, term = body(element, n_env=N_ENV, law=law)
+    n = term.n_displacements + term.n_pressures
+    x = wp.array(0.03 * rng.normal(size=(n, N_ENV)), dtype=wp.float64, device="cpu")
+    v = wp.array(rng.normal(size=(n, N_ENV)), dtype=wp.float32, device="cpu")
+    term.damp(np.where(np.arange(N_ENV) % 3 == 0, 0.1, 0.0))
+    term.linearize(x)
+    term.weight.assign(np.where(rng.random(term.weight.shape) < 0.2, 0.5, 0.0).astype(np.float32))
+    before = rng.normal(size=(n, N_ENV))
+
+    def outputs(cpu: bool):
+        term._residual_kernel, term._tangent_kernel = operator_kernels(LAWS[law], cpu)
+        residual = wp.array(before, dtype=wp.float64, device="cpu")
+        action = wp.array(before, dtype=wp.float32, device="cpu")
+        least = wp.full(N_ENV, np.inf, dtype=wp.float64, device="cpu")
+        term.residual(x, residual, least)
+        term.tangent(v, action, reduced)
+        return residual.numpy(), action.numpy(), least.numpy()
+
+    term.active.choose(np.isin(np.arange(N_ENV), environments))
+    return outputs(cpu=True), outputs(cpu=False), before
+
+
+@pytest.mark.parametrize("environments", [np.arange(N_ENV), [0, 1, 3, 4, 7, 9, 15, 16, 17, 18], [5, 12, 13, 14], [8]])
+@pytest.mark.parametrize("reduced", [False, True])
+@pytest.mark.parametrize("law", LAWS)
+def test_environments_side_by_side_give_the_same_bytes_as_one_after_the_other(law, reduced, environments):
+    cpu, gpu, before = outputs_of_both(P2P1, law, environments, reduced)
+    for own, other in zip(cpu, gpu, strict=True):
+        np.testing.assert_array_equal(own, other)
+    chosen = np.isin(np.arange(N_ENV), environments)
+    residual, action, least = cpu
+    for changed in (residual != before, action != before.astype(np.float32)):
+        assert (changed.any(axis=0) == chosen).all()
+    assert (least[chosen] < 1.0).all() and np.isinf(least[~chosen]).all()
