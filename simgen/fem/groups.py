@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import warp as wp
 
-from simgen.fem.batch_arrays import Envs
+from simgen.fem.batch_arrays import ActiveEnvironments, Envs
+from simgen.fem.device import launch_kernel
 
 wp.set_module_options({"enable_backward": False})
 
@@ -24,6 +25,13 @@ EACH = f"""_Pragma("clang loop vectorize(assume_safety) interleave(disable) unro
     for (int l = 0; l < {WIDTH}; ++l)"""
 
 
+def launch(kernel: wp.Kernel, rows: int, inputs: list, outputs: list):
+    """Launch a kernel whose threads run over all environments of the one `ActiveEnvironments` among its inputs."""
+    [active] = [each for each in inputs if isinstance(each, ActiveEnvironments)]
+    inputs = [each.numbers if each is active else each for each in inputs]
+    launch_kernel(kernel, dim=rows, inputs=inputs, outputs=outputs, device=active.device)
+
+
 def cpu_kernel(function) -> wp.Kernel:
     """Make a kernel that only CPUs load."""
     return wp.kernel(function, module=f"{function.__module__}.cpu", enable_backward=False)
@@ -35,16 +43,16 @@ def gpu_kernel(function) -> wp.Kernel:
 
 
 @wp.func
-def neighbours(active: Envs, lane: wp.int32):
-    """Find the active environments in the group of entry ``lane`` of the list.
+def group_at(active: Envs, lane: wp.int32):
+    """Active environments of one group, from entry ``lane`` of the list on: as bits, and their number.
 
-    Returns them as bits, their number, and whether the entry is the first of them.
+    The number is 0 where the list has ended.
     """
-    group = active[lane] / WIDTH
-    bits, count, first = wp.int32(0), wp.int32(0), wp.bool(True)
-    for k in range(wp.max(lane - WIDTH + 1, 0), wp.min(lane + WIDTH, active.shape[0])):
-        if active[k] >= 0 and active[k] / WIDTH == group:
-            bits |= 1 << (active[k] - WIDTH * group)
-            count += 1
-            first = first and k >= lane
-    return bits, count, first
+    bits, count = wp.int32(0), wp.int32(0)
+    if lane >= active.shape[0] or active[lane] < 0:
+        return bits, count
+    first = active[lane] / WIDTH * WIDTH
+    while lane + count < active.shape[0] and active[lane + count] >= 0 and active[lane + count] < first + WIDTH:
+        bits |= 1 << (active[lane + count] - first)
+        count += 1
+    return bits, count

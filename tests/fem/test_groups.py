@@ -9,36 +9,36 @@ import pytest
 import warp as wp
 
 from simgen.fem.batch_arrays import Envs, env_indices
-from simgen.fem.groups import WIDTH, neighbours
+from simgen.fem.groups import WIDTH, group_at
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def neighbours_kernel(active: Envs, group_out: Envs, count_out: Envs, leads_out: Envs):
-    lane = wp.tid()
-    group, count, leads = neighbours(active, lane)
-    group_out[lane] = group
-    count_out[lane] = count
-    leads_out[lane] = wp.where(leads, 1, 0)
+def groups_kernel(active: Envs, bits_out: Envs, count_out: Envs, groups_out: Envs):
+    lane, k = wp.int32(0), wp.int32(0)
+    bits, count = group_at(active, lane)
+    while count > 0:
+        bits_out[k] = bits
+        count_out[k] = count
+        k += 1
+        lane += count
+        bits, count = group_at(active, lane)
+    groups_out[0] = k
 
 
-@pytest.mark.parametrize("share", [0.2, 0.7, 1.0])
-def test_active_environments_of_a_group(share):
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.7, 1.0])
+def test_all_active_environments_belong_to_a_group(share):
     chosen = np.random.default_rng(1).random(5 * WIDTH + 3) < share
-    numbers = env_indices(chosen)
-    active = wp.array(numbers, dtype=wp.int32, device="cpu")
-    outputs = [wp.zeros(len(numbers), dtype=wp.int32, device="cpu") for _ in range(3)]
-    wp.launch(neighbours_kernel, dim=int(chosen.sum()), inputs=[active], outputs=outputs, device="cpu")
-    led = []
-    for lane, env in enumerate(numbers[numbers >= 0]):
-        first = env // WIDTH * WIDTH
-        group = chosen[first : first + WIDTH]
-        bits, count, leads = (int(out.numpy()[lane]) for out in outputs)
-        assert bits == sum(1 << i for i in np.flatnonzero(group)) and count == group.sum()
-        assert leads == (env == first + np.flatnonzero(group)[0])
-        led += [first] * leads
-    assert led == sorted({env // WIDTH * WIDTH for env in np.flatnonzero(chosen)})
+    active = wp.array(env_indices(chosen), dtype=wp.int32, device="cpu")
+    outputs = [wp.zeros(len(chosen), dtype=wp.int32, device="cpu") for _ in range(3)]
+    wp.launch(groups_kernel, dim=1, inputs=[active], outputs=outputs, device="cpu")
+    bits, count, [found, *_] = (output.numpy() for output in outputs)
+    groups = np.append(chosen, np.zeros(-len(chosen) % WIDTH, dtype=bool)).reshape(-1, WIDTH)
+    groups = groups[groups.any(axis=1)]
+    assert found == len(groups)
+    np.testing.assert_array_equal(count[:found], groups.sum(axis=1))
+    np.testing.assert_array_equal(bits[:found], groups @ (1 << np.arange(WIDTH)))
 
 
 COMPILE = """

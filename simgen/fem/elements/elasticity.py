@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from simgen.fem import batch_arrays
+from simgen.fem import batch_arrays, groups
 from simgen.fem.device import read
 from simgen.fem.elements.elasticity_blocks import block_kernels
 from simgen.fem.elements.element import Element, tet_geometry
@@ -102,9 +102,13 @@ class Elasticity:
     def _launch(self, kernel, inputs, outputs):
         batch_arrays.launch(kernel, len(self.host_tetrahedra), inputs, outputs)
 
+    def _launch_operator(self, kernel, inputs, outputs):
+        launch = groups.launch if wp.get_device(self.device).is_cpu else batch_arrays.launch
+        launch(kernel, len(self.host_tetrahedra), inputs, outputs)
+
     def residual(self, x, residual_out, min_det_out):
         """Add the internal forces and the volume constraint; lower ``min_det_out`` (env,) to the least det F."""
-        self._launch(self._residual_kernel, [self._solid, x, self.active], [residual_out, min_det_out])
+        self._launch_operator(self._residual_kernel, [self._solid, x, self.active], [residual_out, min_det_out])
 
     def damp(self, eta: np.ndarray):
         """Damp the derivatives of the environments by eta (env,), see ``damping.py``."""
@@ -117,7 +121,8 @@ class Elasticity:
 
     def tangent(self, v, action_out, reduced: bool = False):
         """Add the action of the derivative on v, by reduced integration for a preconditioner."""
-        self._launch(self._tangent_kernel, [self._reduced if reduced else self._single, v, self.active], [action_out])
+        inputs = [self._reduced if reduced else self._single, v, self.active]
+        self._launch_operator(self._tangent_kernel, inputs, [action_out])
 
     def bound_det_F(self, x) -> tuple[np.ndarray, np.ndarray]:
         """Lower bound (env,) of det F over all elements at state x, and number (env,) of elements inverted somewhere.

@@ -26,7 +26,7 @@ from simgen.fem.elements.element_fields import (
 )
 from simgen.fem.elements.side_by_side import make_actions, make_forces
 from simgen.fem.elements.solid import SingleSolid, Solid, extra_gamma, gradient_metric, make_modulus
-from simgen.fem.groups import FEWEST, WIDTH, neighbours
+from simgen.fem.groups import FEWEST, WIDTH, group_at
 from simgen.fem.material.law import Law, law_module
 from simgen.fem.material.neo_hookean import NeoHookean
 from simgen.fem.material.volume import cofactor
@@ -168,29 +168,31 @@ def _cpu_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel]:
 
     @wp.kernel(module=module)
     def residual_kernel(s: Solid, x: Vectors, active: Envs, residual_out: Vectors, min_det_out: Scalars):
-        e, lane = wp.tid()
-        env = active[lane]
-        if env < 0:
-            return
-        group, count, leads = neighbours(active, lane)
-        first = env / WIDTH * WIDTH
-        if count < FEWEST or first + WIDTH > x.shape[1] or s.tetrahedra.shape[1] != 10:
-            forces(s, x, e, env, residual_out, min_det_out)
-        elif leads:
-            group_forces(s, x, e, first, group, residual_out, min_det_out)
+        e, lane = wp.tid(), wp.int32(0)
+        group, count = group_at(active, lane)
+        while count > 0:
+            first = active[lane] / WIDTH * WIDTH
+            if count < FEWEST or first + WIDTH > x.shape[1] or s.tetrahedra.shape[1] != 10:
+                for k in range(count):
+                    forces(s, x, e, active[lane + k], residual_out, min_det_out)
+            else:
+                group_forces(s, x, e, first, group, residual_out, min_det_out)
+            lane += count
+            group, count = group_at(active, lane)
 
     @wp.kernel(module=module)
     def tangent_kernel(s: SingleSolid, v: SingleVectors, active: Envs, action_out: SingleVectors):
-        e, lane = wp.tid()
-        env = active[lane]
-        if env < 0:
-            return
-        group, count, leads = neighbours(active, lane)
-        first = env / WIDTH * WIDTH
-        if count < FEWEST or first + WIDTH > v.shape[1] or s.tetrahedra.shape[1] != 10:
-            action(s, v, e, env, action_out)
-        elif leads:
-            group_action(s, v, e, first, group, action_out)
+        e, lane = wp.tid(), wp.int32(0)
+        group, count = group_at(active, lane)
+        while count > 0:
+            first = active[lane] / WIDTH * WIDTH
+            if count < FEWEST or first + WIDTH > v.shape[1] or s.tetrahedra.shape[1] != 10:
+                for k in range(count):
+                    action(s, v, e, active[lane + k], action_out)
+            else:
+                group_action(s, v, e, first, group, action_out)
+            lane += count
+            group, count = group_at(active, lane)
 
     return residual_kernel, tangent_kernel
 

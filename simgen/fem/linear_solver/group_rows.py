@@ -15,7 +15,6 @@ from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
 
-ROWS = wp.constant(16)  # that one thread computes: to find the group of an environment takes as long as a row
 EACH_CHOSEN = f"{EACH} if (chosen >> l & 1)"
 
 

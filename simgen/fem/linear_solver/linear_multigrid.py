@@ -6,15 +6,15 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import batch_arrays
+from simgen.fem import batch_arrays, groups
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.blocks import clear, load, store, zeros
 from simgen.fem.elements.elasticity import Elasticity
-from simgen.fem.groups import FEWEST, WIDTH, cpu_kernel, gpu_kernel, neighbours
+from simgen.fem.groups import FEWEST, WIDTH, cpu_kernel, gpu_kernel, group_at
 from simgen.fem.linear_solver import rounded_blocks
 from simgen.fem.linear_solver.aggregation import coarse_space, largest_eigenvalue
 from simgen.fem.linear_solver.coarse_level import CoarseLevel
-from simgen.fem.linear_solver.group_rows import EACH_CHOSEN, ROWS, block_row
+from simgen.fem.linear_solver.group_rows import EACH_CHOSEN, block_row
 from simgen.fem.linear_solver.pattern import BlockPattern
 from simgen.fem.linear_solver.rounded_blocks import RoundedBlocks, invert_kernel, of_environment, rounded_block
 from simgen.fem.precision import single, vec3f
@@ -143,17 +143,17 @@ def group_residual_kernel(
     # outputs
     residual_out: SingleVectors,
 ):
-    part, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    group, count, leads = neighbours(active, lane)
-    first = env / WIDTH * WIDTH
-    for row in range(part * ROWS, wp.min((part + 1) * ROWS, row_starts.shape[0] - 1)):
+    row, lane = wp.tid(), wp.int32(0)
+    group, count = group_at(active, lane)
+    while count > 0:
+        first = active[lane] / WIDTH * WIDTH
         if count < FEWEST or first + WIDTH > x.shape[1]:
-            store(residual_out, row, env, row_residual(row_starts, columns, blocks, x, b, row, env))
-        elif leads:
+            for k in range(lane, lane + count):
+                store(residual_out, row, active[k], row_residual(row_starts, columns, blocks, x, b, row, active[k]))
+        else:
             group_residual(row_starts, columns, blocks, x, b, row, first, group, residual_out)
+        lane += count
+        group, count = group_at(active, lane)
 
 
 @cpu_kernel
@@ -163,20 +163,20 @@ def group_chebyshev_kernel(
     # outputs
     direction_out: SingleVectors, x_out: SingleVectors,
 ):
-    part, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    group, count, leads = neighbours(active, lane)
-    first = env / WIDTH * WIDTH
-    for row in range(part * ROWS, wp.min((part + 1) * ROWS, row_starts.shape[0] - 1)):
+    row, lane = wp.tid(), wp.int32(0)
+    group, count = group_at(active, lane)
+    while count > 0:
+        first = active[lane] / WIDTH * WIDTH
         if count < FEWEST or first + WIDTH > x.shape[1]:
-            r = row_residual(row_starts, columns, blocks, x, b, row, env)
-            smooth(inverse, r, x, keep, step, row, env, direction_out, x_out)
-        elif leads:
+            for k in range(lane, lane + count):
+                r = row_residual(row_starts, columns, blocks, x, b, row, active[k])
+                smooth(inverse, r, x, keep, step, row, active[k], direction_out, x_out)
+        else:
             group_smooth(
                 row_starts, columns, blocks, inverse, x, b, keep, step, row, first, group, direction_out, x_out
             )
+        lane += count
+        group, count = group_at(active, lane)
 
 
 class LinearMultigrid:
@@ -226,7 +226,7 @@ class LinearMultigrid:
 
     def _launch_rows(self, kernel, group_kernel, inputs, outputs):
         if self._cpu:
-            batch_arrays.launch(group_kernel, -(-self._n // ROWS), inputs, outputs)
+            groups.launch(group_kernel, self._n, inputs, outputs)
         else:
             self._launch(kernel, inputs, outputs)
 

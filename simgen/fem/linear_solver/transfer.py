@@ -6,11 +6,11 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import batch_arrays
+from simgen.fem import batch_arrays, groups
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.columns import number_at
-from simgen.fem.groups import FEWEST, WIDTH, cpu_kernel, gpu_kernel, neighbours
-from simgen.fem.linear_solver.group_rows import ROWS, group_sparse_row
+from simgen.fem.groups import FEWEST, WIDTH, cpu_kernel, gpu_kernel, group_at
+from simgen.fem.linear_solver.group_rows import group_sparse_row
 from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
@@ -51,17 +51,17 @@ def group_sparse_kernel(
     # outputs
     y_out: SingleVectors,
 ):
-    part, lane = wp.tid()
-    env = active[lane]
-    if env < 0:
-        return
-    group, count, leads = neighbours(active, lane)
-    first = env / WIDTH * WIDTH
-    for row in range(part * ROWS, wp.min((part + 1) * ROWS, row_starts.shape[0] - 1)):
+    row, lane = wp.tid(), wp.int32(0)
+    group, count = group_at(active, lane)
+    while count > 0:
+        first = active[lane] / WIDTH * WIDTH
         if count < FEWEST or first + WIDTH > x.shape[1]:
-            sparse_row(row_starts, columns, values, x, factor, keep, row, env, y_out)
-        elif leads:
+            for k in range(lane, lane + count):
+                sparse_row(row_starts, columns, values, x, factor, keep, row, active[k], y_out)
+        else:
             group_sparse_row(row_starts, columns, values, x, factor, keep, row, first, group, y_out)
+        lane += count
+        group, count = group_at(active, lane)
 
 
 class Transfer:
@@ -79,7 +79,7 @@ class Transfer:
     def _launch(self, matrix, rows, x, factor, keep, out):
         inputs = [*matrix, x, factor, keep, self._active]
         if wp.get_device(self._active.device).is_cpu:
-            batch_arrays.launch(group_sparse_kernel, -(-rows // ROWS), inputs, [out])
+            groups.launch(group_sparse_kernel, rows, inputs, [out])
         else:
             batch_arrays.launch(sparse_kernel, rows, inputs, [out])
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from simgen.fem import batch_arrays, groups
 from simgen.fem.elements.element import P2P1
 from simgen.fem.elements.operators import operator_kernels
 from simgen.fem.material import LAWS
@@ -28,12 +29,14 @@ def outputs_of_both(element, law: str, environments, reduced: bool = False):
     before = rng.normal(size=(n, N_ENV))
 
     def outputs(cpu: bool):
-        term._residual_kernel, term._tangent_kernel = operator_kernels(LAWS[law], cpu)
+        residual_kernel, tangent_kernel = operator_kernels(LAWS[law], cpu)
+        launch, elements = groups.launch if cpu else batch_arrays.launch, len(term.host_tetrahedra)
         residual = wp.array(before, dtype=wp.float64, device="cpu")
         action = wp.array(before, dtype=wp.float32, device="cpu")
         least = wp.full(N_ENV, np.inf, dtype=wp.float64, device="cpu")
-        term.residual(x, residual, least)
-        term.tangent(v, action, reduced)
+        launch(residual_kernel, elements, [term._solid, x, term.active], [residual, least])
+        solid = term._reduced if reduced else term._single
+        launch(tangent_kernel, elements, [solid, v, term.active], [action])
         return residual.numpy(), action.numpy(), least.numpy()
 
     term.active.choose(np.isin(np.arange(N_ENV), environments))

@@ -5,11 +5,10 @@ import pytest
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import batch_arrays
+from simgen.fem import batch_arrays, groups
 from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.groups import WIDTH
 from simgen.fem.linear_solver import rounded_blocks
-from simgen.fem.linear_solver.group_rows import ROWS
 from simgen.fem.linear_solver.linear_multigrid import (
     chebyshev_kernel,
     group_chebyshev_kernel,
@@ -40,9 +39,9 @@ def assert_same(chosen, rows, kernel, group_kernel, inputs, outputs):
     """Both kernels leave the same bytes; they change the chosen environments and no others."""
     active = ActiveEnvironments.of(np.isin(np.arange(N_ENV), chosen), "cpu")
     results, before = [], [output.numpy().copy() for output in outputs]
-    for each, n in ((kernel, rows), (group_kernel, -(-rows // ROWS))):
+    for each, launch in ((kernel, batch_arrays.launch), (group_kernel, groups.launch)):
         own = [on_device(values) for values in before]
-        batch_arrays.launch(each, n, [*inputs, active], own)
+        launch(each, rows, [*inputs, active], own)
         results.append([output.numpy() for output in own])
     for one, group, values in zip(*results, before, strict=True):
         np.testing.assert_array_equal(one, group)
