@@ -88,7 +88,7 @@ strictly: an unknown key, a key given twice, a value of the wrong type or out of
 - **Replace keys**: `simgen run smoke trajectories.count=10 sensors.biotac.material.friction=0.3`. Values are YAML.
 - **Paths** of sensors and indenters start at the folder of the job file. A path has a slash or a mesh's suffix.
 - **Numbers** may be written 539000, 539e3 or 539.0e+3. Units are in the keys.
-- **Preview**: `simgen run FILE --dry-run` samples the first 1,000 contacts, prints size and time, and solves nothing.
+- **Preview**: `simgen run FILE --dry-run` samples the first 250 contacts, prints size and time, and solves nothing.
   It reports every error of the run, except for later contacts.
 
 Each example below replaces the keys of the same name in the first one. A default of `-` means none.

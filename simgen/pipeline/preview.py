@@ -33,7 +33,7 @@ SECONDS_SOURCE = {
     "cuda": "as measured on one NVIDIA H200, the whole paired job",
 }
 
-MOST_CONTACTS = 1000  # sampled in a preview; later contacts of the sequence fit as often as the first ones
+MOST_CONTACTS = 250  # sampled in a preview; later contacts of the sequence fit as often as the first ones
 
 # Ratio of stored to raw bytes of the displacement, with the source of the figure.
 COMPRESSION = {
