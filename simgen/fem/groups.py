@@ -52,7 +52,7 @@ def group_at(active: Envs, lane: wp.int32):
     if lane >= active.shape[0] or active[lane] < 0:
         return bits, count
     first = active[lane] / WIDTH * WIDTH
-    while lane + count < active.shape[0] and active[lane + count] >= 0 and active[lane + count] < first + WIDTH:
+    while lane + count < active.shape[0] and active[lane + count] >= first and active[lane + count] < first + WIDTH:
         bits |= 1 << (active[lane + count] - first)
         count += 1
     return bits, count

@@ -24,12 +24,12 @@ from simgen.simulation.batch_size import at_once, bytes_per_press
 from simgen.simulation.press import Scene
 
 # Seconds of one core (or GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU by
-# `simgen run jobs/paired.yaml trajectories.count=1 "indenters=[sphere_7mm, cylinder_short_7mm]"
-# dataset.presses_per_shard=1` on older meshes and without estimates, 48 s of a core for 80 depths of 51,400 unknowns;
-# on a GPU by the whole paired job, 592 s for 309,600 depths (docs/benchmarks/paired_estimates_h200.json).
-SECONDS_PER_DEPTH = {"cpu": 0.012, "cuda": 2.2e-5}
+# `python benchmarks/core.py --presses 18 --depths 5`, 0.84 s a depth of 82,979 unknowns with eight presses at once
+# (docs/benchmarks/core_cpu.json; one press at a time takes 1.9 times as long); on a GPU by the whole paired job, 522 s
+# for 309,600 depths (docs/benchmarks/paired_h200.json).
+SECONDS_PER_DEPTH = {"cpu": 0.010, "cuda": 2.0e-5}
 SECONDS_SOURCE = {
-    "cpu": "as measured on two x86-64 cores at 51,400 unknowns; within a factor of two",
+    "cpu": "as measured on an AMD EPYC core at 82,979 unknowns; within a factor of two",
     "cuda": "as measured on one NVIDIA H200, the whole paired job",
 }
 
