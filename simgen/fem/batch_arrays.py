@@ -137,12 +137,16 @@ def env_mask(numbers: np.ndarray) -> np.ndarray:
     return environments
 
 
-def launch(kernel, rows: int | tuple[int, ...], inputs: list, outputs: list):
-    """Launch a kernel over rows and the environments of the one `ActiveEnvironments` among its inputs."""
+def launch(kernel, rows: int | tuple[int, ...], inputs: list, outputs: list, whole_rows: bool = False):
+    """Launch a kernel over rows and the environments of the one `ActiveEnvironments` among its inputs.
+
+    whole_rows : a thread runs over all environments of a row by itself
+    """
     [active] = [each for each in inputs if isinstance(each, ActiveEnvironments)]
     inputs = [each.numbers if each is active else each for each in inputs]
     rows = rows if isinstance(rows, tuple) else (rows,)
-    launch_kernel(kernel, dim=(*rows, active.lanes), inputs=inputs, outputs=outputs, device=active.device)
+    dim = rows if whole_rows else (*rows, active.lanes)
+    launch_kernel(kernel, dim=dim, inputs=inputs, outputs=outputs, device=active.device)
 
 
 def copy(source, active, out):

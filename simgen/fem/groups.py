@@ -1,35 +1,36 @@
-"""Groups of eight neighbouring environments, which a CPU computes side by side by its vector instructions.
+"""Groups of eight neighbouring environments, which a CPU computes side by side with vector instructions.
 
-A kernel for CPUs has loops over the environments of a group. Each body calls the functions of the kernel for one
-environment, so that a formula exists once, and the compiler turns the loop into operations on vectors of eight numbers.
-Results have the same bytes as those of one environment after the other. A group is computed as a whole where enough of
-its environments are active.
+A kernel for CPUs has loops over the environments of a group. The compiler turns each loop into operations on vectors of
+eight numbers. The loops call the functions that the kernel for one environment calls: formulas of the material and of
+an element's geometry exist once. Results have the same bytes as those of one environment after the other.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from simgen.fem.batch_arrays import ActiveEnvironments, Envs
-from simgen.fem.device import launch_kernel
+from simgen.fem import batch_arrays
+from simgen.fem.batch_arrays import Envs
 
 wp.set_module_options({"enable_backward": False})
 
 WIDTH = 8  # environments side by side: the numbers in a vector of 256 bits
-# Active environments in a group from which on the whole group is computed; it takes as long as two or three alone.
-FEWEST = 3
+# A group with fewer active environments is computed one by one. A whole group takes as long as two or three alone.
+FEWEST_ACTIVE = 3
 
 # C++ code of a loop over the environments l of a group. Without the last option, the compiler would unroll the loop
 # first and then find no loop to vectorise.
-EACH = f"""_Pragma("clang loop vectorize(assume_safety) interleave(disable) unroll(disable)")
+FOR_EACH = f"""_Pragma("clang loop vectorize(assume_safety) interleave(disable) unroll(disable)")
     for (int l = 0; l < {WIDTH}; ++l)"""
 
 
-def launch(kernel: wp.Kernel, rows: int, inputs: list, outputs: list):
-    """Launch a kernel whose threads run over all environments of the one `ActiveEnvironments` among its inputs."""
-    [active] = [each for each in inputs if isinstance(each, ActiveEnvironments)]
-    inputs = [each.numbers if each is active else each for each in inputs]
-    launch_kernel(kernel, dim=rows, inputs=inputs, outputs=outputs, device=active.device)
+def launch(cpu_kernel: wp.Kernel, gpu_kernel: wp.Kernel, rows: int, inputs: list, outputs: list):
+    """Launch the kernel of the device over rows and the active environments, see `simgen.fem.batch_arrays.launch`.
+
+    A thread of the CPU's kernel runs over all active environments of its row.
+    """
+    cpu = wp.get_device(outputs[0].device).is_cpu
+    batch_arrays.launch(cpu_kernel if cpu else gpu_kernel, rows, inputs, outputs, whole_rows=cpu)
 
 
 def cpu_kernel(function) -> wp.Kernel:
@@ -43,16 +44,19 @@ def gpu_kernel(function) -> wp.Kernel:
 
 
 @wp.func
-def group_at(active: Envs, lane: wp.int32):
-    """Active environments of one group, from entry ``lane`` of the list on: as bits, and their number.
+def group_at(active: Envs, lane: wp.int32, n_env: wp.int32):
+    """Find the active environments of one group, from entry ``lane`` of the list on.
 
-    The number is 0 where the list has ended.
+    Returns the group's first environment, the number of active ones (0 where the list has ended), and these as bits. No
+    bit is set where they should be computed one by one: few are active, or the group has fewer than `WIDTH`.
     """
-    bits, count = wp.int32(0), wp.int32(0)
+    first, count, bits = wp.int32(0), wp.int32(0), wp.int32(0)
     if lane >= active.shape[0] or active[lane] < 0:
-        return bits, count
+        return first, count, bits
     first = active[lane] / WIDTH * WIDTH
     while lane + count < active.shape[0] and active[lane + count] >= first and active[lane + count] < first + WIDTH:
         bits |= 1 << (active[lane + count] - first)
         count += 1
-    return bits, count
+    if count < FEWEST_ACTIVE or first + WIDTH > n_env:
+        bits = wp.int32(0)
+    return first, count, bits

@@ -24,12 +24,14 @@ from simgen.simulation.batch_size import at_once, bytes_per_press
 from simgen.simulation.press import Scene
 
 # Seconds of one core (or GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU by
-# `python benchmarks/core.py --presses 18 --depths 5`, 0.84 s a depth of 82,979 unknowns with eight presses at once
-# (docs/benchmarks/core_cpu.json; one press at a time takes 1.9 times as long); on a GPU by the whole paired job, 522 s
-# for 309,600 depths (docs/benchmarks/paired_h200.json).
-SECONDS_PER_DEPTH = {"cpu": 0.010, "cuda": 2.0e-5}
+# `python benchmarks/core.py --presses 18 --depths 5`, 1.56 s a depth of 82,979 unknowns with one press after the other
+# and 0.84 s with eight at once (docs/benchmarks/core_cpu.json); on a GPU by the whole paired job, 522 s for 309,600
+# depths (docs/benchmarks/paired_h200.json).
+SECONDS_PER_DEPTH = {"cpu": 0.019, "cpu, side by side": 0.010, "cuda": 2.0e-5}
 SECONDS_SOURCE = {
-    "cpu": "as measured on an AMD EPYC core at 82,979 unknowns; within a factor of two",
+    "cpu": "as measured on a core of an AMD EPYC at 82,979 unknowns; within a factor of two",
+    "cpu, side by side": "as measured on a core of an AMD EPYC at 82,979 unknowns, eight presses at once; within a "
+    "factor of two",
     "cuda": "as measured on one NVIDIA H200, the whole paired job",
 }
 
@@ -89,7 +91,9 @@ def preview(job: Job, device: str = "cpu") -> Preview:
     contacts = min(job.trajectories.count, MOST_CONTACTS)
     draw = first_contacts(job, loaded, contacts, gel_under_indenters(job, loaded, indenters))
     sensors = [_preview_sensor(job, name, sensor, indenters, device) for name, sensor in loaded.items()]
-    kind = device.partition(":")[0]
+    way = device.partition(":")[0]
+    if way == "cpu" and sensors[0].at_once > 1:
+        way = "cpu, side by side"
     unknowns = sum(sensor.unknowns + sensor.unknowns_of_coarser for sensor in sensors)
     return Preview(
         trajectories=job.trajectories.count,
@@ -100,8 +104,8 @@ def preview(job: Job, device: str = "cpu") -> Preview:
         shards=job.shards,
         bytes=_bytes(job, sensors),
         bytes_source=COMPRESSION[job.dataset.displacement][1],
-        seconds=SECONDS_PER_DEPTH[kind] * unknowns / 1000 * job.samples,
-        seconds_source=SECONDS_SOURCE[kind],
+        seconds=SECONDS_PER_DEPTH[way] * unknowns / 1000 * job.samples,
+        seconds_source=SECONDS_SOURCE[way],
         sensors=sensors,
     )
 
@@ -122,7 +126,7 @@ def _preview_sensor(
         scene.unknowns,
         coarser,
         bytes_per_press(sensor, job.solver),
-        at_once(sensor, device, job.solver, job.dataset.presses_per_shard),
+        at_once(sensor, device, job.solver, job.presses_in_shard),
         len(sensor.output_mesh.vertices),
         len(sensor.output_mesh.surface_vertices),
         material,

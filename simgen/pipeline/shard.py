@@ -129,7 +129,7 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
 def _pool(job: Job, name: str, sensor: Sensor, device: str, outputs: tuple[str, ...]) -> tuple[Pool, int]:
     """Make the pool of a sensor, and return it with the number of unknowns. outputs: names of the slow ones."""
     material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
-    batch = presses_at_once(sensor, device, job.solver, job.dataset.presses_per_shard)
+    batch = presses_at_once(sensor, device, job.solver, job.presses_in_shard)
     scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs)
     shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
     max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n

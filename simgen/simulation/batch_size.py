@@ -5,7 +5,7 @@ import warp as wp
 from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
 from simgen.fem.elements.element import ELEMENTS
-from simgen.fem.groups import FEWEST, WIDTH
+from simgen.fem.groups import FEWEST_ACTIVE, WIDTH
 from simgen.fem.linear_solver.aggregation import SMALL
 from simgen.fem.linear_solver.dense_inverse import SIDE, WIDE
 from simgen.fem.linear_solver.krylov_kernels import WINDOW
@@ -61,10 +61,12 @@ def _unknowns(sensor: Sensor, settings: SolverSettings) -> int:
 def at_once(sensor: Sensor, device: str, settings: SolverSettings, presses: int) -> int:
     """Number of presses on a sensor that run at once on a device with enough memory, if a task has ``presses``.
 
-    A core computes `WIDTH` presses side by side. Few presses would fill its vectors too seldom.
+    A core computes `WIDTH` presses side by side. Linear tetrahedra gain nothing from that, and their sparse factors
+    take much memory.
     """
     if device == "cpu":
-        return WIDTH if presses >= FEWEST else 1
+        side_by_side = presses >= FEWEST_ACTIVE and ELEMENTS[settings.element].pressures
+        return WIDTH if side_by_side else 1
     return MOST_AT_ONCE if _unknowns(sensor, settings) <= SMALL_MESH else AT_ONCE
 
 

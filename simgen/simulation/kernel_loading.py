@@ -7,6 +7,7 @@ a cache on disk, which all processes share.
 import os
 import sys
 from collections.abc import Collection
+from itertools import chain
 
 import warp as wp
 
@@ -71,7 +72,7 @@ def modules_of(laws: Collection[type[Law]], cpu: bool, without: Collection[str] 
 
     without : Python modules and kernels to leave out
     """
-    kernels = [kernel for law in laws for kernel in (*operator_kernels(law, cpu), *block_kernels(law))]
+    kernels = [kernel for law in laws for kernel in (*chain(*operator_kernels(law)), *block_kernels(law))]
     for name in sorted(sys.modules):
         if name.startswith(FOLDERS) and name not in without:
             kernels += [each for each in vars(sys.modules[name]).values() if isinstance(each, wp.Kernel)]

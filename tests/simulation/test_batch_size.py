@@ -63,3 +63,4 @@ def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
 def test_a_core_computes_eight_presses_or_one():
     sensor, settings = load_sensor("digit", "coarse"), SolverSettings()
     assert [presses_at_once(sensor, "cpu", settings, presses) for presses in (1, 2, 3, 8, 36)] == [1, 1, 8, 8, 8]
+    assert presses_at_once(sensor, "cpu", SolverSettings(element="P1"), 36) == 1

@@ -28,6 +28,12 @@ def test_the_listed_modules_are_those_that_a_press_launches(monkeypatch):
     assert {module.name for module in press_modules([LAWS[material.law]], cpu=True)} == launched
 
 
+def test_each_kind_of_device_loads_its_own_kernels():
+    on_cpu, on_gpu = ({module.name for module in press_modules(LAWS.values(), cpu)} for cpu in (True, False))
+    own = {name.removesuffix(".cpu") for name in on_cpu - on_gpu}
+    assert len(own) == 4 and own == {name.removesuffix(".gpu") for name in on_gpu - on_cpu}
+
+
 @pytest.mark.parametrize("parts", [1, 2, 3, 4, 7])
 def test_each_process_compiles_all_modules_and_begins_with_its_own(parts):
     modules = list(range(30))

@@ -52,9 +52,12 @@ def test_geometry_of_a_press(central, block, scene):
         np.testing.assert_allclose(moved, depth, rtol=0.01)  # the issue's 1 % on the contact constraint
 
 
-@pytest.mark.parametrize("batch", [2, 5])
+@pytest.mark.parametrize("batch", [2, 5, 8])
 def test_the_size_of_a_batch_changes_no_bytes(block, scene, central, batch):
-    """Batches are smaller and larger than the number of presses; one press never touches and leaves its place."""
+    """Batches are smaller and larger than the number of presses; one press never touches and leaves its place.
+
+    The three others of a batch of eight are computed side by side.
+    """
     shapes = [SPHERE, CUBE, SPHERE, SPHERE]
     poses = np.concatenate([pose(), pose(x=1.0, tilt_deg=5.0), pose(x=30.0), pose(x=-1.0)])
     together = press(Scene(block, GEL, batch=batch), shapes, poses, DEPTHS)

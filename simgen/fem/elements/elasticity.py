@@ -1,6 +1,6 @@
 """The elastic body as a term of the solver: residual, tangent and blocks, batched over environments.
 
-The kernels are in ``operators.py`` and ``elasticity_blocks.py``. One thread handles one element of one environment.
+The kernels are in ``operators.py`` and ``elasticity_blocks.py``. 
 """
 
 from __future__ import annotations
@@ -54,8 +54,7 @@ class Elasticity:
 
     def __init__(self, element: Element, nodes, tetrahedra, n_corners: int, material: Law, device, active):
         self.material, self.device, self.active = material, device, active
-        cpu = wp.get_device(device).is_cpu
-        self._residual_kernel, self._tangent_kernel = operator_kernels(type(material), cpu)
+        self._residual_kernels, self._tangent_kernels = operator_kernels(type(material))
         self._corner_blocks_kernel, self._blocks_kernel, self._diagonal_kernel = block_kernels(type(material))
         self.host_nodes, self.n_corners = nodes, n_corners
         self.n_displacements = 3 * len(nodes)
@@ -102,13 +101,12 @@ class Elasticity:
     def _launch(self, kernel, inputs, outputs):
         batch_arrays.launch(kernel, len(self.host_tetrahedra), inputs, outputs)
 
-    def _launch_operator(self, kernel, inputs, outputs):
-        launch = groups.launch if wp.get_device(self.device).is_cpu else batch_arrays.launch
-        launch(kernel, len(self.host_tetrahedra), inputs, outputs)
+    def _launch_operator(self, kernels, inputs, outputs):
+        groups.launch(*kernels, len(self.host_tetrahedra), inputs, outputs)
 
     def residual(self, x, residual_out, min_det_out):
         """Add the internal forces and the volume constraint; lower ``min_det_out`` (env,) to the least det F."""
-        self._launch_operator(self._residual_kernel, [self._solid, x, self.active], [residual_out, min_det_out])
+        self._launch_operator(self._residual_kernels, [self._solid, x, self.active], [residual_out, min_det_out])
 
     def damp(self, eta: np.ndarray):
         """Damp the derivatives of the environments by eta (env,), see ``damping.py``."""
@@ -122,7 +120,7 @@ class Elasticity:
     def tangent(self, v, action_out, reduced: bool = False):
         """Add the action of the derivative on v, by reduced integration for a preconditioner."""
         inputs = [self._reduced if reduced else self._single, v, self.active]
-        self._launch_operator(self._tangent_kernel, inputs, [action_out])
+        self._launch_operator(self._tangent_kernels, inputs, [action_out])
 
     def bound_det_F(self, x) -> tuple[np.ndarray, np.ndarray]:
         """Lower bound (env,) of det F over all elements at state x, and number (env,) of elements inverted somewhere.

@@ -24,9 +24,9 @@ from simgen.fem.elements.element_fields import (
     scatter_pressures,
     without_mean,
 )
-from simgen.fem.elements.side_by_side import make_actions, make_forces
+from simgen.fem.elements.side_by_side import make_group_action, make_group_forces
 from simgen.fem.elements.solid import SingleSolid, Solid, extra_gamma, gradient_metric, make_modulus
-from simgen.fem.groups import FEWEST, WIDTH, group_at
+from simgen.fem.groups import group_at
 from simgen.fem.material.law import Law, law_module
 from simgen.fem.material.neo_hookean import NeoHookean
 from simgen.fem.material.volume import cofactor
@@ -55,17 +55,22 @@ def stabilise(
     return Pa, Pb, Pc, Pd
 
 
+@wp.func
+def element_gamma(s: Solid, e: wp.int32, env: wp.int32):
+    """gamma of an element with its stabilisation."""
+    return s.gamma + s.mu * real(extra_gamma(number_at(s.weight, e, env), s.most_extra))
+
+
 @cache
 def point_functions(law: type[Law]) -> tuple[wp.Function, wp.Function]:
     """Functions of a law at quadrature point q of element e: stress and volume, and how they change."""
     modulus = make_modulus(law)
 
     @wp.func(name=f"stress_at_{law.name}")
-    def stress_at(s: Solid, F: mat33, p: real, e: wp.int32, q: wp.int32, env: wp.int32):
+    def stress_at(s: Solid, F: mat33, p: real, gamma: real, e: wp.int32, q: wp.int32):
         """Stress, error of the volume constraint, and det F."""
         J = s.contraction[e, q] * wp.determinant(F)
         cof = s.contraction[e, q] * cofactor(F)
-        gamma = s.gamma + s.mu * real(extra_gamma(number_at(s.weight, e, env), s.most_extra))
         P = law.first_piola(F, cof, s.metric[e, q], J, p, s.mu, gamma, s.constants)
         return P, J - real(1.0) - s.pressure_compliance * p, J
 
@@ -92,11 +97,11 @@ def element_functions(law: type[Law]) -> tuple[wp.Function, wp.Function]:
         pressures = corner_pressures(s.tetrahedra, x, s.first_pressure, e, env)
         Pa, Pb, Pc, Pd = mat33(), mat33(), mat33(), mat33()
         constraints = wp.vec4d()
-        least = real(1.0e30)
+        least, gamma = real(1.0e30), element_gamma(s, e, env)
         for q in range(s.volumes.shape[1]):
             shapes = s.shapes[q]
             F = interpolate(shapes, Fa, Fb, Fc, Fd)
-            P, constraint, J = stress_at(s, F, wp.dot(shapes, pressures), e, q, env)
+            P, constraint, J = stress_at(s, F, wp.dot(shapes, pressures), gamma, e, q)
             least = wp.min(least, J)
             weights = s.volumes[e, q] * shapes
             Pa += weights[0] * P
@@ -135,13 +140,13 @@ def element_functions(law: type[Law]) -> tuple[wp.Function, wp.Function]:
 
 
 @cache
-def operator_kernels(law: type[Law], cpu: bool) -> tuple[wp.Kernel, wp.Kernel]:
-    """Kernels of the residual and of the tangent's action for a law, for CPUs or for GPUs."""
-    return _cpu_kernels(law) if cpu else _gpu_kernels(law)
+def operator_kernels(law: type[Law]) -> tuple[tuple[wp.Kernel, wp.Kernel], tuple[wp.Kernel, wp.Kernel]]:
+    """Kernels of the residual and of the tangent's action for a law, each for CPUs and for GPUs."""
+    return tuple(zip(_cpu_kernels(law), _gpu_kernels(law), strict=True))
 
 
 def _gpu_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel]:
-    module, (forces, action) = law_module(__name__, law), element_functions(law)
+    module, (forces, action) = law_module(__name__, law, "gpu"), element_functions(law)
 
     @wp.kernel(module=module)
     def residual_kernel(s: Solid, x: Vectors, active: Envs, residual_out: Vectors, min_det_out: Scalars):
@@ -161,40 +166,39 @@ def _gpu_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel]:
 
 
 def _cpu_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel]:
-    """Kernels that compute groups of environments side by side where enough of a group are active."""
-    module, (forces, action) = law_module(f"{__name__}.cpu", law), element_functions(law)
+    """Kernels that compute groups of environments side by side; linear elements are computed one by one."""
+    module, (forces, action) = law_module(__name__, law, "cpu"), element_functions(law)
     stress_at, increment_at = point_functions(law)
-    group_forces, group_action = make_forces(stress_at, stabilise), make_actions(increment_at, stabilise)
+    group_forces = make_group_forces(stress_at, element_gamma, stabilise)
+    group_action = make_group_action(increment_at, stabilise)
 
     @wp.kernel(module=module)
     def residual_kernel(s: Solid, x: Vectors, active: Envs, residual_out: Vectors, min_det_out: Scalars):
         e, lane = wp.tid(), wp.int32(0)
-        group, count = group_at(active, lane)
+        first, count, group = group_at(active, lane, x.shape[1])
         while count > 0:
-            first = active[lane] / WIDTH * WIDTH
-            if count < FEWEST or first + WIDTH > x.shape[1] or s.tetrahedra.shape[1] != 10:
-                for k in range(count):
-                    forces(s, x, e, active[lane + k], residual_out, min_det_out)
+            if group == 0 or s.tetrahedra.shape[1] != 10:
+                for k in range(lane, lane + count):
+                    forces(s, x, e, active[k], residual_out, min_det_out)
             else:
                 group_forces(s, x, e, first, group, residual_out, min_det_out)
             lane += count
-            group, count = group_at(active, lane)
+            first, count, group = group_at(active, lane, x.shape[1])
 
     @wp.kernel(module=module)
     def tangent_kernel(s: SingleSolid, v: SingleVectors, active: Envs, action_out: SingleVectors):
         e, lane = wp.tid(), wp.int32(0)
-        group, count = group_at(active, lane)
+        first, count, group = group_at(active, lane, v.shape[1])
         while count > 0:
-            first = active[lane] / WIDTH * WIDTH
-            if count < FEWEST or first + WIDTH > v.shape[1] or s.tetrahedra.shape[1] != 10:
-                for k in range(count):
-                    action(s, v, e, active[lane + k], action_out)
+            if group == 0 or s.tetrahedra.shape[1] != 10:
+                for k in range(lane, lane + count):
+                    action(s, v, e, active[k], action_out)
             else:
                 group_action(s, v, e, first, group, action_out)
             lane += count
-            group, count = group_at(active, lane)
+            first, count, group = group_at(active, lane, v.shape[1])
 
     return residual_kernel, tangent_kernel
 
 
-operator_kernels(NeoHookean, cpu=False)  # a GPU compiles the default law's with all other kernels
+operator_kernels(NeoHookean)  # the default law's kernels are loaded with all others

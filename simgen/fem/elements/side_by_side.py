@@ -1,8 +1,6 @@
-"""Forces and the tangent's action of an element in eight environments at once, by a CPU's vector instructions.
+"""Forces and the tangent's action of an element in eight environments at once, see `simgen.fem.groups`.
 
-Each step of the element's kernel is a loop over eight neighbouring environments here. Its body calls the functions that
-the kernel for one environment calls, so that a formula exists once. The compiler turns the loops into operations on
-vectors of eight numbers. Results have the same bytes as those of one environment after the other.
+Each step of an element is a loop over the environments here, and calls the functions of ``operators.py``.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ import warp as wp
 from simgen.fem.batch_arrays import Scalars, SingleVectors, Vectors
 from simgen.fem.elements.element_fields import corner_gradients, interpolate, scatter_gradients
 from simgen.fem.elements.solid import SingleSolid, Solid
-from simgen.fem.groups import EACH, WIDTH
+from simgen.fem.groups import FOR_EACH, WIDTH
 
 wp.set_module_options({"enable_backward": False})
 
@@ -28,16 +26,16 @@ _TOOLS = """
     typedef Number Matrices[4][9][WIDTH];  // one for each corner
     typedef Number Numbers[4][WIDTH];
     s.weight.data += first;
-    const auto keep = [](Number (&to)[9][WIDTH], int l, const Matrix& A) {{
+    const auto store = [](Number (&to)[9][WIDTH], int l, const Matrix& A) {{
         for (int i = 0; i < 9; ++i) to[i][l] = A.data[i / 3][i % 3];
     }};
-    const auto kept = [](const Number (&from)[9][WIDTH], int l) {{
+    const auto load = [](const Number (&from)[9][WIDTH], int l) {{
         Matrix A;
         for (int i = 0; i < 9; ++i) A.data[i / 3][i % 3] = from[i][l];
         return A;
     }};
     const auto mean = [&](const Corners& shapes, const Matrices& of, int l) {{
-        return {interpolate}(shapes, kept(of[0], l), kept(of[1], l), kept(of[2], l), kept(of[3], l));
+        return {interpolate}(shapes, load(of[0], l), load(of[1], l), load(of[2], l), load(of[3], l));
     }};
     const auto mean_number = [](const Corners& shapes, const Numbers& of, int l) {{
         return wp::dot(shapes, Corners(of[0][l], of[1][l], of[2][l], of[3][l]));
@@ -49,7 +47,7 @@ _TOOLS = """
         {each} {{
             Matrix A, B, C, D;
             {corner_gradients}(s.tetrahedra, x, e, l, A, B, C, D);
-            keep(gradients[0], l, A); keep(gradients[1], l, B); keep(gradients[2], l, C); keep(gradients[3], l, D);
+            store(gradients[0], l, A); store(gradients[1], l, B); store(gradients[2], l, C); store(gradients[3], l, D);
             {corners} pressures[k][l] = pressure(x, k)[l];
         }}
     }};
@@ -66,18 +64,18 @@ _TOOLS = """
         for (int l = 0; l < WIDTH; ++l) stabilised |= s.weight.data[size_t(e) * s.weight.shape[1] + l] > 0.0f;
         if (stabilised) {each} {{
             Matrix A, B, C, D;
-            {stabilise}(s, kept(gradients[0], l), kept(gradients[1], l), kept(gradients[2], l), kept(gradients[3], l),
-                kept(stresses[0], l), kept(stresses[1], l), kept(stresses[2], l), kept(stresses[3], l), e, l,
+            {stabilise}(s, load(gradients[0], l), load(gradients[1], l), load(gradients[2], l), load(gradients[3], l),
+                load(stresses[0], l), load(stresses[1], l), load(stresses[2], l), load(stresses[3], l), e, l,
                 A, B, C, D);
-            keep(stresses[0], l, A); keep(stresses[1], l, B); keep(stresses[2], l, C); keep(stresses[3], l, D);
+            store(stresses[0], l, A); store(stresses[1], l, B); store(stresses[2], l, C); store(stresses[3], l, D);
         }}
         for (int l = 0; l < WIDTH; ++l) if (!(chosen >> l & 1)) {corners} {{
             for (int i = 0; i < 9; ++i) stresses[k][i][l] = 0;
             constraints[k][l] = 0;
         }}
         {each} {{
-            {scatter_gradients}(s.tetrahedra, kept(stresses[0], l), kept(stresses[1], l), kept(stresses[2], l),
-                kept(stresses[3], l), e, l, out);
+            {scatter_gradients}(s.tetrahedra, load(stresses[0], l), load(stresses[1], l), load(stresses[2], l),
+                load(stresses[3], l), e, l, out);
             {corners} pressure(out, k)[l] += constraints[k][l];
         }}
     }};
@@ -109,8 +107,9 @@ _FORCES = """
     x.data += first; residual.data += first;
     Matrices u, F;
     Numbers p;
-    Number least[WIDTH];
+    Number least[WIDTH], gamma[WIDTH];
     gather(x, u, p);
+    {each} gamma[l] = {gamma}(s, e, l);
     {corners} {{
         const Matrix rest = s.rest.data[4 * e + k];
         for (int i = 0; i < 9; ++i) {each} F[k][i][l] = rest.data[i / 3][i % 3] + u[k][i][l];
@@ -121,7 +120,7 @@ _FORCES = """
         {each} {{
             Matrix P;
             Number constraint, J;
-            {at_point}(s, mean(shapes, F, l), mean_number(shapes, p, l), e, q, l, P, constraint, J);
+            {at_point}(s, mean(shapes, F, l), mean_number(shapes, p, l), gamma[l], e, q, P, constraint, J);
             least[l] = wp::min(least[l], J);
             add(weights, P, constraint, l, stresses, constraints);
         }}
@@ -132,30 +131,30 @@ _FORCES = """
 """
 
 
-def _code(body: str, number: str, at_point: wp.Function, stabilise: wp.Function) -> str:
-    functions = (corner_gradients, interpolate, scatter_gradients)
-    names = {each.key: each.native_func for each in functions}
-    names |= {"at_point": at_point.native_func, "stabilise": stabilise.native_func}
-    return (_TOOLS + body).format(width=WIDTH, number=number, each=EACH, corners=_CORNERS, **names)
+def _code(body: str, number: str, **functions: wp.Function) -> str:
+    """C++ code with the names that Warp gives to these functions and to those of an element's fields."""
+    fields = {each.key: each for each in (corner_gradients, interpolate, scatter_gradients)}
+    names = {name: function.native_func for name, function in {**fields, **functions}.items()}
+    return (_TOOLS + body).format(width=WIDTH, number=number, each=FOR_EACH, corners=_CORNERS, **names)
 
 
-def make_actions(at_point: wp.Function, stabilise: wp.Function) -> wp.Function:
+def make_group_action(at_point: wp.Function, stabilise: wp.Function) -> wp.Function:
     """Function that adds the tangent's action of element e in those environments ``first + l`` whose bit l is set."""
 
-    @wp.func_native(_code(_ACTION, "wp::float32", at_point, stabilise))
-    def actions(
+    @wp.func_native(_code(_ACTION, "wp::float32", at_point=at_point, stabilise=stabilise))
+    def group_action(
         s: SingleSolid, v: SingleVectors, e: wp.int32, first: wp.int32, chosen: wp.int32, action: SingleVectors
     ): ...
 
-    return actions
+    return group_action
 
 
-def make_forces(at_point: wp.Function, stabilise: wp.Function) -> wp.Function:
+def make_group_forces(at_point: wp.Function, gamma: wp.Function, stabilise: wp.Function) -> wp.Function:
     """Function that adds the forces of element e in the same way, and lowers ``min_det`` to the least det F."""
 
-    @wp.func_native(_code(_FORCES, "wp::float64", at_point, stabilise))
-    def forces(
+    @wp.func_native(_code(_FORCES, "wp::float64", at_point=at_point, gamma=gamma, stabilise=stabilise))
+    def group_forces(
         s: Solid, x: Vectors, e: wp.int32, first: wp.int32, chosen: wp.int32, residual: Vectors, min_det: Scalars
     ): ...
 
-    return forces
+    return group_forces

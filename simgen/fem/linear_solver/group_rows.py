@@ -9,19 +9,19 @@ import warp as wp
 
 from simgen.fem.batch_arrays import Indices, SingleVectors
 from simgen.fem.blocks import TILE, load
-from simgen.fem.groups import EACH, WIDTH
+from simgen.fem.groups import FOR_EACH, WIDTH
 from simgen.fem.linear_solver.rounded_blocks import rounded_block
 from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
 
-EACH_CHOSEN = f"{EACH} if (chosen >> l & 1)"
+FOR_EACH_CHOSEN = f"{FOR_EACH} if (chosen >> l & 1)"
 
 
-def block_row(then: str, vectors: tuple[str, ...], blocks: tuple[str, ...] = ()) -> str:
-    """C++ code that computes the residuals ``r(l)`` of block row ``row``, and then does ``then``.
+def block_row(body: str, vectors: tuple[str, ...], blocks: tuple[str, ...] = ()) -> str:
+    """C++ code that computes the residuals ``r(l)`` of block row ``row``, and then runs ``body``.
 
-    vectors, blocks : names of the arrays that ``then`` uses. Their environments begin with the group's first one
+    vectors, blocks : names of the arrays that ``body`` uses. Their environments begin with the group's first one
     """
     shift = [f"{name}.data += first;" for name in ("x", "b", *vectors)]
     for name in ("blocks", *blocks):
@@ -30,13 +30,13 @@ def block_row(then: str, vectors: tuple[str, ...], blocks: tuple[str, ...] = ())
     return f"""
         {" ".join(shift)}
         wp::float32 residuals[3][{WIDTH}];
-        {EACH} {{
+        {FOR_EACH} {{
             const wp::vec_t<3, wp::float32> own = {load.native_func}(b, row, l);
             for (int i = 0; i < 3; ++i) residuals[i][l] = own[i];
         }}
         for (int k = row_starts.data[row]; k < row_starts.data[row + 1]; ++k) {{
             const int column = columns.data[k];
-            {EACH} {{
+            {FOR_EACH} {{
                 const wp::vec_t<3, wp::float32> product
                     = wp::mul({rounded_block.native_func}(blocks, k, l), {load.native_func}(x, column, l));
                 for (int i = 0; i < 3; ++i) residuals[i][l] -= product[i];
@@ -45,7 +45,7 @@ def block_row(then: str, vectors: tuple[str, ...], blocks: tuple[str, ...] = ())
         const auto r = [&](int l) {{
             return wp::vec_t<3, wp::float32>(residuals[0][l], residuals[1][l], residuals[2][l]);
         }};
-        {then}
+        {body}
     """
 
 
@@ -55,10 +55,10 @@ _SPARSE_ROW = f"""
     for (int k = row_starts.data[row]; k < row_starts.data[row + 1]; ++k) {{
         const wp::float32 value = values.data[k];
         const wp::float32* const from = x.data + size_t(columns.data[k]) * stride + first;
-        {EACH} totals[l] += value * from[l];
+        {FOR_EACH} totals[l] += value * from[l];
     }}
     wp::float32* const y = y_out.data + size_t(row) * stride + first;
-    {EACH_CHOSEN} y[l] = totals[l] * factor + (keep ? y[l] : 0.0f);
+    {FOR_EACH_CHOSEN} y[l] = totals[l] * factor + (keep ? y[l] : -0.0f);
 """
 
 

@@ -10,11 +10,11 @@ from simgen.fem import batch_arrays, groups
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.blocks import clear, load, store, zeros
 from simgen.fem.elements.elasticity import Elasticity
-from simgen.fem.groups import FEWEST, WIDTH, cpu_kernel, gpu_kernel, group_at
+from simgen.fem.groups import cpu_kernel, gpu_kernel, group_at
 from simgen.fem.linear_solver import rounded_blocks
 from simgen.fem.linear_solver.aggregation import coarse_space, largest_eigenvalue
 from simgen.fem.linear_solver.coarse_level import CoarseLevel
-from simgen.fem.linear_solver.group_rows import EACH_CHOSEN, block_row
+from simgen.fem.linear_solver.group_rows import FOR_EACH_CHOSEN, block_row
 from simgen.fem.linear_solver.pattern import BlockPattern
 from simgen.fem.linear_solver.rounded_blocks import RoundedBlocks, invert_kernel, of_environment, rounded_block
 from simgen.fem.precision import single, vec3f
@@ -112,7 +112,7 @@ def chebyshev_kernel(
     smooth(inverse, r, x, keep, step, row, env, direction_out, x_out)
 
 
-@wp.func_native(block_row(f"{EACH_CHOSEN} {store.native_func}(residual, row, l, r(l));", vectors=("residual",)))
+@wp.func_native(block_row(f"{FOR_EACH_CHOSEN} {store.native_func}(residual, row, l, r(l));", vectors=("residual",)))
 def group_residual(
     row_starts: Indices, columns: Indices, blocks: RoundedBlocks, x: SingleVectors, b: SingleVectors, row: wp.int32,
     first: wp.int32, chosen: wp.int32, residual: SingleVectors,
@@ -122,9 +122,9 @@ def group_residual(
 # The compiler does not vectorise a loop with a condition on ``keep`` inside.
 _SMOOTH = f"""
     if (keep == 0.0f) {{
-        {EACH_CHOSEN} {smooth.native_func}(inverse, r(l), x, 0.0f, step, row, l, direction, x_out);
+        {FOR_EACH_CHOSEN} {smooth.native_func}(inverse, r(l), x, 0.0f, step, row, l, direction, x_out);
     }} else {{
-        {EACH_CHOSEN} {smooth.native_func}(inverse, r(l), x, keep, step, row, l, direction, x_out);
+        {FOR_EACH_CHOSEN} {smooth.native_func}(inverse, r(l), x, keep, step, row, l, direction, x_out);
     }}
 """
 
@@ -144,16 +144,15 @@ def group_residual_kernel(
     residual_out: SingleVectors,
 ):
     row, lane = wp.tid(), wp.int32(0)
-    group, count = group_at(active, lane)
+    first, count, group = group_at(active, lane, x.shape[1])
     while count > 0:
-        first = active[lane] / WIDTH * WIDTH
-        if count < FEWEST or first + WIDTH > x.shape[1]:
+        if group == 0:
             for k in range(lane, lane + count):
                 store(residual_out, row, active[k], row_residual(row_starts, columns, blocks, x, b, row, active[k]))
         else:
             group_residual(row_starts, columns, blocks, x, b, row, first, group, residual_out)
         lane += count
-        group, count = group_at(active, lane)
+        first, count, group = group_at(active, lane, x.shape[1])
 
 
 @cpu_kernel
@@ -164,10 +163,9 @@ def group_chebyshev_kernel(
     direction_out: SingleVectors, x_out: SingleVectors,
 ):
     row, lane = wp.tid(), wp.int32(0)
-    group, count = group_at(active, lane)
+    first, count, group = group_at(active, lane, x.shape[1])
     while count > 0:
-        first = active[lane] / WIDTH * WIDTH
-        if count < FEWEST or first + WIDTH > x.shape[1]:
+        if group == 0:
             for k in range(lane, lane + count):
                 r = row_residual(row_starts, columns, blocks, x, b, row, active[k])
                 smooth(inverse, r, x, keep, step, row, active[k], direction_out, x_out)
@@ -176,7 +174,7 @@ def group_chebyshev_kernel(
                 row_starts, columns, blocks, inverse, x, b, keep, step, row, first, group, direction_out, x_out
             )
         lane += count
-        group, count = group_at(active, lane)
+        first, count, group = group_at(active, lane, x.shape[1])
 
 
 class LinearMultigrid:
@@ -188,7 +186,6 @@ class LinearMultigrid:
         faces = [contact.host_faces[:, :3] for contact in contacts]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra[:, :4], faces, device)
         self.fixed = fixed[: 3 * n]
-        self._cpu = wp.get_device(device).is_cpu
         self._n, self._blocks = n, zeros(self.pattern.n_blocks, n_env, device)
         self._rounded = rounded_blocks.zeros(self.pattern.n_blocks, n_env, device)
         self._inverse = rounded_blocks.zeros(n, n_env, device)
@@ -224,12 +221,6 @@ class LinearMultigrid:
     def _launch(self, kernel, inputs, outputs):
         batch_arrays.launch(kernel, self._n, inputs, outputs)
 
-    def _launch_rows(self, kernel, group_kernel, inputs, outputs):
-        if self._cpu:
-            groups.launch(group_kernel, self._n, inputs, outputs)
-        else:
-            self._launch(kernel, inputs, outputs)
-
     def _rows(self):
         return [self.pattern.row_starts, self.pattern.columns, self._rounded]
 
@@ -237,7 +228,7 @@ class LinearMultigrid:
         """Chebyshev steps, from x to the other array and back; returns x and the other array after the last step."""
         for keep, step in coefficients:
             inputs = [*self._rows(), self._inverse, x, b, keep, step, self.active]
-            self._launch_rows(chebyshev_kernel, group_chebyshev_kernel, inputs, [self._direction, other])
+            groups.launch(group_chebyshev_kernel, chebyshev_kernel, self._n, inputs, [self._direction, other])
             x, other = other, x
         return x, other
 
@@ -248,6 +239,6 @@ class LinearMultigrid:
         self._launch(chebyshev_start_kernel, [self._inverse, b, first, self.active], [self._direction, x])
         x, other = self._steps(others, b, x, other)
         inputs = [*self._rows(), x, b, self.active]
-        self._launch_rows(residual_kernel, group_residual_kernel, inputs, [self._residual])
+        groups.launch(group_residual_kernel, residual_kernel, self._n, inputs, [self._residual])
         self.coarse.correct(self._residual, x)
         self._steps(self._smoothing, b, x, other)

@@ -6,10 +6,10 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import batch_arrays, groups
+from simgen.fem import groups
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.columns import number_at
-from simgen.fem.groups import FEWEST, WIDTH, cpu_kernel, gpu_kernel, group_at
+from simgen.fem.groups import cpu_kernel, gpu_kernel, group_at
 from simgen.fem.linear_solver.group_rows import group_sparse_row
 from simgen.fem.precision import single
 
@@ -52,16 +52,15 @@ def group_sparse_kernel(
     y_out: SingleVectors,
 ):
     row, lane = wp.tid(), wp.int32(0)
-    group, count = group_at(active, lane)
+    first, count, group = group_at(active, lane, x.shape[1])
     while count > 0:
-        first = active[lane] / WIDTH * WIDTH
-        if count < FEWEST or first + WIDTH > x.shape[1]:
+        if group == 0:
             for k in range(lane, lane + count):
                 sparse_row(row_starts, columns, values, x, factor, keep, row, active[k], y_out)
         else:
             group_sparse_row(row_starts, columns, values, x, factor, keep, row, first, group, y_out)
         lane += count
-        group, count = group_at(active, lane)
+        first, count, group = group_at(active, lane, x.shape[1])
 
 
 class Transfer:
@@ -78,10 +77,7 @@ class Transfer:
 
     def _launch(self, matrix, rows, x, factor, keep, out):
         inputs = [*matrix, x, factor, keep, self._active]
-        if wp.get_device(self._active.device).is_cpu:
-            groups.launch(group_sparse_kernel, rows, inputs, [out])
-        else:
-            batch_arrays.launch(sparse_kernel, rows, inputs, [out])
+        groups.launch(group_sparse_kernel, sparse_kernel, rows, inputs, [out])
 
     def prolong(self, x, y_out):
         """y = M x."""

@@ -83,8 +83,11 @@ class Law:
         return ()
 
 
-def law_module(file: str, law: type[Law]) -> wp.Module:
-    """Warp module of a file's kernels for one law. Warp compiles it when a body of this law is first used."""
-    module = wp.get_module(f"{file}.{law.name}")
+def law_module(file: str, law: type[Law], device: str = "") -> wp.Module:
+    """Warp module of a file's kernels for one law. Warp compiles it when a body of this law is first used.
+
+    device : "cpu" or "gpu" if only such devices load it, see `simgen.fem.groups`
+    """
+    module = wp.get_module(".".join(filter(None, (file, law.name, device))))
     wp.set_module_options({"enable_backward": False}, module)
     return module

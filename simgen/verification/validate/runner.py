@@ -16,7 +16,9 @@ from pathlib import Path
 
 from simgen.config.warp_device import check_device, start_warp
 from simgen.errors import InputError
+from simgen.fem.material import LAWS
 from simgen.pipeline.workers import cores
+from simgen.simulation.kernel_loading import load_press_kernels
 from simgen.verification.validate import all_cases
 from simgen.verification.validate.case import Case, Context, Outcome
 
@@ -134,11 +136,9 @@ def _prepare(device: str) -> None:
     """Load the kernels before any case is timed; let an interrupt end the process silently."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     start_warp()
-    import warp as wp
+    import simgen.simulation.press  # noqa: F401 (all kernels of a press)
 
-    import simgen.simulation.press  # noqa: F401 (all kernels of the solver)
-
-    wp.force_load(device)
+    load_press_kernels(device, LAWS.values())
 
 
 def run_case(case: Case, context: Context) -> Result:

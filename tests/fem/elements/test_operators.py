@@ -13,12 +13,10 @@ from tests.fem.elements.test_side_by_side import N_ENV, outputs_of_both
 def test_linear_elements_have_no_group_and_give_the_same_bytes_on_a_cpu(law):
     cpu, gpu, before = outputs_of_both(P1, law, np.arange(N_ENV))
     for own, other in zip(cpu, gpu, strict=True):
-        np.testing.assert_array_equal(own, other)
+        assert own.tobytes() == other.tobytes()
     assert (cpu[0] != before).all()
 
 
 @pytest.mark.parametrize("law", LAWS.values())
-def test_each_kind_of_device_loads_its_own_kernels(law):
-    on_cpu, on_gpu = (operator_kernels(law, cpu) for cpu in (True, False))
-    assert on_cpu is operator_kernels(law, True)
-    assert not {kernel.module.name for kernel in on_cpu} & {kernel.module.name for kernel in on_gpu}
+def test_kernels_are_made_once(law):
+    assert operator_kernels(law) is operator_kernels(law)
