@@ -15,7 +15,8 @@ from simgen.fem.batch_arrays import Envs
 wp.set_module_options({"enable_backward": False})
 
 WIDTH = 8  # environments side by side: the numbers in a vector of 256 bits
-# A group with fewer active environments is computed one by one. A whole group takes as long as two or three alone.
+# A group with fewer active environments is computed one by one. The tangent of a whole group takes as long as those of
+# two or three environments alone, its forces as long as those of four.
 FEWEST_ACTIVE = 3
 
 # C++ code of a loop over the environments l of a group. Without the last option, the compiler would unroll the loop

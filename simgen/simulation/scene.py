@@ -40,7 +40,7 @@ def _core_shape(core: trimesh.Trimesh, device: str) -> RigidShape:
 class Scene:
     """A sensor ready to be pressed by ``batch`` indenters at once, with the physical terms that it needs.
 
-    batch : on a CPU, eight presses take about as long as four or five alone, see `simgen.fem.groups`
+    batch : on a CPU, eight presses take about as long as four alone, see `simgen.fem.groups`
     fluid : "none", or "incompressible" for a fluid that fills the gel's cavity; raises InputError without a cavity
     outputs : names of slow outputs to measure. The attribute ``outputs`` holds all measured outputs
     """

@@ -67,7 +67,10 @@ wp.force_load("cpu", [*modules, control_kernel.module])
 
 
 def test_the_compiler_vectorises_all_loops_over_environments(tmp_path):
-    """Clang warns of each loop that it was told to vectorise and did not. A kernel of this test has such a loop."""
+    """Clang warns of each loop that it was told to vectorise and did not. A kernel of this test has such a loop.
+
+    The kernels are those of the default law.
+    """
     script = tmp_path / "compile.py"  # Warp reads a kernel's source
     script.write_text(COMPILE)
     done = subprocess.run(

@@ -19,8 +19,9 @@ LOOSE_FACTOR = 3.0
 # Krylov iterations of a batch before solved environments take their Newton step: on a GPU most are solved after four.
 # 1,024 presses on one H200, DIGIT and BioTac: 17.0 and 21.2 s; with five 17.7 and 21.8, with six 18.2 and 21.8.
 KRYLOV_PER_ROUND = 4
-# On a CPU, systems that are solved leave at once, and others take their places in its vectors sooner: 0.77 s a depth
-# instead of 0.82 with four (16 presses on the default DIGIT, 8 at once, to 0.5 mm).
+# On a CPU, a solved system leaves the round at once, and after a short round it is back sooner with the next one. So
+# more of eight environments are at work: 0.77 s a depth instead of 0.82 with four iterations (16 presses on the default
+# DIGIT, 8 at once, to 0.5 mm; both at the same time on two cores, once).
 KRYLOV_PER_CPU_ROUND = 2
 # Least damping with which a sparse factor replaces multigrid. Factors on the DIGIT's default mesh take 8 s of a core,
 # and damped multigrid mostly serves: a ring's first step of 0.25 mm takes 12 s, and 64 s with factors first.
