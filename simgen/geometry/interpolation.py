@@ -97,35 +97,61 @@ def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
     Returns its element (m,), its barycentric coordinates (m, 4) and its distance (m,) in the unit of the nodes. The
     distance is zero (to rounding) for points inside.
     """
-    element_nodes = nodes[tetrahedra]
+    search = _Search(nodes[tetrahedra], points)
+    inside = INSIDE * np.ptp(nodes)
     few = min(CANDIDATES, len(tetrahedra))
-    _, near = cKDTree(element_nodes[:, :4].mean(axis=1)).query(points, k=range(1, few + 1))
-    point = np.repeat(np.arange(len(points)), few)
-    element, barycentric, distance = _nearest(element_nodes, points, point, near.ravel())
+    _, candidates = cKDTree(search.element_nodes[:, :4].mean(axis=1)).query(points, k=range(1, few + 1))
+    for column in candidates.T:
+        outside = np.flatnonzero(search.distance > inside)
+        search.compare(outside, column[outside])
     # Beside a large element the centroids of many small ones may be nearer. So a point outside tries every element
     # whose bounding box is nearer than the best candidate.
+    outside = np.flatnonzero(search.distance > inside)
+    search.compare(*_pairs_in_reach(search.element_nodes, points, outside, search.distance[outside]))
+    return search.element, search.barycentric, search.distance
+
+
+class _Search:
+    """The nearest point of a mesh to each of m points, among the elements that were compared so far.
+
+    element (m,), barycentric (m, 4), distance (m,): of the nearest point; inf before the first comparison
+    """
+
+    def __init__(self, element_nodes: np.ndarray, points: np.ndarray):
+        self.element_nodes, self.points = element_nodes, points
+        self.element = np.zeros(len(points), dtype=np.int64)
+        self.barycentric = np.zeros((len(points), 4))
+        self.distance = np.full(len(points), np.inf)
+
+    def compare(self, point: np.ndarray, element: np.ndarray):
+        """Compare pairs of a point and an element, given by numbers (pair,) each."""
+        element_nodes, target = self.element_nodes[element], self.points[point]
+        barycentric = _nearest_inside(element_nodes, target)
+        reached = np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes)
+        distance = np.linalg.norm(reached - target, axis=1)
+        order = np.lexsort([distance, point])
+        best = order[np.unique(point[order], return_index=True)[1]]
+        best = best[distance[best] < self.distance[point[best]]]
+        at = point[best]
+        self.element[at], self.barycentric[at], self.distance[at] = element[best], barycentric[best], distance[best]
+
+
+def _pairs_in_reach(
+    element_nodes: np.ndarray, points: np.ndarray, chosen: np.ndarray, reach: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (pair,) of a chosen point and an element whose bounding box is nearer than the point's ``reach``.
+
+    chosen, reach (c,): numbers of points, and distances.
+    """
     least, most = element_nodes.min(axis=1), element_nodes.max(axis=1)
-    pairs = [np.zeros((2, 0), dtype=np.int64)]
-    for i in np.flatnonzero(distance > INSIDE * np.ptp(nodes)):
-        gap = np.maximum(np.maximum(least - points[i], points[i] - most), 0.0)
-        near = np.flatnonzero((gap * gap).sum(axis=1) < distance[i] ** 2)
-        near = np.append(near, element[i])
-        pairs.append(np.stack([np.full_like(near, i), near]))
-    point, near = np.hstack(pairs)
-    again = np.unique(point)
-    element[again], barycentric[again], distance[again] = _nearest(element_nodes, points, point, near)
-    return element, barycentric, distance
-
-
-def _nearest(element_nodes, points, point, element) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `locate`, for pairs of a ``point`` and an ``element``, both (pair,) indices: the best pair of each point."""
-    target = points[point]
-    barycentric = _nearest_inside(element_nodes[element], target)
-    reached = np.einsum("mn,mni->mi", shape_functions(barycentric), element_nodes[element])
-    distance = np.linalg.norm(reached - target, axis=1)
-    order = np.lexsort([distance, point])
-    best = order[np.unique(point[order], return_index=True)[1]]
-    return element[best], barycentric[best], distance[best]
+    middle, radius = 0.5 * (least + most), 0.5 * np.linalg.norm(most - least, axis=1)
+    near = cKDTree(middle).query_ball_point(points[chosen], reach + radius.max(), return_sorted=False)
+    point = np.repeat(np.arange(len(chosen)), [len(each) for each in near])
+    element = np.concatenate([np.zeros(0, dtype=np.int64), *near]).astype(np.int64)
+    position = points[chosen[point]]
+    gap = np.maximum(np.maximum(least[element] - position, position - most[element]), 0.0)
+    in_reach = np.linalg.norm(gap, axis=1) < reach[point]
+    return chosen[point[in_reach]], element[in_reach]
 
 
 def interpolation_matrix(simulation, points: np.ndarray) -> csr_matrix:

@@ -5,6 +5,8 @@ Only this file imports dask.
 
 import json
 import logging
+import multiprocessing
+import multiprocessing.forkserver
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -34,9 +36,10 @@ STARTS = 3  # attempts to start a process that is killed as it starts
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 # Threads that write shards must not block threads that feed a GPU for Python's usual 5 ms.
 SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
-# CPU processes are forked from one that has imported these, because each import takes 3 s. That process has no threads
-# and does not initialise Warp. Systems other than Linux have no safe fork. Forking with a GPU is not measured.
+# Processes are forked from one that has imported these, because each import takes 3 s. That process has no threads, and
+# initialises neither Warp nor CUDA. Systems other than Linux have no safe fork.
 IMPORTED_BEFORE_FORK = ["distributed", "simgen.pipeline.shard"]
+CAN_FORK = sys.platform == "linux"
 FORK = {
     "distributed.worker.multiprocessing-method": "forkserver",
     # Otherwise dask makes processes return freed memory at once. Getting it back takes half of a sensor's loading time.
@@ -143,6 +146,8 @@ def start_workers(
     Raises `InputError` for a scheduler that does not answer and, on first use, for a process that does not start.
     Raises it also for a device that this machine lacks, unless a scheduler's workers solve.
     """
+    if scheduler is None:
+        start_imports()  # while this process looks for GPUs and plans
     if scheduler is None or scheduler == "sync":
         check_device(device)
     if scheduler == "sync":
@@ -193,6 +198,13 @@ def start_workers(
         if gpus:
             _ = workers.started
         yield workers
+
+
+def start_imports() -> None:
+    """Start the process that workers are forked from; it imports `IMPORTED_BEFORE_FORK`."""
+    if CAN_FORK:
+        multiprocessing.set_forkserver_preload(IMPORTED_BEFORE_FORK)
+        multiprocessing.forkserver.ensure_running()
 
 
 def visible_gpus(device: str) -> list[str]:
@@ -249,8 +261,9 @@ def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
     # Two other processes try the tasks of a dead one, then `simgen.pipeline.run` decides.
     options |= {"allowed_failures": 2, "worker_ttl": LONGEST_SILENCE}
     here = {"cls": Scheduler, "options": options}
-    with dask.config.set(FORK if sys.platform == "linux" and not any(environments) else {}):
-        get_mp_context().set_forkserver_preload(IMPORTED_BEFORE_FORK)
+    with dask.config.set(FORK if CAN_FORK else {}):
+        get_mp_context()  # sets a list of imports once; ours comes after it
+        start_imports()
         with SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL") as cluster:
             yield cluster
 

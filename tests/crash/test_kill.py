@@ -15,7 +15,7 @@ import pytest
 from tests.crash.conftest import SHARDS, start
 
 SEED = 5
-START, SHARD = 8.0, 0.3  # s: until there is work, and from one shard to the next
+START, SHARD = 4.0, 0.05  # s: until there is work, and from one shard to the next, on a quick machine
 
 
 def descendants(pid: int) -> list[psutil.Process]:
