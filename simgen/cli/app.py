@@ -100,9 +100,13 @@ def run(
         check_device_name(device)  # the GPU may be another machine's
         print_preview(checked, preview(checked, device), output or checked.output(), device)
         return
+    address = scheduler_address(scheduler, scheduler_file)
+    if address is None:
+        from simgen.pipeline.forked_imports import start_imports
+
+        start_imports()  # beside those of this process
     from simgen.cli.console import run_with_progress
 
-    address = scheduler_address(scheduler, scheduler_file)
     if run_with_progress(checked, output or checked.output(), workers, address, device):
         raise typer.Exit(1)
 

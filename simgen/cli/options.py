@@ -46,12 +46,12 @@ def process_count(workers: int | None, device: str) -> int:
 
 def scheduler_address(scheduler: str | None, file: Path | None) -> str | None:
     """Address of the scheduler, from one of the two options. Raises `InputError` if both are given."""
-    from simgen.pipeline import workers
-
     if file is None:
         return scheduler
     if scheduler is not None:
         raise InputError(f"--scheduler {scheduler} and --scheduler-file {file}: allowed: one of them")
+    from simgen.pipeline import workers
+
     return workers.scheduler_address(file)
 
 

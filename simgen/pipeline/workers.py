@@ -5,11 +5,9 @@ Only this file imports dask.
 
 import json
 import logging
-import multiprocessing
-import multiprocessing.forkserver
 import os
-import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from importlib.util import find_spec
@@ -20,6 +18,7 @@ from typing import Any
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import check_device
 from simgen.errors import InputError
+from simgen.pipeline.forked_imports import CAN_FORK, start_imports
 from simgen.pipeline.shard import Presser, fem_presser, prepare
 
 # Threads of a GPU's process. Each solves a task, and the presses of all tasks share the device (see ``pool``). A task
@@ -36,10 +35,6 @@ STARTS = 3  # attempts to start a process that is killed as it starts
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 # Threads that write shards must not block threads that feed a GPU for Python's usual 5 ms.
 SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
-# Processes are forked from one that has imported these, because each import takes 3 s. That process has no threads, and
-# initialises neither Warp nor CUDA. Systems other than Linux have no safe fork.
-IMPORTED_BEFORE_FORK = ["distributed", "simgen.pipeline.shard"]
-CAN_FORK = sys.platform == "linux"
 FORK = {
     "distributed.worker.multiprocessing-method": "forkserver",
     # Otherwise dask makes processes return freed memory at once. Getting it back takes half of a sensor's loading time.
@@ -138,7 +133,7 @@ def start_workers(
 
     Without ``scheduler``, a local cluster of ``count`` processes solves, by default one for each core or GPU, but at
     most one for each shard. Its processes load sensors, scenes and kernels as soon as they start. GPU processes start
-    at once. CPU processes start when they are first needed, because they would slow the caller's planning.
+    at once, in a thread. CPU processes start when they are first needed, because they would slow the caller's planning.
 
     With the address of a ``scheduler``, its workers solve once there are ``count`` of them or after `LONGEST_WAIT_S`.
     They must see the same file system. With "sync", this process solves.
@@ -194,17 +189,9 @@ def start_workers(
             return client, [client.submit(prepare, job, there, build, part, len(addresses), workers=[address], **own)
                             for part, address in enumerate(addresses)]  # fmt: skip
 
-        workers = Workers(there, len(environments), start, stack.close, TASKS_PER_GPU_PROCESS if gpus else 1)
         if gpus:
-            _ = workers.started
-        yield workers
-
-
-def start_imports() -> None:
-    """Start the process that workers are forked from; it imports `IMPORTED_BEFORE_FORK`."""
-    if CAN_FORK:
-        multiprocessing.set_forkserver_preload(IMPORTED_BEFORE_FORK)
-        multiprocessing.forkserver.ensure_running()
+            start = stack.enter_context(ThreadPoolExecutor(1)).submit(start).result
+        yield Workers(there, len(environments), start, stack.close, TASKS_PER_GPU_PROCESS if gpus else 1)
 
 
 def visible_gpus(device: str) -> list[str]:

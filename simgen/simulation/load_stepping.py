@@ -94,11 +94,6 @@ class LoadStepping:
         """Number of waiting presses and running tries."""
         return len(self._waiting) + int(self.running.sum())
 
-    @property
-    def busy(self) -> int:
-        """Number of environments that the next iteration will use."""
-        return min(self.remaining, self.scene.batch)
-
     def advance(self):
         """Advance all running presses by one iteration."""
         begin = time.perf_counter()

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import threading
 import weakref
+from collections import deque
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 import warp as wp
@@ -38,24 +41,51 @@ class Pool:
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n)
         self._device, self.turn = wp.get_device(scene.device), threading.Lock()
         self._stream = wp.Stream(self._device) if self._device.is_cuda else None
+        self._arrived: deque[Arrival] = deque()
         wp.synchronize()  # the kernels that set up the scene ran on another stream
         POOLS.add(self)
 
     def press(self, shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray) -> PendingResults:
         """Add presses: shape numbers (b,), poses (b, 4, 4) m, numbers of steps (b,). Returns their results to come."""
-        with DEVICE:
-            self._use_stream()
-            return PendingResults(self._stepping, begin_presses(self._stepping, self._shapes, shape_of, poses, steps))
+        results = PendingResults(self._stepping)
+        self._arrived.append(Arrival(results, list(shape_of), np.asarray(poses), np.asarray(steps)))
+        return results
+
+    @property
+    def remaining(self) -> int:
+        """Number of presses that have arrived or wait, and of running tries."""
+        return self._stepping.remaining + sum(len(each.shape_of) for each in list(self._arrived))
 
     @property
     def urgency(self) -> tuple[int, int]:
         """Sort key: the pool with most busy environments goes first, then the one with most remaining presses."""
-        return self._stepping.busy, self._stepping.remaining
+        remaining = self.remaining
+        return min(remaining, self._stepping.scene.batch), remaining
 
     def advance(self):
         """Advance the presses by one iteration. The calling thread holds the pool's `turn` and the device."""
         self._use_stream()
+        self._begin_arrived()
         self._stepping.advance()
+
+    def _begin_arrived(self):
+        """Begin arrived presses of whole tasks, until there are as many as environments.
+
+        Hundreds of tasks may arrive together. First touches of one task at a time would take ten times as long.
+        """
+        batch, tasks = self._stepping.scene.batch, []
+        for arrival in list(self._arrived):
+            tasks.append(arrival)
+            if sum(len(each.shape_of) for each in tasks) >= batch:
+                break
+        if not tasks:
+            return
+        shape_of = [shape for task in tasks for shape in task.shape_of]
+        poses, steps = (np.concatenate([getattr(task, name) for task in tasks]) for name in ("poses", "steps"))
+        presses = iter(begin_presses(self._stepping, self._shapes, shape_of, poses, steps))
+        for task in tasks:
+            task.results.presses = list(islice(presses, len(task.shape_of)))
+            self._arrived.popleft()
 
     def _use_stream(self):
         if self._stream is not None:
@@ -63,14 +93,32 @@ class Pool:
 
     def drop(self):
         """Drop all unfinished presses."""
+        while self._arrived:
+            self._arrived.popleft().results.dropped = True
         self._stepping.drop(self._stepping.unfinished)
 
 
-class PendingResults:
-    """Results of running presses, in order. Iteration over the results waits until all presses have ended."""
+@dataclass(frozen=True)
+class Arrival:
+    """Presses of a task that have not begun: shape numbers (b,), poses (b, 4, 4) m, numbers of steps (b,)."""
 
-    def __init__(self, stepping: LoadStepping, presses: list[Press]):
-        self._stepping, self._presses = stepping, presses
+    results: PendingResults
+    shape_of: list[int]
+    poses: np.ndarray
+    steps: np.ndarray
+
+
+class PendingResults:
+    """Results of presses, in order. Iteration over the results waits until all presses have ended.
+
+    presses : None until the presses begin
+    dropped : True if they will not begin
+    """
+
+    def __init__(self, stepping: LoadStepping):
+        self._stepping = stepping
+        self.presses: list[Press] | None = None
+        self.dropped = False
 
     def __iter__(self) -> Iterator[PressResult]:
         while self.unfinished and CREW.join(self):
@@ -79,14 +127,16 @@ class PendingResults:
                     _advance()
             finally:
                 CREW.leave()
-        if any(press.dropped for press in self._presses):
+        if self.dropped or any(press.dropped for press in self.presses):
             raise RuntimeError("another task of this process has failed, and its presses ran together with these")
-        return (result_of(self._stepping, press) for press in self._presses)
+        return (result_of(self._stepping, press) for press in self.presses)
 
     @property
     def unfinished(self) -> bool:
         """True while some presses have neither ended nor been dropped."""
-        return any(press.status is None and not press.dropped for press in self._presses)
+        if self.presses is None:
+            return not self.dropped
+        return any(press.status is None and not press.dropped for press in self.presses)
 
 
 class Crew:

@@ -45,12 +45,12 @@ def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):
     hard = press(pool, 0, 1)
 
     def never_ends(finished):
-        settle(finished & np.array([each is not hard._presses[0] for each in pool._stepping.press]))
+        settle(finished & np.array([each is not hard.presses[0] for each in pool._stepping.press]))
 
     pool._stepping._accept_or_reject = never_ends
     ended = list(press(pool, 1, 4))
     assert [result.status[-1] for result in ended] == [0, 0, 0]
-    assert hard._presses[0].status is None and pool.urgency == (1, 1)
+    assert hard.presses[0].status is None and pool.urgency == (1, 1)
     pool.drop()  # or the tasks of other tests would carry it on
 
 
