@@ -74,9 +74,9 @@ class Twins:
     def around(self, x: float, arc: float) -> Contacts:
         """Contacts on a grid of the developed skin, with axes along the normals."""
         arcs = np.tile(arc + GRID_M, len(GRID_M))
-        found = [place for along in x + GRID_M for place in self.skin.points(along, arc + GRID_M)]
-        on_skin = np.array([place is not None for place in found])
-        points, normals = (np.array([place[i] for place in found if place is not None]) for i in (0, 1))
+        points, normals = self.skin.points(np.repeat(x + GRID_M, len(GRID_M)), arcs)
+        on_skin = np.isfinite(points[:, 0])
+        points, normals = points[on_skin], normals[on_skin]
         return Contacts(points, normals, -normals, np.zeros(len(points)), arcs[on_skin])
 
     def edges_are_felt(self, poses: np.ndarray, sensors: np.ndarray, depth: float) -> np.ndarray:

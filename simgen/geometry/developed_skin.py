@@ -4,12 +4,11 @@ Shared frame, in metres: x along the finger, pad side -y, z lateral. The plane z
 line. The arc length counts from there along the cross-section x = const, positive towards +z.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 import trimesh
 
 CREASE_DEG = 30.0  # normals are not averaged across sharper edges
+LONE = np.array([-1, 0, 1, 2, 2, 1, 0, -1])  # corner alone on its side of a plane, by the sum of 2^k of corners above
 
 
 def corner_normals(surface: trimesh.Trimesh) -> np.ndarray:
@@ -36,104 +35,114 @@ def corner_normals(surface: trimesh.Trimesh) -> np.ndarray:
 
 
 class Skin:
-    """A closed surface (m) with smooth normals, addressed by (x, arc)."""
+    """A closed surface (m) with smooth normals, addressed by (x, arc).
+
+    Corner 3 f + k is corner k of face f. Edge 3 f + k joins this corner and the next of the face.
+    """
 
     def __init__(self, surface: trimesh.Trimesh):
         self.surface = surface
-        self._vertices = np.asarray(surface.vertices, dtype=np.float64)
-        self._faces = np.asarray(surface.faces)
-        self._normals = corner_normals(surface)
-        x = self._vertices[self._faces, 0]
-        self._order = np.argsort(x.min(axis=1), kind="stable")
-        self._first_x, self._last_x = x.min(axis=1)[self._order], x.max(axis=1)[self._order]
-        self._longest = np.ptp(x, axis=1).max() * (1.0 + 1e-9)
+        vertices, faces = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64)
+        self._points = vertices[faces].reshape(-1, 3)  # at corners
+        self._normals = corner_normals(surface).reshape(-1, 3)
+        corner = np.arange(faces.size).reshape(-1, 3)
+        ends = np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2)
+        # Both faces of an edge use the same order of its vertices: a plane cuts them at the very same point.
+        order = np.argsort(faces.ravel()[ends], axis=1)
+        self._ends = np.take_along_axis(ends, order, axis=1)
+        low, high = faces.ravel()[self._ends].T
+        self._across = _twins(low * len(vertices) + high)
+        x, z = self._points[:, [0, 2]].T.reshape(2, -1, 3)
+        self._middle = np.flatnonzero((z.min(axis=1) < 0.0) & (z.max(axis=1) >= 0.0))
+        self._middle_x = x[self._middle].min(axis=1), x[self._middle].max(axis=1)
 
-    def point(self, x: float, arc: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """The point (3,) at arc length ``arc`` of the cross-section at ``x`` (both m), and its unit normal (3,).
+    def points(self, x: np.ndarray | float, arcs: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Points (..., 3) m at lengths ``arcs`` along the cross-sections at ``x`` (both m), and unit normals (..., 3).
 
-        None if there is no such section, or if the arc would pass z = 0 again, opposite the pad.
+        ``x`` and ``arcs`` are of one shape (...), or broadcast to it. Both results are NaN if there is no such section,
+        or if the arc would pass z = 0 again, opposite the pad.
         """
-        return self.points(x, (arc,))[0]
+        x, arcs = np.broadcast_arrays(x, arcs)
+        found = np.full((2, x.size, 3), np.nan)
+        place, edges, t = self._walk(x.ravel(), arcs.ravel())
+        points, normals = (
+            _between(*(self._cut(values, edge, x.ravel()[place]) for edge in edges.T), t)
+            for values in (self._points, self._normals)
+        )
+        found[:, place] = points, normals / np.sqrt(np.vecdot(normals, normals))[:, None]
+        return found[0].reshape(*x.shape, 3), found[1].reshape(*x.shape, 3)
 
-    def points(self, x: float, arcs: Iterable[float]) -> list[tuple[np.ndarray, np.ndarray] | None]:
-        """Points and normals, as by `point`, at many arc lengths of one cross-section. The section is cut once."""
-        ends, points, normals = self._section(x)
-        start = _centre(points)
-        if start is None:
-            return [None for _ in arcs]
-        neighbour = _neighbours(ends)
-        length = np.linalg.norm(points[:, 1] - points[:, 0], axis=1)
-        found = []
-        for arc in arcs:
-            end = _walk(arc, *start, points, length, neighbour)
-            found.append(None if end is None else _between(*end, points, normals))
-        return found
+    def _walk(self, x: np.ndarray, arcs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Walk from the centre line of the sections at ``x`` (n,) along ``arcs`` (n,), from face to face.
 
-    def _section(self, x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Segments of a cut: ids (s, 2) of the edges that each joins, end points and normals (s, 2, 3).
+        Returns the m places that are reached: their numbers (m,), the two cut edges (m, 2) of the face there, and the
+        fraction (m,) between these.
+        """
+        place, edges, fraction = self._centre(x)
+        x, arcs = x[place], arcs[place]
+        behind, ahead = (self._cut(self._points, edge, x) for edge in edges.T)
+        onwards = (ahead[:, 2] > behind[:, 2]) == (arcs >= 0.0)  # True: leaves a face by the second of its edges
+        length = np.linalg.norm(ahead - behind, axis=1)
+        # Count from the near end of the first segment.
+        left = np.abs(arcs) + length * np.where(onwards, fraction, 1.0 - fraction)
+        at = np.where(onwards[:, None], ahead, behind)
+        reached = np.ones(len(place), dtype=bool)
+        walking = np.flatnonzero(left > length)
+        while len(walking):
+            left[walking] -= length[walking]
+            entered = self._across[edges[walking, onwards[walking].astype(np.int64)]]
+            both = self._cut_edges(entered // 3, x[walking])
+            forwards = both[:, 0] == entered
+            end = self._cut(self._points, np.where(forwards, both[:, 1], both[:, 0]), x[walking])
+            step = np.linalg.norm(end - at[walking], axis=1)
+            beyond = (end[:, 2] >= 0.0) != (at[walking, 2] >= 0.0)
+            edges[walking], onwards[walking], length[walking], at[walking] = both, forwards, step, end
+            reached[walking[beyond]] = False
+            walking = walking[~beyond & (left[walking] > step)]
+        t = left / length
+        return place[reached], edges[reached], np.where(onwards, t, 1.0 - t)[reached]
+
+    def _centre(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where the sections at ``x`` (n,) cross z = 0 on the pad side.
+
+        Returns the numbers (m,) of the sections that exist, the two cut edges (m, 2) of the face there, and the
+        fraction (m,) between these.
+        """
+        first, last = self._middle_x
+        place, middle = np.nonzero((first < x[:, None]) & (last >= x[:, None]))
+        edges = self._cut_edges(self._middle[middle], x[place])
+        (_, y, z), (_, next_y, next_z) = (self._cut(self._points, edge, x[place]).T for edge in edges.T)
+        crosses = (z >= 0.0) != (next_z >= 0.0)
+        place, edges, y, z, next_y, next_z = (each[crosses] for each in (place, edges, y, z, next_y, next_z))
+        t = z / (z - next_z)
+        order = np.lexsort(((1.0 - t) * y + t * next_y, place))
+        place, lowest = np.unique(place[order], return_index=True)
+        return place, edges[order][lowest], t[order][lowest]
+
+    def _cut_edges(self, faces: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The two edges (n, 2) of each face (n,) that the plane at ``x`` (n,) crosses.
 
         A vertex in the plane counts as above it. So the plane crosses exactly two edges of every cut face, and the
-        segments form closed loops.
+        segments between these form closed loops.
         """
-        near = slice(*np.searchsorted(self._first_x, [x - self._longest, x]))
-        cut = self._order[near][self._last_x[near] >= x]
-        above = self._vertices[self._faces[cut], 0] >= x
-        # The lone corner is alone on its side of the plane; the cut crosses its two edges.
-        lone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(axis=1)
-        faces, rows = self._faces[cut], np.arange(len(cut))
-        ends, points, normals = [], [], []
-        for step in (1, 2):
-            other = (lone + step) % 3
-            # Both faces of an edge use the same order of its vertices: they meet at the very same point.
-            swap = faces[rows, lone] > faces[rows, other]
-            low, high = np.where(swap, other, lone), np.where(swap, lone, other)
-            a, b = faces[rows, low], faces[rows, high]
-            t = ((x - self._vertices[a, 0]) / (self._vertices[b, 0] - self._vertices[a, 0]))[:, None]
-            ends.append(a.astype(np.int64) * len(self._vertices) + b)
-            points.append((1.0 - t) * self._vertices[a] + t * self._vertices[b])
-            normals.append((1.0 - t) * self._normals[cut, low] + t * self._normals[cut, high])
-        return np.stack(ends, axis=1), np.stack(points, axis=1), np.stack(normals, axis=1)
+        above = self._points[3 * faces[:, None] + np.arange(3), 0] >= x[:, None]
+        lone = LONE[above @ np.array([1, 2, 4])]
+        return 3 * faces[:, None] + np.stack([lone, (lone + 2) % 3], axis=1)
+
+    def _cut(self, values: np.ndarray, edges: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Interpolate values (corner, 3) to where edges (n,) cross the planes at ``x`` (n,): (n, 3)."""
+        a, b = self._ends[edges].T
+        return _between(values[a], values[b], (x - self._points[a, 0]) / (self._points[b, 0] - self._points[a, 0]))
 
 
-def _centre(points: np.ndarray) -> tuple[int, float] | None:
-    """The segment of ``points`` (s, 2, 3) that crosses z = 0 on the pad side, and the fraction along it."""
-    z = points[:, :, 2]
-    crossing = np.flatnonzero((z[:, 0] >= 0.0) != (z[:, 1] >= 0.0))
-    if len(crossing) == 0:
-        return None
-    t = z[crossing, 0] / (z[crossing, 0] - z[crossing, 1])
-    y = (1.0 - t) * points[crossing, 0, 1] + t * points[crossing, 1, 1]
-    lowest = int(y.argmin())
-    return int(crossing[lowest]), float(t[lowest])
+def _between(start: np.ndarray, end: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Interpolate from ``start`` (n, 3) to ``end`` (n, 3) by fractions ``t`` (n,)."""
+    return (1.0 - t)[:, None] * start + t[:, None] * end
 
 
-def _walk(
-    arc: float, segment: int, fraction: float, points: np.ndarray, length: np.ndarray, neighbour: np.ndarray
-) -> tuple[int, float] | None:
-    """Segment and fraction at an arc length from the centre; None if the arc passes z = 0 opposite the pad."""
-    side = int((points[segment, 1, 2] > points[segment, 0, 2]) == (arc >= 0.0))
-    # Count from the near end of the first segment.
-    target = abs(arc) + length[segment] * (fraction if side == 1 else 1.0 - fraction)
-    first = segment
-    while target > length[segment]:
-        target -= length[segment]
-        segment, entered = neighbour[segment, side]
-        side = 1 - entered
-        if segment == first or (points[segment, 0, 2] >= 0.0) != (points[segment, 1, 2] >= 0.0):
-            return None
-    t = target / length[segment]
-    return segment, t if side == 1 else 1.0 - t
-
-
-def _between(segment: int, t: float, points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Point and unit normal at a fraction of a segment."""
-    normal = (1.0 - t) * normals[segment, 0] + t * normals[segment, 1]
-    return (1.0 - t) * points[segment, 0] + t * points[segment, 1], normal / np.linalg.norm(normal)
-
-
-def _neighbours(ends: np.ndarray) -> np.ndarray:
-    """Segment and side (s, 2, 2) that each side of each segment meets. ``ends`` (s, 2) has each id twice."""
-    order = np.argsort(ends.ravel(), kind="stable").reshape(-1, 2)
-    partner = np.empty(ends.size, dtype=np.int64)
-    partner[order[:, 0]], partner[order[:, 1]] = order[:, 1], order[:, 0]
-    return np.stack([partner // 2, partner % 2], axis=1).reshape(-1, 2, 2)
+def _twins(ids: np.ndarray) -> np.ndarray:
+    """The index (n,) of the other element with the same id, for ``ids`` (n,) that hold each id twice."""
+    one, other = np.argsort(ids, kind="stable").reshape(-1, 2).T
+    twins = np.empty(len(ids), dtype=np.int64)
+    twins[one], twins[other] = other, one
+    return twins

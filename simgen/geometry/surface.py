@@ -1,5 +1,6 @@
 """Queries on triangulated surfaces: closest points, small pieces in a ball, smooth patches, shells, volume."""
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -53,9 +54,9 @@ class ClosestPoint:
 
 
 class FinePieces:
-    """Triangles (f, 3, 3) that are subdivided on demand, only inside the ball of a query.
+    """Triangles (f, 3, 3) that are subdivided on demand, only inside the balls of a query.
 
-    Memory and time depend on the number of pieces in the ball, not on the size of the surface.
+    Memory and time depend on the number of pieces in the balls, not on the size of the surface.
     """
 
     def __init__(self, triangles: np.ndarray):
@@ -65,25 +66,36 @@ class FinePieces:
         self.tree = cKDTree(centroids)
 
     def near(
-        self, centre: np.ndarray, radius: float, longest: float, among: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces (p, 3, 3) that may reach into a ball, and the triangle (p,) of each.
+        self,
+        centres: np.ndarray,
+        radii: np.ndarray,
+        longest: np.ndarray,
+        among: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pieces (p, 3, 3) that may reach into one of n balls, and the ball (p,) and the triangle (p,) of each.
 
-        A piece with an edge above ``longest`` is split into four at the middles of its edges. ``among`` (f,) bool
-        selects triangles.
+        The balls have ``centres`` (n, 3) and ``radii`` (n,). A piece with an edge above ``longest`` (n,) of its ball is
+        split into four at the middles of its edges. ``among`` selects from pairs of balls (q,) and triangles (q,): it
+        returns a mask (q,).
         """
-        owner = np.array(self.tree.query_ball_point(centre, radius + self.reach), dtype=np.int64)
-        owner = owner if among is None else owner[among[owner]]
+        ball, owner = self._around(centres, radii.max(initial=0.0))
+        if among is not None:
+            selected = among(ball, owner)
+            ball, owner = ball[selected], owner[selected]
         pieces, centroids, sizes, edges = (each[owner] for each in self.measured)
-        found, owners = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
+        found = [(np.empty((0, 3, 3)), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))]
         while len(pieces):
-            close = np.linalg.norm(centroids - centre, axis=1) <= radius + sizes
-            short = edges <= longest
-            found.append(pieces[close & short])
-            owners.append(owner[close & short])
-            owner = np.repeat(owner[close & ~short], 4)
+            close = np.linalg.norm(centroids - centres[ball], axis=1) <= radii[ball] + sizes
+            short = edges <= longest[ball]
+            found.append(tuple(each[close & short] for each in (pieces, ball, owner)))
+            ball, owner = (np.repeat(each[close & ~short], 4) for each in (ball, owner))
             pieces, centroids, sizes, edges = _measured(_quarters(pieces[close & ~short]))
-        return np.concatenate(found), np.concatenate(owners)
+        return tuple(np.concatenate(each) for each in zip(*found, strict=True))
+
+    def _around(self, centres: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of balls (q,) and triangles (q,): all that meet, for balls about ``centres`` (n, 3) of one radius."""
+        pairs = cKDTree(centres).sparse_distance_matrix(self.tree, radius + self.reach, output_type="ndarray")
+        return pairs["i"], pairs["j"]
 
 
 def _measured(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

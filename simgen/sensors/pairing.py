@@ -96,13 +96,17 @@ def draw_contacts(
             block = _subset(block, other.meets(block))
         partnered += len(block.points)
         proposed += BLOCK
+        presses = [
+            np.linalg.inv(unfold(reference, sensor, block, own.skin)) @ indenter_poses(block)
+            for sensor, own, _ in zip(sensors, rooms, indented, strict=False)
+        ]
         for first in range(0, len(block.points), SLICE):
-            fitting.append(_subset(block, slice(first, first + SLICE)))
+            some = slice(first, first + SLICE)
+            fitting.append(_subset(block, some))
             enough.append(np.ones(len(fitting[-1].points), dtype=bool))
-            for sensor, own, thickness in zip(sensors, rooms, indented, strict=False):
-                some = _subset(fitting[-1], enough[-1])
-                poses = np.linalg.inv(unfold(reference, sensor, some, own.skin)) @ indenter_poses(some)
-                enough[-1][enough[-1]] = (thickness.shares(poses) >= settings.least_thickness_left).all(axis=1)
+            for thickness, poses in zip(indented, presses, strict=False):
+                shares = thickness.shares(poses[some][enough[-1]])
+                enough[-1][enough[-1]] = (shares >= settings.least_thickness_left).all(axis=1)
             found += int(enough[-1].sum())
             if found >= count:
                 break
@@ -166,13 +170,13 @@ def unfold(reference: Sensor, other: Sensor, contacts: Contacts, skin: Skin | No
     if other is reference:
         return poses
     points, normals = partners(other, contacts, skin)
-    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
-        rotation = _roll_then_pitch(normal, contacts.normals[i])
-        if rotation is None:
-            place = _place(contacts, i)
-            raise InputError(f"{other.name}: no roll and pitch bring its normal to that of contact {place}")
-        poses[i, :3, :3] = rotation
-        poses[i, :3, 3] = contacts.points[i] - rotation @ point
+    rotations = _roll_then_pitch(normals, contacts.normals)
+    turnable = np.isfinite(rotations[:, 0, 0])
+    if not turnable.all():
+        place = _place(contacts, turnable.argmin())
+        raise InputError(f"{other.name}: no roll and pitch bring its normal to that of contact {place}")
+    poses[:, :3, :3] = rotations
+    poses[:, :3, 3] = contacts.points - (rotations @ points[:, :, None])[:, :, 0]
     return poses
 
 
@@ -182,32 +186,33 @@ def partners(other: Sensor, contacts: Contacts, skin: Skin | None = None) -> tup
     Raises InputError if ``other`` has no partner for a contact.
     """
     skin = skin or Skin(other.surface)
-    found = [skin.point(point[0], arc) for point, arc in zip(contacts.points, contacts.arcs, strict=True)]
-    for i, partner in enumerate(found):
-        if partner is None:
-            raise InputError(f"{other.name}: its skin has no partner for contact {_place(contacts, i)}")
-    return np.array([p for p, _ in found]).reshape(-1, 3), np.array([n for _, n in found]).reshape(-1, 3)
+    points, normals = skin.points(contacts.points[:, 0], contacts.arcs)
+    on_skin = np.isfinite(points[:, 0])
+    if not on_skin.all():
+        raise InputError(f"{other.name}: its skin has no partner for contact {_place(contacts, on_skin.argmin())}")
+    return points, normals
 
 
 def _place(contacts: Contacts, i: int) -> str:
     return f"{i} (x = {contacts.points[i, 0] * 1e3:.2f} mm, lateral arc {contacts.arcs[i] * 1e3:.2f} mm)"
 
 
-def _roll_then_pitch(source: np.ndarray, target: np.ndarray) -> np.ndarray | None:
-    """Rotation R = R_z(pitch) R_x(roll) with R source = target and the smaller of two possible rolls, or None.
+def _roll_then_pitch(sources: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Rotations R = R_z(pitch) R_x(roll), (n, 3, 3), with R source = target and the smaller of two possible rolls.
 
-    The roll gives ``source`` the z of ``target``. Both then have the same length in xy, and the pitch turns one onto
-    the other. None if the yz part of ``source`` is too short.
+    The roll gives a source, of ``sources`` (n, 3), the z of its target, of ``targets`` (n, 3). Both then have the same
+    length in xy, and the pitch turns one onto the other. NaN where the yz part of a source is too short.
     """
-    in_yz = np.hypot(source[1], source[2])
-    if abs(target[2]) > in_yz:
-        return None
-    y = np.copysign(np.sqrt(in_yz**2 - target[2] ** 2), source[1])
-    roll = np.arctan2(target[2], y) - np.arctan2(source[2], source[1])
-    pitch = np.arctan2(target[1], target[0]) - np.arctan2(y, source[0])
-    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    about_z = np.array([[cp, -sp, 0.0], [sp, cp, 0.0], [0.0, 0.0, 1.0]])
+    in_yz = np.hypot(sources[:, 1], sources[:, 2])
+    too_short = np.abs(targets[:, 2]) > in_yz
+    y = np.copysign(np.sqrt(np.where(too_short, np.nan, in_yz**2 - targets[:, 2] ** 2)), sources[:, 1])
+    roll = np.arctan2(targets[:, 2], y) - np.arctan2(sources[:, 2], sources[:, 1])
+    pitch = np.arctan2(targets[:, 1], targets[:, 0]) - np.arctan2(y, sources[:, 0])
+    about_x, about_z = (np.tile(np.eye(3), (len(sources), 1, 1)) for _ in range(2))
+    for turn, angle, first, second in ((about_x, roll, 1, 2), (about_z, pitch, 0, 1)):
+        turn[:, first, first] = turn[:, second, second] = np.cos(angle)
+        turn[:, second, first] = np.sin(angle)
+        turn[:, first, second] = -turn[:, second, first]
     return about_z @ about_x
 
 
@@ -266,10 +271,9 @@ class Room:
         """Contacts on the skin from points (n, 5) of the unit cube, without those off the skin."""
         x = self.x_range[0] + uniform[:, 0] * (self.x_range[1] - self.x_range[0])
         arcs = self.max_arc * (2.0 * uniform[:, 1] - 1.0)
-        found = [self.skin.point(*place) for place in zip(x, arcs, strict=True)]
-        on_skin = np.array([place is not None for place in found])
-        points = np.array([place[0] for place in found if place is not None]).reshape(-1, 3)
-        normals = np.array([place[1] for place in found if place is not None]).reshape(-1, 3)
+        points, normals = self.skin.points(x, arcs)
+        on_skin = np.isfinite(points[:, 0])
+        points, normals = points[on_skin], normals[on_skin]
         # Uniform over the cap of directions around the inward normal.
         cos = 1.0 - uniform[on_skin, 2] * (1.0 - np.cos(np.radians(self.settings.max_tilt_deg)))
         azimuth = 2.0 * np.pi * uniform[on_skin, 3]
@@ -282,51 +286,58 @@ class Room:
     def keep(self, contacts: Contacts) -> Contacts:
         """Contacts that are touchable, on a thick enough gel, and far enough from side walls."""
         kept = self._is_touchable(contacts.points)
-        for i in np.flatnonzero(kept):
-            point, normal = contacts.points[i], contacts.normals[i]
-            kept[i] = self._is_thick(point, normal) and not self._is_beside_a_wall(point, normal)
+        kept[kept] = self._is_thick(contacts.points[kept], contacts.normals[kept])
+        kept[kept] = ~self._is_beside_a_wall(contacts.points[kept], contacts.normals[kept])
         return _subset(contacts, kept)
 
     def meets(self, contacts: Contacts) -> np.ndarray:
         """True (n,) for contacts of another sensor whose partner here is touchable and far enough from side walls."""
-        meets = np.zeros(len(contacts.points), dtype=bool)
-        for i, (contact, normal) in enumerate(zip(contacts.points, contacts.normals, strict=True)):
-            partner = self.skin.point(contact[0], contacts.arcs[i])
-            meets[i] = (
-                partner is not None
-                and _roll_then_pitch(partner[1], normal) is not None
-                and self._is_touchable(partner[0])
-                and not self._is_beside_a_wall(*partner)
-            )
+        points, normals = self.skin.points(contacts.points[:, 0], contacts.arcs)
+        meets = np.isfinite(_roll_then_pitch(normals, contacts.normals)[:, 0, 0])
+        meets[meets] = self._is_touchable(points[meets])
+        meets[meets] = ~self._is_beside_a_wall(points[meets], normals[meets])
         return meets
 
     def _is_touchable(self, points: np.ndarray) -> np.ndarray:
         return self.touchable[self.nearest.query(points)[1]]
 
-    def _needed_thickness(self, point: np.ndarray) -> float:
-        """Diameter of the ball that must fit under a contact, m."""
+    def _needed_thickness(self, points: np.ndarray) -> np.ndarray:
+        """Diameters (n,) m of the balls that must fit under contacts at points (n, 3)."""
         if self.inner_skin is None:
-            return self.solid_thickness
-        skin = min(self.inner_skin(point[None])[1][0], self.solid_thickness)
+            return np.full(len(points), self.solid_thickness)
+        skin = np.minimum(self.inner_skin(points)[1], self.solid_thickness)
         return self.max_depth + (1.0 - self.settings.max_indentation_ratio) * skin
 
-    def _is_thick(self, point: np.ndarray, normal: np.ndarray) -> bool:
-        """True if no boundary is inside the ball of the needed thickness that touches the contact from inside.
+    def _is_thick(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """True (n,) if no boundary is inside the ball of the needed thickness that touches the contact from inside.
 
         Facets next to the contact do not count, because they always cut into the ball.
         """
-        radius = 0.5 * self._needed_thickness(point)
-        centre = point - radius * normal
-        pieces, owner = self.bounds.near(centre, radius, 0.5 * radius)
-        inside = np.linalg.norm(pieces - centre, axis=2) <= radius
-        next_to_it = np.linalg.norm(pieces - point, axis=2) <= 0.5 * radius
-        turned_alike = self.bound_normals[owner] @ normal >= 0.0
-        return not (inside & ~(next_to_it & turned_alike[:, None])).any()
+        radii = 0.5 * self._needed_thickness(points)
+        centres = points - radii[:, None] * normals
+        pieces, ball, owner = self.bounds.near(centres, radii, 0.5 * radii)
+        inside = _within(pieces, centres[ball], radii[ball])
+        next_to_it = _within(pieces, points[ball], 0.5 * radii[ball])
+        turned_alike = np.vecdot(self.bound_normals[owner], normals[ball]) >= 0.0
+        is_thick = np.ones(len(points), dtype=bool)
+        is_thick[ball[(inside & ~(next_to_it & turned_alike[:, None])).any(axis=1)]] = False
+        return is_thick
 
-    def _is_beside_a_wall(self, point: np.ndarray, normal: np.ndarray) -> bool:
-        """True if a side wall's facet is nearer than the edge distance."""
-        cosine = self.surface_normals @ normal
+    def _is_beside_a_wall(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """True (n,) if a side wall's facet is nearer than the edge distance."""
         high, low = np.cos(np.radians(WALL_TURN_DEG))
-        walls = (cosine < high) & (cosine > low)
-        pieces, _ = self.surface.near(point, self.edge_distance, self.wall_piece, walls)
-        return bool((np.linalg.norm(pieces.mean(axis=1) - point, axis=1) <= self.edge_distance).any())
+
+        def is_wall(ball: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+            cosine = np.vecdot(self.surface_normals[triangle], normals[ball])
+            return (cosine < high) & (cosine > low)
+
+        distance, longest = (np.full(len(points), size) for size in (self.edge_distance, self.wall_piece))
+        pieces, ball, _ = self.surface.near(points, distance, longest, is_wall)
+        beside = np.zeros(len(points), dtype=bool)
+        beside[ball[_within(pieces.mean(axis=1, keepdims=True), points[ball], distance[ball])[:, 0]]] = True
+        return beside
+
+
+def _within(points: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """True (n, k) for points (n, k, 3) that are in balls with centres (n, 3) and radii (n,)."""
+    return np.linalg.norm(points - centres[:, None], axis=2) <= radii[:, None]

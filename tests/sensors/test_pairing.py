@@ -48,9 +48,9 @@ def short_blocks(monkeypatch):
 
 def contacts_at(sensor, places) -> Contacts:
     """Untilted contacts at places (x, arc) in m."""
-    skin = Skin(sensor.surface)
-    points, normals = (np.array(part) for part in zip(*(skin.point(x, s) for x, s in places), strict=True))
-    return Contacts(points, normals, -normals, np.zeros(len(points)), np.array([s for _, s in places]))
+    x, arcs = np.transpose(places)
+    points, normals = Skin(sensor.surface).points(x, arcs)
+    return Contacts(points, normals, -normals, np.zeros(len(points)), arcs)
 
 
 def slab(height: float = 4.0e-3) -> SimpleNamespace:
@@ -123,9 +123,8 @@ def test_distances_on_the_digit_are_arc_lengths_on_the_biotac(digit, biotac):
     ends = np.random.default_rng(0).uniform([-10e-3, -5e-3], [-4e-3, 5e-3], (30, 2, 2))
     lengths = []
     for sensor in (digit, biotac):
-        skin = Skin(sensor.surface)
-        paths = [np.linspace(start, end, 41) for start, end in ends]
-        points = np.array([[skin.point(*place)[0] for place in path] for path in paths])
+        paths = np.array([np.linspace(start, end, 41) for start, end in ends])
+        points, _ = Skin(sensor.surface).points(paths[..., 0], paths[..., 1])
         lengths.append(np.linalg.norm(np.diff(points, axis=1), axis=2).sum(axis=1))
     np.testing.assert_allclose(lengths[0], lengths[1], rtol=0.01)
 
@@ -142,6 +141,30 @@ def test_the_reference_itself_does_not_move(digit, contacts):
     np.testing.assert_array_equal(unfold(digit, digit, contacts), np.tile(np.eye(4), (COUNT, 1, 1)))
     twin = SimpleNamespace(name="twin", surface=digit.surface)
     np.testing.assert_allclose(unfold(digit, twin, contacts), np.tile(np.eye(4), (COUNT, 1, 1)), atol=1e-12)
+
+
+def test_a_normal_too_far_from_the_plane_across_the_finger_is_refused(digit):
+    """Of two contacts on the flat pad, only the second needs a normal that no roll and pitch of the DIGIT give."""
+    flat = contacts_at(digit, [(-5e-3, 0.0), (-6e-3, 1e-3)])
+    leaning = np.array([[1.0, 0.0, 0.0], [0.8, 0.0, 0.6]])
+    roof = SimpleNamespace(name="roof", surface=trimesh.creation.box(extents=[0.05, 0.01, 0.02]))
+    roof.surface.apply_transform(trimesh.transformations.rotation_matrix(np.radians(60.0), [0.0, 0.0, 1.0]))
+    contacts = Contacts(flat.points, leaning, -leaning, flat.rolls, flat.arcs)
+    with pytest.raises(InputError, match=r"roof: no roll and pitch bring its normal to .* contact 1 \(x = -6.00 mm"):
+        unfold(digit, roof, contacts)
+
+
+def test_room_for_many_contacts_is_that_of_each(digit, biotac):
+    """Room and partners of a contact do not depend on the contacts that are looked at together with it."""
+    for first, second in ((digit, biotac), (biotac, digit)):
+        room, other = (Room(each, 1e-3, Trajectories(count=5)) for each in (first, second))
+        proposed = room.propose(np.random.default_rng(SEED).random((150, 5)))
+        kept = np.isin(proposed.arcs, room.keep(proposed).arcs)
+        meets = other.meets(proposed)
+        assert 10 < kept.sum() < len(kept) - 10 and 10 < meets.sum() < len(meets)
+        for i, (is_kept, has_partner) in enumerate(zip(kept, meets, strict=True)):
+            one = Contacts(*(getattr(proposed, f)[i : i + 1] for f in ("points", "normals", "axes", "rolls", "arcs")))
+            assert (len(room.keep(one).points), other.meets(one)[0]) == (is_kept, has_partner)
 
 
 def test_indenters_stand_on_their_contacts(contacts):

@@ -31,8 +31,7 @@ class UnfoldedSkin:
         half = np.pi * np.abs(drawn[:, 1:]).max()  # no cross-section is longer
         along = np.arange(drawn[:, 0].min(), drawn[:, 0].max() + GRID_M, GRID_M)
         arc = np.arange(-half, half + GRID_M, GRID_M)
-        found = [skin.points(x, arc) for x in along]
-        points = np.array([[(np.nan,) * 3 if one is None else one[0] for one in line] for line in found])
+        points, _ = skin.points(along[:, None], arc)
         points = zoom(points, (FINER, FINER, 1), order=1, grid_mode=False)
         known = np.isfinite(points).all(axis=2)
         on, _, face = ClosestPoint(vertices, triangles)(points[known])

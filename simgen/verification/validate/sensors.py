@@ -50,9 +50,9 @@ class MeshSolution:
 
 def place_indenter(sensor: Sensor, x_mm: float, arc_mm: float) -> np.ndarray:
     """Return the pose (4, 4) of an indenter that touches the skin at (x, arc) and presses against its normal."""
-    point, normal = Skin(sensor.surface).point(x_mm * MM, arc_mm * MM)
+    points, normals = Skin(sensor.surface).points([x_mm * MM], [arc_mm * MM])
     one = np.zeros(1)
-    return indenter_poses(Contacts(point[None], normal[None], -normal[None], one, one))[0]
+    return indenter_poses(Contacts(points, normals, -normals, one, one))[0]
 
 
 def solve(model: str, mesh: str, indenter: str, place: str, device: str) -> MeshSolution:
