@@ -81,32 +81,41 @@ def columns_kernel(
     # outputs
     layers: wp.array3d(dtype=wp.float64),
 ):
-    """Least height (pose, layer, column) at which each column meets the faces of each layer."""
-    n, f = wp.tid()
-    face = faces[f]
-    a, b, c = vertices[n, face[0]], vertices[n, face[1]], vertices[n, face[2]]
-    first_i = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[0], b[0]), c[0]))), -half_x)
-    last_i = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[0], b[0]), c[0]))), half_x)
-    first_k = wp.max(wp.int32(wp.ceil(wp.min(wp.min(a[2], b[2]), c[2]))), -half_z)
-    last_k = wp.min(wp.int32(wp.floor(wp.max(wp.max(a[2], b[2]), c[2]))), half_z)
-    if first_i > last_i or first_k > last_k:
-        return
-    # Twice the signed area of the face seen along the axis: the y component of its normal.
-    area = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
-    layer = layer_of[kinds[f], wp.where(area > real(0.0), 1, 0)]
-    if area == real(0.0) or layer < 0:
-        return
-    edge = real(-1.0e-9)  # a column on an edge belongs to both faces, so that no column falls between faces
-    for i in range(first_i, last_i + 1):
-        x = real(i)
-        for k in range(first_k, last_k + 1):
-            z = real(k)
-            u = ((c[2] - b[2]) * (x - b[0]) - (c[0] - b[0]) * (z - b[2])) / area
-            v = ((a[2] - c[2]) * (x - c[0]) - (a[0] - c[0]) * (z - c[2])) / area
-            w = real(1.0) - u - v
-            if u >= edge and v >= edge and w >= edge:
-                column = (i + half_x) * (2 * half_z + 1) + k + half_z
-                wp.atomic_min(layers, n, layer, column, u * a[1] + v * b[1] + w * c[1])
+    """Least height (pose, layer, column) at which each column meets the faces of each layer.
+
+    One thread takes all faces of a pose, so no other thread writes its columns.
+    """
+    n = wp.tid()
+    low, high = -real(half_x), real(half_x)
+    left, right = -real(half_z), real(half_z)
+    for f in range(faces.shape[0]):
+        face = faces[f]
+        a, b, c = vertices[n, face[0]], vertices[n, face[1]], vertices[n, face[2]]
+        first_x = wp.ceil(wp.max(wp.min(wp.min(a[0], b[0]), c[0]), low))
+        last_x = wp.min(wp.max(wp.max(a[0], b[0]), c[0]), high)
+        first_z = wp.ceil(wp.max(wp.min(wp.min(a[2], b[2]), c[2]), left))
+        last_z = wp.min(wp.max(wp.max(a[2], b[2]), c[2]), right)
+        if first_x > last_x or first_z > last_z:
+            continue
+        # Twice the signed area of the face seen along the axis: the y component of its normal.
+        area = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
+        layer = layer_of[kinds[f], wp.where(area > real(0.0), 1, 0)]
+        if area == real(0.0) or layer < 0:
+            continue
+        edge = real(-1.0e-9)  # a column on an edge belongs to both faces, so that no column falls between faces
+        x = first_x
+        while x <= last_x:
+            z = first_z
+            while z <= last_z:
+                u = ((c[2] - b[2]) * (x - b[0]) - (c[0] - b[0]) * (z - b[2])) / area
+                v = ((a[2] - c[2]) * (x - c[0]) - (a[0] - c[0]) * (z - c[2])) / area
+                w = real(1.0) - u - v
+                meets = wp.min(wp.min(u, v), w) >= edge
+                height = wp.where(meets, u * a[1] + v * b[1] + w * c[1], real(wp.inf))
+                column = wp.int32(x - low) * (2 * half_z + 1) + wp.int32(z - left)
+                layers[n, layer, column] = wp.min(layers[n, layer, column], height)  # faster than a branch
+                z += real(1.0)
+            x += real(1.0)
 
 
 class GelColumns:
@@ -137,8 +146,7 @@ class GelColumns:
         count = (2 * lattice.half_x + 1) * (2 * lattice.half_z + 1)
         layers = wp.full((len(poses), len(LAYERS), count), np.inf, dtype=wp.float64, device="cpu")
         inputs = [seen, *self._surfaces, lattice.half_x, lattice.half_z]
-        dim = (len(poses), len(self._surfaces[0]))
-        wp.launch(columns_kernel, dim, inputs=inputs, outputs=[layers], device="cpu")
+        wp.launch(columns_kernel, len(poses), inputs=inputs, outputs=[layers], device="cpu")
         return _columns(*np.moveaxis(layers.numpy(), 1, 0))
 
 
