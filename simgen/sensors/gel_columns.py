@@ -56,41 +56,34 @@ class Columns:
 
 
 @wp.kernel
-def vertices_kernel(
+def columns_kernel(
     vertices: wp.array(dtype=vec3),
     rotation: wp.array(dtype=mat33),
     origin: wp.array(dtype=vec3),
     spacing: wp.float64,
-    # outputs
-    seen: wp.array2d(dtype=vec3),
-):
-    """Vertices (pose, vertex) in each indenter's frame: x and z in units of the spacing, y in mm."""
-    n, v = wp.tid()
-    own = wp.transpose(rotation[n]) * (vertices[v] - origin[n])
-    seen[n, v] = vec3(own[0] / spacing, own[1], own[2] / spacing)
-
-
-@wp.kernel
-def columns_kernel(
-    vertices: wp.array2d(dtype=vec3),
     faces: wp.array(dtype=wp.vec3i),
     kinds: wp.array(dtype=wp.int32),
     layer_of: wp.array2d(dtype=wp.int32),
     half_x: wp.int32,
     half_z: wp.int32,
     # outputs
+    seen: wp.array2d(dtype=vec3),
     layers: wp.array3d(dtype=wp.float64),
 ):
     """Least height (pose, layer, column) at which each column meets the faces of each layer.
 
-    One thread takes all faces of a pose, so no other thread writes its columns.
+    ``seen`` holds the vertices (pose, vertex) in each indenter's frame: x and z in units of the spacing, y in mm. One
+    thread takes all of a pose: no other thread writes its columns, and its vertices stay in the cache.
     """
     n = wp.tid()
+    for i in range(vertices.shape[0]):
+        own = wp.transpose(rotation[n]) * (vertices[i] - origin[n])
+        seen[n, i] = vec3(own[0] / spacing, own[1], own[2] / spacing)
     low, high = -real(half_x), real(half_x)
     left, right = -real(half_z), real(half_z)
     for f in range(faces.shape[0]):
         face = faces[f]
-        a, b, c = vertices[n, face[0]], vertices[n, face[1]], vertices[n, face[2]]
+        a, b, c = seen[n, face[0]], seen[n, face[1]], seen[n, face[2]]
         first_x = wp.ceil(wp.max(wp.min(wp.min(a[0], b[0]), c[0]), low))
         last_x = wp.min(wp.max(wp.max(a[0], b[0]), c[0]), high)
         first_z = wp.ceil(wp.max(wp.min(wp.min(a[2], b[2]), c[2]), left))
@@ -141,12 +134,10 @@ class GelColumns:
         seen = wp.empty((len(poses), len(self._vertices)), dtype=vec3, device="cpu")
         rotation = wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device="cpu")
         origin = wp.array(poses[:, :3, 3] * MM_PER_M, dtype=vec3, device="cpu")
-        inputs = [self._vertices, rotation, origin, lattice.spacing]
-        wp.launch(vertices_kernel, seen.shape, inputs=inputs, outputs=[seen], device="cpu")
         count = (2 * lattice.half_x + 1) * (2 * lattice.half_z + 1)
         layers = wp.full((len(poses), len(LAYERS), count), np.inf, dtype=wp.float64, device="cpu")
-        inputs = [seen, *self._surfaces, lattice.half_x, lattice.half_z]
-        wp.launch(columns_kernel, len(poses), inputs=inputs, outputs=[layers], device="cpu")
+        inputs = [self._vertices, rotation, origin, lattice.spacing, *self._surfaces, lattice.half_x, lattice.half_z]
+        wp.launch(columns_kernel, len(poses), inputs=inputs, outputs=[seen, layers], device="cpu")
         return _columns(*np.moveaxis(layers.numpy(), 1, 0))
 
 
