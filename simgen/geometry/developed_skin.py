@@ -4,6 +4,8 @@ Shared frame, in metres: x along the finger, pad side -y, z lateral. The plane z
 line. The arc length counts from there along the cross-section x = const, positive towards +z.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import trimesh
 
@@ -32,6 +34,12 @@ def corner_normals(surface: trimesh.Trimesh) -> np.ndarray:
     normals = np.empty_like(total)
     normals[order] = total / np.linalg.norm(total, axis=1)[:, None]
     return normals.reshape(-1, 3, 3)
+
+
+@lru_cache(maxsize=4)
+def skin_of(surface: trimesh.Trimesh) -> "Skin":
+    """The skin of a surface. The process keeps the last ones; a surface that was changed is another one."""
+    return Skin(surface)
 
 
 class Skin:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from simgen.geometry.developed_skin import Skin, corner_normals
+from simgen.geometry.developed_skin import Skin, corner_normals, skin_of
 
 RADIUS, LENGTH = 7.0e-3, 30.0e-3
 
@@ -36,6 +36,14 @@ def test_there_is_nothing_beyond_the_skin(cylinder):
 
 def test_no_places_are_on_no_skin(cylinder):
     assert all(found.shape == (0, 3) for found in Skin(cylinder).points(np.empty(0), np.empty(0)))
+
+
+def test_a_surface_that_was_changed_has_another_skin():
+    ball = trimesh.creation.icosphere()
+    first = skin_of(ball)
+    assert skin_of(ball) is first
+    ball.apply_scale(2.0)
+    np.testing.assert_array_equal(skin_of(ball).points(0.1, 0.2)[0], 2.0 * first.points(0.05, 0.1)[0])
 
 
 def test_a_section_through_vertices(cylinder):
