@@ -8,6 +8,7 @@ stay sharp.
 
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -35,16 +36,28 @@ DETERMINANT_POINTS = _determinant_points()  # (29, 4): where the geometry map is
 class LabelledSurface:
     """The true surface of a gel: closed triangles, each of the region FREE, HELD or CORE.
 
-    ``patch`` (f,) labels smooth patches, which end at creases and where regions end.
+    What only meshing needs is computed when it is first used.
     """
 
     def __init__(self, surface: trimesh.Trimesh, region: np.ndarray):
         self.surface = surface
         self.region = region
-        self.patch = smooth_patches(surface, region)
-        self._smooth = smooth_patches(surface)
-        self.closest = ClosestPoint(surface.vertices, surface.faces)
         self._on_patch: dict[int, ClosestPoint] = {}
+
+    @cached_property
+    def patch(self) -> np.ndarray:
+        """Label (f,) of each face's smooth patch. Patches end at creases and where regions end."""
+        return smooth_patches(self.surface, self.region)
+
+    @cached_property
+    def _smooth(self) -> np.ndarray:
+        """Label (f,) of each face's smooth patch. Patches end at creases only."""
+        return smooth_patches(self.surface)
+
+    @cached_property
+    def closest(self) -> ClosestPoint:
+        """Closest points on all faces."""
+        return ClosestPoint(self.surface.vertices, self.surface.faces)
 
     def on_patch(self, patch: int) -> ClosestPoint:
         if patch not in self._on_patch:
