@@ -183,7 +183,8 @@ def start_workers(
             except RuntimeError as error:
                 number, why = len(environments), error.__cause__ or error
                 raise InputError(f"one of {number} workers did not start: {why}") from None
-            client = stack.enter_context(Client(cluster))
+            client = Client(cluster)  # as a context it would have to be left in the thread that entered it
+            stack.callback(client.close)
             own = {"allow_other_workers": True, "pure": False}  # others if this one is lost
             addresses = list(client.nthreads())
             return client, [client.submit(prepare, job, there, build, part, len(addresses), workers=[address], **own)

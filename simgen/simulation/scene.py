@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
 import numpy as np
@@ -60,6 +61,7 @@ class Scene:
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[self.settings.element]
         mesh = self.mesh = in_cuthill_mckee_order(sensor.simulation_mesh)
+        to_output = ThreadPoolExecutor(1).submit(interpolation_matrix, mesh, sensor.output_points)  # beside the rest
         n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
         self.nodes = mesh.nodes[:n] * MM_PER_M
         fixed = per_component(mesh.held[:n])
@@ -95,7 +97,7 @@ class Scene:
             self.support_contact.set_shapes([support], touching_state=self.solver.x)
         # Held vertices do not move. At the edge of a held region the two meshes differ a little.
         free = sparse.diags_array((~sensor.output_mesh.held).astype(float))
-        self.to_output = free @ interpolation_matrix(mesh, sensor.output_points)
+        self.to_output = free @ to_output.result()
         if kind.nodes == 4:
             self.to_output = self.to_output @ corners_to_nodes(mesh.tetrahedra, len(mesh.nodes), mesh.n_corners)
         self.n_vertices = len(sensor.output_mesh.vertices)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import threading
 
 import fake
 import psutil
@@ -127,3 +128,34 @@ def test_every_gpu_has_a_worker_that_sees_no_other():
         seen = client.run(lambda: os.environ["CUDA_VISIBLE_DEVICES"])
         assert sorted(seen.values()) == ["3", "5"]
         assert set(client.nthreads().values()) == {TASKS_PER_GPU_PROCESS}
+
+
+def test_processes_of_gpus_start_while_the_caller_goes_on(monkeypatch):
+    """No machine here has a GPU: preparation fails there, but the processes start, solve and end."""
+    monkeypatch.setattr(workers, "check_device", lambda device: None)
+    monkeypatch.setattr(workers, "visible_gpus", lambda device: ["3", "5"])
+    local, goes_on = workers.local_cluster, threading.Event()
+
+    def late(environments):
+        assert goes_on.wait(timeout=60.0)
+        return local(environments)
+
+    monkeypatch.setattr(workers, "local_cluster", late)
+    with start_workers(fake.make_job(), "cuda", build=fake.fake_presser) as started:
+        goes_on.set()
+        assert dict(started.map(reciprocal, [2, 4])) == {2: 0.5, 4: 0.25}
+        assert started.count == 2 and started.tasks_at_once == TASKS_PER_GPU_PROCESS
+        client, _ = started.started
+    assert client.status == "closed"
+
+
+def test_a_caller_that_fails_while_processes_of_gpus_start_leaves_none(monkeypatch):
+    monkeypatch.setattr(workers, "check_device", lambda device: None)
+    monkeypatch.setattr(workers, "visible_gpus", lambda device: ["3"])
+    with local_cluster([{}]):  # the process that workers are forked from is there, and stays
+        pass
+    before = set(psutil.Process().children(recursive=True))
+    with pytest.raises(ZeroDivisionError), start_workers(fake.make_job(), "cuda", build=fake.fake_presser):
+        reciprocal(0)
+    _, alive = psutil.wait_procs(set(psutil.Process().children(recursive=True)) - before, timeout=30)
+    assert not alive
