@@ -19,8 +19,6 @@ LOOSE_FACTOR = 3.0
 # Krylov iterations of a batch before solved environments take their Newton step: on a GPU most are solved after four.
 # 1,024 presses on one H200, DIGIT and BioTac: 17.0 and 21.2 s; with five 17.7 and 21.8, with six 18.2 and 21.8.
 KRYLOV_PER_ROUND = 4
-# A round of few environments mostly waits for the host. So it does more iterations, and has fewer rounds.
-FEW, KRYLOV_PER_ROUND_OF_FEW = 16, 16
 # On a CPU, a solved system leaves the round at once, and after a short round it is back sooner with the next one. So
 # more of eight environments are at work: 0.77 s a depth instead of 0.82 with four iterations (16 presses on the default
 # DIGIT, 8 at once, to 0.5 mm; both at the same time on two cores, once).
@@ -116,9 +114,7 @@ class LinearSystems:
         Also returns the iterations (env,) of the systems that ended, otherwise 0.
         """
         factored, used = self.preconditioner.factored, np.zeros_like(self._last_iterations)
-        few = self._solve_together and np.count_nonzero(self.solving) <= FEW
-        most = KRYLOV_PER_ROUND_OF_FEW if few else self._per_round
-        solved, missed = self._iterate(self.solving & ~factored, most, False, used)
+        solved, missed = self._iterate(self.solving & ~factored, self._per_round, False, used)
         hopeless = missed & self._rebuilt & (self._damping >= FACTOR_DAMPING)
         missed &= ~self.preconditioner.switch_to_factors(hopeless)
         by_factor = self.solving & factored
