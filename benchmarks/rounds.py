@@ -8,7 +8,7 @@ of a sensor. The time of a phase excludes phases inside it: it is the host's own
 which the host waits for the device, so all phases together are the time of all rounds. `--wait` also waits after each
 phase, which slows the run. Kernels and copies are timed in some rounds at each number of presses, without CUDA graphs.
 
-One thread feeds the device. `--crew 2` uses two threads, as `simgen run` does. Rounds of the two sensors then overlap,
+One thread feeds the device. `--crew 3` uses three threads, as `simgen run` does. Rounds of several pools then overlap,
 so only rounds are timed, not phases or kernels.
 """
 
@@ -150,7 +150,7 @@ class Threads(Workers):
 def main():
     parser = arguments(__doc__, "rounds.json")
     parser.add_argument("--trajectories", type=int, default=216)
-    parser.add_argument("--crew", type=int, choices=(1, 2), default=1, help="threads that feed the device")
+    parser.add_argument("--crew", type=int, choices=(1, 2, 3), default=1, help="threads that feed the device")
     parser.add_argument("--wait", action="store_true", help="wait for the device after each phase")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="keys of the job to replace")
     asked = parser.parse_args()

@@ -2,7 +2,7 @@
 
 Some presses take ten times as many iterations as most. On a GPU hundreds of presses run at once, each in an environment
 of its own. If each task had its own load stepping, most environments would be idle while the last presses of the task
-run. One or two threads advance the pools for all tasks, each until its own presses have ended. The other threads sleep.
+run. A few threads advance the pools for all tasks, each until its own presses have ended. The other threads sleep.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import weakref
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import count, islice
 
 import numpy as np
 import warp as wp
@@ -25,12 +25,14 @@ from simgen.simulation.tries import Press
 from simgen.units import MM_PER_M
 
 POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
+NUMBERS = count()
 
 
 class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
     turn : lock that a thread holds while it advances the presses
+    number : pools with lower numbers go first
     """
 
     def __init__(
@@ -40,7 +42,9 @@ class Pool:
         path = np.column_stack([path_m * MM_PER_M, turns_rad])
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n)
         self._device, self.turn = wp.get_device(scene.device), threading.Lock()
-        self._stream = wp.Stream(self._device) if self._device.is_cuda else None
+        self.number = next(NUMBERS)
+        priority = 0 if POOLS else -1  # of kernels: the first pool has the higher one
+        self._stream = wp.Stream(self._device, priority) if self._device.is_cuda else None
         self._arrived: deque[Arrival] = deque()
         wp.synchronize()  # the kernels that set up the scene ran on another stream
         POOLS.add(self)
@@ -55,12 +59,6 @@ class Pool:
     def remaining(self) -> int:
         """Number of presses that have arrived or wait, and of running tries."""
         return self._stepping.remaining + sum(len(each.shape_of) for each in list(self._arrived))
-
-    @property
-    def urgency(self) -> tuple[int, int]:
-        """Sort key: the pool with most busy environments goes first, then the one with most remaining presses."""
-        remaining = self.remaining
-        return min(remaining, self._stepping.scene.batch), remaining
 
     def advance(self):
         """Advance the presses by one iteration. The calling thread holds the pool's `turn` and the device."""
@@ -176,9 +174,9 @@ class Crew:
             self._asleep.pop(results)[0].set()
 
 
-BESIDE = 0.5  # a second pool runs beside the busiest one if it uses at least this share of that one's environments
-# On a GPU two pools run at once: the kernels of one run while another thread prepares those of the other.
-CREW = Crew(2)
+# On a GPU, pools run beside each other: kernels of one run while other threads prepare those of the next. Of three pools,
+# one often has only its last few presses, which take long and leave the device idle.
+CREW = Crew(3)
 
 
 def _advance():
@@ -204,7 +202,10 @@ def _advance():
 
 
 def _choose() -> Pool:
-    """The most urgent pool; while another thread advances it, a free pool that is about as busy, if there is one."""
-    pools = sorted(POOLS, key=lambda pool: pool.urgency, reverse=True)
-    least = BESIDE * pools[0].urgency[0]
-    return next((each for each in pools if each.urgency[0] >= least and not each.turn.locked()), pools[0])
+    """The first pool with presses that no other thread advances; if there is none, the first one with presses.
+
+    Pools have the order in which they were made. So the last presses of one run beside many presses of the next.
+    """
+    pools = sorted(POOLS, key=lambda pool: pool.number)
+    pools = [pool for pool in pools if pool.remaining] or pools
+    return next((pool for pool in pools if not pool.turn.locked()), pools[0])

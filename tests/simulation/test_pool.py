@@ -50,17 +50,32 @@ def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):
     pool._stepping._accept_or_reject = never_ends
     ended = list(press(pool, 1, 4))
     assert [result.status[-1] for result in ended] == [0, 0, 0]
-    assert hard.presses[0].status is None and pool.urgency == (1, 1)
+    assert hard.presses[0].status is None and pool.remaining == 1
     pool.drop()  # or the tasks of other tests would carry it on
 
 
-def test_the_pool_that_keeps_most_environments_at_work_goes_first(block):
-    small, large = make_pool(block, 1), make_pool(block, 2)
-    waiting, first = press(small, 0, 3), press(large, 0, 2)
-    assert max(small, large, key=lambda pool: pool.urgency) is large
-    assert len(list(first)) == 2
-    assert small._stepping.remaining == 3 or large._stepping.remaining == 0  # nothing of the other was solved before
+def test_the_pool_that_was_made_first_goes_first(block):
+    first, second = make_pool(block, 1), make_pool(block, 2)
+    waiting, ended = press(second, 0, 3), press(first, 0, 2)
+    assert len(list(ended)) == 2
+    assert second.remaining == 3 and waiting.presses is None  # nothing of the other has begun
     assert len(list(waiting)) == 3
+
+
+def test_presses_of_many_tasks_begin_together_up_to_the_number_of_environments(block, monkeypatch):
+    """Whole tasks begin. The first touches of all tasks are found by few calls."""
+    pool, begun = make_pool(block, 3), []
+    begin = simgen.simulation.pool.begin_presses
+
+    def watch(stepping, shapes, shape_of, poses, steps):
+        begun.append(len(shape_of))
+        return begin(stepping, shapes, shape_of, poses, steps)
+
+    monkeypatch.setattr(simgen.simulation.pool, "begin_presses", watch)
+    tasks = [press(pool, 0, 2), press(pool, 2, 4), press(pool, 0, 1), press(pool, 1, 3)]
+    assert pool.remaining == 7
+    assert [len(list(task)) for task in tasks] == [2, 2, 1, 2]
+    assert begun == [4, 3]
 
 
 def test_an_error_ends_all_tasks_and_the_next_one_is_sound(block, monkeypatch):
@@ -77,7 +92,7 @@ def test_an_error_ends_all_tasks_and_the_next_one_is_sound(block, monkeypatch):
     for task in (second, third):
         with pytest.raises(RuntimeError, match="another task of this process has failed"):
             list(task)
-    assert all(each.urgency == (0, 0) for each in (pool, other))
+    assert not pool.remaining and not other.remaining
     [again] = press(pool, 0, 1)
     [alone] = follow(Scene(block, GEL), [SPHERE], POSES[:1], PATH)
     np.testing.assert_array_equal(again.displacement, alone.displacement)
@@ -91,7 +106,7 @@ def test_a_pool_that_nobody_has_is_no_pool_any_more(block):
     assert len(POOLS) == count - 1
 
 
-def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
+def test_at_most_three_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
     """Run ten tasks; none is lost when the thread that solved its presses leaves."""
     pool, carrying, most, asleep = make_pool(block, 2), set(), [], []
     advance = simgen.simulation.pool._advance
@@ -107,8 +122,8 @@ def test_at_most_two_threads_carry_pools_on_and_the_others_sleep(block, monkeypa
     with ThreadPoolExecutor(10) as threads:
         tasks = list(threads.map(lambda i: list(press(pool, i % 4, i % 4 + 1)), range(10)))
     assert all((result.status == 0).all() for task in tasks for result in task)
-    assert max(asleep) >= 4 and max(most) == 2
-    assert not CREW._asleep and CREW._free == 2
+    assert max(asleep) >= 4 and max(most) == 3
+    assert not CREW._asleep and CREW._free == 3
 
 
 def let_others_in(device):
@@ -165,16 +180,20 @@ def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_b
         errors = [type(task.exception(timeout=20.0)) for task in tasks]
     assert set(errors) == {MemoryError, RuntimeError}  # either thread may carry the first pool on
     assert seen[0] == [False, False]  # nothing was taken from it while it was at work
-    assert all(pool.urgency == (0, 0) for pool in pools) and CREW._free == 2
+    assert not any(pool.remaining for pool in pools) and CREW._free == 3
 
 
-@pytest.mark.parametrize("busy, chosen", [((4, 3), 1), ((4, 1), 0), ((1, 4), 0)])
-def test_a_pool_goes_on_beside_the_busiest_one_where_it_is_about_as_busy(block, monkeypatch, busy, chosen):
-    pools = [make_pool(block, 4), make_pool(block, 4)]
-    waiting = [press(pool, 0, 1) for pool, count in zip(pools, busy, strict=True) for _ in range(count)]
-    monkeypatch.setattr("simgen.simulation.pool.POOLS", pools)
-    with max(pools, key=lambda pool: pool.urgency).turn:
-        assert _choose() is pools[chosen if busy[0] > busy[1] else 1]
-    for pool in pools:
+def test_threads_advance_different_pools_in_their_order(block):
+    """A pool without presses is left out. If others advance all pools, a thread waits for the first."""
+    idle, first, second = (make_pool(block, 2) for _ in range(3))
+    waiting = [press(first, 0, 1), press(second, 0, 4)]
+    assert _choose() is first
+    with first.turn:
+        assert _choose() is second
+        with second.turn:
+            assert _choose() is first
+    for pool in (idle, first, second):
         pool.drop()
-    assert len(waiting) == sum(busy)
+    for results in waiting:
+        with pytest.raises(RuntimeError, match="another task of this process has failed"):
+            list(results)
