@@ -174,8 +174,8 @@ class Crew:
             self._asleep.pop(results)[0].set()
 
 
-# On a GPU, pools run beside each other: kernels of one run while other threads prepare those of the next. Of three pools,
-# one often has only its last few presses, which take long and leave the device idle.
+# On a GPU, pools run beside each other: kernels of one run while other threads prepare those of the next. Of three
+# pools, one often has only its last few presses, which take long and leave the device idle.
 CREW = Crew(3)
 
 
