@@ -50,14 +50,16 @@ def solve(
     friction: float = 0.0,
     element: str = "P2-P1",
     settings: SolverSettings | None = None,
+    presses: int = 1,
 ) -> PeerSolution:
-    """Solve the press with simgen."""
+    """Solve the press with simgen; of several equal ``presses`` at once, each has an equal share of the time."""
     settings = (settings or SolverSettings()).model_copy(update={"element": element})
-    scene = Scene(quarter_layer(size, RADII_MM), layer_gel(friction), device, settings=settings)
+    scene = Scene(quarter_layer(size, RADII_MM), layer_gel(friction), device, batch=presses, settings=settings)
     sphere, depths = rigid_shape(Kind.SPHERE, SPHERE_MM), np.asarray(depths_mm) / MM_PER_M
-    (result,), seconds = timed(device, lambda: press(scene, [sphere], np.eye(4)[None], depths))
+    poses = np.tile(np.eye(4), (presses, 1, 1))
+    (result, *_), seconds = timed(device, lambda: press(scene, [sphere] * presses, poses, depths))
     newton, krylov = (int(np.nansum(result.certificate[f"{name}_iterations"])) for name in ("newton", "krylov"))
-    return PeerSolution("simgen", scene.unknowns, seconds, newton, krylov, QUARTERS * result.force[:, 1],
+    return PeerSolution("simgen", scene.unknowns, seconds / presses, newton, krylov, QUARTERS * result.force[:, 1],
                     result.displacement * MM_PER_M)  # fmt: skip
 
 

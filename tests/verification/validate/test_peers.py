@@ -40,3 +40,9 @@ def test_an_absent_package_is_skipped():
     outcome = peers.against("no_such_package", made_up, "cpu")
     assert "no_such_package is not installed" in outcome.skipped
     assert outcome.rows == []
+
+
+def test_equal_presses_at_once_have_the_result_of_one():
+    alone, together = (peers.solve(peers.WARM_UP, [0.1], "cpu", presses=presses) for presses in (1, 3))
+    np.testing.assert_array_equal(alone.force, together.force)
+    np.testing.assert_array_equal(alone.displacement, together.displacement)
