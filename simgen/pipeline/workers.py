@@ -190,8 +190,7 @@ def start_workers(
             return client, [client.submit(prepare, job, there, build, part, len(addresses), workers=[address], **own)
                             for part, address in enumerate(addresses)]  # fmt: skip
 
-        if gpus:
-            start = stack.enter_context(ThreadPoolExecutor(1)).submit(start).result
+        start = stack.enter_context(ThreadPoolExecutor(1)).submit(start).result
         yield Workers(there, len(environments), start, stack.close, TASKS_PER_GPU_PROCESS if gpus else 1)
 
 

@@ -12,6 +12,7 @@ import weakref
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import count, islice
 
 import numpy as np
@@ -32,7 +33,7 @@ class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
     turn : lock that a thread holds while it advances the presses
-    number : pools with lower numbers go first
+    rank : pools with more unknowns go first, because their presses take longer; then those that were made first
     """
 
     def __init__(
@@ -42,9 +43,7 @@ class Pool:
         path = np.column_stack([path_m * MM_PER_M, turns_rad])
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n)
         self._device, self.turn = wp.get_device(scene.device), threading.Lock()
-        self.number = next(NUMBERS)
-        priority = 0 if POOLS else -1  # of kernels: the first pool has the higher one
-        self._stream = wp.Stream(self._device, priority) if self._device.is_cuda else None
+        self.rank = -scene.unknowns, next(NUMBERS)
         self._arrived: deque[Arrival] = deque()
         wp.synchronize()  # the kernels that set up the scene ran on another stream
         POOLS.add(self)
@@ -88,6 +87,12 @@ class Pool:
     def _use_stream(self):
         if self._stream is not None:
             wp.set_stream(self._stream, self._device)
+
+    @cached_property
+    def _stream(self) -> wp.Stream | None:
+        """A stream for the kernels of this pool. On the device, those of the first pool have priority."""
+        priority = -1 if self is _in_order()[0] else 0
+        return wp.Stream(self._device, priority) if self._device.is_cuda else None
 
     def drop(self):
         """Drop all unfinished presses."""
@@ -187,6 +192,9 @@ def _advance():
             if mine := pool.turn.acquire(blocking=False):
                 try:
                     pool.advance()
+                except BaseException:
+                    pool.drop()  # before another thread advances it
+                    raise
                 finally:
                     pool.turn.release()
         if not mine:
@@ -204,8 +212,11 @@ def _advance():
 def _choose() -> Pool:
     """The first pool with presses that no other thread advances; if there is none, the first one with presses.
 
-    Pools have the order in which they were made. So the last presses of one run beside many presses of the next.
+    So the last presses of one pool run beside many presses of the next.
     """
-    pools = sorted(POOLS, key=lambda pool: pool.number)
-    pools = [pool for pool in pools if pool.remaining] or pools
+    pools = [pool for pool in _in_order() if pool.remaining] or _in_order()
     return next((pool for pool in pools if not pool.turn.locked()), pools[0])
+
+
+def _in_order() -> list[Pool]:
+    return sorted(POOLS, key=lambda pool: pool.rank)

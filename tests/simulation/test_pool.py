@@ -11,7 +11,7 @@ import simgen.simulation.pool
 from simgen.fem.device import DEVICE
 from simgen.simulation.pool import CREW, POOLS, Pool, _choose
 from simgen.simulation.press import Scene, follow
-from simulation.blocks import CUBE, GEL, SPHERE, pose
+from simulation.blocks import CUBE, GEL, SPHERE, make_block, pose
 
 PATH = np.array([[0.0, 0.2e-3, 0.0], [0.0, 0.4e-3, 0.0]])
 POSES = np.concatenate([pose(), pose(x=1.0), pose(tilt_deg=5.0), pose(x=-1.0)])
@@ -184,8 +184,8 @@ def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_b
 
 
 def test_threads_advance_different_pools_in_their_order(block):
-    """A pool without presses is left out. If others advance all pools, a thread waits for the first."""
-    idle, first, second = (make_pool(block, 2) for _ in range(3))
+    """More unknowns go first. A pool without presses is left out. If all are taken, a thread waits for the first."""
+    second, idle, first = (make_pool(sensor, 2) for sensor in (block, make_block((8, 4, 8)), make_block((6, 2, 6))))
     waiting = [press(first, 0, 1), press(second, 0, 4)]
     assert _choose() is first
     with first.turn:
