@@ -25,9 +25,9 @@ from simgen.simulation.press import Scene
 
 # Seconds of one core (or GPU) for one depth of one press, per 1000 unknowns. Measured on a CPU by
 # `python benchmarks/core.py --presses 18 --depths 5`, 1.56 s a depth of 82,979 unknowns with one press after the other
-# and 0.84 s with eight at once (docs/benchmarks/core_cpu.json); on a GPU by the whole paired job, 522 s for 309,600
+# and 0.84 s with eight at once (docs/benchmarks/core_cpu.json); on a GPU by the whole paired job, 465 s for 309,600
 # depths (docs/benchmarks/paired_h200.json).
-SECONDS_PER_DEPTH = {"cpu": 0.019, "cpu, side by side": 0.010, "cuda": 2.0e-5}
+SECONDS_PER_DEPTH = {"cpu": 0.019, "cpu, side by side": 0.010, "cuda": 1.8e-5}
 SECONDS_SOURCE = {
     "cpu": "as measured on a core of an AMD EPYC at 82,979 unknowns; within a factor of two",
     "cpu, side by side": "as measured on a core of an AMD EPYC at 82,979 unknowns, eight presses at once; within a "

@@ -29,6 +29,7 @@ TASKS_PER_THREAD = 2  # submitted tasks: one runs, one waits
 LONGEST_SILENCE = "1 hour"  # of a process before it counts as lost; one call of the mesher can take minutes
 ANSWER_S = 10.0  # timeout for the scheduler's answer
 LONGEST_WAIT_S = 300.0  # for the wanted number of workers
+LONGEST_END_S = 10.0  # for the processes of GPUs to end
 STARTS = 3  # attempts to start a process that is killed as it starts
 
 # A terminal interrupts the whole process group; only the parent answers, and ends the workers.
@@ -132,8 +133,8 @@ def start_workers(
     """Make workers for a job, and close them at the end.
 
     Without ``scheduler``, a local cluster of ``count`` processes solves, by default one for each core or GPU, but at
-    most one for each shard. Its processes load sensors, scenes and kernels as soon as they start. GPU processes start
-    at once, in a thread. CPU processes start when they are first needed, because they would slow the caller's planning.
+    most one for each shard. Its processes start at once, in a thread, while the caller plans. They load sensors, scenes
+    and kernels as soon as they have started.
 
     With the address of a ``scheduler``, its workers solve once there are ``count`` of them or after `LONGEST_WAIT_S`.
     They must see the same file system. With "sync", this process solves.
@@ -252,7 +253,23 @@ def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
         get_mp_context()  # sets a list of imports once; ours comes after it
         start_imports()
         with SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL") as cluster:
-            yield cluster
+            try:
+                yield cluster
+            finally:
+                started = [nanny.pid for nanny in cluster.workers.values() if nanny.pid is not None]
+        if any(environments):
+            wait_for_end(started)
+
+
+def wait_for_end(processes: list[int]) -> None:
+    """Wait until processes have ended. One that frees a GPU takes a second, in which another run may not get it."""
+    import psutil
+
+    alive = []
+    for process in processes:
+        with suppress(psutil.NoSuchProcess):
+            alive.append(psutil.Process(process))
+    psutil.wait_procs(alive, timeout=LONGEST_END_S)
 
 
 def scheduler_address(file: Path) -> str:

@@ -128,6 +128,8 @@ def test_every_gpu_has_a_worker_that_sees_no_other():
         seen = client.run(lambda: os.environ["CUDA_VISIBLE_DEVICES"])
         assert sorted(seen.values()) == ["3", "5"]
         assert set(client.nthreads().values()) == {TASKS_PER_GPU_PROCESS}
+        processes = client.run(os.getpid).values()
+    assert not any(psutil.pid_exists(process) for process in processes)
 
 
 def test_processes_of_gpus_start_while_the_caller_goes_on(monkeypatch):
