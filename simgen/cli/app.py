@@ -104,7 +104,7 @@ def run(
     if address is None:
         from simgen.pipeline.forked_imports import start_imports
 
-        start_imports()  # beside those of this process
+        start_imports()  # workers' imports run while this process imports
     from simgen.cli.console import run_with_progress
 
     if run_with_progress(checked, output or checked.output(), workers, address, device):

@@ -89,7 +89,7 @@ def run_with_progress(
     again : shards to solve again. Raises `SystemExit` with code 130 for an interrupt.
     """
     from simgen.dataset.growth import finish_growth
-    from simgen.dataset.writer import check_output
+    from simgen.dataset.writer import check_output, has_all
     from simgen.pipeline.plan import make_plan
     from simgen.pipeline.run import run
     from simgen.pipeline.workers import start_workers
@@ -97,6 +97,8 @@ def run_with_progress(
     finish_growth(output)
     check_output(output, job)
     bar = RunProgress(job)
+    if not again and has_all(output, job):
+        scheduler = "sync"  # starts no processes
     try:
         with start_workers(job, device, workers, scheduler) as started:
             bar.workers = started

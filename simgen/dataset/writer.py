@@ -113,6 +113,14 @@ def check_output(path: Path, job: Job) -> None:
         raise InputError(cannot_write(path, errno.EACCES if above.is_dir() else errno.ENOTDIR))
 
 
+def has_all(path: Path, job: Job) -> bool:
+    """True if a complete dataset of this job is there. Call `check_output` first."""
+    if not path.exists():
+        return False
+    dataset = Dataset(path)
+    return not grows(dataset, job) and complete(dataset)
+
+
 def grows(dataset: Dataset, job: Job) -> bool:
     """True if the job is the dataset's with more trajectories."""
     if dataset.imported or job.trajectories.count <= dataset.job.trajectories.count:

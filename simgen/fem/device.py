@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 
@@ -72,13 +72,33 @@ DEVICE = Queue()
 # measured once).
 BLOCK = 128
 
-# A kernel that takes a second or more to compile is a module of its own, because modules are compiled in parallel.
-large_kernel = partial(wp.kernel, module="unique", enable_backward=False)
+
+def large_kernel(
+    function: Callable | None = None, cpu_module: wp.Module | None = None, **options
+) -> wp.Kernel | Callable[[Callable], wp.Kernel]:
+    """Make a kernel that takes a second or more to compile; a decorator, with or without arguments.
+
+    For GPUs it is a module of its own, because modules are compiled in parallel. A CPU has few cores, which would
+    compile the functions that several kernels share again for each. For CPUs all large kernels of a package are
+    therefore one module, or belong to ``cpu_module``.
+    """
+    if function is None:
+        return partial(large_kernel, cpu_module=cpu_module, **options)
+    kernel = wp.kernel(function, module="unique", enable_backward=False, **options)
+    module = cpu_module or f"{function.__module__.rpartition('.')[0]}.cpu"
+    kernel.on_cpu = wp.kernel(function, module=module, enable_backward=False)
+    return kernel
 
 
-def launch_kernel(kernel: wp.Kernel, **arguments):
+def kernel_for(kernel: wp.Kernel, cpu: bool) -> wp.Kernel:
+    """The kernel that a CPU, or a GPU, launches: a `large_kernel` exists twice."""
+    return getattr(kernel, "on_cpu", kernel) if cpu else kernel
+
+
+def launch_kernel(kernel: wp.Kernel, device, **arguments):
     """Launch a kernel in blocks of `BLOCK` threads: all kernels of a module, or Warp compiles it twice."""
-    wp.launch(kernel, block_dim=BLOCK, **arguments)
+    device = wp.get_device(device)
+    wp.launch(kernel_for(kernel, device.is_cpu), device=device, block_dim=BLOCK, **arguments)
 
 
 def read(*arrays) -> list[np.ndarray]:

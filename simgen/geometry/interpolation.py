@@ -95,7 +95,7 @@ def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
     """Find the point of a mesh, nodes (n, 3) and tetrahedra (e, 10), nearest to each of ``points`` (m, 3).
 
     Returns its element (m,), its barycentric coordinates (m, 4) and its distance (m,) in the unit of the nodes. The
-    distance is zero (to rounding) for points inside.
+    distance is zero (to rounding) for points inside. A point on a face has one of the face's two elements.
     """
     search = _Search(nodes[tetrahedra], points)
     inside = INSIDE * np.ptp(nodes)
@@ -114,7 +114,7 @@ def locate(nodes: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray):
 class _Search:
     """The nearest point of a mesh to each of m points, among the elements that were compared so far.
 
-    element (m,), barycentric (m, 4), distance (m,): of the nearest point; inf before the first comparison
+    element (m,), barycentric (m, 4), distance (m,): of the nearest point; distances are inf before the first comparison
     """
 
     def __init__(self, element_nodes: np.ndarray, points: np.ndarray):

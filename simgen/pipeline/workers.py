@@ -7,6 +7,7 @@ import json
 import logging
 import os
 from collections.abc import Callable, Iterator
+from concurrent import futures
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
@@ -14,6 +15,8 @@ from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import check_device
@@ -176,7 +179,8 @@ def start_workers(
     there = "cuda" if gpus else device
     environments = [{"CUDA_VISIBLE_DEVICES": gpu} for gpu in gpus] or [{}] * (count or cores())
     environments = environments[: min(count or job.shards, job.shards)]
-    with ExitStack() as stack:
+    # The executor ends first: it waits for the start, and then this thread closes what has started.
+    with ExitStack() as stack, ThreadPoolExecutor(1) as beside:
 
         def start() -> tuple[Client, list]:
             try:
@@ -184,15 +188,19 @@ def start_workers(
             except RuntimeError as error:
                 number, why = len(environments), error.__cause__ or error
                 raise InputError(f"one of {number} workers did not start: {why}") from None
-            client = Client(cluster)  # as a context it would have to be left in the thread that entered it
+            client = Client(cluster)  # not as a context, which would have to be left in this thread
             stack.callback(client.close)
             own = {"allow_other_workers": True, "pure": False}  # others if this one is lost
             addresses = list(client.nthreads())
             return client, [client.submit(prepare, job, there, build, part, len(addresses), workers=[address], **own)
                             for part, address in enumerate(addresses)]  # fmt: skip
 
-        start = stack.enter_context(ThreadPoolExecutor(1)).submit(start).result
-        yield Workers(there, len(environments), start, stack.close, TASKS_PER_GPU_PROCESS if gpus else 1)
+        def close() -> None:
+            futures.wait([starting])
+            stack.close()
+
+        starting = beside.submit(start)
+        yield Workers(there, len(environments), starting.result, close, TASKS_PER_GPU_PROCESS if gpus else 1)
 
 
 def visible_gpus(device: str) -> list[str]:
@@ -252,24 +260,26 @@ def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
     with dask.config.set(FORK if CAN_FORK else {}):
         get_mp_context()  # sets a list of imports once; ours comes after it
         start_imports()
-        with SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL") as cluster:
-            try:
-                yield cluster
-            finally:
-                started = [nanny.pid for nanny in cluster.workers.values() if nanny.pid is not None]
-        if any(environments):
-            wait_for_end(started)
+        processes = []
+        try:
+            with SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL") as cluster:
+                try:
+                    yield cluster
+                finally:
+                    processes += processes_of(cluster)
+        finally:
+            # One that frees a GPU takes a second to end. Another run that starts meanwhile may not get the GPU.
+            if any(environments):
+                psutil.wait_procs(processes, timeout=LONGEST_END_S)
 
 
-def wait_for_end(processes: list[int]) -> None:
-    """Wait until processes have ended. One that frees a GPU takes a second, in which another run may not get it."""
-    import psutil
-
-    alive = []
-    for process in processes:
+def processes_of(cluster: Any) -> list[psutil.Process]:
+    """Processes of the workers of a local cluster."""
+    found = []
+    for nanny in cluster.workers.values():
         with suppress(psutil.NoSuchProcess):
-            alive.append(psutil.Process(process))
-    psutil.wait_procs(alive, timeout=LONGEST_END_S)
+            found += [psutil.Process(nanny.pid)] if nanny.pid is not None else []
+    return found
 
 
 def scheduler_address(file: Path) -> str:

@@ -11,7 +11,7 @@ from itertools import chain
 
 import warp as wp
 
-from simgen.fem.device import BLOCK
+from simgen.fem.device import BLOCK, kernel_for
 from simgen.fem.elements.elasticity_blocks import block_kernels
 from simgen.fem.elements.operators import operator_kernels
 from simgen.fem.material.law import Law
@@ -76,5 +76,5 @@ def modules_of(laws: Collection[type[Law]], cpu: bool, without: Collection[str] 
     for name in sorted(sys.modules):
         if name.startswith(FOLDERS) and name not in without:
             kernels += [each for each in vars(sys.modules[name]).values() if isinstance(each, wp.Kernel)]
-    modules = dict.fromkeys(kernel.module for kernel in kernels if kernel.key not in without)
+    modules = dict.fromkeys(kernel_for(kernel, cpu).module for kernel in kernels if kernel.key not in without)
     return [module for module in modules if not module.name.endswith(".gpu" if cpu else ".cpu")]

@@ -107,7 +107,7 @@ class LoadStepping:
             ended &= ~self._repeat(ended)
             self._accept_or_reject(ended)
             self._starting = ended & self.running
-        # Iterations of two threads overlap: the common time counts once, for the iteration that ends first.
+        # Iterations of several threads overlap: the common time counts once, for the iteration that ends first.
         now = time.perf_counter()
         begin, LoadStepping._counted = max(begin, LoadStepping._counted), now
         for press in running:

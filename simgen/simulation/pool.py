@@ -33,7 +33,7 @@ class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
     turn : lock that a thread holds while it advances the presses
-    rank : pools with more unknowns go first, because their presses take longer; then those that were made first
+    rank : sort key; pools with more unknowns go first, because their presses take longer, then those made first
     """
 
     def __init__(
@@ -51,6 +51,9 @@ class Pool:
     def press(self, shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray) -> PendingResults:
         """Add presses: shape numbers (b,), poses (b, 4, 4) m, numbers of steps (b,). Returns their results to come."""
         results = PendingResults(self._stepping)
+        if not len(shape_of):
+            results.presses = []
+            return results
         self._arrived.append(Arrival(results, list(shape_of), np.asarray(poses), np.asarray(steps)))
         return results
 

@@ -61,7 +61,9 @@ class Scene:
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[self.settings.element]
         mesh = self.mesh = in_cuthill_mckee_order(sensor.simulation_mesh)
-        to_output = ThreadPoolExecutor(1).submit(interpolation_matrix, mesh, sensor.output_points)  # beside the rest
+        beside = ThreadPoolExecutor(1)  # while the rest is made
+        to_output = beside.submit(interpolation_matrix, mesh, sensor.output_points)
+        beside.shutdown(wait=False)
         n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
         self.nodes = mesh.nodes[:n] * MM_PER_M
         fixed = per_component(mesh.held[:n])

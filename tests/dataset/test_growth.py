@@ -15,6 +15,7 @@ from simgen.dataset.audit import check, passes
 from simgen.dataset.growth import finish_growth, grow
 from simgen.dataset.reader import GROWING, Dataset
 from simgen.dataset.splits import SPLITS, split_by_trajectory
+from simgen.dataset.writer import has_all, manifest_path
 from simgen.errors import InputError
 from simgen.pipeline.run import run
 
@@ -50,6 +51,13 @@ def test_only_what_is_new_is_solved(folder):
     assert passes(check(larger)), [finding for finding in check(larger) if finding.failed]
     assert "7 contacts" in (folder / "README.md").read_text()
     assert len((folder / "presses.csv").read_text().splitlines()) == 22
+
+
+def test_a_complete_dataset_has_all_of_its_job_and_not_of_a_larger_one(folder, tmp_path):
+    assert has_all(folder, make_job(4)) and not has_all(folder, make_job(5))
+    assert not has_all(tmp_path / "e.zarr", make_job(4))
+    (folder / manifest_path(2)).unlink()  # a shard is missing
+    assert not has_all(folder, make_job(4))
 
 
 def test_it_is_the_larger_dataset_but_for_its_splits(folder, tmp_path):

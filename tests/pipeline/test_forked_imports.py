@@ -1,33 +1,61 @@
-"""Imports before a fork: a worker has them, and nothing there has initialised Warp or started a thread."""
+"""Imports before a fork: a worker has them and uses one core, and nothing there has initialised Warp."""
 
+import os
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
-from simgen.pipeline.forked_imports import CAN_FORK, IMPORTED
+from simgen.pipeline.forked_imports import CAN_FORK, ENVIRONMENT, IMPORTED
 
+pytestmark = pytest.mark.skipif(not CAN_FORK, reason="this system has no safe fork")
 SCRIPT = """
-import multiprocessing, sys, threading
+import multiprocessing, os, sys
 from simgen.pipeline.forked_imports import start_imports
 
 def look(found):
+    import numpy as np
     import warp._src.context
-    found.put(({imported} <= set(sys.modules), warp._src.context.runtime is None, threading.active_count()))
+    a = np.ones((600, 600))
+    _ = a @ a  # starts the threads of a library that uses several
+    there = {imported} <= set(sys.modules)
+    found.put((there, warp._src.context.runtime is None, len(os.listdir("/proc/self/task"))))
 
 if __name__ == "__main__":
+    before = dict(os.environ)
     start_imports()
     start_imports()  # does nothing more
     context = multiprocessing.get_context("forkserver")
     found = context.SimpleQueue()
     context.Process(target=look, args=(found,)).start()
-    print(*found.get(), "simgen.pipeline.shard" in sys.modules)
+    print(*found.get(), "simgen.pipeline.shard" in sys.modules, before == dict(os.environ))
 """
 
 
-@pytest.mark.skipif(not CAN_FORK, reason="this system has no safe fork")
-def test_a_worker_has_the_imports_and_the_caller_does_not_wait_for_them(tmp_path):
+@pytest.fixture
+def environment() -> dict[str, str]:
+    """Variables of a user who has not set the number of threads."""
+    return {name: value for name, value in os.environ.items() if name not in ENVIRONMENT}
+
+
+def test_a_worker_has_the_imports_and_one_thread_and_the_caller_has_neither(tmp_path, environment):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.format(imported=set(IMPORTED)))
-    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=True)
-    assert ended.stdout.split() == ["True", "True", "1", "False"], ended.stderr
+    command = [sys.executable, script]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
+    assert ended.stdout.split() == ["True", "True", "1", "False", "True"], ended.stderr
+
+
+def test_an_interrupt_while_workers_import_prints_no_traceback(environment):
+    """A terminal interrupts all processes of a command."""
+    waits = "from simgen.pipeline.forked_imports import start_imports as s; import time; s(); print(1, flush=True)"
+    command = [sys.executable, "-c", f"{waits}; time.sleep(60)"]
+    process = subprocess.Popen(command, env=environment, start_new_session=True, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # fmt: skip
+    assert process.stdout.readline() == "1\n"
+    time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert errors.count("Traceback") == 1 and errors.rstrip().endswith("KeyboardInterrupt")  # the caller's own

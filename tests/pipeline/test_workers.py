@@ -159,5 +159,16 @@ def test_a_caller_that_fails_while_processes_of_gpus_start_leaves_none(monkeypat
     before = set(psutil.Process().children(recursive=True))
     with pytest.raises(ZeroDivisionError), start_workers(fake.make_job(), "cuda", build=fake.fake_presser):
         reciprocal(0)
-    _, alive = psutil.wait_procs(set(psutil.Process().children(recursive=True)) - before, timeout=30)
-    assert not alive
+    assert set(psutil.Process().children(recursive=True)) <= before
+
+
+def test_a_failure_after_processes_of_gpus_have_started_leaves_none(monkeypatch):
+    monkeypatch.setattr(workers, "check_device", lambda device: None)
+    monkeypatch.setattr(workers, "visible_gpus", lambda device: ["3"])
+    with (
+        pytest.raises(ZeroDivisionError),
+        start_workers(fake.make_job(), "cuda", build=fake.fake_presser) as started,
+    ):
+        [process] = started.started[0].run(os.getpid).values()
+        reciprocal(0)
+    assert not psutil.pid_exists(process)

@@ -150,7 +150,7 @@ def block_kernels(law: type[Law]) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
                 for b in range(gradients.shape[1]):
                     add_block(blocks_out, block_index[e, a, b], env, times_identity(deviation_product(a, b, G)))
 
-    @large_kernel(cuda_max_registers=REGISTERS)
+    @large_kernel(cpu_module=law_module(__name__, law, "cpu"), cuda_max_registers=REGISTERS)
     def diagonal_kernel(
         s: SingleSolid,
         active: wp.array(dtype=wp.int32),
