@@ -3,6 +3,7 @@
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from itertools import count
 
 import numpy as np
 import pytest
@@ -107,12 +108,14 @@ def test_a_pool_that_nobody_has_is_no_pool_any_more(block):
 
 
 def test_at_most_three_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
-    """Run ten tasks; none is lost when the thread that solved its presses leaves."""
+    """Run ten tasks; none is lost when the thread that solved its presses leaves. The first three threads meet."""
     pool, carrying, most, asleep = make_pool(block, 2), set(), [], []
-    advance = simgen.simulation.pool._advance
+    advance, calls, meeting = simgen.simulation.pool._advance, count(), threading.Barrier(3)
 
     def watch():
         carrying.add(threading.get_ident())
+        if next(calls) < 3:
+            meeting.wait(timeout=60.0)
         most.append(len(carrying))
         asleep.append(len(CREW._asleep))
         advance()
