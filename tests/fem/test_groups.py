@@ -53,7 +53,7 @@ from simgen.simulation.kernel_loading import press_modules
 from simgen.fem.groups import FOR_EACH
 
 modules = [module for module in press_modules([NeoHookean], cpu=True) if module.name.endswith(".cpu")]
-assert len(modules) == 3, modules
+assert len(modules) == 5, modules
 
 @wp.func_native(f"volatile float sum = 0.0f; {FOR_EACH} sum += l * x; return sum;")
 def not_vectorised(x: float) -> float: ...
