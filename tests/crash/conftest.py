@@ -12,8 +12,8 @@ from sensors.slab import SLAB, write_sensor
 
 from simgen.sensors.sensor import remake
 
-# A slab of 97 output vertices, linear elements and one depth: these tests are about files. The mesher makes another mesh
-# each time. On one in eight, contact under a ring is too coarse for the audit.
+# A slab of 97 output vertices, linear elements and one depth: these tests are about files. The mesher makes another
+# mesh each time. On one in eight, contact under a ring is too coarse for the audit.
 SENSOR = {**SLAB, "meshes": {"default": {"edge_length_mm": 4.0}}}
 PRESSES = [
     "trajectories.count=4", "indenters=[sphere_14mm, sphere_7mm]", "depths_mm={first: 0.25, last: 0.25, count: 1}",
