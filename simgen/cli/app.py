@@ -5,6 +5,7 @@ Commands import what they need when they run, so that ``simgen --help`` is quick
 
 import atexit
 import gc
+import logging
 import os
 import sys
 from functools import partial
@@ -318,6 +319,8 @@ def main() -> None:
     """Run the console script. Bad input prints one line and exits with code 2; an interrupt exits with 130."""
     gc.set_threshold(50_000)  # a command makes millions of objects, and nearly all stay or are in no cycle
     atexit.register(gc.freeze)  # looking for cycles at the end would take half a second
+    # zarr writes files in tasks. If several fail, one error is raised, and asyncio would print the others.
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
     try:
         app()
     except InputError as error:

@@ -165,3 +165,34 @@ def test_report_writes_one_page_named_after_the_dataset(here, dataset, tmp_path)
 def test_the_version_is_that_of_the_package(tmp_path):
     done = simgen("--version", cwd=tmp_path)
     assert done.returncode == 0 and done.stdout == f"simgen {__version__}\n"
+
+
+TWO_FAIL = """
+import asyncio, gc
+from simgen.cli import app
+from simgen.errors import InputError
+
+async def fail():
+    raise OSError("full")
+
+async def write():
+    tasks = [asyncio.create_task(fail()) for _ in range(2)]
+    await asyncio.sleep(0.01)
+    await tasks[0]
+
+def command():
+    try:
+        asyncio.run(write())
+    except OSError:
+        pass
+    gc.collect()  # asyncio complains when it forgets the other task
+    raise InputError("the disk is full")
+
+app.app = command
+app.main()
+"""
+
+
+def test_of_several_tasks_that_fail_one_error_is_printed():
+    ended = subprocess.run([sys.executable, "-c", TWO_FAIL], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (2, "simgen: the disk is full\n")
