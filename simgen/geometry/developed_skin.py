@@ -111,7 +111,7 @@ class Skin:
         return place[reached], edges[reached], np.where(onwards, t, 1.0 - t)[reached]
 
     def _centre(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where the sections at ``x`` (n,) cross z = 0 on the pad side.
+        """Find where the sections at ``x`` (n,) cross z = 0 on the pad side.
 
         Returns the numbers (m,) of the sections that exist, the two cut edges (m, 2) of the face there, and the
         fraction (m,) between these.

@@ -215,7 +215,8 @@ def _advance():
 def _choose() -> Pool:
     """The first pool with presses that no other thread advances; if there is none, the first one with presses.
 
-    So the last presses of one pool run beside many presses of the next.
+    So the last presses of one pool run beside many presses of the next. If other threads have just ended all presses,
+    it is a pool without presses, which does nothing.
     """
     pools = [pool for pool in _in_order() if pool.remaining] or _in_order()
     return next((pool for pool in pools if not pool.turn.locked()), pools[0])

@@ -144,7 +144,7 @@ def test_the_reference_itself_does_not_move(digit, contacts):
 
 
 def test_a_normal_too_far_from_the_plane_across_the_finger_is_refused(digit):
-    """Of two contacts on the flat pad, only the second needs a normal that no roll and pitch of the DIGIT give."""
+    """No roll and pitch of the DIGIT give the normal of the second of two contacts on the flat pad."""
     flat = contacts_at(digit, [(-5e-3, 0.0), (-6e-3, 1e-3)])
     leaning = np.array([[1.0, 0.0, 0.0], [0.8, 0.0, 0.6]])
     roof = SimpleNamespace(name="roof", surface=trimesh.creation.box(extents=[0.05, 0.01, 0.02]))
