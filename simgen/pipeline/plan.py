@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,8 +51,11 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
     indenters = chosen_indenters(job)  # first, because it is fast
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     reference = next(iter(sensors.values()))
-    indented = gel_under_indenters(job, sensors, indenters)
-    draw = first_contacts(job, sensors, job.trajectories.count, indented)
+    with ThreadPoolExecutor() as beside:
+        attributes = beside.submit(_attributes, job, device, sensors, indenters)
+        remarks = beside.submit(_remarks, job, sensors, indenters)
+        indented = gel_under_indenters(job, sensors, indenters)
+        draw = first_contacts(job, sensors, job.trajectories.count, indented)
     contacts = draw.kept
     trajectory, indenter = number_presses(job)
     arrays = {
@@ -80,9 +84,7 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             poses = np.linalg.inv(arrays[f"{name}/pose"]) @ arrays["press/contact_pose"]
             steps = indented[name].steps_that_leave(poses[:: len(indenters)], job.trajectories.least_thickness_left)
             arrays[f"{name}/pressable_steps"] = steps.ravel().astype(np.int32)
-    deepest = float(job.depths_m.max())
-    remarks = [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, deepest)]
-    return Plan(job, device, _attributes(job, device, sensors, indenters), arrays, remarks)
+    return Plan(job, device, attributes.result(), arrays, remarks.result())
 
 
 def gel_under_indenters(
@@ -187,6 +189,11 @@ def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
 def indenter_identities(indenters: Iterable[Indenter]) -> dict[str, Any]:
     """Each indenter by name: its sizes, or the unit, spacing and sha256 of its mesh file."""
     return {indenter.name: indenter.identity() for indenter in indenters}
+
+
+def _remarks(job: Job, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]) -> list[str]:
+    deepest = float(job.depths_m.max())
+    return [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, deepest)]
 
 
 def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]) -> dict[str, Any]:

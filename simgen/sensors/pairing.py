@@ -21,8 +21,9 @@ from simgen.geometry.surface import ClosestPoint, FinePieces
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.sensor import Sensor
 
-BLOCK = 256  # contacts proposed at a time: a power of two, as Sobol sequences need
-SLICE = 32  # contacts at a time for which the gel under the indenters is measured
+BLOCK = 256  # contacts drawn at a time: a power of two, as Sobol sequences need
+MOST_BLOCKS = 16  # proposed at a time
+SLICE = 32  # least number of contacts at a time for which the gel under the indenters is measured
 MOST_PROPOSED = 200  # proposals per contact found, after 16 blocks; beyond that there is too little room
 WALL_TURN_DEG = (60.0, 120.0)  # angles between a side wall's normal and the contact's; the back has larger ones
 
@@ -90,32 +91,44 @@ def draw_contacts(
     while found < count:
         if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
             raise InputError(_too_few(room, others, count, (found, partnered, roomy, proposed)))
-        block = room.keep(room.propose(sequence.random(BLOCK)))
-        roomy += len(block.points)
+        blocks = _blocks(count, found, proposed)
+        some = room.keep(room.propose(np.concatenate([sequence.random(BLOCK) for _ in range(blocks)])))
+        roomy += len(some.points)
         for other in others:
-            block = _subset(block, other.meets(block))
-        partnered += len(block.points)
-        proposed += BLOCK
+            some = _subset(some, other.meets(some))
+        partnered += len(some.points)
+        proposed += blocks * BLOCK
         presses = [
-            np.linalg.inv(unfold(reference, sensor, block)) @ indenter_poses(block)
+            np.linalg.inv(unfold(reference, sensor, some)) @ indenter_poses(some)
             for sensor, _ in zip(sensors, indented, strict=False)
         ]
-        for first in range(0, len(block.points), SLICE):
-            some = slice(first, first + SLICE)
-            fitting.append(_subset(block, some))
+        first = 0
+        while first < len(some.points) and found < count:
+            part = slice(first, first + max(SLICE, count - found))
+            fitting.append(_subset(some, part))
             enough.append(np.ones(len(fitting[-1].points), dtype=bool))
             for thickness, poses in zip(indented, presses, strict=False):
-                shares = thickness.shares(poses[some][enough[-1]])
+                shares = thickness.shares(poses[part][enough[-1]])
                 enough[-1][enough[-1]] = (shares >= settings.least_thickness_left).all(axis=1)
             found += int(enough[-1].sum())
-            if found >= count:
-                break
+            first = part.stop
     kept = np.concatenate(enough)
     drawn = np.arange(len(kept)) <= np.flatnonzero(kept)[count - 1]
     contacts = Contacts(**{
         field.name: np.concatenate([getattr(some, field.name) for some in fitting]) for field in fields(Contacts)
     })  # fmt: skip
     return Draw(_subset(contacts, drawn & kept), _subset(contacts, drawn & ~kept))
+
+
+def _blocks(count: int, found: int, proposed: int) -> int:
+    """Number of blocks to propose next: about as many as are missing, but no more than were proposed before.
+
+    Many blocks at once are faster than one after the other. Proposals that are not needed cost time for nothing.
+    """
+    if not found:
+        return 1
+    missing = -(-(count - found) * proposed // (found * BLOCK))
+    return min(missing, proposed // BLOCK, MOST_BLOCKS)
 
 
 def _subset(contacts: Contacts, kept: np.ndarray | slice) -> Contacts:

@@ -26,13 +26,15 @@ from simgen.simulation.tries import Press
 from simgen.units import MM_PER_M
 
 POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
+FREED = threading.Condition()  # guards `Pool.taken`; notified when a thread gives a pool back
 NUMBERS = count()
 
 
 class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
-    turn : lock that a thread holds while it advances the presses
+    taken : True while a thread advances the presses
+    condemned : True if that thread must drop the presses when it gives the pool back
     rank : sort key; pools with more unknowns go first, because their presses take longer, then those made first
     """
 
@@ -42,7 +44,7 @@ class Pool:
         scene.reset(list(shapes))
         path = np.column_stack([path_m * MM_PER_M, turns_rad])
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n)
-        self._device, self.turn = wp.get_device(scene.device), threading.Lock()
+        self._device, self.taken, self.condemned = wp.get_device(scene.device), False, False
         self.rank = -scene.unknowns, next(NUMBERS)
         self._arrived: deque[Arrival] = deque()
         wp.synchronize()  # the kernels that set up the scene ran on another stream
@@ -63,7 +65,7 @@ class Pool:
         return self._stepping.remaining + sum(len(each.shape_of) for each in list(self._arrived))
 
     def advance(self):
-        """Advance the presses by one iteration. The calling thread holds the pool's `turn` and the device."""
+        """Advance the presses by one iteration. The calling thread has taken the pool and holds the device."""
         self._use_stream()
         self._begin_arrived()
         self._stepping.advance()
@@ -130,7 +132,7 @@ class PendingResults:
         while self.unfinished and CREW.join(self):
             try:
                 while self.unfinished:
-                    _advance()
+                    _advance(self)
             finally:
                 CREW.leave()
         if self.dropped or any(press.dropped for press in self.presses):
@@ -187,39 +189,53 @@ class Crew:
 CREW = Crew(3)
 
 
-def _advance():
-    """Advance a pool by one iteration. An error drops all presses of the process, whose states are unknown then."""
+def _advance(results: PendingResults):
+    """Advance a free pool by one iteration; wait for one, but not longer than until the results are ready.
+
+    An error drops all presses of the process, whose states are unknown then.
+    """
+    pool = _take(results)
+    if pool is None:
+        return
     try:
         with DEVICE:
-            pool = _choose()
-            if mine := pool.turn.acquire(blocking=False):
-                try:
-                    pool.advance()
-                except BaseException:
-                    pool.drop()  # before another thread advances it
-                    raise
-                finally:
-                    pool.turn.release()
-        if not mine:
-            with pool.turn:
-                pass  # another thread of the crew has advanced the pool
+            pool.advance()
     except BaseException:
-        for each in list(POOLS):
-            with each.turn, DEVICE:
-                each.drop()
+        with FREED:
+            for each in POOLS:
+                each.condemned = True
+            for each in [pool, *(each for each in POOLS if not each.taken)]:
+                _give_back(each)
+            FREED.wait_for(lambda: not any(each.condemned for each in POOLS))
         raise
+    else:
+        with FREED:
+            _give_back(pool)
     finally:
         CREW.wake_those_done()
 
 
-def _choose() -> Pool:
-    """The first pool with presses that no other thread advances; if there is none, the first one with presses.
+def _take(results: PendingResults) -> Pool | None:
+    """Take the first pool with presses that no other thread advances; None once the results are ready.
 
-    So the last presses of one pool run beside many presses of the next. If other threads have just ended all presses,
-    it is a pool without presses, which does nothing.
+    So the last presses of one pool run beside many presses of the next.
     """
-    pools = [pool for pool in _in_order() if pool.remaining] or _in_order()
-    return next((pool for pool in pools if not pool.turn.locked()), pools[0])
+    with FREED:
+        while results.unfinished:
+            for pool in _in_order():
+                if pool.remaining and not pool.taken:
+                    pool.taken = True
+                    return pool
+            FREED.wait()
+    return None
+
+
+def _give_back(pool: Pool):
+    """Let others take the pool. The calling thread holds `FREED`."""
+    if pool.condemned:
+        pool.drop()
+    pool.taken = pool.condemned = False
+    FREED.notify_all()
 
 
 def _in_order() -> list[Pool]:

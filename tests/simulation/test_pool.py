@@ -10,7 +10,7 @@ import pytest
 
 import simgen.simulation.pool
 from simgen.fem.device import DEVICE
-from simgen.simulation.pool import CREW, POOLS, Pool, _choose
+from simgen.simulation.pool import CREW, FREED, POOLS, Pool, _give_back, _take
 from simgen.simulation.press import Scene, follow
 from simulation.blocks import CUBE, GEL, SPHERE, make_block, pose
 
@@ -112,13 +112,13 @@ def test_at_most_three_threads_carry_pools_on_and_the_others_sleep(block, monkey
     pool, carrying, most, asleep = make_pool(block, 2), set(), [], []
     advance, calls, meeting = simgen.simulation.pool._advance, count(), threading.Barrier(3)
 
-    def watch():
+    def watch(results):
         carrying.add(threading.get_ident())
         if next(calls) < 3:
             meeting.wait(timeout=60.0)
         most.append(len(carrying))
         asleep.append(len(CREW._asleep))
-        advance()
+        advance(results)
         carrying.remove(threading.get_ident())
 
     monkeypatch.setattr(simgen.simulation.pool, "_advance", watch)
@@ -186,17 +186,26 @@ def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_b
     assert not any(pool.remaining for pool in pools) and CREW._free == 3
 
 
-def test_threads_advance_different_pools_in_their_order(block):
-    """More unknowns go first. A pool without presses is left out. If all are taken, a thread waits for the first."""
+def test_threads_take_pools_in_their_order_and_wait_for_one(block):
+    """More unknowns go first. A pool without presses is left out."""
     second, idle, first = (make_pool(sensor, 2) for sensor in (block, make_block((8, 4, 8)), make_block((6, 2, 6))))
     waiting = [press(first, 0, 1), press(second, 0, 4)]
-    assert _choose() is first
-    with first.turn:
-        assert _choose() is second
-        with second.turn:
-            assert _choose() is first
+    assert _take(waiting[0]) is first and _take(waiting[0]) is second
+    with ThreadPoolExecutor(1) as thread:
+        third = thread.submit(_take, waiting[1])
+        with pytest.raises(TimeoutError):
+            third.result(timeout=0.2)
+        with FREED:
+            _give_back(second)
+        assert third.result(timeout=10.0) is second
+        fourth = thread.submit(_take, waiting[0])
+        first.drop()
+        with FREED:
+            _give_back(first)
+        assert fourth.result(timeout=10.0) is None  # its results will not come
+    second.drop()
     for pool in (idle, first, second):
-        pool.drop()
+        pool.taken = False
     for results in waiting:
         with pytest.raises(RuntimeError, match="another task of this process has failed"):
             list(results)
