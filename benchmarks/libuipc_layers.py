@@ -2,8 +2,11 @@
 
 All layers lie side by side in one scene. The sphere is a stiff affine body that a strong constraint moves. Its radius
 is less by the distance that contacts keep. Settings that were needed: contacts within 10 um with a resistance of 3e12
-Pa, Newton's method to 0.1 um, linear systems to 1e-4. libuipc's law is the stable neo-Hookean one of Smith et al. (ACM
-Trans. Graph. 37, 2018). It has the moduli of simgen's law at small strain.
+Pa, Newton's method to 0.1 um, linear systems to 1e-4.
+
+libuipc documents its law as the stable neo-Hookean one of Smith et al. (ACM Trans. Graph. 37, 2018), whose energy has a
+term with log(I + 1). Its own conversion of moduli suits that law. Inner forces of its results do not balance by that
+law, but do without the term (``imbalance_percent``). So its moduli are set here for the law without the term.
 """
 
 import tempfile
@@ -68,8 +71,11 @@ class LibuipcLayers:
         gel = tetmesh(corners, numbers.reshape(-1, 4).astype(np.int32))
         label_surface(gel)
         StableNeoHookean().apply_to(gel, ElasticModuli.youngs_poisson(1e6 * MODULUS_MPA, nu), DENSITY)
+        mu, lame = 0.5e6 * MODULUS_MPA / (1.0 + nu), 1e6 * MODULUS_MPA * nu / (1.0 + nu) / (1.0 - 2.0 * nu)
+        self._moduli = mu, lame + mu
+        for name, value in zip(("mu", "lambda"), self._moduli, strict=True):
+            view(gel.tetrahedra().find(name))[:] = value
         view(gel.vertices().find(builtin.is_fixed))[:] = np.tile(self._fixed, batch).astype(np.int32)
-        self._moduli = [float(view(gel.tetrahedra().find(name))[0]) for name in ("mu", "lambda")]
         self._gel, _ = scene.objects().create("gel").geometries().create(gel)
         self._height, self._frame = -SPHERE_MM / MM_PER_M, 0
         self._add_spheres(scene)
@@ -126,14 +132,29 @@ class LibuipcLayers:
 
     def measure(self) -> tuple[float, np.ndarray]:
         """Force (N) on the fixed nodes of the first layer, and displacements (corners, 3) mm of this layer."""
-        self._world.retrieve()
-        at = self._view(self._gel.geometry().positions())[: len(self.rest)].reshape(-1, 3).copy()
-        return float(np.abs(self._nodal_forces(at)[self._fixed, 1].sum())), at * MM_PER_M - self.rest
+        at = self._positions()
+        force = self._nodal_forces(at, logarithm=False)[self._fixed, 1].sum()
+        return float(np.abs(force)), at * MM_PER_M - self.rest
 
-    def _nodal_forces(self, at: np.ndarray) -> np.ndarray:
+    def imbalance_percent(self) -> dict[str, float]:
+        """Norm of the forces on inner nodes over the force of the indenter, by both laws."""
+        at, inner = self._positions(), ~self._fixed & ~on_plane(self.rest, 1, 0.0)
+        found = {}
+        for name, logarithm in (("without the logarithm", False), ("with it", True)):
+            forces = self._nodal_forces(at, logarithm)
+            found[name] = round(100.0 * np.linalg.norm(forces[inner]) / abs(forces[self._fixed, 1].sum()), 3)
+        return found
+
+    def _positions(self) -> np.ndarray:
+        """Positions (corners, 3) m of the first layer."""
+        self._world.retrieve()
+        return self._view(self._gel.geometry().positions())[: len(self.rest)].reshape(-1, 3).copy()
+
+    def _nodal_forces(self, at: np.ndarray, logarithm: bool) -> np.ndarray:
         """Internal forces (corners, 3) N at corners (corners, 3) m.
 
-        The energy is mu/2 (I - 3 - log(I + 1)) + lambda/2 (J - 1 - 3 mu / (4 lambda))^2.
+        The energy is mu/2 (I - 3) + lambda/2 (J - 1 - mu / lambda)^2, or with the logarithm
+        mu/2 (I - 3 - log(I + 1)) + lambda/2 (J - 1 - 3 mu / (4 lambda))^2.
         """
         mu, lame = self._moduli
         rest = self.rest[self._tetrahedra] / MM_PER_M
@@ -141,9 +162,9 @@ class LibuipcLayers:
         gradient = moved @ np.linalg.inv(edges)
         volume, jacobian = np.linalg.det(edges) / 6.0, np.linalg.det(gradient)
         cofactor = jacobian[:, None, None] * np.linalg.inv(gradient).transpose(0, 2, 1)
-        shear = mu * (1.0 - 1.0 / ((gradient**2).sum(axis=(1, 2)) + 1.0))
-        pressure = lame * (jacobian - 1.0 - 0.75 * mu / lame)
-        stress = shear[:, None, None] * gradient + pressure[:, None, None] * cofactor
+        share = 1.0 / ((gradient**2).sum(axis=(1, 2)) + 1.0) if logarithm else np.zeros(len(volume))
+        pressure = lame * (jacobian - 1.0) - (0.75 if logarithm else 1.0) * mu
+        stress = (mu * (1.0 - share))[:, None, None] * gradient + pressure[:, None, None] * cofactor
         of_others = volume[:, None, None] * stress @ np.linalg.inv(edges).transpose(0, 2, 1)  # (t, 3, corner)
         forces = np.zeros_like(at)
         for corner in range(3):

@@ -74,13 +74,15 @@ class Case:
         """Press with another engine."""
         found, why, unknowns = None, f"no equilibrium within {limit_s:g} s", 3 * self.mesh.n_corners
         try:
-            found = settle(PEERS[engine](self.mesh, self.nu, batch, self._device), self.surface, limit_s)
+            layers = PEERS[engine](self.mesh, self.nu, batch, self._device)
+            found = settle(layers, self.surface, limit_s)
         except RuntimeError as error:
             why = str(error)
         if found is None:
             return {"engine": engine, **self._common, "batch": batch, "unknowns": unknowns, "result": why}
         force, moved, seconds, frames = found
-        return self._row(engine, batch, unknowns, (force, moved[self.surface], seconds), frames=frames)
+        more = {"imbalance_percent": layers.imbalance_percent()} if engine == "libuipc" else {}
+        return self._row(engine, batch, unknowns, (force, moved[self.surface], seconds), frames=frames, **more)
 
     def _row(self, engine: str, batch: int, unknowns: int, found: tuple[float, np.ndarray, float], **more) -> dict:
         force, moved, seconds = found
@@ -96,6 +98,7 @@ def main():
     parser.add_argument("--batches", nargs="+", type=int, default=[1], help="of simgen and VBD")
     parser.add_argument("--libuipc-batches", nargs="*", type=int, default=[1])
     parser.add_argument("--nu", nargs="+", type=float, default=[0.45, 0.499])
+    parser.add_argument("--engines", nargs="+", choices=["simgen", *PEERS], default=["simgen", *PEERS])
     parser.add_argument("--limit", type=float, default=60.0, help="seconds after which a peer gives up")
     asked = parser.parse_args()
     packages = {name: version(name) for name in ("newton", "pyuipc")}
@@ -106,7 +109,8 @@ def main():
         for edge in asked.edges:
             case = Case(edge, nu, reference, asked.device)
             runs = [run for batch in asked.batches for run in (("simgen", batch), ("Newton VBD", batch))]
-            for engine, batch in [*runs, *(("libuipc", batch) for batch in asked.libuipc_batches)]:
+            runs += [("libuipc", batch) for batch in asked.libuipc_batches]
+            for engine, batch in (run for run in runs if run[0] in asked.engines):
                 rows.append(case.by_simgen(batch) if engine == "simgen" else case.by_peer(engine, batch, asked.limit))
                 print(json.dumps(rows[-1]), flush=True)
             write(asked, rows, peers=packages)  # after each mesh, because a peer may end the process

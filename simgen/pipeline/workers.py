@@ -152,12 +152,12 @@ def start_workers(
     if scheduler == "sync":
         yield Workers(device)
         return
-    from dask.distributed import Client
-    from distributed.comm.addressing import parse_address
-    from distributed.comm.registry import get_backend
-    from distributed.utils import silence_logging_cmgr
-
     if scheduler is not None:
+        from dask.distributed import Client
+        from distributed.comm.addressing import parse_address
+        from distributed.comm.registry import get_backend
+        from distributed.utils import silence_logging_cmgr
+
         try:
             get_backend(parse_address(scheduler)[0])  # refuses an unknown kind of address, which a client would try
             client = Client(scheduler, timeout=ANSWER_S)
@@ -166,7 +166,7 @@ def start_workers(
             raise InputError(f"scheduler {scheduler!r}: {str(error) or type(error).__name__}; {allowed}") from None
         with silence_logging_cmgr("CRITICAL"), client:  # a lost scheduler logs pages of tracebacks
 
-            def joined() -> tuple[Client, list]:
+            def joined() -> tuple[Any, list]:
                 if count:
                     with suppress(TimeoutError):  # fewer will do
                         client.wait_for_workers(count, timeout=LONGEST_WAIT_S)
@@ -182,7 +182,9 @@ def start_workers(
     # The executor ends first: it waits for the start, and then this thread closes what has started.
     with ExitStack() as stack, ThreadPoolExecutor(1) as beside:
 
-        def start() -> tuple[Client, list]:
+        def start() -> tuple[Any, list]:
+            from dask.distributed import Client  # takes a second
+
             try:
                 cluster = stack.enter_context(local_cluster(environments))
             except RuntimeError as error:

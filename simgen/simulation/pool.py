@@ -44,7 +44,8 @@ class Pool:
         scene.reset(list(shapes))
         path = np.column_stack([path_m * MM_PER_M, turns_rad])
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n)
-        self._device, self.taken, self.condemned = wp.get_device(scene.device), False, False
+        self._device = wp.get_device(scene.device)
+        self.taken = self.condemned = False
         self.rank = -scene.unknowns, next(NUMBERS)
         self._arrived: deque[Arrival] = deque()
         wp.synchronize()  # the kernels that set up the scene ran on another stream

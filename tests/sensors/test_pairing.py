@@ -189,6 +189,23 @@ def test_same_seed_same_contacts_whatever_the_count(digit, contacts):
     assert np.abs(other.points - fewer.points).max() > 1e-3
 
 
+def test_contacts_do_not_depend_on_how_many_are_proposed_at_a_time(digit, monkeypatch):
+    at_once = []
+    blocks = pairing._blocks
+
+    def watched(*arguments):
+        at_once.append(blocks(*arguments))
+        return at_once[-1]
+
+    monkeypatch.setattr(pairing, "_blocks", watched)
+    many = sample_contacts(digit, 300, SEED, DEPTH)
+    assert max(at_once) > 1
+    monkeypatch.setattr(pairing, "_blocks", lambda *_: 1)
+    one_by_one = sample_contacts(digit, 300, SEED, DEPTH)
+    for field in ("points", "normals", "axes", "rolls", "arcs"):
+        np.testing.assert_array_equal(getattr(many, field), getattr(one_by_one, field))
+
+
 def test_tilt_and_roll_stay_in_their_ranges(digit):
     settings = Trajectories(count=5, max_tilt_deg=20.0, roll_range_deg=(10.0, 40.0))
     contacts = sample_contacts(digit, COUNT, SEED, DEPTH, settings)
