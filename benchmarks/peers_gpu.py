@@ -28,6 +28,7 @@ from simgen.verification.validate.meshes import Mesh, on_plane, top
 
 FORCE_CHANGE, SURFACE_CHANGE_UM = 5e-3, 1.0
 PEERS = {"Newton VBD": VbdLayers, "libuipc": LibuipcLayers}
+PACKAGES = {"Newton VBD": "newton", "libuipc": "pyuipc"}
 
 
 def settle(layers, surface: np.ndarray, limit_s: float) -> tuple[float, np.ndarray, float, int] | None:
@@ -101,7 +102,7 @@ def main():
     parser.add_argument("--engines", nargs="+", choices=["simgen", *PEERS], default=["simgen", *PEERS])
     parser.add_argument("--limit", type=float, default=60.0, help="seconds after which a peer gives up")
     asked = parser.parse_args()
-    packages = {name: version(name) for name in ("newton", "pyuipc")}
+    packages = {name: version(name) for engine, name in PACKAGES.items() if engine in asked.engines}
     rows = []
     for nu in asked.nu:
         reference = Reference(nu, asked.device)

@@ -123,7 +123,8 @@ def draw_contacts(
 def _blocks(count: int, found: int, proposed: int) -> int:
     """Number of blocks to propose next: about as many as are missing, but no more than were proposed before.
 
-    Many blocks at once are faster than one after the other. Proposals that are not needed cost time for nothing.
+    With many contacts at a time, all cores measure the gel under the indenters. Proposals that are not needed cost time
+    for nothing.
     """
     if not found:
         return 1

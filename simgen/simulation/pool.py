@@ -49,15 +49,18 @@ class Pool:
         self.rank = -scene.unknowns, next(NUMBERS)
         self._arrived: deque[Arrival] = deque()
         wp.synchronize()  # the kernels that set up the scene ran on another stream
-        POOLS.add(self)
+        with FREED:
+            POOLS.add(self)
 
     def press(self, shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray) -> PendingResults:
         """Add presses: shape numbers (b,), poses (b, 4, 4) m, numbers of steps (b,). Returns their results to come."""
-        results = PendingResults(self._stepping)
+        results = PendingResults(self)
         if not len(shape_of):
             results.presses = []
             return results
-        self._arrived.append(Arrival(results, list(shape_of), np.asarray(poses), np.asarray(steps)))
+        with FREED:
+            self._arrived.append(Arrival(results, list(shape_of), np.asarray(poses), np.asarray(steps)))
+            FREED.notify()
         return results
 
     @property
@@ -97,7 +100,8 @@ class Pool:
     @cached_property
     def _stream(self) -> wp.Stream | None:
         """A stream for the kernels of this pool. On the device, those of the first pool have priority."""
-        priority = -1 if self is _in_order()[0] else 0
+        with FREED:
+            priority = -1 if self is _in_order()[0] else 0
         return wp.Stream(self._device, priority) if self._device.is_cuda else None
 
     def drop(self):
@@ -124,8 +128,8 @@ class PendingResults:
     dropped : True if they will not begin
     """
 
-    def __init__(self, stepping: LoadStepping):
-        self._stepping = stepping
+    def __init__(self, pool: Pool):
+        self._pool, self._stepping = pool, pool._stepping  # the pool must live until the presses end
         self.presses: list[Press] | None = None
         self.dropped = False
 
@@ -203,16 +207,19 @@ def _advance(results: PendingResults):
             pool.advance()
     except BaseException:
         with FREED:
-            for each in POOLS:
+            pools = list(POOLS)
+            for each in pools:
                 each.condemned = True
-            for each in [pool, *(each for each in POOLS if not each.taken)]:
-                _give_back(each)
-            FREED.wait_for(lambda: not any(each.condemned for each in POOLS))
+            for each in pools:
+                if not each.taken:
+                    _give_back(each)
         raise
-    else:
-        with FREED:
-            _give_back(pool)
     finally:
+        with FREED:
+            failed = pool.condemned
+            _give_back(pool)
+            if failed:
+                FREED.wait_for(lambda: not any(each.condemned for each in list(POOLS)))
         CREW.wake_those_done()
 
 
@@ -224,7 +231,7 @@ def _take(results: PendingResults) -> Pool | None:
     with FREED:
         while results.unfinished:
             for pool in _in_order():
-                if pool.remaining and not pool.taken:
+                if not pool.taken and pool.remaining:
                     pool.taken = True
                     return pool
             FREED.wait()
@@ -233,10 +240,12 @@ def _take(results: PendingResults) -> Pool | None:
 
 def _give_back(pool: Pool):
     """Let others take the pool. The calling thread holds `FREED`."""
-    if pool.condemned:
-        pool.drop()
-    pool.taken = pool.condemned = False
-    FREED.notify_all()
+    try:
+        if pool.condemned:
+            pool.drop()
+    finally:
+        pool.taken = pool.condemned = False
+        FREED.notify_all()
 
 
 def _in_order() -> list[Pool]:
