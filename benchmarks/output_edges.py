@@ -56,7 +56,7 @@ def image_change(sensor: Sensor, indenter: str, place: tuple[float, float], dept
     depths = np.linspace(0.0, depth_m, 5)[1:]
     scene = Scene(sensor, sensor.materials["solid"])
     displacement = press(scene, [load_indenter(indenter).shape()], pose[None], depths)[0].displacement[-1:]
-    pinhole, folder = Pinhole.of(sensor.camera, None, None), sensor_folder("digit")
+    pinhole, folder = Pinhole.of(sensor.cameras["default"], None, None), sensor_folder("digit")
     look = Response.load(folder / TABLE), read_image(folder / BACKGROUND), scaled_kernels(pinhole.width)
     render = Renderer(sensor.output_mesh.vertices, sensor.output_mesh.surface_triangles, pinhole, *look)
     return render(displacement)[0].astype(float) - render(np.zeros_like(displacement))[0]

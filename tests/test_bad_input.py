@@ -126,6 +126,7 @@ JOBS = [
     ("unknown mesh", job(), f"{DRY} sensors.digit.mesh=finest", 'digit.mesh: "finest" is not allowed'),
     ("mesh not there", sensor() | job(sensors={"s": {"model": "./s", "mesh": "fine"}}), DRY, "meshes.fine: missing"),
     ("unknown preset", job(), f"{DRY} sensors.digit.material=wood", "'wood' is not a preset; allowed: solid"),
+    ("no such camera", job(), f"{DRY} sensors.digit.camera=front", "digit.camera: 'front': allowed: default, tacto"),
     ("no cavity", job(), f"{DRY} sensors.digit.fluid=incompressible", "sensor digit has no cavity; allowed: none"),
     ("MPa for Pa", job(), f"{DRY} sensors.digit.material.youngs_modulus_pa=0.5", "0.5 is not allowed; allowed: 1000"),
     ("unknown indenter", job(), f"{DRY} indenters=[pyramid]", "no indenter 'pyramid'; allowed: sphere_3.5mm"),
@@ -178,10 +179,14 @@ SENSORS = [
     ("no cavity", sensor(core={"friction": 0.0, "mesh": SLAB["gel"]["mesh"]}), MESH, "core: the gel has no cavity"),
     ("tiny edges", sensor(meshes={"default": {"edge_length_mm": 1e-6}}), MESH, "edge_length_mm = 1e-06: allowed: "),
     ("surface as given", sensor(meshes={"default": "as_given"}), MESH, "as_given needs a file of tetrahedra"),
-    ("camera without direction", sensor(camera={
+    ("no default camera", sensor(cameras={"front": {
+        "position_mm": [0, 0, 0], "looks_along": [0, 1, 0], "up": [1, 0, 0], "vertical_field_of_view_deg": 60,
+        "width_px": 2, "height_px": 2, "light_circle_radius_mm": 1, "light_angles_deg": {}}}), MESH,
+     "cameras: front; allowed: one of them named default"),
+    ("camera without direction", sensor(cameras={"default": {
         "position_mm": [0, 0, 0], "looks_along": [0, 0, 0], "up": [1, 0, 0], "vertical_field_of_view_deg": 60,
-        "width_px": 2, "height_px": 2, "light_circle_radius_mm": 1, "light_angles_deg": {}}), MESH,
-        "camera.looks_along: [0.0, 0.0, 0.0]: a direction must have a length"),
+        "width_px": 2, "height_px": 2, "light_circle_radius_mm": 1, "light_angles_deg": {}}}), MESH,
+        "cameras.default.looks_along: [0.0, 0.0, 0.0]: a direction must have a length"),
     ("mesh file gone", {"s/sensor.yaml": sensor()["s/sensor.yaml"]}, MESH, "s/slab.stl: no such mesh file"),
     *[(f"{what} of another folder", sensor(**{what: {**about, "mesh": {"file": file, "unit": "mm"}}})
        | {"slab.stl": box()}, MESH, f"s/sensor.yaml: {what}.mesh.file: '{file}' leads out of the sensor's folder; ")

@@ -25,6 +25,11 @@ Calibration = Annotated[
 Background = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Image without contact.", show_default="the sensor's own")
 ]
+CameraName = Annotated[
+    str | None,
+    typer.Option("--camera", metavar="CAMERA", help="A camera of the sensor.yaml; the DIGIT has default and tacto.",
+                 show_default="the job's"),
+]  # fmt: skip
 Size = Annotated[
     str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, such as 480x640.", show_default="the camera's")
 ]
@@ -47,6 +52,7 @@ def render(
         typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the images.",
                      show_default="<dataset name>.images"),
     ] = None,
+    camera: CameraName = None,
     calibration: Calibration = None,
     background: Background = None,
     size: Size = None,
@@ -71,7 +77,7 @@ def render(
     from simgen.sensing.camera.renderer import Look
 
     opened = checked(Dataset(dataset))
-    look = Look(calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows)
+    look = Look(calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows, camera)
     images = Images(dataset, sensor, output or named_after(dataset, ".images"), look, device)
     selection = select(opened, (sensor,), trajectories, split)
     render_with_progress(images, selection, process_count(workers, device), gif)
@@ -103,6 +109,7 @@ def translate(
         typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the images.",
                      show_default="<dataset name>.translated"),
     ] = None,
+    camera: CameraName = None,
     calibration: Calibration = None,
     background: Background = None,
     size: Size = None,
@@ -151,7 +158,7 @@ def translate(
             raise InputError(f"{option} {value}: applies to a dataset; allowed with --recordings: --samples")
     check_sensors(opened, job.source, job.target)
     folder = output or named_after(dataset, ".translated")
-    look = Look(calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows)
+    look = Look(calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows, camera)
     images = TranslatedImages(
         dataset, job.target, folder, look, device, networks=networks, way=choose_way(networks, way), keep=steps
     )
@@ -181,6 +188,11 @@ def calibrate_optics(
     sensor: Annotated[
         str, typer.Option("--sensor", metavar="SENSOR", help="digit, or a folder with a sensor.yaml.")
     ] = "digit",
+    camera: Annotated[
+        str | None,
+        typer.Option("--camera", metavar="CAMERA", help="A camera of the sensor.yaml; the DIGIT has default and tacto.",
+                     show_default="default"),
+    ] = None,
     circles: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="CSV with the contact circles in pixels: file,column,row,radius.",
@@ -196,9 +208,11 @@ def calibrate_optics(
 
     With pictures: simgen calibrate-optics a.png b.png --background nothing.png --radius-mm 2 -o table.npz
 
-    Without pictures: the model renders spheres on the sensor's surface. Writes optics.npz and background.png.
+    Without pictures: the model renders spheres on the sensor's surface. Writes optics.npz and background.png; for a
+    camera other than default, its name follows in the files' names.
     """
+    from simgen.config.choices import DEFAULT_CAMERA
     from simgen.sensing.camera.calibrate_optics import calibrate
 
-    for line in calibrate(pictures or [], background, radius_mm, sensor, circles, output):
+    for line in calibrate(pictures or [], background, radius_mm, sensor, circles, output, camera or DEFAULT_CAMERA):
         typer.echo(line)

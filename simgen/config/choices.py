@@ -10,6 +10,7 @@ from simgen.config.strict_section import StrictSection
 from simgen.errors import shown
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".msh", ".vtu", ".mesh", ".tet")
+DEFAULT_CAMERA = "default"  # name of the camera that images show unless a job or a command names another
 MESH_SPACING_MM = 0.2  # default grid spacing for an indenter's mesh
 
 
@@ -65,6 +66,12 @@ class SensorChoice(StrictSection):
     fluid: Literal["none", "incompressible"] = Field(
         "none",
         description="Fluid in the cavity between skin and core. It keeps its volume, and its pressure is stored",
+    )
+    camera: str = Field(
+        DEFAULT_CAMERA,
+        exclude_if=lambda camera: camera == DEFAULT_CAMERA,
+        description="The camera whose images `simgen render` makes",
+        **allowed("the name of one of the `cameras` in the `sensor.yaml`; the DIGIT has default and tacto"),
     )
     output: OutputFile | None = Field(
         None,

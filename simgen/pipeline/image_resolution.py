@@ -19,15 +19,17 @@ LONGEST, WANTED = 0.6, 0.4  # contact radii: edges above LONGEST get a remark, w
 POINTS, SECTIONS = 201, 4  # of the grid that measures a contact: points along each side, sections along the depth
 
 
-def coarse_images(name: str, sensor: Sensor, indenters: Sequence[Indenter], depth_m: float) -> list[str]:
+def coarse_images(
+    name: str, sensor: Sensor, camera: Camera | None, indenters: Sequence[Indenter], depth_m: float
+) -> list[str]:
     """Warn in one sentence if images will hardly show the smallest contact at the largest depth, ``depth_m``, m.
 
     The list is empty otherwise, without a camera, and if edges are shorter than a pixel.
     """
-    if sensor.camera is None:
+    if camera is None:
         return []
     radius, smallest = min((contact_radius(indenter, depth_m), indenter.name) for indenter in indenters)
-    edge, least = touched_edge(sensor.output_mesh), pixel(sensor.camera, sensor.output_mesh)
+    edge, least = touched_edge(sensor.output_mesh), pixel(camera, sensor.output_mesh)
     if edge <= max(LONGEST * radius, least):
         return []
     better = MM_PER_M * max(WANTED * radius, least)

@@ -9,18 +9,19 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from simgen.config.choices import DEFAULT_CAMERA
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import check_device_name, start_warp
 from simgen.dataset import provenance
 from simgen.dataset.reader import path_arrays
 from simgen.dataset.splits import SPLITS, number_presses, split_presses
-from simgen.errors import InputError
+from simgen.errors import InputError, shown
 from simgen.fem.nonlinear.status import Status
 from simgen.pipeline.image_resolution import coarse_images
 from simgen.sensors import pairing
 from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.least_thickness import LeastThickness
-from simgen.sensors.sensor import Material, Sensor, load_sensor
+from simgen.sensors.sensor import Camera, Material, Sensor, load_sensor
 from simgen.sensors.sensor_meshes import OutputMeshFile
 from simgen.simulation.error_estimate import COARSER
 
@@ -168,6 +169,18 @@ def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:
     return fluid
 
 
+def chosen_camera(job: Job, name: str, sensor: Sensor) -> Camera | None:
+    """The camera that the job chooses; None for a sensor without cameras.
+
+    Raises `InputError` if the sensor has none of this name.
+    """
+    camera = job.sensors[name].camera
+    if camera not in sensor.cameras and (sensor.cameras or camera != DEFAULT_CAMERA):
+        allowed = ", ".join(sensor.cameras) or "no key, as this sensor has no camera"
+        raise InputError(f"sensors.{name}.camera: {shown(camera)!r}: allowed: {allowed}")
+    return sensor.cameras.get(camera)
+
+
 def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
     """All properties of a sensor that decide its presses. Hashes of meshes cover gel, fixed regions and core, too.
 
@@ -193,7 +206,11 @@ def indenter_identities(indenters: Iterable[Indenter]) -> dict[str, Any]:
 
 def _remarks(job: Job, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]) -> list[str]:
     deepest = float(job.depths_m.max())
-    return [line for name, own in sensors.items() for line in coarse_images(name, own, indenters, deepest)]
+    return [
+        line
+        for name, own in sensors.items()
+        for line in coarse_images(name, own, chosen_camera(job, name, own), indenters, deepest)
+    ]
 
 
 def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor], indenters: Sequence[Indenter]) -> dict[str, Any]:

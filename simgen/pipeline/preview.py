@@ -11,6 +11,7 @@ from simgen.config.warp_device import start_warp
 from simgen.dataset.reader import written_arrays
 from simgen.pipeline.image_resolution import coarse_images
 from simgen.pipeline.plan import (
+    chosen_camera,
     chosen_fluid,
     chosen_material,
     chosen_sensor,
@@ -131,7 +132,7 @@ def _preview_sensor(
         len(sensor.output_mesh.surface_vertices),
         material,
         scene.terms,
-        coarse_images(name, sensor, indenters, float(job.depths_m.max())),
+        coarse_images(name, sensor, chosen_camera(job, name, sensor), indenters, float(job.depths_m.max())),
     )
 
 

@@ -48,7 +48,7 @@ class Sensor:
     core: trimesh.Trimesh | None  # rigid body inside; the mesh's ``facing_core`` faces can meet it
     core_friction: float
     electrodes: np.ndarray | None  # (k, 3) m, on the core
-    camera: Camera | None
+    cameras: dict[str, Camera]  # by name; empty for a sensor without cameras
     held_regions: dict[str, np.ndarray]  # name -> (faces,) bool on ``surface``
     output_moves_with: np.ndarray | None = None  # (v, 3) m, points of the gel; None: the vertices
     support: Support | None = None  # rigid body under the gel; free faces can meet it
@@ -86,7 +86,7 @@ def load_sensor(model: str | Path, mesh: str = "default", output: OutputMeshFile
         core=shape.core,
         core_friction=core_friction,
         electrodes=place_electrodes(description.electrodes, shape.core) if description.electrodes else None,
-        camera=place_camera(description.camera) if description.camera else None,
+        cameras={name: place_camera(each) for name, each in description.cameras.items()},
         held_regions=shape.held_regions,
         output_moves_with=moves_with,
         support=load_support(description.support, shape.folder, shape.true) if description.support else None,

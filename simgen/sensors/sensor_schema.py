@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from simgen.config.allowed_values import allowed
+from simgen.config.choices import DEFAULT_CAMERA
 from simgen.config.strict_section import StrictSection, is_section, load_section
 from simgen.errors import InputError, shown
 from simgen.sensors.material import Material
@@ -279,8 +280,17 @@ class SensorDescription(StrictSection):
     support: SupportSettings | None = None
     meshes: MeshSizes
     materials: dict[str, Material] = Field(min_length=1, **allowed("names of presets with their values, at least one"))
-    camera: CameraSettings | None = None
+    cameras: dict[str, CameraSettings] = Field(
+        {}, **allowed(f"names of cameras with their values; {DEFAULT_CAMERA} is the one that images show")
+    )
     electrodes: Electrodes | None = None
+
+    @field_validator("cameras")
+    @classmethod
+    def _a_default_camera(cls, cameras: dict[str, CameraSettings]) -> dict[str, CameraSettings]:
+        if cameras and DEFAULT_CAMERA not in cameras:
+            raise ValueError(f"{', '.join(cameras)}; allowed: one of them named {DEFAULT_CAMERA}")
+        return cameras
 
     @model_validator(mode="after")
     def _electrodes_need_a_core(self):

@@ -219,8 +219,8 @@ def sensor_reader(tmp_path_factory):
             if size is not None and size != "as_given":
                 check_count(shape, size)
         parts = [shape.true.surface.vertices]
-        if about.camera is not None:
-            parts += place_camera(about.camera).lights.values()
+        for camera in about.cameras.values():
+            parts += place_camera(camera).lights.values()
         if about.support is not None:
             parts.append(load_support(about.support, folder, shape.true).distance(shape.true.surface.vertices))
         if about.electrodes is not None:

@@ -13,7 +13,7 @@ from simgen.config.job import load_job
 from simgen.pipeline.image_resolution import coarse_images, contact_radius, pixel, touched_edge
 from simgen.pipeline.plan import chosen_sensor, make_plan
 from simgen.sensors.indenter import load_indenter
-from simgen.sensors.sensor import place_camera
+from simgen.sensors.sensor import Camera, place_camera
 from simgen.sensors.sensor_schema import CameraSettings
 
 CAMERA = {
@@ -48,8 +48,8 @@ def test_the_contact_of_a_ring_is_as_wide_as_its_wall():
     assert contact_radius(load_indenter("ring_7mm"), 1e-3) == pytest.approx(1.75e-3, abs=0.07e-3)
 
 
-def flat(edge_mm: float, **camera) -> SimpleNamespace:
-    """A flat sensor with triangles whose legs are so long, 20 mm before its camera."""
+def flat(edge_mm: float, **camera) -> tuple[SimpleNamespace, Camera]:
+    """A flat sensor with triangles whose legs are so long, and its camera, 20 mm before it."""
     count = round(20.0 / edge_mm)
     line = np.linspace(-0.5e-3 * count * edge_mm, 0.5e-3 * count * edge_mm, count + 1)
     x, z = (each.ravel() for each in np.meshgrid(line, line, indexing="ij"))
@@ -58,28 +58,28 @@ def flat(edge_mm: float, **camera) -> SimpleNamespace:
     vertices = np.column_stack([x, np.full(len(x), -3e-3), z])
     mesh = SimpleNamespace(vertices=vertices, surface_triangles=triangles, touchable=np.ones(len(x), bool))
     settings = CameraSettings.model_validate_json(json.dumps({**CAMERA, **camera}))
-    return SimpleNamespace(camera=place_camera(settings), output_mesh=mesh)
+    return SimpleNamespace(output_mesh=mesh), place_camera(settings)
 
 
 def test_edges_and_pixels_are_measured():
-    sensor = flat(0.5)
+    sensor, camera = flat(0.5)
     assert touched_edge(sensor.output_mesh) == pytest.approx(0.5e-3)
-    assert pixel(sensor.camera, sensor.output_mesh) == pytest.approx(2 * 0.02 * np.tan(np.pi / 6) / 320)
+    assert pixel(camera, sensor.output_mesh) == pytest.approx(2 * 0.02 * np.tan(np.pi / 6) / 320)
 
 
 def test_the_smallest_contact_decides_and_what_is_proposed_will_do():
     indenters = [load_indenter("cube_14mm"), load_indenter("sphere_3.5mm")]
-    (remark,) = coarse_images("slab", flat(1.5), indenters, 0.6e-3)
+    (remark,) = coarse_images("slab", *flat(1.5), indenters, 0.6e-3)
     assert "slab: images will hardly show sphere_3.5mm: at 0.6 mm its contact is 2.6 mm wide" in remark
     assert "edges of 1.5 mm" in remark and "{edge_length_mm: 0.53}" in remark
-    assert coarse_images("slab", flat(0.53), indenters, 0.6e-3) == []
-    assert coarse_images("slab", flat(1.5), indenters[:1], 0.6e-3) == []
+    assert coarse_images("slab", *flat(0.53), indenters, 0.6e-3) == []
+    assert coarse_images("slab", *flat(1.5), indenters[:1], 0.6e-3) == []
 
 
 def test_edges_within_a_pixel_are_fine_enough_and_no_camera_needs_none():
     indenters = [load_indenter("sphere_3.5mm")]
-    assert coarse_images("slab", flat(1.5, width_px=9, height_px=12), indenters, 0.6e-3) == []
-    assert coarse_images("slab", SimpleNamespace(camera=None), indenters, 0.6e-3) == []
+    assert coarse_images("slab", *flat(1.5, width_px=9, height_px=12), indenters, 0.6e-3) == []
+    assert coarse_images("slab", flat(1.5)[0], None, indenters, 0.6e-3) == []
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def slab(tmp_path, monkeypatch):
             "held": {"back": {"plane": {"axis": "y", "at_mm": 1.5}}},
             "meshes": {"default": {"edge_length_mm": 1.5}, **meshes},
             "materials": {"solid": {"youngs_modulus_pa": 539e3, "poisson_ratio": 0.499, "friction": 0.78}},
-            "camera": CAMERA,
+            "cameras": {"default": CAMERA},
         }
         (tmp_path / "sensor.yaml").write_text(yaml.safe_dump(about))
 
@@ -125,5 +125,5 @@ def test_a_slab_without_an_output_mesh_is_remarked_on_before_it_is_pressed(slab,
 @pytest.mark.parametrize("job", ["smoke", "paired", "tiny_pairs"])
 def test_the_bundled_jobs_suit_the_bundled_camera(job):
     job = load_job(job)
-    indenters = [load_indenter(name) for name in job.indenter_names]
-    assert coarse_images("digit", chosen_sensor(job, "digit"), indenters, job.depths_m[-1]) == []
+    indenters, digit = [load_indenter(name) for name in job.indenter_names], chosen_sensor(job, "digit")
+    assert coarse_images("digit", digit, digit.cameras["default"], indenters, job.depths_m[-1]) == []

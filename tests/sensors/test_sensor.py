@@ -30,7 +30,7 @@ def test_materials():
 
 def test_camera_looks_at_the_gel():
     sensor = load_sensor("digit", "coarse")
-    camera = sensor.camera
+    camera = sensor.cameras["default"]
     assert sensor.electrodes is None
     behind = camera.position[1] - sensor.surface.vertices[:, 1].max()
     assert behind == pytest.approx(15e-3)

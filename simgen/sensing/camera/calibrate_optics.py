@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from simgen.config.choices import DEFAULT_CAMERA
 from simgen.dataset.atomic_files import put_in_place, write_aside
 from simgen.errors import InputError, check_output_file, writing
 from simgen.sensing.camera.contact_circles import find_circle, read_circles
 from simgen.sensing.camera.image_files import png, read_image
 from simgen.sensing.camera.photometric_gel import RADIUS_M, SPHERES, PhotometricGel, photometry_of
 from simgen.sensing.camera.pinhole import placed_camera
-from simgen.sensing.camera.renderer import BACKGROUND, TABLE
+from simgen.sensing.camera.renderer import BACKGROUND, TABLE, optics_files
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.spheres import Circle, sphere_in
 from simgen.sensing.camera.table_fit import Observations, fit_response, observe, table_error
@@ -34,6 +35,7 @@ def calibrate(
     model: str,
     circles: Path | None,
     output: Path | None,
+    camera: str = DEFAULT_CAMERA,
 ) -> Iterator[str]:
     """Check the options and fit to pictures, or without pictures to the model. Raises `InputError`.
 
@@ -44,7 +46,7 @@ def calibrate(
         for option in ("--background", "--radius-mm", "--circles"):
             if given[option] is not None:
                 raise InputError(f"{option} {given[option]}: no PICTURE; allowed: with pictures")
-        return fit_to_model(model, output)
+        return fit_to_model(model, output, camera)
     for option in ("--background", "--radius-mm", "--output"):
         if given[option] is None:
             raise InputError(
@@ -52,11 +54,17 @@ def calibrate(
             )
     if not 0.0 < radius_mm <= LARGEST_MM:
         raise InputError(f"--radius-mm {radius_mm:g}: allowed: more than 0, at most {LARGEST_MM:g}")
-    return fit_to_pictures(pictures, background, 1e-3 * radius_mm, model, circles, output)
+    return fit_to_pictures(pictures, background, 1e-3 * radius_mm, model, circles, output, camera)
 
 
 def fit_to_pictures(
-    pictures: Sequence[Path], background: Path, radius_m: float, model: str, circles: Path | None, output: Path
+    pictures: Sequence[Path],
+    background: Path,
+    radius_m: float,
+    model: str,
+    circles: Path | None,
+    output: Path,
+    camera: str = DEFAULT_CAMERA,
 ) -> Iterator[str]:
     """Fit a table to pictures in which a sphere touches a sensor.
 
@@ -71,7 +79,7 @@ def fit_to_pictures(
     if strangers := known.keys() - {picture.resolve() for picture in pictures}:
         raise InputError(f"{circles}: {min(strangers)} is none of the pictures; allowed: their names, from its folder")
     nothing = read_image(background)
-    gel = undeformed_gel(load_geometry(model), *nothing.shape[:2])
+    gel = undeformed_gel(load_geometry(model), *nothing.shape[:2], camera)
     observed: list[Observations] = []
     left_out: list[InputError] = []
     for picture in pictures:
@@ -95,19 +103,21 @@ def fit_to_pictures(
     yield f"{output}: of {_counted(len(observed), len(pictures))}; {_sentence(response, observed)}"
 
 
-def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
+def fit_to_model(model: str, output: Path | None, camera: str = DEFAULT_CAMERA) -> Iterator[str]:
     """Fit a table to spheres under the photometric model, and write its background too. Raises `InputError`."""
     folder = output or sensor_folder(model)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; allowed: the folder of {TABLE} and {BACKGROUND}")
-    check_output_file(folder / TABLE)
-    check_replaceable(folder / TABLE, MODEL)
-    if not (folder / TABLE).exists() and (folder / BACKGROUND).exists():
-        raise InputError(
-            f"{folder / BACKGROUND}: exists already, without a table of ours; remove it or choose another --output"
-        )
     geometry = load_geometry(model)
-    gel = undeformed_gel(geometry, *table_size(placed_camera(geometry.description, geometry.folder)))
+    placed = placed_camera(geometry.description, geometry.folder, camera)
+    table, background_file = (folder / name for name in optics_files(camera))
+    check_output_file(table)
+    check_replaceable(table, MODEL)
+    if not table.exists() and background_file.exists():
+        raise InputError(
+            f"{background_file}: exists already, without a table of ours; remove it or choose another --output"
+        )
+    gel = undeformed_gel(geometry, *table_size(placed), camera)
     try:
         rendered = PhotometricGel(gel.depth, gel.pinhole, photometry_of(gel.camera))
     except InputError as error:
@@ -115,12 +125,12 @@ def fit_to_model(model: str, output: Path | None) -> Iterator[str]:
     response = fit_response((rendered.of_patch(patch) for patch in rendered.spheres()), source=MODEL)
     others = [rendered.of_patch(patch) for patch in rendered.spheres(OTHERS, seed=1)]
     background = np.rint(rendered.background).astype(np.uint8)
-    _write(folder, {BACKGROUND: png(background), TABLE: response.data()})
+    _write(folder, {background_file.name: png(background), table.name: response.data()})
     yield (
-        f"{folder / TABLE}: of {SPHERES} spheres of {1e3 * RADIUS_M:g} mm under the photometric model; "
+        f"{table}: of {SPHERES} spheres of {1e3 * RADIUS_M:g} mm under the photometric model; "
         f"of {len(others)} others {_sentence(response, others)}"
     )
-    yield f"{folder / BACKGROUND}: {background.shape[1]} x {background.shape[0]} pixels"
+    yield f"{background_file}: {background.shape[1]} x {background.shape[0]} pixels"
 
 
 def _contact(

@@ -57,6 +57,7 @@ class Images:
         return {
             "dataset": dataset.attributes["job_hash"],
             "sensor": self.sensor,
+            "camera": renderer.pinhole.record(),
             "size": [renderer.pinhole.width, renderer.pinhole.height],
             "background": hashlib.sha256(renderer.background.tobytes()).hexdigest(),
             "response": renderer.shading.response.hash,

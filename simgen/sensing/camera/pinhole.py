@@ -6,7 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from simgen.errors import InputError
+from simgen.config.choices import DEFAULT_CAMERA
+from simgen.errors import InputError, shown
 from simgen.sensors.sensor import Camera, place_camera
 from simgen.sensors.sensor_schema import SensorDescription
 
@@ -47,6 +48,11 @@ class Pinhole:
         focal = 0.5 * height / np.tan(0.5 * np.radians(camera.vertical_field_of_view_deg))
         return cls(camera.position, axes, focal, height, width)
 
+    def record(self) -> dict[str, list[float] | float]:
+        """Place and vertical field of view, for JSON."""
+        view = 2.0 * np.degrees(np.arctan(0.5 * self.height / self.focal))
+        return {"position_m": self.position.tolist(), "axes": self.axes.tolist(), "field_of_view_deg": round(view, 9)}
+
     def in_view(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) m of the sensor's frame as right, up and depth, m."""
         return (points - self.position) @ self.axes.T
@@ -56,8 +62,11 @@ class Pinhole:
         return (columns + 0.5 - 0.5 * self.width) / self.focal, (0.5 * self.height - rows - 0.5) / self.focal
 
 
-def placed_camera(description: SensorDescription, folder: Path) -> Camera:
-    """Camera of a sensor whose model lies in ``folder``. Raises `InputError` if it has none."""
-    if description.camera is None:
+def placed_camera(description: SensorDescription, folder: Path, name: str = DEFAULT_CAMERA) -> Camera:
+    """Camera ``name`` of a sensor whose model lies in ``folder``. Raises `InputError` if it has none of this name."""
+    cameras = description.cameras
+    if not cameras:
         raise InputError(f"{folder / 'sensor.yaml'}: no camera; allowed: a sensor with one, as digit")
-    return place_camera(description.camera)
+    if name not in cameras:
+        raise InputError(f"{folder / 'sensor.yaml'}: camera {shown(name)!r}: allowed: {', '.join(cameras)}")
+    return place_camera(cameras[name])

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import warp as wp
 
+from simgen.config.choices import DEFAULT_CAMERA
 from simgen.config.warp_device import check_device
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError, shown
@@ -23,18 +24,19 @@ from simgen.sensors.sensor import Camera
 from simgen.sensors.sensor_geometry import sensor_folder
 from simgen.sensors.sensor_schema import read_description
 
-TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.yaml
+TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.yaml, for its default camera
 
 
 @dataclass(frozen=True)
 class Look:
     """Settings of a renderer. Raises `InputError` for an unknown ``blur``.
 
-    table : file of colours in Taxim's layout; by default the sensor's own
-    background : image of the untouched gel; by default the sensor's own
+    table : file of colours in Taxim's layout; by default the camera's own
+    background : image of the untouched gel; by default the camera's own
     height, width : px; by default the camera's own
     blur : a name of `simgen.sensing.camera.blur.PYRAMIDS`, by which height maps are smoothed; None leaves them sharp
     shadows : True dims pixels where the gel itself blocks a light
+    camera : a name among ``cameras`` of the sensor.yaml; by default the job's choice
     """
 
     table: Path | None = None
@@ -43,6 +45,7 @@ class Look:
     width: int | None = None
     blur: str | None = "whole"
     shadows: bool = False
+    camera: str | None = None
 
     def __post_init__(self):
         if self.blur and self.blur not in PYRAMIDS:
@@ -83,8 +86,9 @@ class Renderer:
     @classmethod
     def of_dataset(cls, dataset: Dataset, sensor: str, look: Look = Look(), device: str = "cpu") -> Self:
         """Make the renderer of a dataset's sensor. Raises `InputError` if it has no camera or a file is bad."""
-        camera, folder = camera_of(dataset, sensor)
-        own = {"--calibration": (look.table, TABLE), "--background": (look.background, BACKGROUND)}
+        name, camera, folder = camera_of(dataset, sensor, look.camera)
+        table, background = optics_files(name)
+        own = {"--calibration": (look.table, table), "--background": (look.background, background)}
         files = {option: given or folder / name for option, (given, name) in own.items()}
         for option, file in files.items():
             if own[option][0] is None and not file.exists():
@@ -113,9 +117,20 @@ def coat(rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole) -> np.ndarra
     return triangles[np.einsum("ti,ti->t", normal, corners[:, 0]) > 0.0]
 
 
-def camera_of(dataset: Dataset, sensor: str) -> tuple[Camera, Path]:
-    """Camera of a dataset's sensor, and the folder of its model. Raises `InputError` if there is none."""
+def camera_of(dataset: Dataset, sensor: str, name: str | None = None) -> tuple[str, Camera, Path]:
+    """Name and camera of a dataset's sensor, and the folder of its model; by default the camera that the job chose.
+
+    Raises `InputError` if there is none.
+    """
     if sensor not in dataset.sensors:
         raise InputError(f"{dataset.path}: sensor {sensor!r}: allowed: {', '.join(dataset.sensors)}")
-    folder = sensor_folder(dataset.job.locate(dataset.job.sensors[sensor].model))
-    return placed_camera(read_description(folder / "sensor.yaml"), folder), folder
+    choice = dataset.job.sensors[sensor]
+    folder, name = sensor_folder(dataset.job.locate(choice.model)), name or choice.camera
+    return name, placed_camera(read_description(folder / "sensor.yaml"), folder, name), folder
+
+
+def optics_files(camera: str) -> tuple[str, str]:
+    """File names of a camera's table and background in the folder of its sensor."""
+    if camera == DEFAULT_CAMERA:
+        return TABLE, BACKGROUND
+    return tuple(f"{stem}_{camera}.{ending}" for stem, ending in (each.split(".") for each in (TABLE, BACKGROUND)))

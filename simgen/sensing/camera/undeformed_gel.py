@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from simgen.config.choices import DEFAULT_CAMERA
 from simgen.errors import InputError
 from simgen.sensing.camera.height_map import HeightMaps
 from simgen.sensing.camera.pinhole import Pinhole, placed_camera
@@ -26,9 +27,14 @@ class UndeformedGel:
     depth: np.ndarray
 
 
-def undeformed_gel(geometry: SensorGeometry, height: int, width: int) -> UndeformedGel:
-    """Make the depth map of a sensor's gel. Raises `InputError` if it has no camera, or one of another aspect."""
-    camera = placed_camera(geometry.description, geometry.folder)
+def undeformed_gel(
+    geometry: SensorGeometry, height: int, width: int, camera_name: str = DEFAULT_CAMERA
+) -> UndeformedGel:
+    """Make the depth map of a sensor's gel, as one of its cameras sees it.
+
+    Raises `InputError` if it has no such camera, or one of another aspect.
+    """
+    camera = placed_camera(geometry.description, geometry.folder, camera_name)
     if abs(height * camera.width_px / (width * camera.height_px) - 1.0) > 0.01:
         own = f"{camera.width_px} x {camera.height_px}"
         raise InputError(f"picture of {width} x {height} pixels: allowed: sides in the ratio of the camera's {own}")

@@ -126,6 +126,6 @@ def make_sensor(mesh: Mesh, fixed: np.ndarray, touchable: np.ndarray, points: np
         core=None,
         core_friction=0.0,
         electrodes=None,
-        camera=None,
+        cameras={},
         held_regions={},
     )

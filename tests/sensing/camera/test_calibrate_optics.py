@@ -197,7 +197,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(workplace, monkeypatch, ca
         ("small.png", "120 x 160 pixels: allowed: those of the background, 240 x 320"),
         ("text.png", "not an image; allowed: PNG, JPEG or another format that OpenCV reads"),
         ("gone.png", "cannot be read: No such file or directory"),
-        ("large.png", "circle of 99 pixels: 2.72 of the sphere's radius; allowed: between 0 and 1"),
+        ("large.png", "circle of 99 pixels: 2.11 of the sphere's radius; allowed: between 0 and 1"),
         ("aside.png", "circle at column -5, row 60 of 240 x 320 pixels: allowed: its middle on the gel"),
         ("point.png", "circle of 0.1 pixels: allowed: two pixels and more, on the gel"),
     ],

@@ -60,6 +60,7 @@ def test_what_is_there_is_not_made_again(seen, chosen, renderer, tmp_path):
     ("look", "complaint"),
     [
         (Look(height=32, width=24), r"holds other images: size: \[48, 64\] -> \[24, 32\]; choose another --output"),
+        (Look(height=64, width=48, camera="tacto"), r"holds other images: camera\.field_of_view_deg: 48\.3 -> 60\.0"),
         (Look(height=64, width=48, blur=None), "holds other images: kernels: "),
         (Look(height=64, width=48, blur="across"), "holds other images: kernels_around_contact: "),
     ],

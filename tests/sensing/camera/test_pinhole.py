@@ -8,6 +8,7 @@ import pytest
 
 from simgen.errors import InputError
 from simgen.sensing.camera.pinhole import MOST_PIXELS, Pinhole, placed_camera
+from simgen.sensors.sensor_geometry import load_geometry
 from tests.sensing.camera.scenes import camera, pinhole
 
 
@@ -50,4 +51,23 @@ def test_a_size_out_of_range_is_one_line(size):
 
 def test_a_sensor_without_a_camera_is_one_line():
     with pytest.raises(InputError, match=r"own/sensor\.yaml: no camera"):
-        placed_camera(SimpleNamespace(camera=None), Path("own"))
+        placed_camera(SimpleNamespace(cameras={}), Path("own"))
+
+
+def test_a_camera_that_the_sensor_lacks_is_one_line():
+    with pytest.raises(InputError, match=r"sensor\.yaml: camera 'front': allowed: default, tacto"):
+        placed_camera(load_geometry("digit").description, Path("own"), "front")
+
+
+def test_the_default_camera_sees_as_much_gel_as_real_ones_and_tacto_29_percent_more():
+    """12.8 x 17.1 mm at the apex: the mean of 0.0266 mm a pixel at 480 x 640, and 18.633 pixels a mm at 240 x 320."""
+    digit = load_geometry("digit")
+    apex = digit.true.surface.vertices[:, 1].min()
+    seen = {}
+    for name in ("default", "tacto"):
+        pinhole = Pinhole.of(placed_camera(digit.description, Path("own"), name))
+        away = pinhole.position[1] - apex
+        seen[name] = np.array([pinhole.width, pinhole.height]) * away / pinhole.focal
+    measured = 0.5 * (0.0266e-3 * np.array([480, 640]) + 1e-3 * np.array([240, 320]) / 18.633)
+    np.testing.assert_allclose(seen["default"], measured, rtol=2e-3)
+    np.testing.assert_allclose(seen["tacto"], 1.29 * measured, rtol=5e-3)

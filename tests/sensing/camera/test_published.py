@@ -23,7 +23,7 @@ def surface():
 @pytest.fixture(scope="module")
 def renderer(reference, surface) -> Renderer:
     folder = reference / "digit"
-    camera = place_camera(load_geometry("digit").description.camera)
+    camera = place_camera(load_geometry("digit").description.cameras["default"])
     table, background = Response.load(folder / "polycalib.npz"), read_image(folder / "background_240x320.jpg")
     return Renderer(*surface, Pinhole.of(camera), table, background, kernels=())
 
