@@ -20,10 +20,11 @@ from simgen.config.warp_device import start_warp
 from simgen.pipeline.image_resolution import contact_radius, touched_edge
 from simgen.sensing.camera.blur import scaled_kernels
 from simgen.sensing.camera.image_files import read_image
-from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE, Renderer
 from simgen.sensing.camera.response import Response
+from simgen.sensors.height_map import HeightMaps
 from simgen.sensors.indenter import load_indenter
+from simgen.sensors.pinhole import Pinhole
 from simgen.sensors.sensor import Sensor, load_sensor
 from simgen.sensors.sensor_geometry import load_geometry, sensor_folder
 from simgen.sensors.sensor_meshes import make_output_mesh
@@ -58,7 +59,8 @@ def image_change(sensor: Sensor, indenter: str, place: tuple[float, float], dept
     displacement = press(scene, [load_indenter(indenter).shape()], pose[None], depths)[0].displacement[-1:]
     pinhole, folder = Pinhole.of(sensor.cameras["default"], None, None), sensor_folder("digit")
     look = Response.load(folder / TABLE), read_image(folder / BACKGROUND), scaled_kernels(pinhole.width)
-    render = Renderer(sensor.output_mesh.vertices, sensor.output_mesh.surface_triangles, pinhole, *look)
+    mesh = sensor.output_mesh
+    render = Renderer(HeightMaps.of_mesh(mesh.vertices, mesh.surface_triangles, pinhole), *look)
     return render(displacement)[0].astype(float) - render(np.zeros_like(displacement))[0]
 
 

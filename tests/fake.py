@@ -16,10 +16,11 @@ import zarr
 
 from simgen.config.job import job_from_dict
 from simgen.config.job_schema import Job
-from simgen.config.outputs import OUTPUTS
+from simgen.config.outputs import OUTPUTS, PIXEL_COLUMN, PIXEL_ROW, SURFACE_VERTEX, VERTEX
 from simgen.dataset.provenance import code_version, package_versions
-from simgen.dataset.reader import Dataset, path_arrays
+from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import split_presses
+from simgen.dataset.stored_arrays import path_arrays
 from simgen.pipeline.plan import indenter_identities
 from simgen.sensors.indenter import chosen_indenters
 from simgen.simulation.press import PressResult
@@ -28,6 +29,7 @@ RADIUS_M = 7e-3
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
 VERTICES = np.asarray(BALL.vertices)
 HELD = VERTICES[:, 1] > 0.5 * RADIUS_M
+LENGTHS = {VERTEX: len(VERTICES), SURFACE_VERTEX: 0, PIXEL_ROW: 4, PIXEL_COLUMN: 3}
 FILLED = {"digit": {"model": "digit"}, "biotac": {"model": "biotac", "fluid": "incompressible"}}
 
 
@@ -91,7 +93,7 @@ def fake_result(indenter: int, pose: np.ndarray, depths: np.ndarray, seconds: fl
     near = np.exp(-np.sum((VERTICES - pose[:3, 3]) ** 2, axis=1) / (2e-3 + 1e-3 * indenter) ** 2)
     direction = np.where(HELD, 0.0, near)[:, None] * pose[:3, 1]
     ones = np.ones(len(depths))
-    outputs = {output.name: np.zeros((len(depths), *output.shape_of(len(VERTICES), 0))) for output in OUTPUTS} | {
+    outputs = {output.name: np.zeros((len(depths), *output.shape_of(LENGTHS))) for output in OUTPUTS} | {
         "displacement": depths[:, None, None] * direction,
         "force": depths[:, None] * 1e3 * pose[:3, 1],
         "moment": depths[:, None] * pose[:3, 3],

@@ -21,6 +21,7 @@ from rich.progress import (
 from rich.table import Table
 
 from simgen.config.job_schema import Job
+from simgen.config.outputs import VERTEX
 from simgen.dataset.audit import passes
 from simgen.dataset.audit_finding import Finding
 from simgen.pipeline.run_status import RunStatus
@@ -55,7 +56,7 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
         material = sensor.material
         console.print(
             f"\n[bold]{sensor.name}[/]: {sensor.tetrahedra:,} tetrahedra, {sensor.nodes:,} nodes, "
-            f"{sensor.unknowns:,} unknowns; {sensor.output_vertices:,} output vertices; "
+            f"{sensor.unknowns:,} unknowns; {sensor.axis_lengths[VERTEX]:,} output vertices; "
             f"memory: {_size(sensor.bytes_per_press * sensor.at_once)} for {under_way}; "
             f"{material.elasticity}, friction {material.friction:g}"
         )

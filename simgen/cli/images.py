@@ -58,6 +58,11 @@ def render(
     size: Size = None,
     blur: Blur = None,
     no_blur: NoBlur = False,
+    heights: Annotated[
+        str | None,
+        typer.Option(metavar="SOURCE", help="Source of height maps: mesh, stored vertices; solution, stored maps.",
+                     show_default="solution if the dataset has height_map"),
+    ] = None,
     shadows: Shadows = False,
     gif: Annotated[bool, typer.Option("--gif", help="Also write an animation of each press.")] = False,
     trajectories: Trajectories = None,
@@ -75,9 +80,11 @@ def render(
     from simgen.dataset.reader import Dataset
     from simgen.sensing.camera.images import Images
     from simgen.sensing.camera.renderer import Look
+    from simgen.sensing.camera.stored_heights import has_height_maps
 
     opened = checked(Dataset(dataset))
-    look = Look(calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows, camera)
+    heights = heights or ("solution" if has_height_maps(opened, sensor, camera) else "mesh")
+    look = Look(calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows, camera, heights)
     images = Images(dataset, sensor, output or named_after(dataset, ".images"), look, device)
     selection = select(opened, (sensor,), trajectories, split)
     render_with_progress(images, selection, process_count(workers, device), gif)

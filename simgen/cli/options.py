@@ -66,9 +66,9 @@ def height_and_width(size: str | None) -> tuple[int | None, int | None]:
 
 
 def smoothing(blur: str | None, no_blur: bool) -> str | None:
-    """Kind of smoothing, None for none. Raises `InputError` if both options are given."""
+    """Kind of smoothing, "auto" by default, None for none. Raises `InputError` if both options are given."""
     if not no_blur:
-        return blur or "whole"
+        return blur or "auto"
     if blur is not None:
         raise InputError(f"--no-blur: contradicts --blur {shown(blur)}; allowed: one of them")
     return None

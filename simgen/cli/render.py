@@ -50,7 +50,8 @@ def _pictures(images: Images, selection: PressSelection, renderer: Renderer, gif
     row = int(reached.argmax())
     press, step = int(selection.presses[row]), int(np.flatnonzero(selection.paired[row])[-1])
     title = f"{images.of_press(dataset, press).name}, {dataset['depth'][step] * 1e3:g} mm"
-    write_stages(images.folder / STAGES, renderer, dataset.displacement(images.sensor, press)[step], title)
+    steps, sources, _ = images.meshes(dataset).of_press(press)
+    write_stages(images.folder / STAGES, renderer, sources[list(steps).index(step)], title)
     yield images.folder / STAGES
     if gif:
         made = [write_gif(images.of_press(dataset, press), renderer.background)

@@ -183,8 +183,20 @@ class Job(StrictSection):
 
         The range is at least twice the indenter's travel: squeezed gel moves up to 1.7 times as far as the indenter.
         """
+        return self._step_m(2.0)
+
+    @property
+    def height_step_m(self) -> float:
+        """Step of height maps, m: 0.1 um, or a multiple.
+
+        The range is at least 1.6 times the indenter's travel: a camera sees heights along slanted rays.
+        """
+        return self._step_m(1.6)
+
+    def _step_m(self, travels: float) -> float:
+        """Step of int16 values whose range is this many times the indenter's travel."""
         range_m = FINEST_STEP_M * np.iinfo(np.int16).max
-        return FINEST_STEP_M * max(1, int(np.ceil(2.0 * furthest_in_contact_m(self.indenter_path) / range_m)))
+        return FINEST_STEP_M * max(1, int(np.ceil(travels * furthest_in_contact_m(self.indenter_path) / range_m)))
 
     @property
     def indenter_names(self) -> tuple[str, ...]:
@@ -211,6 +223,10 @@ class Job(StrictSection):
     def surface_outputs(self, sensor: str) -> tuple[str, ...]:
         """Names of the kept outputs at surface vertices."""
         return tuple(output.name for output in self.kept_outputs(sensor) if output.at_surface)
+
+    def has_images(self, sensor: str) -> bool:
+        """True if presses of a sensor measure what its camera sees."""
+        return any(output.is_image for output in self.kept_outputs(sensor))
 
     @property
     def steps_in_words(self) -> str:

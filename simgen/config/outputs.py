@@ -4,11 +4,12 @@ Measurements, arrays of a dataset, audit, loader, card and docs follow from this
 here and a function of the same name in `simgen.simulation.measurements` (docs/tasks/add_an_output.md).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-VERTEX, SURFACE_VERTEX = "vertex", "surface vertex"  # axes whose length depends on the sensor
+# Axes whose length depends on the sensor: its output mesh, or the image of its camera.
+VERTEX, SURFACE_VERTEX, PIXEL_ROW, PIXEL_COLUMN = "vertex", "surface vertex", "pixel row", "pixel column"
 CERTIFICATE = "certificate/"
 
 
@@ -17,7 +18,7 @@ class Output:
     """One quantity at every step of a press, on one sensor.
 
     name : name of the dataset's array ``<sensor>/<name>``; a certificate's begins with ``certificate/``
-    shape : shape of one sample; `VERTEX` and `SURFACE_VERTEX` stand for the number of vertices
+    shape : shape of one sample; `VERTEX`, `SURFACE_VERTEX`, `PIXEL_ROW` and `PIXEL_COLUMN` stand for numbers of them
     dtype : type in the dataset
     unit : unit in the dataset; empty for pure numbers, and if ``about`` states it
     about : meaning
@@ -65,14 +66,23 @@ class Output:
         return self.at_surface or VERTEX in self.shape
 
     @property
-    def is_sensor_value(self) -> bool:
-        """True for a number or vector of the whole sensor: no mesh, status or certificate."""
-        return not (self.is_mesh or self.is_certificate or self.name == "status")
+    def is_image(self) -> bool:
+        """True if it has values at the pixels of the sensor's camera."""
+        return PIXEL_ROW in self.shape
 
-    def shape_of(self, vertices: int, surface_vertices: int) -> tuple[int, ...]:
-        """The shape of one sample, for a sensor with these numbers of output vertices."""
-        lengths = {VERTEX: vertices, SURFACE_VERTEX: surface_vertices}
-        return tuple(lengths.get(axis, axis) for axis in self.shape)
+    @property
+    def is_sensor_value(self) -> bool:
+        """True for a number or vector of the whole sensor: no mesh, image, status or certificate."""
+        return not (self.is_mesh or self.is_image or self.is_certificate or self.name == "status")
+
+    @property
+    def is_read_by_sample(self) -> bool:
+        """True if each sample is a chunk of its own, as training reads it."""
+        return self.is_mesh or self.is_image
+
+    def shape_of(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
+        """The shape of one sample, for a sensor with these lengths of the axes."""
+        return tuple(lengths[axis] if isinstance(axis, str) else axis for axis in self.shape)
 
 
 OUTPUTS = (
@@ -89,6 +99,11 @@ OUTPUTS = (
     Output("traction", (SURFACE_VERTEX, 3), "float32", "Pa",
            "force of the indenter on the sensor per rest area, at surface_vertices, in the sensor's frame",
            "on request", is_slow=True),
+    Output("height_map", (PIXEL_ROW, PIXEL_COLUMN), "int16", "m",
+           "height of the gel's surface above its surface at rest, towards the camera, at the camera's pixels",
+           "on request",
+           note="rays meet the curved faces of the solution, not the output mesh; `simgen render` uses it",
+           is_slow=True),
     Output("contact_area", (), "float64", "mm2",
            "area of the surface, as it is at rest, that the indenter presses on", "on request"),
     Output("error_energy", (), "float64", "J",
@@ -143,6 +158,7 @@ BY_NAME = {output.name: output for output in OUTPUTS}
 OPTIONAL = tuple(output.name for output in OUTPUTS if output.is_optional)  # a job may ask for these
 BY_COARSER_MESH = tuple(output.name for output in OUTPUTS if output.needs == "coarser mesh")
 AT_SURFACE = tuple(output.name for output in OUTPUTS if output.at_surface)
+READ_BY_SAMPLE = tuple(output.name for output in OUTPUTS if output.is_read_by_sample and output.is_optional)
 SENSOR_VALUES = tuple(output.name for output in OUTPUTS if output.is_sensor_value)
 
 

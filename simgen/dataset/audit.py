@@ -15,8 +15,9 @@ from simgen.config.outputs import Output
 from simgen.dataset import touch_audit
 from simgen.dataset.audit_finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.dataset.layout import faults
-from simgen.dataset.reader import PLAN, Dataset, path_arrays
+from simgen.dataset.reader import PLAN, Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS, number_presses, split_presses
+from simgen.dataset.stored_arrays import path_arrays
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import NOT_THERE, Status, has_values, is_planned_end
 from simgen.units import UM_PER_M
@@ -198,8 +199,8 @@ def _certificates(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     for output in dataset.job.kept_outputs(sensor):
         if output.is_estimate:
             yield estimated_error(sensor, output, dataset[f"{sensor}/{output.name}"][converged])
-        elif output.is_sensor_value or output.at_surface:
-            finite = _finite(dataset, f"{sensor}/{output.name}", output.at_surface, converged.shape)
+        elif output.is_sensor_value or output.at_surface or output.is_image:
+            finite = _finite(dataset, f"{sensor}/{output.name}", output.is_read_by_sample, converged.shape)
             yield named(sensor, f"{output.name} gaps", ~finite & converged, 0.0, "{:.0f}", total=True)
     least = stored("least_det_F" if f"{sensor}/certificate/least_det_F" in dataset.arrays else "min_det_F")
     valid = dataset[f"{sensor}/status"] == Status.CONVERGED
@@ -223,15 +224,15 @@ def estimated_error(sensor: str, output: Output, values: np.ndarray) -> Finding:
     return Finding(sensor, f"{what}, estimated error", found, "stated", None)
 
 
-def _finite(dataset: Dataset, name: str, at_surface: bool, shape: tuple[int, int]) -> np.ndarray:
-    """Samples (press, depth) with finite numbers only. Arrays at the surface are read shard by shard."""
-    if not at_surface:
+def _finite(dataset: Dataset, name: str, by_shard: bool, shape: tuple[int, int]) -> np.ndarray:
+    """Samples (press, depth) with finite numbers only. Large arrays are read shard by shard."""
+    if not by_shard:
         return np.isfinite(dataset[name]).reshape(*shape, -1).all(axis=2)
     finite = np.ones(shape, dtype=bool)
     for shard in dataset.finished():
         presses = dataset.shard_presses(shard)
         rows = slice(presses.start, presses.stop)
-        finite[rows] = np.isfinite(dataset.of_samples(name, rows)).all(axis=(2, 3))
+        finite[rows] = np.isfinite(dataset.in_unit(name, rows)).all(axis=(2, 3))
     return finite
 
 

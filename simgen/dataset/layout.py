@@ -5,8 +5,9 @@ They find datasets that somebody else, or a bad disk, has changed.
 
 import numpy as np
 
-from simgen.dataset.reader import Dataset, path_arrays
+from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS
+from simgen.dataset.stored_arrays import REST_DEPTH, path_arrays
 from simgen.errors import InputError
 
 REFUSED = ("refused/points", "refused/normals")
@@ -66,6 +67,9 @@ def _expected(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], str | type]]
         if dataset.job.surface_outputs(sensor):
             name = f"{sensor}/surface_vertices"
             expected[name] = ((_length(dataset, name),), integer)
+        if dataset.job.has_images(sensor):
+            name = f"{sensor}/{REST_DEPTH}"
+            expected[name] = (dataset.array(name).shape, real)
     if dataset.imported:  # it has no contacts, and flags of vertices only if its mesh had some
         optional = ("contact_pose", "contact_normal", "held", "touchable")
         expected = {name: each for name, each in expected.items()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simgen.config.outputs import AT_SURFACE, SENSOR_VALUES
+from simgen.config.outputs import READ_BY_SAMPLE, SENSOR_VALUES
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS, leave_out
 from simgen.errors import InputError
@@ -115,9 +115,9 @@ class Samples(Sequence):
         for sensor in self.sensors:
             displacement = self.dataset.displacement(sensor, press, step)
             sample[f"{sensor}/displacement"] = displacement.astype(np.float32)
-            for name in (f"{sensor}/{key}" for key in AT_SURFACE):
+            for name in (f"{sensor}/{key}" for key in READ_BY_SAMPLE):
                 if name in self.dataset.arrays:
-                    sample[name] = self.dataset.of_samples(name, press, step)
+                    sample[name] = self.dataset.in_unit(name, press, step).astype(np.float32)
             for name in (f"{sensor}/{key}" for key in SENSOR_COLUMNS):
                 if name in shared:
                     sample[name] = np.float32(shared[name][press, step])

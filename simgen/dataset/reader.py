@@ -23,6 +23,8 @@ A dataset is one zarr v3 directory in SI units::
       <sensor>/touch (press,)                          travel from press/pose to first touch on this sensor;
                                                        NaN if never touched
       <sensor>/surface_vertices (s,)                   with outputs at the surface only: indices of its vertices
+      <sensor>/height_map_depth (row, column)          with height_map only: m, depth of the surface at rest along
+                                                       the optical axis, at each pixel; inf beside the gel
       <sensor>/* (press, depth, ...)                   the outputs of `simgen.config.outputs`: displacement, force,
                                                        status, certificate/*, ...
       README.md, presses.csv, croissant.json           the card, for people and machines (`simgen.dataset.card`)
@@ -39,9 +41,8 @@ in int16) and a status. Converged samples with an inverted element keep their va
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -53,10 +54,10 @@ from simgen.config.indenter_path import IndenterPath
 from simgen.config.job import job_from_resolved
 from simgen.config.job_schema import Job
 from simgen.dataset.chunk_files import check_frames, chunk_path, is_sharded, open_sharded
+from simgen.dataset.stored_arrays import NOT_REACHED, REST_DEPTH, Array, axis_lengths, written_arrays
 from simgen.errors import InputError, shown
 
 SCHEMA = 1
-NOT_REACHED = np.iinfo(np.int16).min  # fill value of int16 displacements; other integers have -1, floats NaN
 # Attributes that every dataset has, and those that a dataset has unless it was imported.
 ATTRIBUTES = {"job": dict, "job_hash": str, "status": dict}
 RUN_ATTRIBUTES = {"sensors": dict, "indenters": dict}
@@ -66,54 +67,6 @@ GROWING = ".growing"  # folder with the plan of added trajectories, until its fi
 
 # Older datasets lack some of these.
 ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping", "certificate/least_det_F")
-
-
-@dataclass(frozen=True)
-class Array:
-    """One array that tasks write: its shape without the press axis, and its storage."""
-
-    shape: tuple[int, ...]
-    dtype: str
-    about: str
-    unit: str = ""
-    chunk: tuple[int, ...] | None = None  # what training reads at once; by default a whole press
-    attributes: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def fill(self) -> float | int:
-        return {"float32": np.nan, "float64": np.nan, "int16": NOT_REACHED}.get(self.dtype, -1)
-
-
-def written_arrays(
-    job: Job, output_vertices: Mapping[str, int], surface_vertices: Mapping[str, int]
-) -> dict[str, Array]:
-    """The arrays that tasks write, by path.
-
-    output_vertices : number of output vertices of each sensor
-    surface_vertices : number of them at the surface, for sensors with outputs there
-    """
-    steps, about = len(job.depths_m), "indenter to shared frame at first touch, or the contact pose where there is none"
-    arrays = {"press/pose": Array((4, 4), "float64", about, "m")}
-    for sensor, vertices in output_vertices.items():
-        touch = Array((), "float64", "travel from press/pose to first touch, NaN if none", "m")
-        arrays[f"{sensor}/touch"] = touch
-        for output in job.kept_outputs(sensor):
-            sample = output.shape_of(vertices, surface_vertices.get(sensor, 0))
-            chunk = (1, *sample) if output.is_mesh else None
-            dtype, scale = output.dtype, {}
-            if output.name == "displacement":
-                dtype = job.dataset.displacement
-                scale = {"scale_factor": job.displacement_step_m} if dtype == "int16" else {}
-            arrays[f"{sensor}/{output.name}"] = Array((steps, *sample), dtype, output.about, output.unit, chunk, scale)
-    return arrays
-
-
-def path_arrays(path: IndenterPath) -> dict[str, np.ndarray]:
-    """The arrays of the indenters' path, by name in the dataset; only ``depth`` if there are no legs."""
-    arrays = {"depth": path.depths_m}
-    if not path.is_a_press:
-        arrays |= {"path/offset": path.offsets_m, "path/turn": path.turns_rad, "path/leg": path.legs}
-    return arrays
 
 
 class Dataset:
@@ -252,16 +205,16 @@ class Dataset:
     @cached_property
     def arrays(self) -> dict[str, Array]:
         """The arrays that tasks write, by path, as this dataset should have them."""
-        shapes = {sensor: self.array(f"{sensor}/rest_positions").shape for sensor in self.sensors}
-        for sensor, shape in shapes.items():
-            if len(shape) != 2:
-                raise InputError(f"{self.path}/{sensor}/rest_positions: shape {shape}; allowed: (vertex, 3)")
-        surface = {
-            sensor: self.array(f"{sensor}/surface_vertices").shape[0]
-            for sensor in self.sensors
-            if self.job.surface_outputs(sensor)
-        }
-        arrays = written_arrays(self.job, {sensor: shape[0] for sensor, shape in shapes.items()}, surface)
+        shapes = {}
+        for sensor in self.sensors:
+            wanted = [("rest_positions", "(vertex, 3)")]
+            wanted += [("surface_vertices", "(vertex)")] * bool(self.job.surface_outputs(sensor))
+            wanted += [(REST_DEPTH, "(row, column)")] * self.job.has_images(sensor)
+            for name, axes in ((f"{sensor}/{key}", axes) for key, axes in wanted):
+                shapes[name] = shape = self.array(name).shape
+                if len(shape) != axes.count(",") + 1:
+                    raise InputError(f"{self.path}/{name}: shape {shape}; allowed: {axes}")
+        arrays = written_arrays(self.job, axis_lengths(self.job, shapes))
         lacking = tuple(key for key in ADDED_LATER if not any(f"{name}/{key}" in self.root for name in self.sensors))
         return {name: array for name, array in arrays.items() if not name.endswith(lacking)}
 
@@ -319,6 +272,14 @@ class Dataset:
                 self._check_exists(chunk_path(name, shard, 1 + len(self.arrays[name].shape)))
         with self._reading(name):
             return self._sharded(name)[press, depth]
+
+    def in_unit(self, name: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
+        """Read some presses and depths of an array that has a chunk for each sample, in its unit, as floats.
+
+        NaN where not reached or not there yet.
+        """
+        stored, scale = self.of_samples(name, press, depth), self.arrays[name].attributes.get("scale_factor")
+        return stored if scale is None else np.where(stored == NOT_REACHED, np.nan, stored * scale)
 
     def displacement_scale(self, sensor: str) -> float | None:
         """Step of stored displacements, m; None if they are stored in m."""

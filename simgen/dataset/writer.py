@@ -28,7 +28,8 @@ from simgen.dataset.chunk_files import COMPRESSION, chunk_file, sharded_files
 from simgen.dataset.folder_lock import LOCK, LockedError, locked, locked_new, remove_abandoned
 from simgen.dataset.layout import checked
 from simgen.dataset.provenance import difference
-from simgen.dataset.reader import PLAN, SCHEMA, TIMINGS, Array, Dataset, written_arrays
+from simgen.dataset.reader import PLAN, SCHEMA, TIMINGS, Dataset
+from simgen.dataset.stored_arrays import Array, axis_lengths, written_arrays
 from simgen.errors import InputError, cannot_write, writing
 
 STAGING = ".staging"
@@ -52,9 +53,8 @@ def write_plan(
     root = zarr.create_group(folder, attributes={"schema": SCHEMA, **attributes})
     for name, values in planned.items():
         root.create_array(name, data=np.asarray(values))
-    vertices = {sensor: len(planned[f"{sensor}/rest_positions"]) for sensor in job.sensors}
-    surface = {sensor: len(planned.get(f"{sensor}/surface_vertices", ())) for sensor in job.sensors}
-    for name, array in written_arrays(job, vertices, surface).items():
+    lengths = axis_lengths(job, {name: np.shape(values) for name, values in planned.items()})
+    for name, array in written_arrays(job, lengths).items():
         _create_written(root, name, array, job.presses, job.dataset.presses_per_shard)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # consolidated metadata are not in the standard, but save reads

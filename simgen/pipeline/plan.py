@@ -13,17 +13,20 @@ from simgen.config.choices import DEFAULT_CAMERA
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import check_device_name, start_warp
 from simgen.dataset import provenance
-from simgen.dataset.reader import path_arrays
 from simgen.dataset.splits import SPLITS, number_presses, split_presses
+from simgen.dataset.stored_arrays import REST_DEPTH, path_arrays
 from simgen.errors import InputError, shown
+from simgen.fem.elements.element import ELEMENTS
 from simgen.fem.nonlinear.status import Status
 from simgen.pipeline.image_resolution import coarse_images
 from simgen.sensors import pairing
 from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.least_thickness import LeastThickness
+from simgen.sensors.pinhole import Pinhole
 from simgen.sensors.sensor import Camera, Material, Sensor, load_sensor
 from simgen.sensors.sensor_meshes import OutputMeshFile
 from simgen.simulation.error_estimate import COARSER
+from simgen.simulation.height_maps import solution_height_maps
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,10 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
         }
         if job.surface_outputs(name):
             arrays[f"{name}/surface_vertices"] = mesh.surface_vertices
+        if job.has_images(name):
+            quadratic, camera = ELEMENTS[job.solver.element].nodes == 10, chosen_camera(job, name, sensor)
+            maps = solution_height_maps(sensor.simulation_mesh, camera, quadratic=quadratic)[0]
+            arrays[f"{name}/{REST_DEPTH}"] = maps.rest_depth.astype(np.float32)
         if job.stops_early:
             poses = np.linalg.inv(arrays[f"{name}/pose"]) @ arrays["press/contact_pose"]
             steps = indented[name].steps_that_leave(poses[:: len(indenters)], job.trajectories.least_thickness_left)
@@ -172,8 +179,11 @@ def chosen_fluid(job: Job, name: str, sensor: Sensor) -> str:
 def chosen_camera(job: Job, name: str, sensor: Sensor) -> Camera | None:
     """The camera that the job chooses; None for a sensor without cameras.
 
-    Raises `InputError` if the sensor has none of this name.
+    Raises `InputError` if the sensor has none of this name, or none at all for an output that needs one.
     """
+    if job.has_images(name) and not sensor.cameras:
+        [first, *_] = (output.name for output in job.kept_outputs(name) if output.is_image)
+        raise InputError(f"outputs.{name}: {first}: sensor {sensor.name} has no camera; allowed: a sensor with one")
     camera = job.sensors[name].camera
     if camera not in sensor.cameras and (sensor.cameras or camera != DEFAULT_CAMERA):
         allowed = ", ".join(sensor.cameras) or "no key, as this sensor has no camera"
@@ -194,6 +204,7 @@ def sensor_identity(job: Job, name: str, sensor: Sensor) -> dict[str, Any]:
         "core_friction": sensor.core_friction,
         "material": chosen_material(job, name, sensor).model_dump(),
         "fluid": chosen_fluid(job, name, sensor),
+        **({"camera": Pinhole.of(chosen_camera(job, name, sensor)).record()} if job.has_images(name) else {}),
         **support,
         **coarser,
     }

@@ -8,7 +8,7 @@ import numpy as np
 
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import start_warp
-from simgen.dataset.reader import written_arrays
+from simgen.dataset.stored_arrays import written_arrays
 from simgen.pipeline.image_resolution import coarse_images
 from simgen.pipeline.plan import (
     chosen_camera,
@@ -43,6 +43,7 @@ COMPRESSION = {
     "int16": (0.56, "compression as measured on the smoke dataset"),
     "float32": (1.0, "uncompressed"),
 }
+HEIGHT_MAPS_COMPRESSED = 0.43  # share of their bytes that is left, in 24 samples of the DIGIT's default mesh
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,7 @@ class SensorPreview:
     unknowns_of_coarser: int  # of the mesh that estimates errors; 0 without estimates
     bytes_per_press: int  # memory of a press under way
     at_once: int  # presses at a time on one device
-    output_vertices: int
-    surface_vertices: int
+    axis_lengths: dict[str, int]  # of its outputs
     material: Material
     terms: list[tuple[str, bool, str]]
     remarks: list[str]
@@ -115,7 +115,8 @@ def _preview_sensor(
     job: Job, name: str, sensor: Sensor, indenters: Sequence[Indenter], device: str
 ) -> SensorPreview:
     material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
-    scene = Scene(sensor, material, settings=job.solver, fluid=fluid)
+    camera = chosen_camera(job, name, sensor)
+    scene = Scene(sensor, material, settings=job.solver, fluid=fluid, camera=camera)
     mesh, coarser = sensor.simulation_mesh, 0
     if job.has_coarser_mesh(name):
         coarser = Scene(coarser_sensor(job, name), material, settings=job.solver, fluid=fluid).unknowns
@@ -128,23 +129,18 @@ def _preview_sensor(
         coarser,
         bytes_per_press(sensor, job.solver),
         at_once(sensor, device, job.solver, job.presses_in_shard),
-        len(sensor.output_mesh.vertices),
-        len(sensor.output_mesh.surface_vertices),
+        scene.axis_lengths,
         material,
         scene.terms,
-        coarse_images(name, sensor, chosen_camera(job, name, sensor), indenters, float(job.depths_m.max())),
+        coarse_images(name, sensor, camera, indenters, float(job.depths_m.max())),
     )
 
 
 def _bytes(job: Job, sensors: list[SensorPreview]) -> float:
-    """Estimate the bytes that tasks will write. Only displacements count as compressed."""
-    arrays = written_arrays(
-        job,
-        {sensor.name: sensor.output_vertices for sensor in sensors},
-        {sensor.name: sensor.surface_vertices for sensor in sensors},
-    )
-    share = COMPRESSION[job.dataset.displacement][0]
+    """Estimate the bytes that tasks will write. Only displacements and height maps count as compressed."""
+    arrays = written_arrays(job, {sensor.name: sensor.axis_lengths for sensor in sensors})
+    left = {"displacement": COMPRESSION[job.dataset.displacement][0], "height_map": HEIGHT_MAPS_COMPRESSED}
     return job.presses * sum(
-        math.prod(array.shape) * np.dtype(array.dtype).itemsize * (share if name.endswith("/displacement") else 1.0)
+        math.prod(array.shape) * np.dtype(array.dtype).itemsize * left.get(name.partition("/")[2], 1.0)
         for name, array in arrays.items()
     )

@@ -31,6 +31,7 @@ from simgen.fem.material import LAWS
 from simgen.fem.material.law import Law
 from simgen.fem.nonlinear.status import Status, is_failure, is_planned_end
 from simgen.pipeline.plan import (
+    chosen_camera,
     chosen_fluid,
     chosen_material,
     chosen_sensor,
@@ -130,7 +131,8 @@ def _pool(job: Job, name: str, sensor: Sensor, device: str, outputs: tuple[str, 
     """Make the pool of a sensor, and return it with the number of unknowns. outputs: names of the slow ones."""
     material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
     batch = presses_at_once(sensor, device, job.solver, job.presses_in_shard)
-    scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs)
+    camera = chosen_camera(job, name, sensor) if job.has_images(name) else None
+    scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs, camera)
     shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
     max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
     return Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n), scene.unknowns

@@ -24,6 +24,7 @@ SELDOM_USED = {
     "simgen.fem.elements.cavity",
     "simgen.fem.elements.nodal_stress",
     "simgen.fem.elements.recovered_strain",
+    "simgen.simulation.height_maps",
     "simgen.simulation.surface_outputs",
     "corner_forces_kernel",
     "room_kernel",

@@ -202,6 +202,11 @@ def traction(state: State) -> np.ndarray:
 
 
 @measurement
+def height_map(state: State) -> np.ndarray:
+    return state.sampler.height_maps(len(state.environments))
+
+
+@measurement
 def cavity_pressure(state: State) -> np.ndarray:
     return state.cavity[1][state.environments] * state.scene.material.youngs_modulus_pa
 

@@ -160,17 +160,17 @@ def begin_presses(
 def result_of(stepping: LoadStepping, press: Press) -> PressResult:
     """Collect the samples of an ended press into arrays over the steps of its path."""
     scene, steps, samples = stepping.scene, len(stepping.path), press.samples
-    vertices, surface_vertices = scene.n_vertices, len(scene.sensor.output_mesh.surface_vertices)
     displacement = press.displacement
     if displacement is None:
-        displacement = np.empty((steps, vertices, 3))
+        displacement = np.empty((steps, scene.n_vertices, 3))
     displacement[len(samples) :] = np.nan
     outputs = {"displacement": displacement}
     for output in scene.outputs:
         if output.name == "displacement":
             continue
-        dtype = np.float32 if output.dtype == "float32" else np.float64  # integers, too: missing values are NaN
-        values = np.full((steps, *output.shape_of(vertices, surface_vertices)), np.nan, dtype)
+        # Missing values of integers are NaN, too. Images are large.
+        dtype = np.float32 if output.dtype == "float32" or output.is_image else np.float64
+        values = np.full((steps, *output.shape_of(scene.axis_lengths)), np.nan, dtype)
         for i, sample in enumerate(samples):
             values[i] = sample.values[output.name]
         outputs[output.name] = values

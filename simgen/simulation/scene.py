@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 import trimesh
 
-from simgen.config.outputs import OPTIONAL, kept_outputs
+from simgen.config.outputs import OPTIONAL, PIXEL_COLUMN, PIXEL_ROW, SURFACE_VERTEX, VERTEX, kept_outputs
 from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
 from simgen.fem import batch_arrays
@@ -25,7 +25,7 @@ from simgen.geometry.interpolation import interpolation_matrix
 from simgen.geometry.node_ordering import in_cuthill_mckee_order
 from simgen.geometry.rigid_shape import sampled_shape
 from simgen.geometry.signed_distance import RigidShape
-from simgen.sensors.sensor import Material, Sensor
+from simgen.sensors.sensor import Camera, Material, Sensor
 from simgen.sensors.support import faces_in_reach
 from simgen.units import MM_PER_M
 
@@ -44,6 +44,7 @@ class Scene:
     batch : on a CPU, eight presses take about as long as four alone, see `simgen.fem.groups`
     fluid : "none", or "incompressible" for a fluid that fills the gel's cavity; raises InputError without a cavity
     outputs : names of slow outputs to measure. The attribute ``outputs`` holds all measured outputs
+    camera : the camera of ``height_map``, if it is among the outputs
     """
 
     def __init__(
@@ -55,8 +56,10 @@ class Scene:
         settings: SolverSettings | None = None,
         fluid: str = "none",
         outputs: tuple[str, ...] = (),
+        camera: Camera | None = None,
     ):
         self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
+        self.camera = camera
         self.sampler = None  # `StateSampler.of` makes it once
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[self.settings.element]
@@ -106,6 +109,14 @@ class Scene:
         measured = kept_outputs(self.cavity is not None, legs=True, asked=OPTIONAL)
         measured = (each for each in measured if not each.is_estimate)  # those follow after a press
         self.outputs = tuple(each for each in measured if not each.is_slow or each.name in outputs)
+
+    @property
+    def axis_lengths(self) -> dict[str, int]:
+        """Lengths of the axes of the outputs."""
+        lengths = {VERTEX: self.n_vertices, SURFACE_VERTEX: len(self.sensor.output_mesh.surface_vertices)}
+        if self.camera is not None:
+            lengths |= {PIXEL_ROW: self.camera.height_px, PIXEL_COLUMN: self.camera.width_px}
+        return lengths
 
     @property
     def terms(self) -> list[tuple[str, bool, str]]:

@@ -13,6 +13,7 @@ from simgen.fem.device import launch_kernel, read
 from simgen.fem.elements.recovered_strain import RecoveredStrain
 from simgen.fem.precision import real
 from simgen.simulation.first_touch import dense_shapes
+from simgen.simulation.height_maps import SolutionHeightMaps
 from simgen.simulation.scene import Scene
 from simgen.simulation.surface_outputs import SurfaceOutputs
 from simgen.units import MM_PER_M
@@ -98,6 +99,7 @@ class StateSampler:
             contact.set_pose(np.tile(np.eye(4), (batch, 1, 1)))
         self.surface_outputs = SurfaceOutputs(scene)
         self._recovered: RecoveredStrain | None = None
+        self._height_maps: SolutionHeightMaps | None = None
         self._rest_overlaps = [max(-self._nearest(contact)[0][0], 0.0) for contact in scene.fixed_contacts]
 
     def _nearest(self, contact, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -128,6 +130,12 @@ class StateSampler:
         if self._recovered is None:
             self._recovered = RecoveredStrain(self.scene.solver.elasticity, self.scene.batch)
         return self._recovered.error_energy(self.scene.solver.x, count)
+
+    def height_maps(self, count: int) -> np.ndarray:
+        """Height maps (count, height, width), m, in the first active environments; see `SolutionHeightMaps`."""
+        if self._height_maps is None:
+            self._height_maps = SolutionHeightMaps(self.scene)
+        return self._height_maps.take(count)
 
     def overlap(self) -> tuple[np.ndarray, np.ndarray]:
         """Deepest overlap (env,) with indenter, core and support, mm, and (env,) largest overlap over its face's edge.

@@ -1,6 +1,6 @@
 """The table of outputs: names, shapes, and what a dataset keeps."""
 
-from simgen.config.outputs import OPTIONAL, OUTPUTS, kept_outputs
+from simgen.config.outputs import OPTIONAL, OUTPUTS, PIXEL_COLUMN, PIXEL_ROW, SURFACE_VERTEX, VERTEX, kept_outputs
 
 
 def test_names_are_unique_and_types_can_hold_what_is_missing():
@@ -11,13 +11,15 @@ def test_names_are_unique_and_types_can_hold_what_is_missing():
 
 def test_an_output_is_a_mesh_a_measurement_a_certificate_or_the_status():
     for output in OUTPUTS:
-        kinds = [output.is_mesh, output.is_sensor_value, output.is_certificate, output.name == "status"]
-        assert sum(kinds) == 1, output.name
+        kinds = [output.is_mesh, output.is_image, output.is_sensor_value, output.is_certificate]
+        assert sum(kinds) + (output.name == "status") == 1, output.name
 
 
 def test_shapes_have_the_sensor_s_numbers_of_vertices():
-    shapes = {output.name: output.shape_of(7, 4) for output in OUTPUTS}
+    lengths = {VERTEX: 7, SURFACE_VERTEX: 4, PIXEL_ROW: 20, PIXEL_COLUMN: 15}
+    shapes = {output.name: output.shape_of(lengths) for output in OUTPUTS}
     assert shapes["displacement"] == (7, 3) and shapes["stress"] == (4, 6) and shapes["contact_area"] == ()
+    assert shapes["height_map"] == (20, 15)
 
 
 def test_a_dataset_keeps_what_its_job_needs():

@@ -24,8 +24,9 @@ from simgen.dataset.exchange.rest_meshes import RestMesh, read_rest_meshes
 from simgen.dataset.exchange.result_files import ResultFile, Sample
 from simgen.dataset.exchange.selection import Track, untracked
 from simgen.dataset.provenance import file_hash
-from simgen.dataset.reader import Dataset, path_arrays
+from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS, leave_out, split_by_trajectory
+from simgen.dataset.stored_arrays import path_arrays
 from simgen.dataset.writer import manifest_aside, write_aside, write_plan
 from simgen.errors import InputError, writing
 from simgen.units import MM_PER_M

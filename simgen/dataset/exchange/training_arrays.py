@@ -70,12 +70,12 @@ def export_npy(selection: PressSelection, folder: Path, track: Track) -> None:
             name = output.name
             array = dataset.arrays[f"{sensor}/{name}"]
             axes = ", ".join(["sample", *map(str, array.shape[1:])])
-            if not output.at_surface:
+            if not output.is_read_by_sample:
                 files.whole(f"{sensor}/{name}", dataset[f"{sensor}/{name}"][press, step], axes, array.unit)
                 continue
             shape = (len(press), *array.shape[1:])
             blocks = (
-                dataset.of_samples(f"{sensor}/{name}", int(selection.presses[each]))[selection.paired[each]]
+                dataset.in_unit(f"{sensor}/{name}", int(selection.presses[each]))[selection.paired[each]]
                 for each in np.unique(row)
             )
             files.write(f"{sensor}/{name}", shape, np.dtype(np.float32), axes, array.unit, blocks)

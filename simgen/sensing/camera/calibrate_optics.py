@@ -14,12 +14,12 @@ from simgen.errors import InputError, check_output_file, writing
 from simgen.sensing.camera.contact_circles import find_circle, read_circles
 from simgen.sensing.camera.image_files import png, read_image
 from simgen.sensing.camera.photometric_gel import RADIUS_M, SPHERES, PhotometricGel, photometry_of
-from simgen.sensing.camera.pinhole import placed_camera
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE, optics_files
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.spheres import Circle, sphere_in
 from simgen.sensing.camera.table_fit import Observations, fit_response, observe, table_error
 from simgen.sensing.camera.undeformed_gel import UndeformedGel, table_size, undeformed_gel
+from simgen.sensors.pinhole import placed_camera
 from simgen.sensors.sensor_geometry import load_geometry, sensor_folder
 
 PICTURES, MODEL = "pictures of a sphere", "photometric model"  # sources that a table states

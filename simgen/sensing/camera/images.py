@@ -61,15 +61,16 @@ class Images:
             "size": [renderer.pinhole.width, renderer.pinhole.height],
             "background": hashlib.sha256(renderer.background.tobytes()).hexdigest(),
             "response": renderer.shading.response.hash,
+            "heights": self.look.heights,
             "kernels": list(renderer.blur.sizes),
             "kernels_around_contact": list(renderer.blur.around),
             "shadows": renderer.shadows is not None,
             "code": source_hash(Path(__file__).parent),
         }
 
-    def meshes(self, dataset: Dataset) -> "MeshSource":
-        """Make the source of the displacements, once in each process."""
-        return StoredMeshes(dataset, self.sensor)
+    def meshes(self, dataset: Dataset) -> "SurfaceSource":
+        """Make the source of the surfaces, once in each process."""
+        return StoredSurfaces(dataset, self.sensor, self.look.heights)
 
     def keep_to_one_core(self) -> None:
         """Limit a worker process to one thread."""
@@ -83,24 +84,25 @@ def _press_names(dataset: Dataset) -> list[str]:
     return [f"t{t:04d}_{dataset.indenters[i]}" for t, i in zip(trajectories, indenters, strict=True)]
 
 
-class MeshSource(Protocol):
-    """Displacements of the sensor, press by press."""
+class SurfaceSource(Protocol):
+    """What the renderer takes of the sensor, press by press."""
 
     def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
-        """Indices (n,) of the depths that get an image, their displacements (n, vertex, 3), m, and other files of the
-        press's folder by name.
+        """Indices (n,) of the depths that get an image, their displacements (n, vertex, 3) or height maps (n, row,
+        column), m, and other files of the press's folder by name.
         """
 
 
-class StoredMeshes:
-    """Displacements that the dataset itself holds."""
+class StoredSurfaces:
+    """Displacements, or height maps of the solution, that the dataset itself holds."""
 
-    def __init__(self, dataset: Dataset, sensor: str):
-        self.dataset, self.sensor, self._valid = dataset, sensor, is_valid(dataset[f"{sensor}/status"])
+    def __init__(self, dataset: Dataset, sensor: str, heights: str = "mesh"):
+        self.dataset, self._valid = dataset, is_valid(dataset[f"{sensor}/status"])
+        self._array = f"{sensor}/{'displacement' if heights == 'mesh' else 'height_map'}"
 
     def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
         steps = np.flatnonzero(self._valid[press])
-        return steps, self.dataset.displacement(self.sensor, press)[steps], {}
+        return steps, self.dataset.in_unit(self._array, press)[steps], {}
 
 
 def claim(folder: Path, record: Mapping[str, Any]) -> None:
@@ -137,7 +139,7 @@ def unmade(images: Images, selection: PressSelection) -> list[int]:
 
 
 def render(
-    images: Images, selection: PressSelection, renderer: Renderer, workers: int, meshes: MeshSource | None = None
+    images: Images, selection: PressSelection, renderer: Renderer, workers: int, meshes: SurfaceSource | None = None
 ) -> Iterator[int]:
     """Make the missing images and yield the number of images of each press. Raises `InputError`.
 
@@ -165,7 +167,7 @@ def _side_by_side(images: Images, presses: list[int], workers: int) -> Iterator[
 class _Worker:
     """Renders presses in one process."""
 
-    def __init__(self, images: Images, dataset: Dataset, renderer: Renderer, meshes: MeshSource | None = None):
+    def __init__(self, images: Images, dataset: Dataset, renderer: Renderer, meshes: SurfaceSource | None = None):
         self.images, self.dataset, self.renderer = images, dataset, renderer
         self.meshes = meshes or images.meshes(dataset)
         self.depths_mm = 1e3 * dataset["depth"]

@@ -55,9 +55,9 @@ def write_gif(folder: Path, rest: np.ndarray) -> Path | None:
     return file
 
 
-def write_stages(file: Path, renderer: Renderer, displacement: np.ndarray, title: str) -> None:
-    """Draw height map and image of one sample, displacement (vertex, 3) m: sharp above, smoothed below."""
-    sharp = renderer.heights(displacement[None])
+def write_stages(file: Path, renderer: Renderer, source: np.ndarray, title: str) -> None:
+    """Draw height map and image of one sample, of what the renderer takes: sharp above, smoothed below."""
+    sharp = renderer.heights(source[None])
     before = sharp.numpy()[0].copy(), renderer.image(sharp).numpy()[0]
     smooth = renderer.blur(sharp)
     after = smooth.numpy()[0], renderer.image(smooth).numpy()[0]

@@ -8,9 +8,9 @@ from scipy.stats.qmc import Sobol
 
 from simgen.errors import InputError
 from simgen.sensing.camera.photometry import COLOURS, Photometry
-from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.spheres import Circle, Patch, sphere_in
 from simgen.sensing.camera.table_fit import Observations, observe
+from simgen.sensors.pinhole import Pinhole
 from simgen.sensors.sensor import Camera
 
 RADIUS_M = 2e-3  # of the spheres

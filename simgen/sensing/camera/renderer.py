@@ -11,19 +11,22 @@ import warp as wp
 from simgen.config.choices import DEFAULT_CAMERA
 from simgen.config.warp_device import check_device
 from simgen.dataset.reader import Dataset
+from simgen.dataset.stored_arrays import REST_DEPTH
 from simgen.errors import InputError, shown
 from simgen.sensing.camera.blur import KERNELS, PYRAMIDS, Blur, pyramid
-from simgen.sensing.camera.height_map import HeightMaps
 from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.photometric_gel import photometry_of
-from simgen.sensing.camera.pinhole import Pinhole, placed_camera
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.shading import Shading
 from simgen.sensing.camera.shadows import Shadows
+from simgen.sensing.camera.stored_heights import StoredHeights, check_height_maps
+from simgen.sensors.height_map import HeightMaps
+from simgen.sensors.pinhole import Pinhole, placed_camera
 from simgen.sensors.sensor import Camera
 from simgen.sensors.sensor_geometry import sensor_folder
 from simgen.sensors.sensor_schema import read_description
 
+AUTO, HEIGHTS = "auto", ("mesh", "solution")
 TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.yaml, for its default camera
 
 
@@ -34,8 +37,11 @@ class Look:
     table : file of colours in Taxim's layout; by default the camera's own
     background : image of the untouched gel; by default the camera's own
     height, width : px; by default the camera's own
-    blur : a name of `simgen.sensing.camera.blur.PYRAMIDS`, by which height maps are smoothed; None leaves them sharp
+    blur : a name of `simgen.sensing.camera.blur.PYRAMIDS`, by which height maps are smoothed; None leaves them sharp.
+        By default those of a mesh are smoothed by ``whole``, and those of the solution stay sharp
     shadows : True dims pixels where the gel itself blocks a light
+    heights : source of height maps: "mesh", the stored displacements; or "solution", the height maps that a run has
+        stored
     camera : a name among ``cameras`` of the sensor.yaml; by default the job's choice
     """
 
@@ -43,34 +49,43 @@ class Look:
     background: Path | None = None
     height: int | None = None
     width: int | None = None
-    blur: str | None = "whole"
+    blur: str | None = AUTO
     shadows: bool = False
     camera: str | None = None
+    heights: str = "mesh"
 
     def __post_init__(self):
-        if self.blur and self.blur not in PYRAMIDS:
+        if self.blur and self.blur not in (*PYRAMIDS, AUTO):
             raise InputError(f"--blur {shown(str(self.blur))!r}: allowed: {', '.join(PYRAMIDS)}")
+        if self.heights not in HEIGHTS:
+            raise InputError(f"--heights {shown(self.heights)!r}: allowed: {', '.join(HEIGHTS)}")
+
+    @property
+    def pyramid(self) -> str | None:
+        """The kind of smoothing that applies; None for none."""
+        if self.blur == AUTO:
+            return "whole" if self.heights == "mesh" else None
+        return self.blur
 
 
 class Renderer:
-    """Makes images (sample, height, width, 3) uint8, red first, from displacements (sample, vertex, 3), m.
+    """Makes images (sample, height, width, 3) uint8, red first, from what its source of height maps takes.
 
-    rest, triangles : (vertex, 3) m and outward (triangle, 3), the gel's whole surface
+    heights : `HeightMaps` of a mesh, which take displacements (sample, vertex, 3), m; or `StoredHeights`, which take
+        stored height maps (sample, row, column), m
     background : (height, width, 3) uint8, image of the untouched gel, of any size
     kernels, around : px, kernels for the whole map and around the contact, see `camera.blur`; empty for no smoothing
     lights : (3, 3) m, positions of the red, green and blue light, for shadows; None for no shadows
 
-    Raises `InputError` if the camera does not see the gel, or this machine lacks ``device``.
+    Raises `InputError` if the camera does not see the gel.
     """
 
     def __init__(
-        self, rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole, response: Response, background: np.ndarray,
-        kernels: tuple[int, ...] = KERNELS, lights: np.ndarray | None = None, device: str = "cpu",
-        around: tuple[int, ...] = (),
+        self, heights: HeightMaps | StoredHeights, response: Response, background: np.ndarray,
+        kernels: tuple[int, ...] = KERNELS, lights: np.ndarray | None = None, around: tuple[int, ...] = (),
     ):  # fmt: skip
-        check_device(device)
-        self.pinhole, self.device = pinhole, device
-        self.heights = HeightMaps(rest, coat(rest, triangles, pinhole), pinhole, device)
+        self.heights, self.pinhole, self.device = heights, heights.pinhole, heights.device
+        pinhole, device = self.pinhole, self.device
         if not self.heights.seen.any():
             raise InputError("camera: the gel is out of its sight; allowed: a camera that looks at it")
         size = (pinhole.width, pinhole.height)
@@ -85,7 +100,10 @@ class Renderer:
 
     @classmethod
     def of_dataset(cls, dataset: Dataset, sensor: str, look: Look = Look(), device: str = "cpu") -> Self:
-        """Make the renderer of a dataset's sensor. Raises `InputError` if it has no camera or a file is bad."""
+        """Make the renderer of a dataset's sensor.
+
+        Raises `InputError` if the sensor has no such camera, a file is bad, or this machine lacks ``device``.
+        """
         name, camera, folder = camera_of(dataset, sensor, look.camera)
         table, background = optics_files(name)
         own = {"--calibration": (look.table, table), "--background": (look.background, background)}
@@ -93,28 +111,26 @@ class Renderer:
         for option, file in files.items():
             if own[option][0] is None and not file.exists():
                 raise InputError(f"{sensor}: no {file.name} in {folder}; allowed: {option} FILE")
+        check_device(device)
         pinhole = Pinhole.of(camera, look.height, look.width)
-        kernels, around = pyramid(look.blur, min(pinhole.width, pinhole.height))
-        return cls(
-            dataset[f"{sensor}/rest_positions"], dataset[f"{sensor}/surface_triangles"], pinhole,
-            Response.load(files["--calibration"]), read_image(files["--background"]), kernels,
-            photometry_of(camera).lights if look.shadows else None, device, around,
-        )  # fmt: skip
+        if look.heights == "solution":
+            check_height_maps(dataset, sensor, name)
+            heights = StoredHeights(dataset[f"{sensor}/{REST_DEPTH}"], pinhole, device)
+        else:
+            surface = (dataset[f"{sensor}/{key}"] for key in ("rest_positions", "surface_triangles"))
+            heights = HeightMaps.of_mesh(*surface, pinhole, device)
+        kernels, around = pyramid(look.pyramid, min(pinhole.width, pinhole.height))
+        lights = photometry_of(camera).lights if look.shadows else None
+        table, background = Response.load(files["--calibration"]), read_image(files["--background"])
+        return cls(heights, table, background, kernels, lights, around)
 
-    def __call__(self, displacement: np.ndarray) -> np.ndarray:
-        return self.image(self.blur(self.heights(displacement))).numpy()
+    def __call__(self, source: np.ndarray) -> np.ndarray:
+        return self.image(self.blur(self.heights(source))).numpy()
 
     def image(self, height: wp.array) -> wp.array:
         """Images (sample, height, width, 3) uint8 of height maps (sample, height, width) m."""
         image = self.shading(height)
         return image if self.shadows is None else self.shadows(image, height)
-
-
-def coat(rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole) -> np.ndarray:
-    """Triangles (n, 3) that a camera sees through the clear gel: those that face away from it."""
-    corners = rest[triangles] - pinhole.position
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return triangles[np.einsum("ti,ti->t", normal, corners[:, 0]) > 0.0]
 
 
 def camera_of(dataset: Dataset, sensor: str, name: str | None = None) -> tuple[str, Camera, Path]:

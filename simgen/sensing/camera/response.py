@@ -19,7 +19,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from simgen.errors import InputError, shown
-from simgen.sensing.camera.pinhole import MOST_PIXELS
+from simgen.sensors.pinhole import MOST_PIXELS
 
 CHANNELS = ("grad_r", "grad_g", "grad_b")  # arrays of a file, in the order of a picture's channels
 COLOURS = "rgb"  # in the order of `Response.coefficients`

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from simgen.sensing.camera.blur import Blur, scaled_kernels
-from simgen.sensing.camera.pinhole import Pinhole
+from simgen.sensors.pinhole import Pinhole
 
 wp.set_module_options({"enable_backward": False})
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.errors import InputError
-from simgen.sensing.camera.pinhole import Pinhole
+from simgen.sensors.pinhole import Pinhole
 
 
 @dataclass(frozen=True)

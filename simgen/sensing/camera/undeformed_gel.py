@@ -7,10 +7,9 @@ from scipy.ndimage import gaussian_filter
 
 from simgen.config.choices import DEFAULT_CAMERA
 from simgen.errors import InputError
-from simgen.sensing.camera.height_map import HeightMaps
-from simgen.sensing.camera.pinhole import Pinhole, placed_camera
-from simgen.sensing.camera.renderer import coat
 from simgen.sensing.camera.response import PUBLISHED_SIZE
+from simgen.sensors.height_map import HeightMaps, coat
+from simgen.sensors.pinhole import Pinhole, placed_camera
 from simgen.sensors.sensor import Camera
 from simgen.sensors.sensor_geometry import SensorGeometry
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.renderer import Look
+from simgen.sensors.pinhole import Pinhole
 from simgen.sensors.sensor import Camera
 
 DISTANCE_M = 0.02

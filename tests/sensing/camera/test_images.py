@@ -12,7 +12,7 @@ from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
 from simgen.sensing.camera.image_files import read_image
-from simgen.sensing.camera.images import Images, StoredMeshes, render, unmade
+from simgen.sensing.camera.images import Images, StoredSurfaces, render, unmade
 from simgen.sensing.camera.renderer import Look, Renderer
 from tests.sensing.camera.scenes import SMALL
 
@@ -33,7 +33,7 @@ def test_every_sample_has_the_image_that_the_renderer_makes(seen, images, render
 def test_a_sample_inside_out_gets_no_image(seen, tmp_path):
     shutil.copytree(seen.path, tmp_path / "d.zarr")
     fake.change(Dataset(tmp_path / "d.zarr"), "digit/status", (0, 1), Status.INSIDE_OUT)
-    steps, displacement, _ = StoredMeshes(Dataset(tmp_path / "d.zarr"), "digit").of_press(0)
+    steps, displacement, _ = StoredSurfaces(Dataset(tmp_path / "d.zarr"), "digit").of_press(0)
     expected = np.delete(np.arange(len(seen["depth"])), 1)
     assert steps.tolist() == expected.tolist() and len(displacement) == len(expected)
 

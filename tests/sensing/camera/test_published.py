@@ -6,9 +6,10 @@ import pytest
 from simgen.config.resources import resource
 from simgen.sensing.camera.blur import scaled_kernels
 from simgen.sensing.camera.image_files import read_image
-from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE, Renderer
 from simgen.sensing.camera.response import Response
+from simgen.sensors.height_map import HeightMaps
+from simgen.sensors.pinhole import Pinhole
 from simgen.sensors.sensor import place_camera
 from simgen.sensors.sensor_geometry import load_geometry
 
@@ -25,14 +26,14 @@ def renderer(reference, surface) -> Renderer:
     folder = reference / "digit"
     camera = place_camera(load_geometry("digit").description.cameras["default"])
     table, background = Response.load(folder / "polycalib.npz"), read_image(folder / "background_240x320.jpg")
-    return Renderer(*surface, Pinhole.of(camera), table, background, kernels=())
+    return Renderer(HeightMaps.of_mesh(*surface, Pinhole.of(camera)), table, background, kernels=())
 
 
 @pytest.fixture(scope="module")
 def own(surface, digit) -> Renderer:
     folder = resource("sensor_models") / "digit"
     table, background = Response.load(folder / TABLE), read_image(folder / BACKGROUND)
-    return Renderer(*surface, digit.pinhole, table, background, kernels=scaled_kernels(240))
+    return Renderer(HeightMaps.of_mesh(*surface, digit.pinhole), table, background, kernels=scaled_kernels(240))
 
 
 def pressed(vertices: np.ndarray, deep: float, radius: float = 3e-3) -> np.ndarray:

@@ -9,8 +9,9 @@ import warp as wp
 
 from simgen.errors import InputError
 from simgen.pipeline.run import run
-from simgen.sensing.camera.renderer import Look, Renderer, camera_of, coat, optics_files
+from simgen.sensing.camera.renderer import Look, Renderer, camera_of, optics_files
 from simgen.sensing.camera.response import Response
+from simgen.sensors.height_map import coat
 from tests.sensing.camera import scenes
 
 SMALL = Look(height=64, width=48)
@@ -82,7 +83,8 @@ def test_images_have_the_camera_s_own_size(seen):
 
 def test_another_camera_has_its_own_view_and_colours(seen):
     """TACTO's camera sees 29 % more of the gel. Names of its files end in its name."""
-    own, tacto = (Renderer.of_dataset(seen, "digit", Look(height=64, width=48, camera=name)) for name in (None, "tacto"))
+    looks = (Look(height=64, width=48, camera=name) for name in (None, "tacto"))
+    own, tacto = (Renderer.of_dataset(seen, "digit", look) for look in looks)
     assert own.pinhole.focal / tacto.pinhole.focal == pytest.approx(1.29, abs=0.01)
     assert own.shading.response.hash != tacto.shading.response.hash
     assert optics_files("tacto") == ("optics_tacto.npz", "background_tacto.png")

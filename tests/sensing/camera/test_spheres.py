@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
-from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.spheres import Circle, Patch, sphere_in
+from simgen.sensors.pinhole import Pinhole
 from tests.sensing.camera.scenes import DISTANCE_M, pinhole
 
 RADIUS_M = 2e-3

@@ -9,10 +9,11 @@ import pytest
 from simgen.config.resources import resource
 from simgen.sensing.camera.blur import scaled_kernels
 from simgen.sensing.camera.calibrate_optics import calibrate
-from simgen.sensing.camera.pinhole import Pinhole
 from simgen.sensing.camera.renderer import TABLE, Renderer
 from simgen.sensing.camera.response import Placement, Response
 from simgen.sensing.camera.undeformed_gel import undeformed_gel
+from simgen.sensors.height_map import HeightMaps
+from simgen.sensors.pinhole import Pinhole
 from simgen.sensors.sensor import place_camera
 from simgen.sensors.sensor_geometry import load_geometry
 from tests.sensing.camera.by_taxim import by_formula, by_package
@@ -54,7 +55,8 @@ def table(request) -> Path:
 def renderer(gel, camera, table) -> Renderer:
     """Its background is grey, so that few colours leave 0 to 255 and are cut off."""
     background = np.full((HEIGHT, WIDTH, 3), GREY, np.uint8)
-    return Renderer(*gel, Pinhole.of(camera, HEIGHT, WIDTH), Response.load(table), background, scaled_kernels(WIDTH))
+    heights = HeightMaps.of_mesh(*gel, Pinhole.of(camera, HEIGHT, WIDTH))
+    return Renderer(heights, Response.load(table), background, scaled_kernels(WIDTH))
 
 
 def dent(vertices: np.ndarray, x_mm: float, z_mm: float, deep: float = 1e-3, radius: float = 3e-3) -> np.ndarray:

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
-from simgen.sensing.camera.height_map import HeightMaps
-from simgen.sensing.camera.renderer import coat
 from simgen.sensing.camera.undeformed_gel import smooth, table_size, undeformed_gel
+from simgen.sensors.height_map import HeightMaps, coat
 from simgen.sensors.sensor_geometry import load_geometry
 
 WALLS = 70  # px: the gel's upright walls are in the upper corners

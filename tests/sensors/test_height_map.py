@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simgen.sensing.camera.height_map import HeightMaps
+from simgen.sensors.height_map import HeightMaps
 from tests.sensing.camera import scenes
 from tests.sensing.camera.scenes import DISTANCE_M, in_sensor, pinhole, sheet
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
-from simgen.sensing.camera.pinhole import MOST_PIXELS, Pinhole, placed_camera
+from simgen.sensors.pinhole import MOST_PIXELS, Pinhole, placed_camera
 from simgen.sensors.sensor_geometry import load_geometry
 from tests.sensing.camera.scenes import camera, pinhole
 

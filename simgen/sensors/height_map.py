@@ -5,12 +5,16 @@ is intersected only with rays of the pixels that it covers. The result is that o
 core.
 """
 
+from dataclasses import dataclass
+from functools import partial
+from typing import Self
+
 import numpy as np
 import warp as wp
 from scipy.ndimage import distance_transform_edt
 
 from simgen.config.warp_device import start_warp
-from simgen.sensing.camera.pinhole import Pinhole
+from simgen.sensors.pinhole import Pinhole
 
 wp.set_module_options({"enable_backward": False})
 
@@ -98,6 +102,20 @@ def _height_kernel(
         wp.atomic_add(holes_out, sample, 1)
 
 
+@dataclass(frozen=True)
+class HeightMapBuffers:
+    """Device memory for the height maps of some samples, so that measuring allocates nothing.
+
+    seen : (sample, vertex) column, row and depth of each vertex; depth : (sample, height, width) m
+    height : (sample, height, width) m; NaN for pixels that lost the surface; holes : (sample,) number of them
+    """
+
+    seen: wp.array
+    depth: wp.array
+    height: wp.array
+    holes: wp.array
+
+
 class HeightMaps:
     """Makes height maps of one surface seen by one camera.
 
@@ -112,13 +130,20 @@ class HeightMaps:
         self.pinhole, self.device = pinhole, device
         self._rest = wp.array(pinhole.in_view(rest), dtype=wp.vec3f, device=device)
         self._triangles = wp.array(triangles, dtype=wp.vec3i, device=device)
-        depth = self._depth(wp.zeros((1, len(rest)), dtype=wp.vec3f, device=device)).numpy()[0]
+        at_rest = self.buffers(1)
+        self._measure_depth(wp.zeros((1, len(rest)), dtype=wp.vec3f, device=device), at_rest, 1)
+        depth = at_rest.depth.numpy()[0]
         self.seen = depth < NOTHING
         self.rest_depth = np.where(self.seen, depth, np.inf)
         # Beside the surface, heights continue from its rim: a step there would be seen as a slope.
         near = distance_transform_edt(~self.seen, return_distances=False, return_indices=True)
         self._source = wp.array(np.stack(near, axis=-1), dtype=wp.vec2i, device=device)
         self._rest_depth = wp.array(depth, dtype=wp.float32, device=device)
+
+    @classmethod
+    def of_mesh(cls, rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole, device: str = "cpu") -> Self:
+        """Make the height maps of a whole closed surface with outward triangles (triangle, 3)."""
+        return cls(rest, coat(rest, triangles, pinhole), pinhole, device)
 
     def __call__(self, displacement: np.ndarray | wp.array) -> wp.array:
         """Height maps (sample, height, width) float32, m, positive towards the camera.
@@ -129,30 +154,51 @@ class HeightMaps:
         """
         if not isinstance(displacement, wp.array):
             displacement = wp.array(np.asarray(displacement, np.float32), dtype=wp.vec3f, device=self.device)
-        depth = self._depth(displacement)
-        height = wp.empty(depth.shape, dtype=wp.float32, device=self.device)
-        holes = wp.zeros(len(depth), dtype=wp.int32, device=self.device)
-        inputs, outputs = [self._rest_depth, self._source, depth], [height, holes]
-        wp.launch(_height_kernel, dim=depth.shape, inputs=inputs, outputs=outputs, device=self.device)
-        for sample in np.flatnonzero(holes.numpy()).tolist():
-            height[sample].assign(_filled(height[sample].numpy()))
-        return height
+        samples = len(displacement)
+        made = self.buffers(samples)
+        self.measure(displacement, made, samples)
+        for sample in np.flatnonzero(made.holes.numpy()).tolist():
+            made.height[sample].assign(filled(made.height[sample].numpy()))
+        return made.height
 
-    def _depth(self, displacement: wp.array) -> wp.array:
-        """Depths (sample, height, width), m, for displacements (sample, vertex)."""
-        pinhole, (samples, vertices) = self.pinhole, displacement.shape
-        seen = wp.empty((samples, vertices), dtype=wp.vec3f, device=self.device)
+    def buffers(self, samples: int) -> HeightMapBuffers:
+        """Allocate memory for the height maps of ``samples`` samples."""
+        shape = (samples, self.pinhole.height, self.pinhole.width)
+        new = partial(wp.empty, device=self.device)
+        return HeightMapBuffers(
+            new((samples, len(self._rest)), dtype=wp.vec3f),
+            new(shape, dtype=wp.float32),
+            new(shape, dtype=wp.float32),
+            new(samples, dtype=wp.int32),
+        )
+
+    def measure(self, displacement: wp.array, buffers: HeightMapBuffers, samples: int) -> None:
+        """Measure the first ``samples`` displacements (sample, vertex), m, into the buffers' heights and holes."""
+        self._measure_depth(displacement, buffers, samples)
+        buffers.holes.zero_()
+        dim, inputs = (samples, *buffers.depth.shape[1:]), [self._rest_depth, self._source, buffers.depth]
+        outputs = [buffers.height, buffers.holes]
+        wp.launch(_height_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+
+    def _measure_depth(self, displacement: wp.array, buffers: HeightMapBuffers, samples: int) -> None:
+        pinhole = self.pinhole
         axes = wp.mat33f(*pinhole.axes.ravel().tolist())
+        dim = (samples, displacement.shape[1])
         inputs = [self._rest, displacement, axes, pinhole.focal, 0.5 * pinhole.width, 0.5 * pinhole.height]
-        wp.launch(_project_kernel, dim=seen.shape, inputs=inputs, outputs=[seen], device=self.device)
-        shape = (samples, pinhole.height, pinhole.width)
-        depth = wp.full(shape, NOTHING, dtype=wp.float32, device=self.device)
-        dim, inputs = (samples, len(self._triangles)), [seen, self._triangles]
-        wp.launch(_depth_kernel, dim=dim, inputs=inputs, outputs=[depth], device=self.device)
-        return depth
+        wp.launch(_project_kernel, dim=dim, inputs=inputs, outputs=[buffers.seen], device=self.device)
+        buffers.depth.fill_(NOTHING)
+        dim, inputs = (samples, len(self._triangles)), [buffers.seen, self._triangles]
+        wp.launch(_depth_kernel, dim=dim, inputs=inputs, outputs=[buffers.depth], device=self.device)
 
 
-def _filled(height: np.ndarray) -> np.ndarray:
+def coat(rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole) -> np.ndarray:
+    """Triangles (n, 3) that a camera sees through the clear gel: those that face away from it."""
+    corners = rest[triangles] - pinhole.position
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return triangles[np.einsum("ti,ti->t", normal, corners[:, 0]) > 0.0]
+
+
+def filled(height: np.ndarray) -> np.ndarray:
     """Fill NaN in a map (height, width) from the nearest pixel; a map of NaN alone becomes 0."""
     missing = np.isnan(height)
     if missing.all():
