@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False})
 
 # Parts of a face's edge. Edges of 0.6 mm become flat pieces of 0.1 mm, which lie within 0.5 um of a sphere of 3 mm.
 DIVISIONS = 6
-MAX_LANES = 64  # environments at a time; a map of 240 x 320 pixels and its points take 2 MB for each
+MAX_LANES = 256  # environments at a time; a map of 240 x 320 pixels and its points take 2 MB for each
 
 
 @wp.kernel
@@ -74,14 +74,13 @@ class SolutionHeightMaps:
         self._buffers = self._maps.buffers(lanes)
         self._displacement = wp.empty((lanes, matrix.shape[0]), dtype=wp.vec3f, device=device)
 
-    def take(self, count: int) -> np.ndarray:
-        """Height maps (count, height, width) float32, m, of the first ``count`` active environments.
+    def take(self, count: int) -> list[np.ndarray]:
+        """Height maps (height, width) float32, m, of the first ``count`` active environments.
 
         Pixels that lost the surface take the height of the nearest pixel that sees it.
         """
-        pinhole, (lanes, points) = self._maps.pinhole, self._displacement.shape
-        solver, made = self._scene.solver, self._buffers
-        found = np.empty((count, pinhole.height, pinhole.width), np.float32)
+        lanes, points = self._displacement.shape
+        solver, made, found = self._scene.solver, self._buffers, []
         for first in range(0, count, lanes):
             some = min(lanes, count - first)
             inputs = [*self._matrix, solver.x, solver.active.numbers[first:], 1.0 / MM_PER_M]
@@ -89,7 +88,9 @@ class SolutionHeightMaps:
             launch_kernel(points_kernel, dim=(points, some), inputs=inputs, outputs=outputs, device=device)
             self._maps.measure(self._displacement, made, some)
             height, holes = read(made.height[:some], made.holes[:some])
-            found[first : first + some] = height
+            # A CPU's arrays are views of the buffers. A GPU's are copies: another one would take as long as the rays.
+            maps = list(height.copy() if made.height.device.is_cpu else height)
             for sample in np.flatnonzero(holes).tolist():
-                found[first + sample] = filled(height[sample])
+                maps[sample] = filled(maps[sample])
+            found += maps
         return found

@@ -202,7 +202,7 @@ def traction(state: State) -> np.ndarray:
 
 
 @measurement
-def height_map(state: State) -> np.ndarray:
+def height_map(state: State) -> list[np.ndarray]:
     return state.sampler.height_maps(len(state.environments))
 
 

@@ -91,8 +91,7 @@ def test_the_contact_has_the_height_of_the_indenter(pressed):
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
 def test_a_gpu_sees_the_same(layer, pressed):
     scene = Scene(layer, pressed[0].material, "cuda", 2, outputs=("height_map",), camera=camera())
-    sphere = rigid_shape(Kind.SPHERE, 3.5, device="cuda")
-    both = press(scene, [sphere] * 2, np.eye(4)[None].repeat(2, axis=0), 2e-4 * np.arange(1, 4))
+    both = press(scene, [rigid_shape(Kind.SPHERE, 3.5)] * 2, np.eye(4)[None].repeat(2, axis=0), 2e-4 * np.arange(1, 4))
     for result in both:
         np.testing.assert_allclose(result.height_map, pressed[1].height_map, atol=1e-6)
 
