@@ -250,8 +250,11 @@ def validate(
     published: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of published meshes and results to compare with.")
     ] = None,
+    measured: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of measured data to compare with.")
+    ] = None,
 ):  # fmt: skip
-    """Compare the solver with closed forms, independent codes and published data. Exit code 1 if a row fails.
+    """Compare the solver with closed forms, other codes, published data and measurements. Exit code 1 if a row fails.
 
     Reference data come from the folder $SIMGEN_REFERENCE. Cases that need them are skipped without it.
     """
@@ -262,7 +265,7 @@ def validate(
         view.print_cases(all_cases().values())
         return
     cases = runner.choose(case or [], quick)
-    context = runner.make_context(device, published)
+    context = runner.make_context(device, published, measured)
     for file in filter(None, (json_file, html_file)):
         check_output_file(file)
     results = view.run_and_print(cases, context, workers)

@@ -86,7 +86,7 @@ def picture(figure: Figure, about: str) -> str:
 
 
 def image(data: bytes, kind: str, about: str) -> str:
-    """Embed an image file; ``kind`` is webp or gif, ``about`` its alternative text."""
+    """Embed an image file; ``kind`` is webp, png or gif, ``about`` its alternative text."""
     encoded = base64.b64encode(data).decode()
     return f"<img alt='{html.escape(about)}' src='data:image/{kind};base64,{encoded}'>"
 

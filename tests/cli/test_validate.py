@@ -39,6 +39,7 @@ def test_the_list_names_every_case_with_its_level(monkeypatch, capfd):
         (["--case", "nothing"], "case 'nothing' is not known; allowed: "),
         (["--device", "gpu"], "device 'gpu' is not allowed; allowed: cpu"),
         (["--published", "gone"], "--published = gone: no such folder"),
+        (["--measured", "gone"], "--measured = gone: no such folder"),
         (["--json", "gone/v.json"], "gone/v.json: no such folder gone"),
     ],
 )

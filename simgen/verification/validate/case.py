@@ -86,6 +86,15 @@ class Curve:
     style: str = "line"
 
 
+@dataclass(frozen=True)
+class Picture:
+    """An image file for the page of the results; ``kind`` is png or webp."""
+
+    title: str
+    data: bytes
+    kind: str = "png"
+
+
 @dataclass
 class Outcome:
     """Rows and evidence of a case. ``skipped`` says why a case was not run; it then has no rows."""
@@ -94,6 +103,7 @@ class Outcome:
     tables: list[Table] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    pictures: list[Picture] = field(default_factory=list)
     skipped: str = ""
 
 
@@ -104,6 +114,7 @@ class Context:
     device : "cpu", "cuda" or "cuda:N"
     reference : folder of reference data, or None
     published : folder of published meshes and results, or None
+    measured : folder of measured data, or None
     scratch : private temporary folder
     """
 
@@ -111,6 +122,7 @@ class Context:
     reference: Path | None
     published: Path | None
     scratch: Path
+    measured: Path | None = None
 
 
 @dataclass(frozen=True)

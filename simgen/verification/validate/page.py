@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from simgen.dataset.provenance import code_version
-from simgen.plotting.html import picture, table, write_page
+from simgen.plotting.html import image, picture, table, write_page
 from simgen.verification.validate.case import Curve
 from simgen.verification.validate.cells import COLUMNS, cells, number
 from simgen.verification.validate.record import machine
@@ -50,6 +50,9 @@ def _case(result: Result) -> Iterator[str]:
         yield f"<p>{html.escape(note)}</p>"
     if outcome.curves:
         yield picture(draw_curves(outcome.curves), f"plots of {result.case}")
+    for shown in outcome.pictures:
+        yield f"<h3>{html.escape(shown.title)}</h3>"
+        yield image(shown.data, shown.kind, shown.title)
     for evidence in outcome.tables:
         yield f"<h3>{html.escape(evidence.title)}</h3>"
         yield table(evidence.columns, [[number(cell) for cell in row] for row in evidence.rows])

@@ -3,7 +3,7 @@
 import json
 import math
 import platform
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,8 @@ def write_json(results: list[Result], device: str, output: Path) -> None:
 
 
 def _case(result: Result) -> dict[str, Any]:
-    outcome = asdict(result.outcome)
+    outcome = asdict(replace(result.outcome, pictures=[]))  # they belong to the page
+    del outcome["pictures"]
     for entry, row in zip(outcome["rows"], result.outcome.rows, strict=True):
         entry |= {"difference": row.difference, "verdict": row.verdict}
     head = {key: getattr(result, key) for key in ("case", "title", "level", "verdict", "error", "seconds")}

@@ -68,17 +68,18 @@ def choose(names: list[str], quick: bool) -> list[Case]:
     return [case for case in cases.values() if case.level in levels]
 
 
-def make_context(device: str, published: Path | None) -> Context:
+def make_context(device: str, published: Path | None, measured: Path | None = None) -> Context:
     """Make the context of a run, with reference data from ``$SIMGEN_REFERENCE``.
 
     Raises `InputError` for a missing device or folder.
     """
     check_device(device)
     reference = Path(os.environ["SIMGEN_REFERENCE"]) if os.environ.get("SIMGEN_REFERENCE") else None
-    for name, folder in (("$SIMGEN_REFERENCE", reference), ("--published", published)):
+    named = {"$SIMGEN_REFERENCE": reference, "--published": published, "--measured": measured}
+    for name, folder in named.items():
         if folder is not None and not folder.is_dir():
             raise InputError(f"{name} = {folder}: no such folder")
-    return Context(device, reference, published, Path(tempfile.gettempdir()))
+    return Context(device, reference, published, Path(tempfile.gettempdir()), measured)
 
 
 def run_cases(

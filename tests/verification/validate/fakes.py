@@ -5,7 +5,9 @@ import os
 from pathlib import Path
 
 from simgen.verification.validate import all_cases, runner
-from simgen.verification.validate.case import Case, Context, Curve, Outcome, Row, Table
+from simgen.verification.validate.case import Case, Context, Curve, Outcome, Picture, Row, Table
+
+DOT = b"\x89PNG"
 
 
 def good_row(**changed) -> Row:
@@ -33,7 +35,7 @@ def passes(context: Context) -> Outcome:
     error = Curve("error", "L2", [0.1, 0.2], [1e-3, 8e-3], "h, mm", "error", log=True, style="dashed")
     table = Table("times", ["what", "s"], [["ours", 1.23456], ["a peer", math.nan]])
     bound = good_row(quantity="order", unit="", ours=2.97, reference=math.nan, tolerance=2.8, kind="at least")
-    return Outcome([good_row(), bound], [table], [curve, points, error], ["A note."])
+    return Outcome([good_row(), bound], [table], [curve, points, error], ["A note."], [Picture("a dot", DOT)])
 
 
 def misses(context: Context) -> Outcome:

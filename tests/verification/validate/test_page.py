@@ -15,6 +15,7 @@ def test_the_page_is_self_contained_and_escapes_its_texts(tmp_path):
     assert "http" not in page
     assert page.count("<span class='fail'>FAIL</span>") == 2 * 2 + 1  # two cases, twice each; one row
     assert "1.235" in page and "A note." in page
+    assert page.count("data:image/png;base64,") == 1 and "<h3>a dot</h3>" in page
 
 
 def test_curves_of_one_plot_share_its_axes():
