@@ -11,6 +11,7 @@ from typing import Literal
 # Axes whose length depends on the sensor: its output mesh, or the image of its camera.
 VERTEX, SURFACE_VERTEX, PIXEL_ROW, PIXEL_COLUMN = "vertex", "surface vertex", "pixel row", "pixel column"
 CERTIFICATE = "certificate/"
+NOT_REACHED = -(2**15)  # int16 value of a missing sample; other integers have -1, floats NaN
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,8 @@ OUTPUTS = (
     Output("height_map", (PIXEL_ROW, PIXEL_COLUMN), "int16", "m",
            "height of the gel's surface above its surface at rest, towards the camera, at the camera's pixels",
            "on request",
-           note="rays meet the curved faces of the solution, not the output mesh; `simgen render` uses it",
+           note="rays meet the curved faces of the solution, not the output mesh; `simgen render` uses it. In memory: "
+           "int16 steps of the scene's `height_step_m`, -32768 for a missing sample",
            is_slow=True),
     Output("contact_area", (), "float64", "mm2",
            "area of the surface, as it is at rest, that the indenter presses on", "on request"),

@@ -7,10 +7,9 @@ import numpy as np
 
 from simgen.config.indenter_path import IndenterPath
 from simgen.config.job_schema import Job
-from simgen.config.outputs import PIXEL_COLUMN, PIXEL_ROW, SURFACE_VERTEX, VERTEX
+from simgen.config.outputs import NOT_REACHED, PIXEL_COLUMN, PIXEL_ROW, SURFACE_VERTEX, VERTEX
 
 REST_DEPTH = "height_map_depth"  # array of a sensor with height maps
-NOT_REACHED = np.iinfo(np.int16).min  # fill value of int16 arrays; other integers have -1, floats NaN
 
 
 @dataclass(frozen=True)

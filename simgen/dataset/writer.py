@@ -242,9 +242,9 @@ def log_timing(dataset: Dataset, entry: Mapping[str, Any]) -> None:
 
 
 def _encode(values: np.ndarray, array: Array, name: str) -> np.ndarray:
-    """Convert floats to the stored type; NaN becomes the fill value."""
-    if array.dtype.startswith("float"):
-        return values.astype(array.dtype)
+    """Convert floats to the stored type; NaN becomes the fill value. Steps in that type stay as they are."""
+    if array.dtype.startswith("float") or values.dtype == array.dtype:
+        return values.astype(array.dtype, copy=False)
     missing, scale = np.isnan(values), array.attributes.get("scale_factor", 1.0)
     steps = values / scale
     np.rint(steps, out=steps)

@@ -132,7 +132,7 @@ def _pool(job: Job, name: str, sensor: Sensor, device: str, outputs: tuple[str, 
     material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
     batch = presses_at_once(sensor, device, job.solver, job.presses_in_shard)
     camera = chosen_camera(job, name, sensor) if job.has_images(name) else None
-    scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs, camera)
+    scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs, camera, job.height_step_m)
     shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
     max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
     return Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n), scene.unknowns

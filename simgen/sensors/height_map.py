@@ -158,7 +158,8 @@ class HeightMaps:
         made = self.buffers(samples)
         self.measure(displacement, made, samples)
         for sample in np.flatnonzero(made.holes.numpy()).tolist():
-            made.height[sample].assign(filled(made.height[sample].numpy()))
+            height = made.height[sample].numpy()
+            made.height[sample].assign(filled(height, np.isnan(height)))
         return made.height
 
     def buffers(self, samples: int) -> HeightMapBuffers:
@@ -198,9 +199,8 @@ def coat(rest: np.ndarray, triangles: np.ndarray, pinhole: Pinhole) -> np.ndarra
     return triangles[np.einsum("ti,ti->t", normal, corners[:, 0]) > 0.0]
 
 
-def filled(height: np.ndarray) -> np.ndarray:
-    """Fill NaN in a map (height, width) from the nearest pixel; a map of NaN alone becomes 0."""
-    missing = np.isnan(height)
+def filled(height: np.ndarray, missing: np.ndarray) -> np.ndarray:
+    """Fill missing pixels of a map (height, width) from the nearest others; without others it becomes 0."""
     if missing.all():
         return np.zeros_like(height)
     return height[tuple(distance_transform_edt(missing, return_distances=False, return_indices=True))]

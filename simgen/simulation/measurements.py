@@ -202,7 +202,8 @@ def traction(state: State) -> np.ndarray:
 
 
 @measurement
-def height_map(state: State) -> list[np.ndarray]:
+def height_map(state: State) -> np.ndarray:
+    """Height maps in int16 steps of the scene. The array is valid until the next call."""
     return state.sampler.height_maps(len(state.environments))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgen.config.indenter_path import DOWN
-from simgen.config.outputs import BY_NAME, CERTIFICATE
+from simgen.config.outputs import BY_NAME, CERTIFICATE, NOT_REACHED
 from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError, shown
 from simgen.fem.nonlinear.status import Status
@@ -32,7 +32,7 @@ class PressResult:
 
     outputs : arrays (d, ...) by name, with the shapes, units and meanings of `simgen.config.outputs`. Each is also an
         attribute: ``result.force`` is (d, 3). Where the press did not get that far, ``status`` has the reason and all
-        others are NaN. None for an output that the scene does not measure
+        others are NaN, or -32768 in the int16 ``height_map``. None for an output that the scene does not measure
     touch : m, travel along the press axis from the given pose to first touch; NaN without a touch
     seconds : this press's share of the wall time of the presses that ran together
     """
@@ -160,19 +160,18 @@ def begin_presses(
 def result_of(stepping: LoadStepping, press: Press) -> PressResult:
     """Collect the samples of an ended press into arrays over the steps of its path."""
     scene, steps, samples = stepping.scene, len(stepping.path), press.samples
-    displacement = press.displacement
-    if displacement is None:
-        displacement = np.empty((steps, scene.n_vertices, 3))
-    displacement[len(samples) :] = np.nan
-    outputs = {"displacement": displacement}
+    outputs = {}
     for output in scene.outputs:
-        if output.name == "displacement":
-            continue
-        # Missing values of integers are NaN, too. Images are large.
-        dtype = np.float32 if output.dtype == "float32" or output.is_image else np.float64
-        values = np.full((steps, *output.shape_of(scene.axis_lengths)), np.nan, dtype)
-        for i, sample in enumerate(samples):
-            values[i] = sample.values[output.name]
+        shape = (steps, *output.shape_of(scene.axis_lengths))
+        if output.is_read_by_sample:
+            values = press.large.get(output.name)
+            if values is None:
+                values = np.empty(shape, np.int16 if output.is_image else np.float64)
+            values[len(samples) :] = NOT_REACHED if output.is_image else np.nan
+        else:
+            values = np.full(shape, np.nan)  # of integers, too
+            for i, sample in enumerate(samples):
+                values[i] = sample.values[output.name]
         outputs[output.name] = values
     if (energy := outputs.get("error_energy")) is not None:
         path_m = stepping.path.points[:, :3] / MM_PER_M

@@ -45,6 +45,7 @@ class Scene:
     fluid : "none", or "incompressible" for a fluid that fills the gel's cavity; raises InputError without a cavity
     outputs : names of slow outputs to measure. The attribute ``outputs`` holds all measured outputs
     camera : the camera of ``height_map``, if it is among the outputs
+    height_step_m : m, step of height maps, which are int16
     """
 
     def __init__(
@@ -57,9 +58,10 @@ class Scene:
         fluid: str = "none",
         outputs: tuple[str, ...] = (),
         camera: Camera | None = None,
+        height_step_m: float = 1e-7,
     ):
         self.sensor, self.material, self.batch, self.device = sensor, material, batch, device
-        self.camera = camera
+        self.camera, self.height_step_m = camera, height_step_m
         self.sampler = None  # `StateSampler.of` makes it once
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[self.settings.element]

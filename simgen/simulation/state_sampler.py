@@ -131,8 +131,8 @@ class StateSampler:
             self._recovered = RecoveredStrain(self.scene.solver.elasticity, self.scene.batch)
         return self._recovered.error_energy(self.scene.solver.x, count)
 
-    def height_maps(self, count: int) -> list[np.ndarray]:
-        """Height maps (height, width), m, in the first active environments; see `SolutionHeightMaps`."""
+    def height_maps(self, count: int) -> np.ndarray:
+        """Height maps (count, height, width) of the first active environments; see `SolutionHeightMaps.take`."""
         if self._height_maps is None:
             self._height_maps = SolutionHeightMaps(self.scene)
         return self._height_maps.take(count)

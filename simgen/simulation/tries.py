@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simgen.config.outputs import BY_NAME
 from simgen.simulation.measurements import PressSample
 
 SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the first
@@ -20,24 +21,26 @@ class Try:
     """One attempt to follow the path from rest.
 
     step_scale : factor on the longest load steps
-    samples : converged steps, without displacements
-    displacement : (d, v, 3) m of all steps of the path; None before the first sample
+    samples : converged steps, without large outputs
+    large : outputs at vertices and pixels by name, arrays (d, ...) for all steps of the path; empty before the first
+        sample
     status : how the try ended; None before
     failed : True where the solver failed, so that another try may get further
     """
 
     step_scale: float
     samples: list[PressSample] = field(default_factory=list)
-    displacement: np.ndarray | None = None
+    large: dict[str, np.ndarray] = field(default_factory=dict)
     status: int | None = None
     failed: bool = False
 
     def keep(self, sample: PressSample, steps: int):
-        """Keep a sample. Its displacement goes into one array for all steps of the path."""
-        displacement = sample.values.pop("displacement")
-        if self.displacement is None:
-            self.displacement = np.empty((steps, *displacement.shape), displacement.dtype)
-        self.displacement[len(self.samples)] = displacement
+        """Keep a sample. Each of its large outputs goes into one array for all steps of the path."""
+        for name in [name for name in sample.values if BY_NAME[name].is_read_by_sample]:
+            value = sample.values.pop(name)
+            if name not in self.large:
+                self.large[name] = np.empty((steps, *value.shape), value.dtype)
+            self.large[name][len(self.samples)] = value
         self.samples.append(sample)
 
 
@@ -74,9 +77,9 @@ class Press:
         return [] if self.kept is None else self.kept.samples
 
     @property
-    def displacement(self) -> np.ndarray | None:
-        """Displacements (d, v, 3) m of the kept try; None without a sample."""
-        return None if self.kept is None else self.kept.displacement
+    def large(self) -> dict[str, np.ndarray]:
+        """Large outputs (d, ...) of the kept try by name; empty without a sample."""
+        return {} if self.kept is None else self.kept.large
 
     def next_try(self) -> Try:
         """Begin the first try, or the second."""

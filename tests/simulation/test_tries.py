@@ -37,7 +37,7 @@ def test_the_second_try_takes_half_steps():
                                    (failed(2), UNDER_WAY)])  # fmt: skip
 def test_a_press_goes_on_while_its_tries_do_not_decide(tries):
     press, _ = tried(*tries)
-    assert press.status is None and press.samples == [] and press.displacement is None
+    assert press.status is None and press.samples == [] and press.large == {}
 
 
 @pytest.mark.parametrize(
@@ -63,8 +63,8 @@ def test_the_first_try_counts_unless_it_failed_and_then_the_one_that_got_further
 def test_a_press_that_nobody_holds_gives_its_samples_back_at_once():
     """Reference cycles would keep gigabytes until the next garbage collection."""
     press, own = tried(failed(2), WHOLE)
-    own[1].displacement = np.zeros((3, 4, 3))
-    samples = weakref.ref(own[1].displacement)
+    own[1].large = {"displacement": np.zeros((3, 4, 3))}
+    samples = weakref.ref(own[1].large["displacement"])
     gc.disable()
     try:
         del press, own
