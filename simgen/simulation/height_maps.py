@@ -107,8 +107,8 @@ class SolutionHeightMaps:
     def take(self, count: int) -> np.ndarray:
         """Height maps (count, height, width) int16, in the scene's steps, of the first active environments.
 
-        Pixels that lost the surface, or whose height does not fit, take the height of the nearest other pixel. The array
-        is valid until the next call.
+        Pixels that lost the surface, or whose height does not fit, take the height of the nearest other pixel. The
+        array is valid until the next call.
         """
         lanes, points = self._displacement.shape
         scene, made, device = self._scene, self._buffers, self._scene.device
