@@ -29,12 +29,20 @@ from simgen.sensing.electrodes.gaps import gaps, gauge_of
 DRIFT_KEY, NOISE_KEY = 1, 2  # follow the seed, so that drift and noise have their own random numbers
 
 
+# resistivity_ohm_m and series_ohm are fitted, with the other defaults, to readings at rest of a real BioTac. They were
+# read from github.com/dexrob/BioTac_slide_20_50, which stores |reading - reading at rest|. Frames that jump are taken
+# for lost ones that read 0, so that they store the reading at rest. 13 electrodes have them: 2818 to 3396 counts. With
+# 10 kOhm and 12 bits, which are assumed, these are 2.1 to 4.5 kOhm. A line through 1 / h, with the gaps of
+# sensor_models/biotac, gives 2246 Ohm and 1.08 Ohm m, r = 0.73. Without any one electrode it gives 2114 to 2346 Ohm and
+# 0.79 to 1.23 Ohm m.
 class ElectrodeSettings(StrictSection):
-    """Fluid, electrodes and circuit. The defaults give a BioTac's orders of magnitude, without noise."""
+    """Fluid, electrodes and circuit. The defaults give the mean reading of a real BioTac at rest, without noise."""
 
     resistivity_ohm_m: float = Field(
-        10.0, ge=1e-2, le=1e4, description="Resistivity of the fluid; the film's resistance is proportional to it"
-    )
+        1.1, ge=1e-2, le=1e4,
+        description="Resistivity of the fluid; the film's resistance is proportional to it. Fitted to readings of a "
+        "real BioTac at rest",
+    )  # fmt: skip
     electrode_radius_mm: float = Field(0.5, ge=0.05, le=5.0, description="Radius at which the current enters the film")
     outer_radius_mm: float = Field(
         5.0, ge=0.1, le=50.0,
@@ -43,8 +51,10 @@ class ElectrodeSettings(StrictSection):
     )  # fmt: skip
     least_film_um: float = Field(5.0, ge=0.1, le=1000.0, description="Thickness of the film in a closed gap")
     series_ohm: float = Field(
-        1e3, ge=0.0, le=1e7, description="Resistance in series with the film, which the gap does not change"
-    )
+        2200.0, ge=0.0, le=1e7,
+        description="Resistance in series with the film, which the gap does not change. Fitted to readings of a real "
+        "BioTac at rest",
+    )  # fmt: skip
     reference_ohm: float = Field(
         10e3, ge=1.0, le=1e7, description="Resistor of the divider at which the reading is taken"
     )
