@@ -36,6 +36,7 @@ from simgen.pipeline import workers
 from simgen.pipeline.run import run
 
 DRY = "run job.yaml --dry-run"
+BUNDLED = "biotac, digit, gelsight_mini"  # sensors
 RUN = "run job.yaml --scheduler sync"
 DEPTHS, SENSOR = JOB["depths_mm"], JOB["sensors"]["digit"]
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -122,7 +123,7 @@ JOBS = [
         (f"sensor named {name!r}", job(sensors={name: SENSOR}), DRY, "cannot name a sensor; allowed: letters")
         for name in ("press", "zarr.json", "a b", "1", "", "digit\n")
     ],
-    ("unknown sensor", job(sensors={"digit": {"model": "finger"}}), DRY, "sensor 'finger': allowed: biotac, digit"),
+    ("unknown sensor", job(sensors={"digit": {"model": "finger"}}), DRY, f"sensor 'finger': allowed: {BUNDLED}"),
     ("unknown mesh", job(), f"{DRY} sensors.digit.mesh=finest", 'digit.mesh: "finest" is not allowed'),
     ("mesh not there", sensor() | job(sensors={"s": {"model": "./s", "mesh": "fine"}}), DRY, "meshes.fine: missing"),
     ("unknown preset", job(), f"{DRY} sensors.digit.material=wood", "'wood' is not a preset; allowed: solid"),
@@ -162,8 +163,8 @@ JOBS = [
 
 MESH = "mesh s"
 SENSORS = [
-    ("no sensor.yaml", {"s": None}, MESH, "sensor 's': allowed: biotac, digit, or a folder with a sensor.yaml"),
-    ("unknown sensor", {}, "mesh finger", "sensor 'finger': allowed: biotac, digit"),
+    ("no sensor.yaml", {"s": None}, MESH, f"sensor 's': allowed: {BUNDLED}, or a folder with a sensor.yaml"),
+    ("unknown sensor", {}, "mesh finger", f"sensor 'finger': allowed: {BUNDLED}"),
     ("broken", {"s/sensor.yaml": "a: ["}, MESH, "s/sensor.yaml: line 1 not YAML:"),
     ("empty", {"s/sensor.yaml": ""}, MESH, "s/sensor.yaml: not a mapping of keys to values, but empty"),
     ("bytes", {"s/sensor.yaml": b"\xff\x00"}, MESH, "s/sensor.yaml: not a text in UTF-8"),
