@@ -36,6 +36,7 @@ from simgen.pipeline import workers
 from simgen.pipeline.run import run
 
 DRY = "run job.yaml --dry-run"
+BUNDLED = "biotac, digit, gelsight_mini"  # sensors
 RUN = "run job.yaml --scheduler sync"
 DEPTHS, SENSOR = JOB["depths_mm"], JOB["sensors"]["digit"]
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -90,8 +91,8 @@ JOBS = [
     ("hundreds of digits", text("seed: " + "9" * 999), DRY, "seed: 9999"),
     ("control character", text(r'solver: {element: "\e[31m"}'), DRY, "has a control character"),
     ("four megabytes", text("#" * 4_000_000), DRY, "job.yaml: too large for YAML"),
-    ("a folder", {"job.yaml": None}, DRY, "job.yaml: no such job file; bundled jobs: paired"),
-    ("no file", {}, DRY, "job.yaml: no such job file; bundled jobs: paired"),
+    ("a folder", {"job.yaml": None}, DRY, "job.yaml: no such job file; bundled jobs: gelsight_mini"),
+    ("no file", {}, DRY, "job.yaml: no such job file; bundled jobs: gelsight_mini"),
     ("a name too long", {}, f"run {'x' * 300}.yaml --dry-run", ".yaml: no such job file"),
     ("a home of nobody", {}, "run ~nobody-at-all/job.yaml --dry-run", "no such job file"),
     ("infinity", job(), f"{DRY} depths_mm.last=.inf", "depths_mm.last: Infinity is not allowed; allowed: above 0"),
@@ -122,7 +123,7 @@ JOBS = [
         (f"sensor named {name!r}", job(sensors={name: SENSOR}), DRY, "cannot name a sensor; allowed: letters")
         for name in ("press", "zarr.json", "a b", "1", "", "digit\n")
     ],
-    ("unknown sensor", job(sensors={"digit": {"model": "finger"}}), DRY, "sensor 'finger': allowed: biotac, digit"),
+    ("unknown sensor", job(sensors={"digit": {"model": "finger"}}), DRY, f"sensor 'finger': allowed: {BUNDLED}"),
     ("unknown mesh", job(), f"{DRY} sensors.digit.mesh=finest", 'digit.mesh: "finest" is not allowed'),
     ("mesh not there", sensor() | job(sensors={"s": {"model": "./s", "mesh": "fine"}}), DRY, "meshes.fine: missing"),
     ("unknown preset", job(), f"{DRY} sensors.digit.material=wood", "'wood' is not a preset; allowed: solid"),
@@ -162,8 +163,8 @@ JOBS = [
 
 MESH = "mesh s"
 SENSORS = [
-    ("no sensor.yaml", {"s": None}, MESH, "sensor 's': allowed: biotac, digit, or a folder with a sensor.yaml"),
-    ("unknown sensor", {}, "mesh finger", "sensor 'finger': allowed: biotac, digit"),
+    ("no sensor.yaml", {"s": None}, MESH, f"sensor 's': allowed: {BUNDLED}, or a folder with a sensor.yaml"),
+    ("unknown sensor", {}, "mesh finger", f"sensor 'finger': allowed: {BUNDLED}"),
     ("broken", {"s/sensor.yaml": "a: ["}, MESH, "s/sensor.yaml: line 1 not YAML:"),
     ("empty", {"s/sensor.yaml": ""}, MESH, "s/sensor.yaml: not a mapping of keys to values, but empty"),
     ("bytes", {"s/sensor.yaml": b"\xff\x00"}, MESH, "s/sensor.yaml: not a text in UTF-8"),

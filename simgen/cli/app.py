@@ -141,7 +141,7 @@ def train(
 @app.command()
 def mesh(
     sensor: Annotated[
-        str, typer.Argument(metavar="SENSOR", help="digit, biotac, or a folder with a sensor.yaml.")
+        str, typer.Argument(metavar="SENSOR", help="digit, biotac, gelsight_mini, or a folder with a sensor.yaml.")
     ],
 ):
     """Make a sensor's meshes again, check them by the quality gates, and write them beside its sensor.yaml."""

@@ -193,7 +193,7 @@ def calibrate_optics(
     ] = None,
     radius_mm: Annotated[float | None, typer.Option(metavar="R", help="Radius of the sphere.")] = None,
     sensor: Annotated[
-        str, typer.Option("--sensor", metavar="SENSOR", help="digit, or a folder with a sensor.yaml.")
+        str, typer.Option("--sensor", metavar="SENSOR", help="digit, gelsight_mini, or a folder with a sensor.yaml.")
     ] = "digit",
     camera: Annotated[
         str | None,

@@ -55,7 +55,7 @@ class SensorChoice(StrictSection):
 
     model: str = Field(
         description="A bundled sensor, or the folder of a `sensor.yaml`",
-        **allowed("a bundled sensor model (digit, biotac) or a path: ./my_sensor"),
+        **allowed("a bundled sensor model (digit, biotac, gelsight_mini) or a path: ./my_sensor"),
     )
     mesh: Literal["default", "coarse", "fine"] = Field(
         "default", description="The simulation mesh. The stored vertices are the same for all of them"

@@ -1,16 +1,15 @@
-"""Parametric surfaces of the bundled sensors, from tables of measured dimensions in mm. Surfaces are in metres.
+"""Bodies around a line along x, given by their radius over (x, angle) in mm: the BioTac's skin and core.
 
-`PolarBody` is a body around a line along x, given by its radius over (x, angle): the BioTac's skin and core.
-`dome_surface` is a height field over a D-shaped outline with an upright wall and a rounded rim: the DIGIT's gel.
+Surfaces are in metres.
 """
 
 import numpy as np
 import trimesh
-from scipy.interpolate import PchipInterpolator, RectBivariateSpline
+from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
 from simgen.geometry.surface import ClosestPoint
-from simgen.sensors.sensor_schema import Dome, PolarShell, PolarTable
+from simgen.sensors.sensor_schema import PolarShell, PolarTable
 from simgen.units import MM
 
 
@@ -111,65 +110,3 @@ def core_body(
         vertices[near] += np.maximum(missing, 0.0)[:, None] * inwards
         near = near[missing > 0.0]
     return trimesh.Trimesh(vertices, core.faces, process=False)
-
-
-def outline(dome: Dome, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Make a closed D-shaped outline: points (n, 2) as (x, z) mm, and inward unit normals (n, 2).
-
-    Straight sides at half width w join a half circle of radius w at the tip and two rounded corners at the rear end.
-    """
-    w, c, e, r = dome.half_width_mm, dome.arch_center_x_mm, dome.end_x_mm, dome.corner_radius_mm
-
-    def arc(x, z, radius, start, stop):
-        n = max(int(np.ceil(radius * abs(stop - start) / spacing)), 6)
-        a = np.linspace(start, stop, n + 1)
-        normal = -np.column_stack([np.cos(a), np.sin(a)])
-        return np.array([x, z]) - radius * normal, normal
-
-    def line(start, stop, normal):
-        n = int(np.ceil(np.hypot(stop[0] - start[0], stop[1] - start[1]) / spacing))
-        s = np.linspace(0.0, 1.0, n + 1)[1:-1, None]
-        return start + s * (np.array(stop) - start), np.broadcast_to(normal, (n - 1, 2))
-
-    parts = [
-        arc(c, 0.0, w, np.pi / 2, 3 * np.pi / 2),
-        line(np.array([c, -w]), (e - r, -w), (0.0, 1.0)),
-        arc(e - r, -w + r, r, -np.pi / 2, 0.0),
-        line(np.array([e, -w + r]), (e, w - r), (-1.0, 0.0)),
-        arc(e - r, w - r, r, 0.0, np.pi / 2),
-        line(np.array([e - r, w]), (c, w), (0.0, -1.0)),
-    ]
-    return np.concatenate([p for p, _ in parts]), np.concatenate([n for _, n in parts])
-
-
-def dome_surface(dome: Dome) -> trimesh.Trimesh:
-    """Make the closed surface of the gel, m: flat back, upright wall, rounded rim, dome."""
-    crown = RectBivariateSpline(dome.x_mm, dome.z_mm, np.array(dome.thickness_mm), kx=3, ky=3)
-    spacing, fillet = dome.spacing_mm, dome.rim_radius_mm
-    rim, normal = outline(dome, spacing)
-
-    def thickness(points: np.ndarray) -> np.ndarray:
-        return crown(points[:, 0], np.abs(points[:, 1]), grid=False)
-
-    # Inwards from the wall's top edge: a quarter circle, then rings that shrink to the middle.
-    top = thickness(rim) - fillet
-    rings = [(rim, np.zeros(len(rim)))]
-    wall_rings = int(np.ceil(top.max() / spacing))
-    rings += [(rim, top * k / wall_rings) for k in range(1, wall_rings + 1)]
-    turns = int(np.ceil(fillet * np.pi / 2 / spacing)) + 4
-    for turn in np.linspace(0.0, np.pi / 2, turns + 1)[1:]:
-        points = rim + normal * fillet * (1.0 - np.cos(turn))
-        rings.append((points, thickness(points) - fillet * (1.0 - np.sin(turn))))
-    middle = np.array([0.5 * (rim[:, 0].min() + rim[:, 0].max()), 0.0])
-    inner = rim + normal * fillet
-    count = int(np.ceil(np.linalg.norm(inner - middle, axis=1).max() / spacing))
-    for k in range(1, count):
-        points = middle + (inner - middle) * (1.0 - k / count)
-        rings.append((points, thickness(points)))
-    back = [(middle + (rim - middle) * k / count, np.zeros(len(rim))) for k in range(1, count)]
-    rings = back + rings
-    poles = [(middle[None], np.zeros(1)), *rings, (middle[None], thickness(middle[None]))]
-    vertices = np.concatenate([
-        np.column_stack([p[:, 0], dome.back_y_mm - height, p[:, 1]]) for p, height in poles
-    ])  # fmt: skip
-    return outward(vertices, closed_rings(len(rings), len(rim)))

@@ -17,7 +17,7 @@ from simgen.geometry import mesh_files
 from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD, LabelledSurface
 from simgen.geometry.region_edges import NEAR, cut
 from simgen.geometry.surface import ClosestPoint, enclosed_volume, patches_at, shells, smooth_patches
-from simgen.sensors import polar_bodies
+from simgen.sensors import height_fields, polar_bodies
 from simgen.sensors.sensor_schema import Core, Gel, MeshSize, Selection, SensorDescription, read_description
 from simgen.units import MM
 
@@ -137,8 +137,12 @@ def gel_surface(gel: Gel, folder: Path) -> tuple[trimesh.Trimesh, np.ndarray | N
         return mesh_files.read_mesh(folder / gel.mesh.file, gel.mesh.unit)
     path = folder / "sensor.yaml"
     with parsing(path, "a gel"):  # sizes can be valid alone and yet make no body together
-        shell, dome = gel.polar_shell, gel.dome
-        surface = polar_bodies.shell_surface(shell) if shell is not None else polar_bodies.dome_surface(dome)
+        if gel.polar_shell is not None:
+            surface = polar_bodies.shell_surface(gel.polar_shell)
+        elif gel.dome is not None:
+            surface = height_fields.dome_surface(gel.dome)
+        else:
+            surface = height_fields.pad_surface(gel.pad)
         mesh_files.check_body(path, surface)
     return surface, None, None
 

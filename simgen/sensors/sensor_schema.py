@@ -150,6 +150,41 @@ class Dome(StrictSection):
         return self
 
 
+class PadFace(StrictSection):
+    """The domed face of a `Pad`: a rectangle, and thicknesses at its centre, mid-ends, mid-sides and corners."""
+
+    half_length_mm: Positive  # along x
+    half_width_mm: Positive  # along z
+    center_mm: Positive
+    end_mm: Positive
+    side_mm: Positive
+    corner_mm: Positive
+
+
+class Pad(StrictSection):
+    """A height field over a rectangle with rounded corners: a domed face in the middle, and a shoulder around it."""
+
+    back_y_mm: Number  # the flat back; the pad rises towards -y
+    center_x_mm: Number
+    half_length_mm: Positive  # along x
+    half_width_mm: Positive  # along z
+    corner_radius_mm: Positive  # of the upright edges
+    wall_mm: Positive  # height of the upright walls, where the shoulder ends
+    face: PadFace
+    spacing_mm: Positive  # edge length of the triangulation
+
+    @model_validator(mode="after")
+    def _shoulder_falls(self):
+        face = self.face
+        if self.corner_radius_mm > min(self.half_length_mm, self.half_width_mm):
+            raise ValueError("corner_radius_mm must be at most half_length_mm and half_width_mm")
+        widths = self.half_length_mm - face.half_length_mm, self.half_width_mm - face.half_width_mm
+        heights = [height - self.wall_mm for height in (face.center_mm, face.end_mm, face.side_mm, face.corner_mm)]
+        if not 0.0 < max(heights) <= min(widths) or min(heights) <= 0.0:
+            raise ValueError("the face must be above wall_mm everywhere, and further from the walls than above it")
+        return self
+
+
 def _direction(vector: Vector) -> Vector:
     if not 1e-3 <= np.linalg.norm(vector) <= 1e3:
         raise ValueError(f"{list(vector)}: a direction must have a length of 1e-3 to 1e3")
@@ -168,11 +203,12 @@ def _rising(values: list[float]) -> bool:
 
 
 class Gel(OneOf):
-    """The deformable body: a mesh file, or one of the parametric shapes of `simgen.sensors.polar_bodies`."""
+    """The deformable body: a mesh file, or a parametric shape (`polar_bodies`, `height_fields`)."""
 
     mesh: MeshFile | None = None
     polar_shell: PolarShell | None = None
     dome: Dome | None = None
+    pad: Pad | None = None
 
 
 class Core(OneOf):

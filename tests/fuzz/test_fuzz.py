@@ -193,15 +193,17 @@ SLAB = {
 
 def sensor_trees() -> list[dict]:
     """The bundled sensors with few triangles, and one of a mesh file."""
-    digit, biotac = (
-        yaml.safe_load((resource("sensor_models") / name / "sensor.yaml").read_text()) for name in ("digit", "biotac")
+    digit, biotac, mini = (
+        yaml.safe_load((resource("sensor_models") / name / "sensor.yaml").read_text())
+        for name in ("digit", "biotac", "gelsight_mini")
     )
     digit["gel"]["dome"]["spacing_mm"] = 2.5
     biotac["gel"]["polar_shell"]["spacing_mm"] = 2.0
     biotac["core"]["polar_core"]["spacing_mm"] = 2.0
-    for each in (digit, biotac):
+    mini["gel"]["pad"]["spacing_mm"] = 2.5
+    for each in (digit, biotac, mini):
         each["meshes"]["default"]["edge_length_mm"] = 5.0
-    return [SLAB, digit, biotac]
+    return [SLAB, digit, biotac, mini]
 
 
 @pytest.fixture(scope="module")

@@ -75,7 +75,7 @@ def test_behind_a_skin_is_the_core_and_nothing_beside_it():
     assert np.isinf(columns.rigid[0, ~over_core]).all()
 
 
-@pytest.mark.parametrize("name", ["digit", "biotac"])
+@pytest.mark.parametrize("name", ["digit", "biotac", "gelsight_mini"])
 def test_columns_begin_and_end_on_the_surfaces_of_a_sensor(name):
     sensor = load_sensor(name)
     contacts = sample_contacts(sensor, 3, 1, 1e-3)

@@ -201,7 +201,7 @@ def test_results_do_not_depend_on_how_many_are_measured_together(monkeypatch):
     assert measure.shares(poses[:0]).shape == (0, 2)
 
 
-@pytest.mark.parametrize("name", ["digit", "biotac"])
+@pytest.mark.parametrize("name", ["digit", "biotac", "gelsight_mini"])
 def test_at_the_depth_that_leaves_nothing_the_indenter_meets_the_rigid_body(name):
     """By first touch on the mesh that is pressed, and by signed distances at points of back or core."""
     sensor, shapes = replace(load_sensor(name), support=None), [CUBE, SPHERE, LONG]

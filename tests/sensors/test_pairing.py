@@ -1,4 +1,4 @@
-"""Pairing on the two bundled sensors, and on slabs and a wedge."""
+"""Pairing on the bundled sensors, and on slabs and a wedge."""
 
 import tracemalloc
 from types import SimpleNamespace
@@ -33,6 +33,11 @@ def digit():
 @pytest.fixture(scope="module")
 def biotac():
     return load_sensor("biotac")
+
+
+@pytest.fixture(scope="module")
+def mini():
+    return load_sensor("gelsight_mini")
 
 
 @pytest.fixture(scope="module")
@@ -294,6 +299,29 @@ def test_contacts_without_a_partner_are_drawn_again(digit, biotac):
 def test_partners_on_the_biotac_leave_the_contacts_on_the_digit_as_they_are(digit, biotac, contacts):
     paired = sample_contacts(digit, COUNT, SEED, DEPTH, others=[biotac])
     np.testing.assert_array_equal(paired.points, contacts.points)
+
+
+def test_a_contact_exists_on_all_three_sensors(digit, biotac, mini):
+    """Whichever sensor comes first, its contacts meet touchable skin of both others, with the same normal."""
+    for reference, *others in ((digit, biotac, mini), (mini, digit, biotac), (biotac, mini, digit)):
+        drawn = sample_contacts(reference, 20, SEED, 1e-3, others=others)
+        for other in others:
+            points, normals = partners(other, drawn)
+            vertices = other.output_mesh.surface_vertices
+            nearest = vertices[cKDTree(other.output_mesh.vertices[vertices]).query(points)[1]]
+            assert other.output_mesh.touchable[nearest].all()
+            pose = unfold(reference, other, drawn)
+            np.testing.assert_allclose(np.einsum("nij,nj->ni", pose[:, :3, :3], normals), drawn.normals, atol=1e-6)
+            reached = np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]
+            np.testing.assert_allclose(reached, drawn.points, atol=1e-8)
+
+
+def test_the_middles_of_the_digit_and_the_gelsight_mini_meet(digit, mini):
+    """Both gels lie in one frame: their apexes are the same point, so the pose is the identity there, to 0.05 mm."""
+    middle = contacts_at(digit, [(-7.56e-3, 0.0)])
+    pose = unfold(digit, mini, middle)[0]
+    np.testing.assert_allclose(pose[:3, :3], np.eye(3), atol=0.02)
+    np.testing.assert_allclose(partners(mini, middle)[0], middle.points, atol=0.05e-3)
 
 
 def test_a_sensor_on_which_most_contacts_have_no_partner_is_named(short_blocks):

@@ -9,10 +9,14 @@ import yaml
 from sensors.slab import SLAB, SOLID, write_sensor
 from simgen.errors import InputError
 from simgen.geometry.interpolation import locate
+from simgen.geometry.rigid_shape import rigid_shape
+from simgen.geometry.signed_distance import Kind
 from simgen.geometry.surface import ClosestPoint
 from simgen.sensors.sensor import load_sensor, place_electrodes
 from simgen.sensors.sensor_geometry import load_geometry
+from simgen.simulation.press import Scene, press
 from simgen.units import MM
+from simgen.verification.validate.sensors import place_indenter
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -23,6 +27,9 @@ def test_materials():
         preset = load_geometry(name).description.materials["solid"]
         assert preset.model_dump(exclude={"source"}) == solid
         assert preset.source
+    fitted = load_geometry("gelsight_mini").description.materials["solid"]
+    shear_modulus = fitted.youngs_modulus_pa / (2.0 + 2.0 * fitted.poisson_ratio)
+    assert shear_modulus == pytest.approx(0.145e6, rel=2e-3)  # as FEATS fitted it
     effective = load_geometry("biotac").description.materials["effective"]
     published = {"youngs_modulus_pa": 1.552231e6, "poisson_ratio": 0.316454, "friction": 0.783414}
     assert effective.model_dump(exclude={"source"}) == published
@@ -37,6 +44,32 @@ def test_camera_looks_at_the_gel():
     assert camera.looks_along.tolist() == [0, -1, 0]
     assert np.linalg.norm(camera.lights["red"] - camera.position) == pytest.approx(20e-3)
     assert sum(camera.lights.values()) / 3 == pytest.approx(camera.position, abs=1e-12)
+
+
+def test_the_camera_of_the_gelsight_mini_sees_the_width_that_its_maker_measured():
+    """0.0634 mm a pixel at 320 x 240, at the apex of the gel."""
+    sensor = load_sensor("gelsight_mini", "coarse")
+    camera = sensor.cameras["default"]
+    away = camera.position[1] - sensor.surface.vertices[:, 1].min()
+    assert away == pytest.approx(24e-3)
+    height = 2.0 * away * np.tan(0.5 * np.radians(camera.vertical_field_of_view_deg))
+    assert height / camera.height_px == pytest.approx(0.0634e-3, rel=1e-3)
+    towards = {colour: (light - camera.position) / 70e-3 for colour, light in camera.lights.items()}
+    for colour, side in (("red", [0, 0, -1]), ("blue", [0, 0, 1]), ("green", [1, 0, 0])):  # top, bottom, right
+        np.testing.assert_allclose(towards[colour], side, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_measured_forces_on_the_gelsight_mini():
+    """A sphere of R = 7.5 mm, against the forces that the material was fitted to (feats-ai/feats, f15e1588, MIT)."""
+    sensor = load_sensor("gelsight_mini")
+    scene, depths_mm = Scene(sensor, sensor.materials["solid"]), np.array([0.5, 1.0, 1.5, 2.0])
+    sphere, pose = rigid_shape(Kind.SPHERE, 7.5), place_indenter(sensor, -7.56, 0.0)
+    steps = np.arange(1, 21) * 0.1
+    force = np.linalg.norm(press(scene, [sphere], pose[None], steps * MM)[0].force, axis=1)
+    error = np.interp(depths_mm, steps, force) / [1.6503, 5.9641, 13.5257, 23.2532] - 1.0
+    print("force against the measured one:", ", ".join(f"{100 * each:+.1f} %" for each in error))
+    assert np.abs(error).max() < 0.2
 
 
 def test_electrodes_sit_on_the_core_in_mirrored_pairs():
@@ -118,7 +151,7 @@ def test_a_users_own_tetrahedra_can_be_solved_on(reference, tmp_path):
 
 
 def test_unknown_sensors_and_meshes(slab_folder):
-    with pytest.raises(InputError, match="allowed: biotac, digit, or a folder"):
+    with pytest.raises(InputError, match="allowed: biotac, digit, gelsight_mini, or a folder"):
         load_sensor("gelsight")
     with pytest.raises(InputError, match="mesh = 'finest', allowed: default, coarse, fine"):
         load_sensor("digit", "finest")

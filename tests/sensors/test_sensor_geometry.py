@@ -13,7 +13,7 @@ from simgen.units import MM
 
 
 def test_the_bundled_sensors():
-    assert bundled_sensors() == ["biotac", "digit"]
+    assert bundled_sensors() == ["biotac", "digit", "gelsight_mini"]
 
 
 def test_regions_of_the_slab(slab):
@@ -64,6 +64,10 @@ def test_held_regions_have_their_measured_area():
     assert area["nail_plate"] == pytest.approx(17.0 * 6.84, rel=0.03)  # x -17..0, |z| <= 3.42
     assert area["rear_plate"] == pytest.approx(7.0 * 6.6, rel=0.15)  # the round face clips the corners of the box
     assert load_geometry("digit").true.area(HELD) / MM**2 == pytest.approx(422.5, rel=0.005)
+    pad = load_geometry("gelsight_mini")
+    assert list(pad.held_regions) == ["back"]
+    corners = (4.0 - np.pi) * 1.5**2
+    assert pad.true.area(HELD) / MM**2 == pytest.approx(25.25 * 20.75 - corners, rel=1e-3)
 
 
 def test_a_shell_that_faces_inwards_is_a_cavity():

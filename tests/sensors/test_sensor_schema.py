@@ -17,7 +17,7 @@ MESH = {"file": "slab.stl", "unit": "mm"}
         ({"colour": "red"}, "colour: unknown key; allowed: name, gel, held"),
         ({"gel": {"mesh": {**MESH, "unit": "cm"}}}, 'gel.mesh.unit: "cm" is not allowed; allowed: m or mm'),
         ({"gel": {"mesh": {**MESH, "size": 1}}}, "gel.mesh.size: unknown key; allowed: file, unit"),
-        ({"gel": {}}, "gel: exactly one of mesh, polar_shell, dome is needed, found none"),
+        ({"gel": {}}, "gel: exactly one of mesh, polar_shell, dome, pad is needed, found none"),
         ({"gel": {"mesh": {**MESH, "file": "none.stl"}}}, "none.stl: no such mesh file"),
         ({"held": {}}, "held: {} is not allowed; allowed: .*at least one"),
         ({"held": {"back": {"plane": {"axis": "w", "at_mm": 2.0}}}}, 'held.back.plane.axis: "w" is not .* x, y or z'),

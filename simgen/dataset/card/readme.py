@@ -32,6 +32,8 @@ SHAPES = {
               "of simgen or of this dataset.",
     "digit": "The DIGIT's shape was measured on a public mesh of its gel (wzaielamri/across_framework, MIT), which is "
              "no part of simgen or of this dataset.",
+    "gelsight_mini": "The GelSight Mini's gel has figures of its maker's CAD (gelsightinc/gsrobotics), which is no "
+                     "part of simgen or of this dataset.",
 }  # fmt: skip
 METHOD = (
     "simgen makes pairs as ACROSS does: A Deformation-Based Cross-Modal Representation for Robotic Tactile Perception "

@@ -22,7 +22,7 @@ from simgen.simulation.press import PressResult, Scene, press
 from simgen.units import MM, UM_PER_M
 from simgen.verification.validate.case import Context, Curve, Outcome, Row, Table, at_most, case
 
-SENSORS = ("digit", "biotac")
+SENSORS = ("digit", "biotac", "gelsight_mini")
 PLACES_MM = {"centre": (-7.5, 0.0), "side": (-7.5, 5.5), "tip": (-15.5, 0.0)}  # x along the finger, arc across it
 MESHES = ("coarse", "default", "fine")
 DEPTHS_MM = np.arange(1, 21) * 0.1  # as in the dataset, the same on all meshes

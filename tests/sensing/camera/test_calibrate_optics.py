@@ -143,7 +143,7 @@ BAD = rows([
     ("no background", "01.png --background gone.png --radius-mm 2 -o t.npz", "gone.png: cannot be read: No such"),
     ("no camera", f"{GOOD} --sensor biotac -o t.npz", "biotac/sensor.yaml: no camera; allowed: a sensor with one"),
     ("no camera", "--sensor biotac -o .", "biotac/sensor.yaml: no camera; allowed: a sensor with one"),
-    ("no sensor", f"{GOOD} --sensor finger -o t.npz", "sensor 'finger': allowed: biotac, digit"),
+    ("no sensor", f"{GOOD} --sensor finger -o t.npz", "sensor 'finger': allowed: biotac, digit, gelsight_mini"),
     ("a stranger", f"{GOOD} --circles strange.csv -o t.npz", "strange.csv: "),
     ("not ours", f"{GOOD} -o 02.png", "02.png: exists already, and was not fitted to pictures of a sphere; remove it"),
     ("not ours", f"{GOOD} -o model.npz", "model.npz: exists already, and was not fitted to pictures of a sphere"),
