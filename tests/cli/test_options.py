@@ -49,7 +49,7 @@ def test_samples_are_a_range_that_is_not_empty():
             sample_range(samples)
 
 
-def test_height_maps_are_smoothed_unless_the_user_says_no():
-    assert (smoothing(None, False), smoothing("across", False), smoothing(None, True)) == ("whole", "across", None)
+def test_how_height_maps_are_smoothed_depends_on_their_source_unless_the_user_says():
+    assert (smoothing(None, False), smoothing("across", False), smoothing(None, True)) == ("auto", "across", None)
     with pytest.raises(InputError, match="--no-blur: contradicts --blur across"):
         smoothing("across", True)
