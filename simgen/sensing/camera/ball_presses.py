@@ -56,12 +56,20 @@ class BallPresses:
         return cls(heights, scene.height_step_m, np.asarray(depths_m), maps.rest_depth, maps.pinhole)
 
     def height(self, place: int, depth_m: float, right: float = 0.0, down: float = 0.0) -> np.ndarray:
-        """Height map (height, width) float32, m, at a depth, shifted by some pixels; linear between depths."""
+        """Height map (height, width) float32, m, at a depth, shifted by some pixels.
+
+        Depths between the simulated ones have cubic Hermite polynomials with central differences. Linear ones would
+        show the edges of the contacts at both depths.
+        """
         knots = np.concatenate([[0.0], self.depths_m])
         at = float(np.interp(depth_m, knots, np.arange(len(knots))))
         lower = min(int(at), len(knots) - 2)
-        below, above = (self._knot(place, each) for each in (lower, lower + 1))
-        height = self.step_m * ((1.0 - at + lower) * below + (at - lower) * above)
+        before, below, above, after = (self._knot(place, min(lower + k, len(knots) - 1)) for k in (-1, 0, 1, 2))
+        t, first, last = at - lower, 0.5 * (above - before), 0.5 * (after - below)
+        bend = first + last - 2.0 * (above - below)
+        height = self.step_m * (
+            below + t * (first + t * (3.0 * (above - below) - 2.0 * first - last + t * bend))
+        )
         if right or down:
             moved = np.array([[1.0, 0.0, right], [0.0, 1.0, down]])
             height = cv2.warpAffine(height, moved, height.shape[::-1], flags=cv2.INTER_CUBIC,
@@ -69,6 +77,9 @@ class BallPresses:
         return np.asarray(height, np.float32)
 
     def _knot(self, place: int, number: int) -> np.ndarray:
+        """Height map at a depth by its number; 0 is no depth. Before it, heights continue without a kink."""
+        if number < 0:
+            return -self._knot(place, 1)
         return self.heights[place, number - 1].astype(np.float32) if number else np.zeros(self.rest_depth.shape)
 
 

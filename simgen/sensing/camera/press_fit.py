@@ -26,7 +26,7 @@ DEPTH_STEP = 0.12e-3  # m, first step of that search
 
 
 @dataclass(frozen=True)
-class Press:
+class PicturedPress:
     """Depth, m, of a press and its shift to the right and down, px, from the place where it was simulated."""
 
     depth_m: float
@@ -51,7 +51,7 @@ class PressedPictures:
         self._pixel = presses.rest_depth / presses.pinhole.focal
         self._placement = Placement.of(height, width, *PUBLISHED_SIZE[::-1])
 
-    def picture(self, response: Response, place: int, press: Press) -> np.ndarray:
+    def picture(self, response: Response, place: int, press: PicturedPress) -> np.ndarray:
         """Image (height, width, 3) uint8 of a press by a table of colours."""
         height = self.presses.height(place, press.depth_m, press.right, press.down)
         return self._shading(response)(wp.array(height[None], dtype=wp.float32)).numpy()[0]
@@ -61,32 +61,32 @@ class PressedPictures:
         circle = self.circles[place]
         return np.hypot(self._columns - circle.column, self._rows - circle.row) < radii * circle.radius
 
-    def press_by_slope(self, place: int) -> Press:
+    def press_by_slope(self, place: int) -> PicturedPress:
         """Depth whose slopes, before any colours are known, reach as far as the picture's colours change."""
         depths = self.presses.depths_m
         radii = [self._slope_radius(self.presses.height(place, depth)) for depth in depths]
-        return Press(float(np.interp(self.circles[place].radius, np.maximum.accumulate(radii), depths)))
+        return PicturedPress(float(np.interp(self.circles[place].radius, np.maximum.accumulate(radii), depths)))
 
-    def press_by_radius(self, response: Response, place: int) -> Press:
+    def press_by_radius(self, response: Response, place: int) -> PicturedPress:
         """Depth whose imprint, in the colours of a table, has the radius of the picture's."""
         depths = self.presses.depths_m
-        images = (self.picture(response, place, Press(depth)) for depth in depths)
+        images = (self.picture(response, place, PicturedPress(depth)) for depth in depths)
         radii = [find_imprint(image.astype(float) - self.background).radius for image in images]
-        return Press(float(np.interp(self.circles[place].radius, np.maximum.accumulate(radii), depths)))
+        return PicturedPress(float(np.interp(self.circles[place].radius, np.maximum.accumulate(radii), depths)))
 
-    def press_by_colours(self, response: Response, place: int, start: Press) -> Press:
+    def press_by_colours(self, response: Response, place: int, start: PicturedPress) -> PicturedPress:
         """Place and depth with the least mean absolute difference of colours around the imprint."""
         near, wanted = self.around(place, REACH), self.pictures[place].astype(np.int16)
         scale = np.array([DEPTH_STEP, SHIFT_PX, SHIFT_PX])
 
         def difference(at: np.ndarray) -> float:
-            return float(np.abs(self.picture(response, place, Press(*(at * scale))) - wanted)[near].mean())
+            return float(np.abs(self.picture(response, place, PicturedPress(*(at * scale))) - wanted)[near].mean())
 
         first = np.array([start.depth_m, start.right, start.down]) / scale
         options = {"initial_simplex": np.vstack([first, first + np.eye(3)]), "maxfev": EVALUATIONS}
-        return Press(*(minimize(difference, first, method="Nelder-Mead", options=options).x * scale))
+        return PicturedPress(*(minimize(difference, first, method="Nelder-Mead", options=options).x * scale))
 
-    def observe(self, place: int, press: Press) -> Observations:
+    def observe(self, place: int, press: PicturedPress) -> Observations:
         """Slopes of a press, and changes of colour in its picture, around the imprint."""
         height = self.presses.height(place, press.depth_m, press.right, press.down)
         down, right = np.gradient(height) / self._pixel
@@ -95,7 +95,9 @@ class PressedPictures:
         position = self._placement.position(self._rows[near], self._columns[near])
         return Observations(*self._placement.slope(down[near], right[near]), *position, change)
 
-    def fit(self, places: Sequence[int], source: str = "", rounds: int = ROUNDS) -> tuple[Response, list[Press]]:
+    def fit(
+        self, places: Sequence[int], source: str = "", rounds: int = ROUNDS
+    ) -> tuple[Response, list[PicturedPress]]:
         """Fit a table to some of the pictures, and find their presses."""
         presses = [self.press_by_slope(place) for place in places]
         response = self._fitted(places, presses, source)
@@ -104,7 +106,7 @@ class PressedPictures:
             response = self._fitted(places, presses, source)
         return response, presses
 
-    def _fitted(self, places: Sequence[int], presses: Sequence[Press], source: str) -> Response:
+    def _fitted(self, places: Sequence[int], presses: Sequence[PicturedPress], source: str) -> Response:
         return fit_response((self.observe(*each) for each in zip(places, presses, strict=True)), source=source)
 
     def _slope_radius(self, height: np.ndarray) -> float:

@@ -32,11 +32,19 @@ def test_the_dent_lies_at_the_place_and_grows_with_the_depth(presses):
         assert 0.4 * height.max() < presses.height(number, 0.3e-3).max() < 0.6 * height.max()
 
 
-def test_heights_between_depths_are_linear_and_end_at_the_last(presses):
-    low, high = presses.height(0, 0.3e-3), presses.height(0, 0.6e-3)
-    np.testing.assert_allclose(presses.height(0, 0.4e-3), (2.0 * low + high) / 3.0, atol=1e-9)
-    np.testing.assert_allclose(presses.height(0, 0.15e-3), 0.5 * low, atol=1e-9)
-    np.testing.assert_array_equal(presses.height(0, 5e-3), high)
+def test_heights_meet_the_simulated_ones_and_end_at_the_last(presses):
+    for depth, stored in zip((0.3e-3, 0.6e-3, 5e-3), (0, 1, 1), strict=True):
+        np.testing.assert_allclose(presses.height(0, depth), 1e-7 * presses.heights[0, stored], atol=1e-9)
+    assert not presses.height(0, 0.0).any()
+
+
+def test_heights_between_depths_are_exact_for_parabolas_of_the_depth(presses):
+    """Away from the first and the last depth, whose differences are one-sided."""
+    depths = 1e-4 * np.arange(1, 6)
+    steps = np.round(1e5 * depths + 1e9 * depths**2).astype(np.int16)
+    made = replace(presses, heights=np.broadcast_to(steps[None, :, None, None], (1, 5, 80, 60)), depths_m=depths)
+    found = made.height(0, 2.5e-4)
+    np.testing.assert_allclose(found, 1e-7 * (1e5 * 2.5e-4 + 1e9 * 2.5e-4**2), atol=1e-7)
 
 
 def test_a_shift_moves_the_dent(presses):

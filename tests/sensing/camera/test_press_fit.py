@@ -6,7 +6,7 @@ import pytest
 from simgen.config.resources import resource
 from simgen.sensing.camera.ball_presses import BallPresses
 from simgen.sensing.camera.imprint import find_imprint
-from simgen.sensing.camera.press_fit import Press, PressedPictures
+from simgen.sensing.camera.press_fit import PicturedPress, PressedPictures
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.spheres import Circle
 from simgen.sensors.pinhole import Pinhole
@@ -31,7 +31,7 @@ def pressed():
     """Pictures in the colours of the DIGIT's own table, with presses simulated up to four pixels aside."""
     pinhole, random = Pinhole.of(camera(HEIGHT, WIDTH)), np.random.default_rng(1)
     table = Response.load(resource("sensor_models") / "digit" / "optics.npz")
-    true = [Press(1e-3 * depth, *random.uniform(-4.0, 4.0, 2)) for _, _, depth in TRUE]
+    true = [PicturedPress(1e-3 * depth, *random.uniform(-4.0, 4.0, 2)) for _, _, depth in TRUE]
     places = [Circle(column, row, 1.0) for column, row, _ in TRUE]
     heights = np.stack([dents(place, pinhole) for place in places])
     presses = BallPresses(heights, 1e-7, DEPTHS_M, np.full((HEIGHT, WIDTH), AWAY_M), pinhole)
