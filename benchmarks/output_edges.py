@@ -45,7 +45,7 @@ def describe(folder: Path) -> None:
         "held": {"back": {"plane": {"axis": "y", "at_mm": 2.0}}},
         "meshes": {"default": {"edge_length_mm": 0.9, "held_edge_length_mm": 1.8}},
         "materials": {"solid": digit["materials"]["solid"]},
-        "camera": {**digit["camera"], "position_mm": [0.0, 17.0, 0.0]},
+        "cameras": {"default": {**digit["cameras"]["default"], "position_mm": [0.0, 17.0, 0.0]}},
     }
     (folder / "sensor.yaml").write_text(yaml.safe_dump(about))
 

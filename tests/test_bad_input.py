@@ -162,6 +162,8 @@ JOBS = [
 ]
 
 MESH = "mesh s"
+CAMERA = {"position_mm": [0, 0, 0], "looks_along": [0, 1, 0], "up": [1, 0, 0], "vertical_field_of_view_deg": 60,
+          "width_px": 2, "height_px": 2, "light_circle_radius_mm": 1, "light_angles_deg": {}}  # fmt: skip
 SENSORS = [
     ("no sensor.yaml", {"s": None}, MESH, f"sensor 's': allowed: {BUNDLED}, or a folder with a sensor.yaml"),
     ("unknown sensor", {}, "mesh finger", f"sensor 'finger': allowed: {BUNDLED}"),
@@ -180,13 +182,12 @@ SENSORS = [
     ("no cavity", sensor(core={"friction": 0.0, "mesh": SLAB["gel"]["mesh"]}), MESH, "core: the gel has no cavity"),
     ("tiny edges", sensor(meshes={"default": {"edge_length_mm": 1e-6}}), MESH, "edge_length_mm = 1e-06: allowed: "),
     ("surface as given", sensor(meshes={"default": "as_given"}), MESH, "as_given needs a file of tetrahedra"),
-    ("no default camera", sensor(cameras={"front": {
-        "position_mm": [0, 0, 0], "looks_along": [0, 1, 0], "up": [1, 0, 0], "vertical_field_of_view_deg": 60,
-        "width_px": 2, "height_px": 2, "light_circle_radius_mm": 1, "light_angles_deg": {}}}), MESH,
+    ("old camera", sensor(camera={}), MESH, "s/sensor.yaml: camera: unknown key; allowed: "),
+    ("camera with a path", sensor(cameras={"default": CAMERA, "../x": CAMERA}), MESH,
+     "cameras: '../x' cannot name a camera; allowed: letters"),
+    ("no default camera", sensor(cameras={"front": CAMERA}), MESH,
      "cameras: front; allowed: one of them named default"),
-    ("camera without direction", sensor(cameras={"default": {
-        "position_mm": [0, 0, 0], "looks_along": [0, 0, 0], "up": [1, 0, 0], "vertical_field_of_view_deg": 60,
-        "width_px": 2, "height_px": 2, "light_circle_radius_mm": 1, "light_angles_deg": {}}}), MESH,
+    ("camera without direction", sensor(cameras={"default": {**CAMERA, "looks_along": [0, 0, 0]}}), MESH,
         "cameras.default.looks_along: [0.0, 0.0, 0.0]: a direction must have a length"),
     ("mesh file gone", {"s/sensor.yaml": sensor()["s/sensor.yaml"]}, MESH, "s/slab.stl: no such mesh file"),
     *[(f"{what} of another folder", sensor(**{what: {**about, "mesh": {"file": file, "unit": "mm"}}})

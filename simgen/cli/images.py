@@ -205,6 +205,10 @@ def calibrate_optics(
         typer.Option(metavar="FILE", help="CSV with the contact circles in pixels: file,column,row,radius.",
                      show_default="found in the images"),
     ] = None,
+    simulate: Annotated[
+        bool,
+        typer.Option("--simulate", help="Fit to the dents of simulated presses: more exact, a few minutes."),
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="PATH", help="The table; without pictures, a folder for both files.",
@@ -219,7 +223,18 @@ def calibrate_optics(
     camera other than default, its name follows in the files' names.
     """
     from simgen.config.choices import DEFAULT_CAMERA
-    from simgen.sensing.camera.calibrate_optics import calibrate
+    from simgen.sensing.camera.calibrate_optics import calibrate, check_picture_options
 
-    for line in calibrate(pictures or [], background, radius_mm, sensor, circles, output, camera or DEFAULT_CAMERA):
+    name = camera or DEFAULT_CAMERA
+    if simulate:
+        from simgen.sensing.camera.calibrate_by_presses import fit_to_simulated_presses
+
+        if circles is not None or not pictures:
+            given = f"--circles {circles}" if pictures else "no PICTURE"
+            raise InputError(f"--simulate: {given}; allowed: pictures, whose imprints it finds itself")
+        check_picture_options(background, radius_mm, output)
+        lines = fit_to_simulated_presses(pictures, background, 1e-3 * radius_mm, sensor, output, name)
+    else:
+        lines = calibrate(pictures or [], background, radius_mm, sensor, circles, output, name)
+    for line in lines:
         typer.echo(line)

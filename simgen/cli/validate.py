@@ -23,7 +23,10 @@ MARKS = {
 
 def print_cases(cases: Iterable[Case]) -> None:
     """Print name, level and title of each case."""
-    table = Table("case", "level", "title", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("case", no_wrap=True)
+    table.add_column("level")
+    table.add_column("title")
     for case in cases:
         table.add_row(case.name, case.level, case.title)
     console.print(table)

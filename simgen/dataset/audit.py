@@ -17,7 +17,7 @@ from simgen.dataset.audit_finding import SHOWN, Finding, name, named, not_looked
 from simgen.dataset.layout import faults
 from simgen.dataset.reader import PLAN, Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS, number_presses, split_presses
-from simgen.dataset.stored_arrays import path_arrays
+from simgen.dataset.stored_arrays import NOT_REACHED, path_arrays
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import NOT_THERE, Status, has_values, is_planned_end
 from simgen.units import UM_PER_M
@@ -232,7 +232,9 @@ def _finite(dataset: Dataset, name: str, by_shard: bool, shape: tuple[int, int])
     for shard in dataset.finished():
         presses = dataset.shard_presses(shard)
         rows = slice(presses.start, presses.stop)
-        finite[rows] = np.isfinite(dataset.in_unit(name, rows)).all(axis=(2, 3))
+        stored = dataset.of_samples(name, rows)
+        known = stored != NOT_REACHED if stored.dtype == np.int16 else np.isfinite(stored)
+        finite[rows] = known.all(axis=(2, 3))
     return finite
 
 

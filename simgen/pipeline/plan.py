@@ -87,6 +87,8 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
         if job.has_images(name):
             quadratic, camera = ELEMENTS[job.solver.element].nodes == 10, chosen_camera(job, name, sensor)
             maps = solution_height_maps(sensor.simulation_mesh, camera, quadratic=quadratic)[0]
+            if not maps.seen.any():
+                raise InputError(f"sensors.{name}.camera: the gel is out of its sight; allowed: a camera that sees it")
             arrays[f"{name}/{REST_DEPTH}"] = maps.rest_depth.astype(np.float32)
         if job.stops_early:
             poses = np.linalg.inv(arrays[f"{name}/pose"]) @ arrays["press/contact_pose"]
@@ -221,6 +223,7 @@ def _remarks(job: Job, sensors: Mapping[str, Sensor], indenters: Sequence[Indent
         line
         for name, own in sensors.items()
         for line in coarse_images(name, own, chosen_camera(job, name, own), indenters, deepest)
+        if not job.has_images(name)  # images of the solution do not show the output mesh
     ]
 
 

@@ -132,7 +132,7 @@ def _preview_sensor(
         scene.axis_lengths,
         material,
         scene.terms,
-        coarse_images(name, sensor, camera, indenters, float(job.depths_m.max())),
+        [] if job.has_images(name) else coarse_images(name, sensor, camera, indenters, float(job.depths_m.max())),
     )
 
 

@@ -136,7 +136,9 @@ class HeightMaps:
         self.seen = depth < NOTHING
         self.rest_depth = np.where(self.seen, depth, np.inf)
         # Beside the surface, heights continue from its rim: a step there would be seen as a slope.
-        near = distance_transform_edt(~self.seen, return_distances=False, return_indices=True)
+        # A camera that sees no gel has heights of nothing: each pixel is its own.
+        unseen = ~self.seen if self.seen.any() else np.zeros_like(self.seen)
+        near = distance_transform_edt(unseen, return_distances=False, return_indices=True)
         self._source = wp.array(np.stack(near, axis=-1), dtype=wp.vec2i, device=device)
         self._rest_depth = wp.array(depth, dtype=wp.float32, device=device)
 

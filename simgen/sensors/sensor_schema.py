@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import re
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -15,6 +16,8 @@ from simgen.errors import InputError, shown
 from simgen.sensors.material import Material
 
 Unit = Literal["m", "mm"]
+NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"  # of sensors and cameras
+NAME_IN_WORDS = "letters, digits, _ . -, a letter first"
 LARGEST = 1e4  # mm or degrees; ten metres
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False)]
@@ -309,7 +312,7 @@ class Electrodes(StrictSection):
 class SensorDescription(StrictSection):
     """A whole ``sensor.yaml``."""
 
-    name: str = Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$", **allowed("letters, digits, _ . -, a letter first"))
+    name: str = Field(pattern=NAME, **allowed(NAME_IN_WORDS))
     gel: Gel
     held: dict[str, Selection] = Field(min_length=1, **allowed("names of regions with their selections, at least one"))
     core: Core | None = None
@@ -326,6 +329,9 @@ class SensorDescription(StrictSection):
     def _a_default_camera(cls, cameras: dict[str, CameraSettings]) -> dict[str, CameraSettings]:
         if cameras and DEFAULT_CAMERA not in cameras:
             raise ValueError(f"{', '.join(cameras)}; allowed: one of them named {DEFAULT_CAMERA}")
+        for name in cameras:  # it becomes part of file names
+            if not re.fullmatch(NAME, name):
+                raise ValueError(f"{shown(repr(name))} cannot name a camera; allowed: {NAME_IN_WORDS}")
         return cameras
 
     @model_validator(mode="after")

@@ -20,6 +20,7 @@ from simgen.simulation.height_maps import solution_height_maps
 from simgen.simulation.press import Scene, press
 from simgen.units import MM_PER_M
 
+DEPTHS, DEEPEST = 7, 7.0 / 15.0  # simulated depths of a ball; the last one, in its radius
 NEAR_M = 1e-3  # radius around a place in which the gel's normal is averaged
 AT_ONCE = 8  # presses; more are no faster on a core
 
@@ -30,7 +31,7 @@ class BallPresses:
 
     heights : (place, depth, height, width) int16, in steps
     step_m : m, of the heights
-    depths_m : (depth,) m, increasing from the first one above 0
+    depths_m : (depth,) m, all multiples of the first one
     rest_depth : (height, width) m, of the untouched gel along the optical axis
     pinhole : the camera
     """
@@ -58,8 +59,7 @@ class BallPresses:
     def height(self, place: int, depth_m: float, right: float = 0.0, down: float = 0.0) -> np.ndarray:
         """Height map (height, width) float32, m, at a depth, shifted by some pixels.
 
-        Depths between the simulated ones have cubic Hermite polynomials with central differences. Linear ones would
-        show the edges of the contacts at both depths.
+        Between simulated depths, heights follow cubic Hermite polynomials with central differences.
         """
         knots = np.concatenate([[0.0], self.depths_m])
         at = float(np.interp(depth_m, knots, np.arange(len(knots))))
@@ -81,6 +81,11 @@ class BallPresses:
         if number < 0:
             return -self._knot(place, 1)
         return self.heights[place, number - 1].astype(np.float32) if number else np.zeros(self.rest_depth.shape)
+
+
+def simulated_depths(radius_m: float) -> np.ndarray:
+    """Depths (depth,) m at which a ball of this radius is simulated: 0.2 to 1.4 mm for 3 mm."""
+    return radius_m * DEEPEST * np.arange(1, DEPTHS + 1) / DEPTHS
 
 
 def contact_pose(sensor: Sensor, pinhole: Pinhole, rest_depth: np.ndarray, place: Circle) -> np.ndarray:

@@ -47,14 +47,19 @@ def calibrate(
             if given[option] is not None:
                 raise InputError(f"{option} {given[option]}: no PICTURE; allowed: with pictures")
         return fit_to_model(model, output, camera)
-    for option in ("--background", "--radius-mm", "--output"):
-        if given[option] is None:
+    check_picture_options(background, radius_mm, output)
+    return fit_to_pictures(pictures, background, 1e-3 * radius_mm, model, circles, output, camera)
+
+
+def check_picture_options(background: Path | None, radius_mm: float | None, output: Path | None) -> None:
+    """Raise `InputError` if an option that pictures need is missing, or the radius is out of range."""
+    for option, value in (("--background", background), ("--radius-mm", radius_mm), ("--output", output)):
+        if value is None:
             raise InputError(
                 f"{option} is missing; allowed with pictures: --background FILE --radius-mm R --output FILE"
             )
     if not 0.0 < radius_mm <= LARGEST_MM:
         raise InputError(f"--radius-mm {radius_mm:g}: allowed: more than 0, at most {LARGEST_MM:g}")
-    return fit_to_pictures(pictures, background, 1e-3 * radius_mm, model, circles, output, camera)
 
 
 def fit_to_pictures(
@@ -94,13 +99,10 @@ def fit_to_pictures(
             f"{picture}: circle of {circle.radius:.1f} pixels at column {circle.column:.1f}, row {circle.row:.1f}; "
             f"{len(seen.x)} pixels with a known tilt"
         )
-    if len(left_out) > MOST_LEFT_OUT * len(pictures):
-        raise InputError(
-            f"{len(left_out)} of {len(pictures)} pictures left out; allowed: at most half; the first: {left_out[0]}"
-        )
+    check_enough_left(left_out, len(pictures))
     response = fit_response(observed, source=PICTURES)
-    _write(output.parent, {output.name: response.data()})
-    yield f"{output}: of {_counted(len(observed), len(pictures))}; {_sentence(response, observed)}"
+    write_tables(output.parent, {output.name: response.data()})
+    yield f"{output}: of {counted(len(observed), len(pictures))}; {_sentence(response, observed)}"
 
 
 def fit_to_model(model: str, output: Path | None, camera: str = DEFAULT_CAMERA) -> Iterator[str]:
@@ -125,7 +127,7 @@ def fit_to_model(model: str, output: Path | None, camera: str = DEFAULT_CAMERA) 
     response = fit_response((rendered.of_patch(patch) for patch in rendered.spheres()), source=MODEL)
     others = [rendered.of_patch(patch) for patch in rendered.spheres(OTHERS, seed=1)]
     background = np.rint(rendered.background).astype(np.uint8)
-    _write(folder, {background_file.name: png(background), table.name: response.data()})
+    write_tables(folder, {background_file.name: png(background), table.name: response.data()})
     yield (
         f"{table}: of {SPHERES} spheres of {1e3 * RADIUS_M:g} mm under the photometric model; "
         f"of {len(others)} others {_sentence(response, others)}"
@@ -155,6 +157,13 @@ def _contact(
     return circle, seen
 
 
+def check_enough_left(left_out: Sequence[InputError], given: int) -> None:
+    """Raise `InputError` if more than half of the given pictures were left out."""
+    if len(left_out) > MOST_LEFT_OUT * given:
+        first = left_out[0]
+        raise InputError(f"{len(left_out)} of {given} pictures left out; allowed: at most half; the first: {first}")
+
+
 def check_replaceable(file: Path, source: str) -> None:
     """Raise `InputError` if the file exists and is no table fitted to ``source``."""
     if not file.exists():
@@ -169,12 +178,14 @@ def check_replaceable(file: Path, source: str) -> None:
         )
 
 
-def _write(folder: Path, files: dict[str, bytes]) -> None:
+def write_tables(folder: Path, files: dict[str, bytes]) -> None:
+    """Write files, by name, into a folder; all appear whole or none."""
     with writing(folder / next(iter(files))):
         put_in_place(folder, {name: write_aside(folder, data) for name, data in files.items()})
 
 
-def _counted(used: int, given: int) -> str:
+def counted(used: int, given: int) -> str:
+    """The number of pictures that were used, in words."""
     return f"{used} pictures" if used == given else f"{used} of {given} pictures"
 
 

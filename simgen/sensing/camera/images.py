@@ -34,6 +34,7 @@ from simgen.errors import InputError, writing
 from simgen.fem.nonlinear.status import is_valid
 from simgen.sensing.camera.image_files import write_image
 from simgen.sensing.camera.renderer import Look, Renderer
+from simgen.sensors import height_map, pinhole
 
 RECORD = "render.json"
 
@@ -65,7 +66,7 @@ class Images:
             "kernels": list(renderer.blur.sizes),
             "kernels_around_contact": list(renderer.blur.around),
             "shadows": renderer.shadows is not None,
-            "code": source_hash(Path(__file__).parent),
+            "code": _code_hash(),
         }
 
     def meshes(self, dataset: Dataset) -> "SurfaceSource":
@@ -75,6 +76,14 @@ class Images:
     def keep_to_one_core(self) -> None:
         """Limit a worker process to one thread."""
         cv2.setNumThreads(1)
+
+
+def _code_hash() -> str:
+    """sha256 of the code that makes images: this folder, rays and height maps."""
+    digest = hashlib.sha256(source_hash(Path(__file__).parent).encode())
+    for module in (height_map, pinhole):
+        digest.update(Path(module.__file__).read_bytes())
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=2)

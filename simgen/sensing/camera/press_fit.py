@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from scipy.optimize import minimize
 
+from simgen.errors import InputError
 from simgen.sensing.camera.ball_presses import BallPresses
 from simgen.sensing.camera.imprint import find_imprint
 from simgen.sensing.camera.response import PUBLISHED_SIZE, Placement, Response
@@ -19,6 +20,7 @@ from simgen.sensing.camera.shading import Shading
 from simgen.sensing.camera.spheres import Circle
 from simgen.sensing.camera.table_fit import Observations, fit_response
 
+SLOPE_LEVELS = 255.0  # grey levels of a slope of 1, where slopes stand for changes of colour
 ROUNDS = 2  # of finding the presses and fitting the table
 REACH = 2.2  # imprint radii around its centre that are fitted
 EVALUATIONS, SHIFT_PX = 45, 5.0  # of a search for place and depth; its first step
@@ -56,6 +58,12 @@ class PressedPictures:
         height = self.presses.height(place, press.depth_m, press.right, press.down)
         return self._shading(response)(wp.array(height[None], dtype=wp.float32)).numpy()[0]
 
+    def levels(self, response: Response, place: int, press: PicturedPress) -> tuple[float, float]:
+        """Mean change of colour in a picture's contact, and mean difference of the press's image there, levels."""
+        contact, picture = self.around(place, 1.0), self.pictures[place].astype(float)
+        others = self.background, self.picture(response, place, press)
+        return tuple(float(np.abs(picture - other)[contact].mean()) for other in others)
+
     def around(self, place: int, radii: float) -> np.ndarray:
         """Pixels (height, width) bool within this many radii of the middle of an imprint."""
         circle = self.circles[place]
@@ -64,14 +72,15 @@ class PressedPictures:
     def press_by_slope(self, place: int) -> PicturedPress:
         """Depth whose slopes, before any colours are known, reach as far as the picture's colours change."""
         depths = self.presses.depths_m
-        radii = [self._slope_radius(self.presses.height(place, depth)) for depth in depths]
+        heights = (self.presses.height(place, depth) for depth in depths)
+        radii = [_radius(SLOPE_LEVELS * np.hypot(*np.gradient(each)) / self._pixel) for each in heights]
         return PicturedPress(float(np.interp(self.circles[place].radius, np.maximum.accumulate(radii), depths)))
 
     def press_by_radius(self, response: Response, place: int) -> PicturedPress:
         """Depth whose imprint, in the colours of a table, has the radius of the picture's."""
         depths = self.presses.depths_m
         images = (self.picture(response, place, PicturedPress(depth)) for depth in depths)
-        radii = [find_imprint(image.astype(float) - self.background).radius for image in images]
+        radii = [_radius(image.astype(float) - self.background) for image in images]
         return PicturedPress(float(np.interp(self.circles[place].radius, np.maximum.accumulate(radii), depths)))
 
     def press_by_colours(self, response: Response, place: int, start: PicturedPress) -> PicturedPress:
@@ -109,11 +118,15 @@ class PressedPictures:
     def _fitted(self, places: Sequence[int], presses: Sequence[PicturedPress], source: str) -> Response:
         return fit_response((self.observe(*each) for each in zip(places, presses, strict=True)), source=source)
 
-    def _slope_radius(self, height: np.ndarray) -> float:
-        slope = np.hypot(*np.gradient(height)) / self._pixel
-        return find_imprint(np.repeat(255.0 * slope[..., None], 3, axis=2)).radius
-
     def _shading(self, response: Response) -> Shading:
         if getattr(self, "_last", (None, None))[0] is not response:
             self._last = response, Shading(response, self._pixel, self.background)
         return self._last[1]
+
+
+def _radius(change: np.ndarray) -> float:
+    """Radius, px, of the imprint of changes (height, width) or (height, width, 3); 0 without one."""
+    try:
+        return find_imprint(change if change.ndim == 3 else change[..., None]).radius
+    except InputError:
+        return 0.0

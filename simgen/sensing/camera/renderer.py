@@ -114,7 +114,7 @@ class Renderer:
         check_device(device)
         pinhole = Pinhole.of(camera, look.height, look.width)
         if look.heights == "solution":
-            check_height_maps(dataset, sensor, name)
+            check_height_maps(dataset, sensor, name, pinhole)
             heights = StoredHeights(dataset[f"{sensor}/{REST_DEPTH}"], pinhole, device)
         else:
             surface = (dataset[f"{sensor}/{key}"] for key in ("rest_positions", "surface_triangles"))

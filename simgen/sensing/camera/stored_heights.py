@@ -16,9 +16,15 @@ class StoredHeights:
 
     rest_depth : (row, column) m, as stored; infinite for pixels that do not see the gel
     pinhole : the camera of the images; another size than that of the stored maps is interpolated
+
+    Raises `InputError` if the sides of the images have another ratio.
     """
 
     def __init__(self, rest_depth: np.ndarray, pinhole: Pinhole, device: str = "cpu"):
+        rows, columns = rest_depth.shape
+        if abs(pinhole.height * columns / (pinhole.width * rows) - 1.0) > 0.01:
+            raise InputError(f"images of {pinhole.width} x {pinhole.height} pixels: allowed: sides in the ratio of the "
+                             f"stored height maps, {columns} x {rows}, or --heights mesh")  # fmt: skip
         start_warp()
         self.pinhole, self.device = pinhole, device
         self.seen = _resized(np.isfinite(rest_depth).astype(np.float32), pinhole) > 0.5
@@ -32,8 +38,8 @@ class StoredHeights:
         return wp.array(np.stack(maps) if maps else np.zeros(shape), dtype=wp.float32, device=self.device)
 
 
-def check_height_maps(dataset: Dataset, sensor: str, camera: str) -> None:
-    """Raise `InputError` if a dataset has no height maps of this camera."""
+def check_height_maps(dataset: Dataset, sensor: str, camera: str, pinhole: Pinhole) -> None:
+    """Raise `InputError` if a dataset has no height maps of this camera, or the camera has been changed since."""
     if f"{sensor}/{REST_DEPTH}" not in dataset.root:
         raise InputError(f"{dataset.path}: no {sensor}/height_map; allowed: a dataset of a job with outputs: "
                          f"{{{sensor}: [height_map]}}, or --heights mesh")  # fmt: skip
@@ -41,6 +47,9 @@ def check_height_maps(dataset: Dataset, sensor: str, camera: str) -> None:
     if camera != own:
         raise InputError(f"--camera {shown(camera)}: {dataset.path}/{sensor}/height_map is of camera {own}; allowed: "
                          f"{own}, or --heights mesh")  # fmt: skip
+    if dataset.attributes["sensors"][sensor]["camera"] != pinhole.record():
+        raise InputError(f"{dataset.path}/{sensor}/height_map: the sensor.yaml has another camera than at the run; "
+                         "allowed: the same one, or --heights mesh")  # fmt: skip
 
 
 def has_height_maps(dataset: Dataset, sensor: str, camera: str | None) -> bool:

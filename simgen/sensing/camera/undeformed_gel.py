@@ -34,9 +34,7 @@ def undeformed_gel(
     Raises `InputError` if it has no such camera, or one of another aspect.
     """
     camera = placed_camera(geometry.description, geometry.folder, camera_name)
-    if abs(height * camera.width_px / (width * camera.height_px) - 1.0) > 0.01:
-        own = f"{camera.width_px} x {camera.height_px}"
-        raise InputError(f"picture of {width} x {height} pixels: allowed: sides in the ratio of the camera's {own}")
+    check_aspect(camera, height, width)
     pinhole = Pinhole.of(camera, height, width)
     sigma = SMOOTH * min(height, width)
     margin = int(np.ceil(BEYOND * sigma))
@@ -47,6 +45,13 @@ def undeformed_gel(
     if not maps.seen[inside].any():
         raise InputError(f"{geometry.folder / 'sensor.yaml'}: camera: the gel is out of its sight")
     return UndeformedGel(camera, pinhole, smooth(maps.rest_depth, sigma)[inside])
+
+
+def check_aspect(camera: Camera, height: int, width: int) -> None:
+    """Raise `InputError` for a picture whose sides have another ratio than the camera's."""
+    if abs(height * camera.width_px / (width * camera.height_px) - 1.0) > 0.01:
+        own = f"{camera.width_px} x {camera.height_px}"
+        raise InputError(f"picture of {width} x {height} pixels: allowed: sides in the ratio of the camera's {own}")
 
 
 def table_size(camera: Camera) -> tuple[int, int]:

@@ -39,4 +39,9 @@ def test_no_samples_make_no_maps():
 def test_a_dataset_without_height_maps_is_one_line(seen):
     assert not has_height_maps(seen, "digit", None) and not has_height_maps(seen, "finger", None)
     with pytest.raises(InputError, match=r"no digit/height_map; allowed: a dataset of a job with outputs: "):
-        check_height_maps(seen, "digit", "default")
+        check_height_maps(seen, "digit", "default", pinhole())
+
+
+def test_images_of_another_shape_are_refused():
+    with pytest.raises(InputError, match="images of 64 x 64 pixels: allowed: sides in the ratio of the stored"):
+        StoredHeights(np.full((64, 48), 0.02), pinhole(64, 64))

@@ -49,6 +49,8 @@ def test_it_is_skipped_without_pictures(tmp_path):
 def test_four_pictures_make_rows_a_table_and_a_page(reference: Path, tmp_path, monkeypatch):
     """Two fitted pictures are few: their table need not reach the target, but it must beat the untouched gel."""
     source, folder = reference / "measured" / FOLDER, tmp_path / FOLDER
+    if not source.is_dir():
+        pytest.skip(f"no {source}: the pictures belong to others")
     folder.mkdir()
     for file in ("background_median.png", "frame_13.jpg", "frame_18.jpg", "frame_25.jpg", "frame_26.jpg"):
         shutil.copy(source / file, folder / file)
