@@ -94,7 +94,7 @@ def _press_names(dataset: Dataset) -> list[str]:
 
 
 class SurfaceSource(Protocol):
-    """What the renderer takes of the sensor, press by press."""
+    """Surfaces of the sensor for the renderer, press by press."""
 
     def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
         """Indices (n,) of the depths that get an image, their displacements (n, vertex, 3) or height maps (n, row,

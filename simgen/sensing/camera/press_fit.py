@@ -52,6 +52,7 @@ class PressedPictures:
         self._rows, self._columns = np.mgrid[:height, :width]
         self._pixel = presses.rest_depth / presses.pinhole.focal
         self._placement = Placement.of(height, width, *PUBLISHED_SIZE[::-1])
+        self._last: Shading | None = None
 
     def picture(self, response: Response, place: int, press: PicturedPress) -> np.ndarray:
         """Image (height, width, 3) uint8 of a press by a table of colours."""
@@ -119,9 +120,10 @@ class PressedPictures:
         return fit_response((self.observe(*each) for each in zip(places, presses, strict=True)), source=source)
 
     def _shading(self, response: Response) -> Shading:
-        if getattr(self, "_last", (None, None))[0] is not response:
-            self._last = response, Shading(response, self._pixel, self.background)
-        return self._last[1]
+        """Shading by a table; the last one is kept."""
+        if self._last is None or self._last.response is not response:
+            self._last = Shading(response, self._pixel, self.background)
+        return self._last
 
 
 def _radius(change: np.ndarray) -> float:

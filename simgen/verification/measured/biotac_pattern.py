@@ -253,7 +253,7 @@ def curves(ours: np.ndarray, measured: MeasuredPattern) -> list[Curve]:
 
 
 def notes(measured: MeasuredPattern, found: Agreement) -> list[str]:
-    """What the data can tell, and what they cannot."""
+    """State what the data can tell, and what they cannot."""
     lonely = np.zeros(ELECTRODES)
     lonely[STRONGEST] = 1.0
     alone = float(np.corrcoef(lonely, measured.change)[0, 1])
