@@ -19,7 +19,7 @@ from simgen.sensors.sensor import Camera, Sensor, load_sensor
 from simgen.simulation.height_maps import solution_height_maps
 from simgen.simulation.press import Scene, press
 from simgen.units import MM
-from simgen.verification.measured.edge_images import NormalColours, Ridge, read_changes, shifted
+from simgen.verification.measured.edge_images import EdgeLine, NormalColours, read_changes, shifted
 from simgen.verification.validate.case import Context, Outcome, Picture, Table, at_most, case
 
 FOLDER, PATTERN = "digit_edge", "edge6_*.jpg"
@@ -62,7 +62,7 @@ class EdgePress:
         return EdgePress(np.array([shifted(h, right, down) for h in self.heights]), self.depths_m, self.pixel_m)
 
 
-def press_edge(sensor: Sensor, camera: Camera, ridge: Ridge) -> EdgePress:
+def press_edge(sensor: Sensor, camera: Camera, ridge: EdgeLine) -> EdgePress:
     """Press the roof along the camera's axis where the image shows the ridge."""
     maps = solution_height_maps(sensor.simulation_mesh, camera)[0]
     scene = Scene(sensor, sensor.materials["solid"], outputs=("height_map",), camera=camera)
@@ -76,7 +76,7 @@ def press_edge(sensor: Sensor, camera: Camera, ridge: Ridge) -> EdgePress:
     return EdgePress(np.concatenate([flat, heights]), depths, np.float32(maps.rest_depth / maps.pinhole.focal))
 
 
-def edge_pose(pinhole: Pinhole, rest_depth: np.ndarray, ridge: Ridge) -> np.ndarray:
+def edge_pose(pinhole: Pinhole, rest_depth: np.ndarray, ridge: EdgeLine) -> np.ndarray:
     """Pose (4, 4) m of the roof: +y against the camera's axis, x along the ridge, its middle just above the gel."""
     right, up, forward = pinhole.axes
     x, y = pinhole.across(np.array(ridge.row), np.array(ridge.column))
@@ -90,7 +90,7 @@ def edge_pose(pinhole: Pinhole, rest_depth: np.ndarray, ridge: Ridge) -> np.ndar
 
 
 @dataclass(frozen=True)
-class Fit:
+class EdgeFit:
     """A simulated press that looks most like the frames: colours, place and the depth of the last frame.
 
     pressed : the press, shifted to its place in the image
@@ -114,20 +114,20 @@ class Fit:
 def fit(
     pressed: EdgePress, changes: np.ndarray, shares: np.ndarray, where: np.ndarray, last_m: float | None = None,
     blurred: bool = True,
-) -> Fit:  # fmt: skip
-    """Fit colours, place and blur to frames (n, height, width, 3) at shares (n,) of the last depth.
+) -> EdgeFit:  # fmt: skip
+    """EdgeFit colours, place and blur to frames (n, height, width, 3) at shares (n,) of the last depth.
 
     The last depth is fitted, too, unless it is given. ``where`` (height, width): pixels that count.
     """
 
-    def at(parameters: np.ndarray) -> Fit:
+    def at(parameters: np.ndarray) -> EdgeFit:
         right, down, blur, last_mm = parameters.tolist()
         moved = pressed.shifted(right, down)
         last = MM * float(np.clip(last_mm, 0.1, DEEPEST_MM))
         heights = [moved.height(share * last) for share in shares]
         colours = NormalColours.fit(heights, pressed.pixel_m, changes, where, abs(blur))
         off = [colours(h, pressed.pixel_m)[where] - change[where] for h, change in zip(heights, changes, strict=True)]
-        return Fit(colours, moved, right, down, last, float(np.sqrt(np.mean(np.square(off)))))
+        return EdgeFit(colours, moved, right, down, last, float(np.sqrt(np.mean(np.square(off)))))
 
     free = np.array([True, True, blurred, last_m is None])
     first = np.array([0.0, 0.0, 2.0 if blurred else 0.0, DEEPEST_MM if last_m is None else last_m / MM])
@@ -144,16 +144,16 @@ def fit(
     return at(whole)
 
 
-def located(camera: Camera, changes: np.ndarray, shares: np.ndarray, where: np.ndarray) -> Ridge:
+def located(camera: Camera, changes: np.ndarray, shares: np.ndarray, where: np.ndarray) -> EdgeLine:
     """The ridge's place. One end of an imprint may be faint, so a press on the coarse mesh corrects its middle."""
-    ridge = Ridge.of(changes[-1])
+    ridge = EdgeLine.of(changes[-1])
     coarse = fit(press_edge(load_sensor("digit", mesh="coarse"), camera, ridge), changes, shares, where)
-    return Ridge(ridge.column + coarse.right, ridge.row + coarse.down, ridge.direction)
+    return EdgeLine(ridge.column + coarse.right, ridge.row + coarse.down, ridge.direction)
 
 
 @case("measured-digit-edge", "An edge in a real DIGIT, frame by frame: width and length of its imprint", "standard")
 def digit_edge(context: Context) -> Outcome:
-    """Fit colours to every tenth frame, and compare the imprints between them."""
+    """EdgeFit colours to every tenth frame, and compare the imprints between them."""
     folder = None if context.measured is None else context.measured / FOLDER
     if folder is None or not list(folder.glob(PATTERN)):
         return Outcome([], skipped=f"no {FOLDER} in --measured DIR: the pictures belong to others")
@@ -207,7 +207,7 @@ def around_press(change: np.ndarray) -> np.ndarray:
     return cv2.dilate(clear.astype(np.uint8), np.ones((AROUND_PX, AROUND_PX))) > 0
 
 
-def pairs(own: Fit, changes: np.ndarray, shares: np.ndarray, frames: np.ndarray) -> bytes:
+def pairs(own: EdgeFit, changes: np.ndarray, shares: np.ndarray, frames: np.ndarray) -> bytes:
     """PNG of changes of colour in frames beside those of the simulated press."""
     tiles = [np.hstack([changes[frame], own.change(shares[frame])]) for frame in frames]
     return png(np.clip(128.0 + 2.0 * np.hstack(tiles), 0.0, 255.0).astype(np.uint8))

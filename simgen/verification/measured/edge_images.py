@@ -35,8 +35,8 @@ def read_changes(folder: Path, pattern: str, height: int, width: int) -> np.ndar
 
 
 @dataclass(frozen=True)
-class Ridge:
-    """A straight ridge in an image: its middle, px, and its direction (column, row) as a unit vector."""
+class EdgeLine:
+    """The line of a straight edge in an image: its middle, px, and its direction (column, row) as a unit vector."""
 
     column: float
     row: float
@@ -82,7 +82,7 @@ class NormalColours:
 
     @classmethod
     def fit(cls, heights: np.ndarray, pixel_m: np.ndarray, changes: np.ndarray, where: np.ndarray, blur_px: float):
-        """Fit to height maps (n, height, width) m and changes of colour (n, height, width, 3), by least squares.
+        """EdgeFit to height maps (n, height, width) m and changes of colour (n, height, width, 3), by least squares.
 
         pixel_m : (height, width) m, size of each pixel; where (height, width): pixels that count
         """

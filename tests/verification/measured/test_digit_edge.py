@@ -10,7 +10,7 @@ from simgen.sensors.sensor import load_sensor
 from simgen.units import MM
 from simgen.verification.measured import digit_edge
 from simgen.verification.measured.digit_edge import FOLDER, EdgePress, around_press, edge_pose, fit, roof
-from simgen.verification.measured.edge_images import NormalColours, Ridge, shifted
+from simgen.verification.measured.edge_images import EdgeLine, NormalColours, shifted
 from simgen.verification.validate.case import Context
 
 HEIGHT, WIDTH = 80, 60
@@ -27,7 +27,7 @@ def test_the_roof_has_the_sizes_of_the_source():
 def test_the_pose_presses_along_the_axis_with_the_ridge_where_the_image_shows_it():
     camera = load_sensor("digit", mesh="coarse").cameras["default"]
     pinhole = Pinhole.of(camera, HEIGHT, WIDTH)
-    ridge = Ridge(20.0, 50.0, (0.6, -0.8))
+    ridge = EdgeLine(20.0, 50.0, (0.6, -0.8))
     pose = edge_pose(pinhole, np.full((HEIGHT, WIDTH), 0.018), ridge)
     np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), atol=1e-12)
     np.testing.assert_allclose(pose[:3, 1], -pinhole.axes[2], atol=1e-12)
