@@ -115,6 +115,7 @@ class DirectShading:
         self._colour = wp.mat33f((other + (1.0 - other) * own).ravel())
         self._lights = wp.mat33f(pinhole.in_view(illumination.lights).ravel())
         self._beams = wp.array(illumination.beams, dtype=wp.float32, device=device)
+        self._scattered = np.moveaxis(illumination.beams, 0, -1)
         self._at_rest = self.light(wp.zeros((1, *rest_depth.shape), dtype=wp.float32, device=device))
 
     @property
@@ -133,7 +134,8 @@ class DirectShading:
     def exposure(self, level: np.ndarray, ambient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gain (3,), levels m2, and background (height, width, 3), levels, that give channels these mean levels.
 
-        level, ambient : (3,) mean grey level on the untouched gel, and the share of ambient light in it
+        level, ambient : (3,) mean grey level on the untouched gel, and the share of ambient light in it. Ambient light
+            is that of the channel's own light, scattered: it is as uneven as its beam, but knows no tilt
 
         Raises `InputError` if a channel is dark.
         """
@@ -142,7 +144,8 @@ class DirectShading:
         if not (mean > 0.0).all():
             raise InputError("camera: a drawn light does not shine on the gel; allowed: lights around the gel")
         gain = np.asarray(level) * (1.0 - np.asarray(ambient)) / mean
-        background = np.clip(np.asarray(level) * ambient + gain * at_rest, 0.0, 255.0)
+        scattered = self._scattered / self._scattered[np.isfinite(at_rest[..., 0])].mean(axis=0)
+        background = np.clip(np.asarray(level) * ambient * scattered + gain * at_rest, 0.0, 255.0)
         return gain, np.nan_to_num(background)
 
     def image(

@@ -24,18 +24,21 @@ class OpticsRanges:
     Levels are the least and the largest mean of the red, green and blue channel of 31 pictures of untouched DIGITs
     (suddhu/tacto, commit fc653c23). The noise is that of 50 pictures of a DIGIT away from a ball, from differences of
     neighbouring pixels (vocdex/Taxim, commit 4d654588): 0.8 to 1.8 levels by channel and size. No measurement tells
-    the others alone. They are chosen so that drawn pictures differ from one another as those 31 do.
+    the others alone. They are chosen so that drawn pictures differ from one another as those 31 do. Red is the
+    least even channel of those.
     """
 
     radius: Span = (0.8, 1.3)
     angle_deg: Span = (-30.0, 30.0)
-    depth: Span = (0.75, 0.95)
+    depth: Span = (0.8, 0.95)
     level_red: Span = (89.0, 106.0)
     level_green: Span = (88.0, 118.0)
     level_blue: Span = (84.0, 105.0)
-    ambient: Span = (0.1, 0.8)
+    ambient: Span = (0.6, 0.95)
     crosstalk: Span = (0.0, 0.2)
-    unevenness: Span = (0.05, 0.3)
+    unevenness_red: Span = (0.2, 0.5)
+    unevenness_green: Span = (0.05, 0.25)
+    unevenness_blue: Span = (0.05, 0.25)
     noise: Span = (0.8, 1.8)
 
     def record(self) -> dict[str, list[float]]:
@@ -51,7 +54,7 @@ class DrawnOptics:
     angle_deg : (3,) angle around the optical axis, from the sensor's own light
     depth : (3,) depth of each light along the optical axis, as a share of the gel's greatest depth
     level : (3,) mean grey level of each channel of the untouched gel
-    ambient : (3,) share of ambient light in that level
+    ambient : (3,) share of ambient light in that level, that is, of light that no tilt changes
     crosstalk : share of each light's power that the other two channels see
     unevenness : (3,) standard deviation of the logarithm of each light's beam over the image
     noise : standard deviation of each pixel's noise, grey levels
@@ -83,7 +86,7 @@ class DrawnOptics:
             level=tuple(rng.uniform(*getattr(ranges, f"level_{colour}")) for colour in COLOURS),
             ambient=three(ranges.ambient),
             crosstalk=rng.uniform(*ranges.crosstalk),
-            unevenness=three(ranges.unevenness),
+            unevenness=tuple(rng.uniform(*getattr(ranges, f"unevenness_{colour}")) for colour in COLOURS),
             noise=rng.uniform(*ranges.noise),
             seed=int(rng.integers(2**31)),
         )
