@@ -54,7 +54,11 @@ def render(
     ] = None,
     camera: CameraName = None,
     calibration: Calibration = None,
-    background: Background = None,
+    background: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Image without contact; with --vary also a folder of them.",
+                     show_default="the sensor's own"),
+    ] = None,
     size: Size = None,
     blur: Blur = None,
     no_blur: NoBlur = False,
@@ -64,6 +68,11 @@ def render(
                      show_default="solution if the dataset has height_map"),
     ] = None,
     shadows: Shadows = False,
+    vary: Annotated[
+        int | None,
+        typer.Option(metavar="SEED", help="Draw lights, levels and noise anew for each press; excludes --calibration.",
+                     show_default="one sensor"),
+    ] = None,
     gif: Annotated[bool, typer.Option("--gif", help="Also write an animation of each press.")] = False,
     trajectories: Trajectories = None,
     split: Split = None,
@@ -84,7 +93,8 @@ def render(
 
     opened = checked(Dataset(dataset))
     heights = heights or ("solution" if has_height_maps(opened, sensor, camera) else "mesh")
-    look = Look(calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows, camera, heights)
+    sides, smooth = height_and_width(size), smoothing(blur, no_blur)
+    look = Look(calibration, background, *sides, smooth, shadows, camera, heights, vary)
     images = Images(dataset, sensor, output or named_after(dataset, ".images"), look, device)
     selection = select(opened, (sensor,), trajectories, split)
     render_with_progress(images, selection, process_count(workers, device), gif)

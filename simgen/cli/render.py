@@ -12,12 +12,13 @@ from simgen.dataset.exchange.selection import PressSelection
 from simgen.sensing.camera.images import Images, render, unmade
 from simgen.sensing.camera.montages import STAGES, write_gif, write_montages, write_stages
 from simgen.sensing.camera.renderer import Renderer
+from simgen.sensing.camera.varied_renderer import VariedRenderer, renderer_of
 
 
 def render_with_progress(images: Images, selection: PressSelection, workers: int, gif: bool) -> None:
     """Make the missing images, then montages of them. Raises `InputError`."""
     selection.check()
-    renderer = Renderer.of_dataset(selection.dataset, images.sensor, images.look, images.device)
+    renderer = renderer_of(selection.dataset, images.sensor, images.look, images.device)
     missing = len(unmade(images, selection))
     made = render(images, selection, renderer, workers)
     with interruptible(images.folder):
@@ -43,7 +44,9 @@ def print_made(folder: Path, made: Iterator[int], steps: int, samples: int, doin
     console.print(f"{folder}: {count} images made{rate}; {samples - count} existed")
 
 
-def _pictures(images: Images, selection: PressSelection, renderer: Renderer, gif: bool) -> Iterator[Path]:
+def _pictures(
+    images: Images, selection: PressSelection, renderer: Renderer | VariedRenderer, gif: bool
+) -> Iterator[Path]:
     yield from write_montages(images, selection)
     dataset = selection.dataset
     reached = selection.paired.sum(axis=1)
@@ -51,10 +54,10 @@ def _pictures(images: Images, selection: PressSelection, renderer: Renderer, gif
     press, step = int(selection.presses[row]), int(np.flatnonzero(selection.paired[row])[-1])
     title = f"{images.of_press(dataset, press).name}, {dataset['depth'][step] * 1e3:g} mm"
     steps, sources, _ = images.meshes(dataset).of_press(press)
-    write_stages(images.folder / STAGES, renderer, sources[list(steps).index(step)], title)
+    write_stages(images.folder / STAGES, renderer.of_press(press), sources[list(steps).index(step)], title)
     yield images.folder / STAGES
     if gif:
-        made = [write_gif(images.of_press(dataset, press), renderer.background)
+        made = [write_gif(images.of_press(dataset, press), renderer.of_press(press).background)
                 for press in tracked(selection.presses[reached > 0], "in motion")]  # fmt: skip
         yield made[0].parent.parent / f"*/{made[0].name}"
 

@@ -45,6 +45,8 @@ def test_whole_is_the_default(rendered):
     ("options", "words"),
     [
         ("--blur soft", "--blur 'soft': allowed: whole, across"),
+        ("--vary 7 --calibration x.npz", "--calibration x.npz: contradicts --vary, which needs no table; allowed: one"),
+        ("--vary -1", "--vary -1: allowed: 0 or more"),
         ("--blur across --no-blur", "--no-blur: contradicts --blur across; allowed: one of them"),
     ],
 )
@@ -52,3 +54,8 @@ def test_bad_input_is_one_line_and_nothing_is_written(fake_dataset, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     check_refusal(*simgen(f"render {fake_dataset.path} {SMALL} -o out {options}", monkeypatch, capfd), words)
     assert not contents(tmp_path)
+
+
+def test_another_sensor_for_each_press(rendered):
+    (record, image), (plain, own) = rendered("a", "--vary 7 --gif"), rendered("b", "")
+    assert record["vary"] == 7 and "vary" not in plain and np.abs(image - own).max() > 10

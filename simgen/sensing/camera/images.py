@@ -4,6 +4,7 @@
   render.json                    settings that determine the images
   t0003_sphere_7mm/              trajectory 3
     02_0.3mm.png                 depth 2, 0.3 mm; samples that are not valid have none
+    optics.json                  drawn values, with --vary
     press.gif                    animation, with --gif
   montage_sphere_7mm.png         some trajectories and depths of an indenter
   stages.png                     one sample from height map to image, sharp and smoothed
@@ -34,6 +35,7 @@ from simgen.errors import InputError, writing
 from simgen.fem.nonlinear.status import is_valid
 from simgen.sensing.camera.image_files import write_image
 from simgen.sensing.camera.renderer import Look, Renderer
+from simgen.sensing.camera.varied_renderer import VariedRenderer, renderer_of
 from simgen.sensors import height_map, pinhole
 
 RECORD = "render.json"
@@ -53,19 +55,17 @@ class Images:
         """Folder of a press."""
         return self.folder / _press_names(dataset)[press]
 
-    def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
+    def record(self, dataset: Dataset, renderer: Renderer | VariedRenderer) -> dict[str, Any]:
         """Settings that determine the images, for JSON."""
         return {
             "dataset": dataset.attributes["job_hash"],
             "sensor": self.sensor,
             "camera": renderer.pinhole.record(),
             "size": [renderer.pinhole.width, renderer.pinhole.height],
-            "background": hashlib.sha256(renderer.background.tobytes()).hexdigest(),
-            "response": renderer.shading.response.hash,
             "heights": self.look.heights,
             "kernels": list(renderer.blur.sizes),
             "kernels_around_contact": list(renderer.blur.around),
-            "shadows": renderer.shadows is not None,
+            **renderer.record(),
             "code": _code_hash(),
         }
 
@@ -148,8 +148,9 @@ def unmade(images: Images, selection: PressSelection) -> list[int]:
 
 
 def render(
-    images: Images, selection: PressSelection, renderer: Renderer, workers: int, meshes: SurfaceSource | None = None
-) -> Iterator[int]:
+    images: Images, selection: PressSelection, renderer: Renderer | VariedRenderer, workers: int,
+    meshes: SurfaceSource | None = None,
+) -> Iterator[int]:  # fmt: skip
     """Make the missing images and yield the number of images of each press. Raises `InputError`.
 
     ``meshes`` is the source of displacements, if this process has made it already.
@@ -176,7 +177,9 @@ def _side_by_side(images: Images, presses: list[int], workers: int) -> Iterator[
 class _Worker:
     """Renders presses in one process."""
 
-    def __init__(self, images: Images, dataset: Dataset, renderer: Renderer, meshes: SurfaceSource | None = None):
+    def __init__(
+        self, images: Images, dataset: Dataset, renderer: Renderer | VariedRenderer, meshes: SurfaceSource | None = None
+    ):  # fmt: skip
         self.images, self.dataset, self.renderer = images, dataset, renderer
         self.meshes = meshes or images.meshes(dataset)
         self.depths_mm = 1e3 * dataset["depth"]
@@ -184,7 +187,8 @@ class _Worker:
 
     def render(self, press: int) -> int:
         steps, displacement, more = self.meshes.of_press(press)
-        pictures = self.renderer(displacement)
+        renderer = self.renderer.of_press(press)
+        pictures, more = renderer(displacement), more | renderer.files
         folder = self.images.of_press(self.dataset, press)
         files = [f"{step:02d}_{self.depths_mm[step]:.4g}mm.png" for step in steps]
         with writing(folder), whole_folder(folder) as aside, ThreadPoolExecutor(self.threads) as threads:
@@ -201,7 +205,7 @@ def _start(images: Images) -> None:
     images.keep_to_one_core()
     dataset = Dataset(images.dataset)
     global _WORKER
-    _WORKER = _Worker(images, dataset, Renderer.of_dataset(dataset, images.sensor, images.look, images.device))
+    _WORKER = _Worker(images, dataset, renderer_of(dataset, images.sensor, images.look, images.device))
 
 
 def _render(press: int) -> int:

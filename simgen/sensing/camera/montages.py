@@ -13,6 +13,7 @@ from simgen.errors import writing
 from simgen.sensing.camera.image_files import read_image, write_image
 from simgen.sensing.camera.images import Images
 from simgen.sensing.camera.renderer import Renderer
+from simgen.sensing.camera.varied_renderer import PressRenderer
 
 ACROSS, DOWN = 5, 3  # depths and trajectories of a montage
 TILE_PX = 320  # longer side of an image in a montage
@@ -55,7 +56,7 @@ def write_gif(folder: Path, rest: np.ndarray) -> Path | None:
     return file
 
 
-def write_stages(file: Path, renderer: Renderer, source: np.ndarray, title: str) -> None:
+def write_stages(file: Path, renderer: Renderer | PressRenderer, source: np.ndarray, title: str) -> None:
     """Draw height map and image of one sample, of what the renderer takes: sharp above, smoothed below."""
     sharp = renderer.heights(source[None])
     before = sharp.numpy()[0].copy(), renderer.image(sharp).numpy()[0]

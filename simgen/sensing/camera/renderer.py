@@ -1,8 +1,9 @@
 """Renderer: images of a deformed gel from its surface, the camera, a table of colours and a background."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -32,7 +33,7 @@ TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.y
 
 @dataclass(frozen=True)
 class Look:
-    """Settings of a renderer. Raises `InputError` for an unknown ``blur``.
+    """Settings of a renderer. Raises `InputError` for a value that is not allowed.
 
     table : file of colours in Taxim's layout; by default the camera's own
     background : image of the untouched gel; by default the camera's own
@@ -42,6 +43,8 @@ class Look:
     shadows : True dims pixels where the gel itself blocks a light
     heights : source of height maps: "mesh", the stored displacements; or "solution", the height maps that a run has
         stored
+    vary : seed of optics that are drawn for each press, see `simgen.sensing.camera.varied_renderer`; then
+        ``background`` may be a folder of pictures, and there is no ``table``; None for the sensor's own optics
     camera : a name among ``cameras`` of the sensor.yaml; by default the job's choice
     """
 
@@ -53,12 +56,19 @@ class Look:
     shadows: bool = False
     camera: str | None = None
     heights: str = "mesh"
+    vary: int | None = None
 
     def __post_init__(self):
         if self.blur and self.blur not in (*PYRAMIDS, AUTO):
             raise InputError(f"--blur {shown(str(self.blur))!r}: allowed: {', '.join(PYRAMIDS)}")
         if self.heights not in HEIGHTS:
             raise InputError(f"--heights {shown(self.heights)!r}: allowed: {', '.join(HEIGHTS)}")
+        if self.vary is not None and self.vary < 0:
+            raise InputError(f"--vary {self.vary}: allowed: 0 or more")
+        if self.vary is not None and self.table is not None:
+            raise InputError(
+                f"--calibration {self.table}: contradicts --vary, which needs no table; allowed: one of them"
+            )
 
     @property
     def pyramid(self) -> str | None:
@@ -113,16 +123,25 @@ class Renderer:
                 raise InputError(f"{sensor}: no {file.name} in {folder}; allowed: {option} FILE")
         check_device(device)
         pinhole = Pinhole.of(camera, look.height, look.width)
-        if look.heights == "solution":
-            check_height_maps(dataset, sensor, name, pinhole)
-            heights = StoredHeights(dataset[f"{sensor}/{REST_DEPTH}"], pinhole, device)
-        else:
-            surface = (dataset[f"{sensor}/{key}"] for key in ("rest_positions", "surface_triangles"))
-            heights = HeightMaps.of_mesh(*surface, pinhole, device)
+        heights = height_source(dataset, sensor, look, name, pinhole, device)
         kernels, around = pyramid(look.pyramid, min(pinhole.width, pinhole.height))
         lights = photometry_of(camera).lights if look.shadows else None
         table, background = Response.load(files["--calibration"]), read_image(files["--background"])
         return cls(heights, table, background, kernels, lights, around)
+
+    def record(self) -> dict[str, Any]:
+        """Settings that determine the colours, for JSON."""
+        background = hashlib.sha256(self.background.tobytes()).hexdigest()
+        return {"background": background, "response": self.shading.response.hash, "shadows": self.shadows is not None}
+
+    def of_press(self, press: int) -> Self:
+        """The renderer of a press: itself."""
+        return self
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """Other files of a press's folder by name: none."""
+        return {}
 
     def __call__(self, source: np.ndarray) -> np.ndarray:
         return self.image(self.blur(self.heights(source))).numpy()
@@ -143,6 +162,17 @@ def camera_of(dataset: Dataset, sensor: str, name: str | None = None) -> tuple[s
     choice = dataset.job.sensors[sensor]
     folder, name = sensor_folder(dataset.job.locate(choice.model)), name or choice.camera
     return name, placed_camera(read_description(folder / "sensor.yaml"), folder, name), folder
+
+
+def height_source(
+    dataset: Dataset, sensor: str, look: Look, camera: str, pinhole: Pinhole, device: str
+) -> HeightMaps | StoredHeights:
+    """Make the source of height maps. Raises `InputError` if the dataset has none of the camera ``camera``."""
+    if look.heights == "solution":
+        check_height_maps(dataset, sensor, camera, pinhole)
+        return StoredHeights(dataset[f"{sensor}/{REST_DEPTH}"], pinhole, device)
+    surface = (dataset[f"{sensor}/{key}"] for key in ("rest_positions", "surface_triangles"))
+    return HeightMaps.of_mesh(*surface, pinhole, device)
 
 
 def optics_files(camera: str) -> tuple[str, str]:

@@ -36,15 +36,23 @@ def undeformed_gel(
     camera = placed_camera(geometry.description, geometry.folder, camera_name)
     check_aspect(camera, height, width)
     pinhole = Pinhole.of(camera, height, width)
-    sigma = SMOOTH * min(height, width)
+    return UndeformedGel(camera, pinhole, undeformed_depth(geometry, pinhole))
+
+
+def undeformed_depth(geometry: SensorGeometry, pinhole: Pinhole) -> np.ndarray:
+    """Depth (height, width) m of a sensor's gel along the optical axis; infinite beside it.
+
+    Raises `InputError` if the camera does not see it.
+    """
+    sigma = SMOOTH * min(pinhole.height, pinhole.width)
     margin = int(np.ceil(BEYOND * sigma))
-    around = replace(pinhole, height=height + 2 * margin, width=width + 2 * margin)
+    around = replace(pinhole, height=pinhole.height + 2 * margin, width=pinhole.width + 2 * margin)
     vertices, triangles = (np.asarray(each) for each in (geometry.true.surface.vertices, geometry.true.surface.faces))
     maps = HeightMaps(vertices, coat(vertices, triangles, pinhole), around)
     inside = slice(margin, -margin), slice(margin, -margin)
     if not maps.seen[inside].any():
         raise InputError(f"{geometry.folder / 'sensor.yaml'}: camera: the gel is out of its sight")
-    return UndeformedGel(camera, pinhole, smooth(maps.rest_depth, sigma)[inside])
+    return smooth(maps.rest_depth, sigma)[inside]
 
 
 def check_aspect(camera: Camera, height: int, width: int) -> None:
