@@ -115,7 +115,7 @@ def fit(
     pressed: EdgePress, changes: np.ndarray, shares: np.ndarray, where: np.ndarray, last_m: float | None = None,
     blurred: bool = True,
 ) -> EdgeFit:  # fmt: skip
-    """EdgeFit colours, place and blur to frames (n, height, width, 3) at shares (n,) of the last depth.
+    """Fit colours, place and blur to frames (n, height, width, 3) at shares (n,) of the last depth.
 
     The last depth is fitted, too, unless it is given. ``where`` (height, width): pixels that count.
     """
@@ -153,7 +153,7 @@ def located(camera: Camera, changes: np.ndarray, shares: np.ndarray, where: np.n
 
 @case("measured-digit-edge", "An edge in a real DIGIT, frame by frame: width and length of its imprint", "standard")
 def digit_edge(context: Context) -> Outcome:
-    """EdgeFit colours to every tenth frame, and compare the imprints between them."""
+    """Fit colours to every tenth frame, and compare the imprints between them."""
     folder = None if context.measured is None else context.measured / FOLDER
     if folder is None or not list(folder.glob(PATTERN)):
         return Outcome([], skipped=f"no {FOLDER} in --measured DIR: the pictures belong to others")

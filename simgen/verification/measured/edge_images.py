@@ -82,7 +82,7 @@ class NormalColours:
 
     @classmethod
     def fit(cls, heights: np.ndarray, pixel_m: np.ndarray, changes: np.ndarray, where: np.ndarray, blur_px: float):
-        """EdgeFit to height maps (n, height, width) m and changes of colour (n, height, width, 3), by least squares.
+        """Fit to height maps (n, height, width) m and changes of colour (n, height, width, 3), by least squares.
 
         pixel_m : (height, width) m, size of each pixel; where (height, width): pixels that count
         """
