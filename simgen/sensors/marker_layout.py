@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -42,9 +43,7 @@ class MarkerLayout:
     names: list[str]
 
     @classmethod
-    def of(
-        cls, choice: str, description: SensorDescription, folder: Path, diameter_mm: float | None = None
-    ) -> "MarkerLayout":
+    def of(cls, choice: str, description: SensorDescription, folder: Path, diameter_mm: float | None = None) -> Self:
         """Read the layout that a text names: ``own``, ROWSxCOLUMNS@PITCH in mm such as ``7x9@2.05``, or a CSV file.
 
         description : of the sensor, whose ``sensor.yaml`` lies in ``folder``
@@ -61,19 +60,26 @@ class MarkerLayout:
             raise InputError(f"{option}: --dot-mm is missing, and {file} has no markers; allowed: a diameter in mm")
         if diameter_mm is not None and not 0.0 < diameter_mm <= LARGEST_DOT_MM:
             raise InputError(f"--dot-mm {diameter_mm:g}: allowed: above 0, to {LARGEST_DOT_MM:g} mm")
-        if choice == OWN and own.grid is not None:
-            points, names = grid_points(own.grid, camera, f"{file}: markers.grid")
-        elif choice != OWN and (match := GRID.fullmatch(choice)):
-            plain = {"rows": int(match[1]), "columns": int(match[2]), "pitch_mm": float(match[3])}
-            points, names = grid_points(section_from_dict(MarkerGrid, plain, option), camera, option)
+        grid = own.grid if choice == OWN else _grid(choice)
+        if grid is not None:
+            source = f"{file}: markers.grid" if choice == OWN else option
+            points, names = grid_points(grid, camera, source)
         elif choice == OWN or choice.lower().endswith(".csv") or Path(choice).is_file():
             points, names = read_points(folder / own.file if choice == OWN else Path(choice))
         else:
             raise InputError(f"{option}: allowed: {OWN}, ROWSxCOLUMNS@PITCH in mm such as 7x9@2.05, or a CSV file with "
                              f"the columns {','.join(COLUMNS)}")  # fmt: skip
-        along = bool(GRID.fullmatch(choice)) or (choice == OWN and own.grid is not None)
         diameter = MM * (own.diameter_mm if diameter_mm is None else diameter_mm)
-        return cls(points, camera, along, diameter, own.darkness if own else 1.0, names)
+        return cls(points, camera, grid is not None, diameter, own.darkness if own else 1.0, names)
+
+
+def _grid(choice: str) -> MarkerGrid | None:
+    """The grid that a text describes; None for another text. Raises `InputError` for a number out of range."""
+    match = GRID.fullmatch(choice)
+    if match is None:
+        return None
+    plain = {"rows": int(match[1]), "columns": int(match[2]), "pitch_mm": float(match[3])}
+    return section_from_dict(MarkerGrid, plain, f"--markers {shown(choice)}")
 
 
 def grid_points(grid: MarkerGrid, camera: Pinhole, source: str) -> tuple[np.ndarray, list[str]]:

@@ -105,9 +105,10 @@ class MarkerDots:
         """Largest depth (n,), m, of the gel in the four pixels around each place that is ``inside``."""
         sample = np.nonzero(inside)[0]
         low = np.floor(at[inside]).astype(int)
+        last = np.array(self._rest_depth.shape)[::-1] - 1
         deepest = np.full(len(low), -np.inf)
         for right, down in ((0, 0), (1, 0), (0, 1), (1, 1)):
-            column, row = np.clip(low + [right, down], 0, np.array(self._rest_depth.shape)[::-1] - 1).T
+            column, row = np.clip(low + np.array([right, down]), 0, last).T
             deepest = np.maximum(deepest, self._rest_depth[row, column] - height[sample, row, column])
         return deepest
 
@@ -117,7 +118,7 @@ class MarkerDots:
         corners = np.where(tracks.drawn[..., None, None], tracks.outlines, -9.0)  # those left out end before the image
         low = np.clip(np.ceil(corners.min(axis=2) - 0.5), 0, last[::-1] + 1)
         high = np.clip(np.floor(corners.max(axis=2) + 0.5), -1, last[::-1])
-        box = np.stack([low[..., 1], high[..., 1], low[..., 0], high[..., 0]], axis=-1)
+        box = np.stack([low[..., 1], high[..., 1], low[..., 0], high[..., 0]], axis=-1).astype(np.int32)
         inputs = [
             wp.array(corners, dtype=wp.vec2f, device=self.device),
             wp.array(box, dtype=wp.vec4i, device=self.device),

@@ -15,12 +15,15 @@ from simgen.dataset.stored_arrays import REST_DEPTH
 from simgen.errors import InputError, shown
 from simgen.sensing.camera.blur import KERNELS, PYRAMIDS, Blur, pyramid
 from simgen.sensing.camera.image_files import read_image
+from simgen.sensing.camera.marker_dots import MarkerDots, MarkerTracks
 from simgen.sensing.camera.photometric_gel import photometry_of
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.shading import Shading
 from simgen.sensing.camera.shadows import Shadows
 from simgen.sensing.camera.stored_heights import StoredHeights, check_height_maps
 from simgen.sensors.height_map import HeightMaps
+from simgen.sensors.marker_layout import MarkerLayout
+from simgen.sensors.markers import Markers
 from simgen.sensors.pinhole import Pinhole, placed_camera
 from simgen.sensors.sensor import Camera
 from simgen.sensors.sensor_geometry import sensor_folder
@@ -32,7 +35,7 @@ TABLE, BACKGROUND = "optics.npz", "background.png"  # beside a sensor's sensor.y
 
 @dataclass(frozen=True)
 class Look:
-    """Settings of a renderer. Raises `InputError` for an unknown ``blur``.
+    """Settings of a renderer. Raises `InputError` for an unknown ``blur`` or ``heights``, and for ``dot_mm`` alone.
 
     table : file of colours in Taxim's layout; by default the camera's own
     background : image of the untouched gel; by default the camera's own
@@ -42,6 +45,8 @@ class Look:
     shadows : True dims pixels where the gel itself blocks a light
     heights : source of height maps: "mesh", the stored displacements; or "solution", the height maps that a run has
         stored
+    markers : printed dots, as `simgen.sensors.marker_layout.MarkerLayout.of` reads them; None for none
+    dot_mm : their diameter; by default that of the sensor's own markers
     camera : a name among ``cameras`` of the sensor.yaml; by default the job's choice
     """
 
@@ -53,12 +58,16 @@ class Look:
     shadows: bool = False
     camera: str | None = None
     heights: str = "mesh"
+    markers: str | None = None
+    dot_mm: float | None = None
 
     def __post_init__(self):
         if self.blur and self.blur not in (*PYRAMIDS, AUTO):
             raise InputError(f"--blur {shown(str(self.blur))!r}: allowed: {', '.join(PYRAMIDS)}")
         if self.heights not in HEIGHTS:
             raise InputError(f"--heights {shown(self.heights)!r}: allowed: {', '.join(HEIGHTS)}")
+        if self.dot_mm is not None and self.markers is None:
+            raise InputError(f"--dot-mm {self.dot_mm:g}: no --markers; allowed: with --markers")
 
     @property
     def pyramid(self) -> str | None:
@@ -76,13 +85,16 @@ class Renderer:
     background : (height, width, 3) uint8, image of the untouched gel, of any size
     kernels, around : px, kernels for the whole map and around the contact, see `camera.blur`; empty for no smoothing
     lights : (3, 3) m, positions of the red, green and blue light, for shadows; None for no shadows
+    markers : dots on the coat; None for none
+    untouched : (height, width, 3) uint8, the background with its dots
 
-    Raises `InputError` if the camera does not see the gel.
+    Raises `InputError` if the camera does not see the gel, or none of the dots.
     """
 
     def __init__(
         self, heights: HeightMaps | StoredHeights, response: Response, background: np.ndarray,
         kernels: tuple[int, ...] = KERNELS, lights: np.ndarray | None = None, around: tuple[int, ...] = (),
+        markers: Markers | None = None,
     ):  # fmt: skip
         self.heights, self.pinhole, self.device = heights, heights.pinhole, heights.device
         pinhole, device = self.pinhole, self.device
@@ -97,6 +109,11 @@ class Renderer:
         self.blur = Blur(pinhole.height, pinhole.width, kernels, device, around)
         self.shading = Shading(response, depth / pinhole.focal, self.background, device)
         self.shadows = None if lights is None else Shadows(depth, pinhole, lights, device)
+        self.dots = None if markers is None else MarkerDots(markers, heights)
+        self.untouched = self.background
+        if self.dots:
+            image = wp.array(self.background[None], dtype=wp.uint8, device=device)
+            self.untouched = self.dots.draw(image, self.dots.rest).numpy()[0]
 
     @classmethod
     def of_dataset(cls, dataset: Dataset, sensor: str, look: Look = Look(), device: str = "cpu") -> Self:
@@ -113,24 +130,50 @@ class Renderer:
                 raise InputError(f"{sensor}: no {file.name} in {folder}; allowed: {option} FILE")
         check_device(device)
         pinhole = Pinhole.of(camera, look.height, look.width)
+        surface = [dataset[f"{sensor}/{key}"] for key in ("rest_positions", "surface_triangles")]
         if look.heights == "solution":
             check_height_maps(dataset, sensor, name, pinhole)
             heights = StoredHeights(dataset[f"{sensor}/{REST_DEPTH}"], pinhole, device)
         else:
-            surface = (dataset[f"{sensor}/{key}"] for key in ("rest_positions", "surface_triangles"))
             heights = HeightMaps.of_mesh(*surface, pinhole, device)
         kernels, around = pyramid(look.pyramid, min(pinhole.width, pinhole.height))
         lights = photometry_of(camera).lights if look.shadows else None
         table, background = Response.load(files["--calibration"]), read_image(files["--background"])
-        return cls(heights, table, background, kernels, lights, around)
+        markers = None
+        if look.markers is not None:
+            description = read_description(folder / "sensor.yaml")
+            markers = Markers.on_surface(MarkerLayout.of(look.markers, description, folder, look.dot_mm), *surface)
+        return cls(heights, table, background, kernels, lights, around, markers)
 
-    def __call__(self, source: np.ndarray) -> np.ndarray:
-        return self.image(self.blur(self.heights(source))).numpy()
+    def __call__(self, source: np.ndarray, displacement: np.ndarray | None = None) -> np.ndarray:
+        """Make images (sample, height, width, 3) uint8. ``displacement`` is that of `images_and_tracks`."""
+        return self.images_and_tracks(source, displacement)[0]
 
-    def image(self, height: wp.array) -> wp.array:
-        """Images (sample, height, width, 3) uint8 of height maps (sample, height, width) m."""
+    def images_and_tracks(
+        self, source: np.ndarray, displacement: np.ndarray | None = None
+    ) -> tuple[np.ndarray, MarkerTracks | None]:
+        """Make images (sample, height, width, 3) uint8, and the tracks of their dots; None without markers.
+
+        displacement : (sample, vertex, 3) m, with which dots move; by default the source itself, if it is of a mesh
+
+        Raises `InputError` for dots on stored height maps alone.
+        """
+        if self.dots and displacement is None and isinstance(self.heights, StoredHeights):
+            raise InputError("markers: height maps do not say how dots move; allowed: displacements beside them")
+        heights = self.heights(source)
+        tracks = self.tracks(heights, source if displacement is None else displacement)
+        return self.image(self.blur(heights), tracks).numpy(), tracks
+
+    def tracks(self, height: wp.array, displacement: np.ndarray) -> MarkerTracks | None:
+        """Find the dots under height maps (sample, height, width) m that are not smoothed; None without markers."""
+        return self.dots.tracks(displacement, height.numpy()) if self.dots else None
+
+    def image(self, height: wp.array, tracks: MarkerTracks | None = None) -> wp.array:
+        """Images (sample, height, width, 3) uint8 of height maps (sample, height, width) m, with dots if given."""
         image = self.shading(height)
-        return image if self.shadows is None else self.shadows(image, height)
+        if self.shadows is not None:
+            self.shadows(image, height)
+        return image if tracks is None else self.dots.draw(image, tracks)
 
 
 def camera_of(dataset: Dataset, sensor: str, name: str | None = None) -> tuple[str, Camera, Path]:
