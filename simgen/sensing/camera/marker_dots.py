@@ -17,6 +17,7 @@ from simgen.units import MM
 wp.set_module_options({"enable_backward": False})
 
 LINES = wp.constant(4)  # lines across a pixel, along which the share that a dot covers is exact
+Lines = wp.types.vector(length=LINES, dtype=wp.float32)
 # Output mesh and solution differ by less than this. A dot that lies deeper than the gel in its pixels is hidden.
 HIDDEN_M = 1e-4
 
@@ -29,9 +30,9 @@ def _darken_kernel(
     # outputs
     image_out: wp.array4d(dtype=wp.uint8),
 ):
-    """Darken a row by the share of each pixel that polygons cover. ``box``: first and last row, first and last column.
+    """Darken a row by the share of each pixel that dots cover. ``box``: first and last row, first and last column.
 
-    Along a line, each edge that crosses it covers all pixels to its right, or uncovers them, depending on its sense.
+    Along a line, a dot covers what lies between the first and the last crossing of its outline.
     """
     sample, row = wp.tid()
     points = outline.shape[2]
@@ -39,20 +40,23 @@ def _darken_kernel(
         inside = box[sample, marker]
         if row < inside[0] or row > inside[1]:
             continue
-        for column in range(inside[2], inside[3] + 1):
-            end = wp.float32(column) + 0.5
-            share = wp.float32(0.0)
+        first, last = Lines(1.0e9), Lines(-1.0e9)
+        a = outline[sample, marker, points - 1]
+        for k in range(points):
+            b = outline[sample, marker, k]
             for line in range(LINES):
                 y = wp.float32(row) - 0.5 + (wp.float32(line) + 0.5) / wp.float32(LINES)
-                a = outline[sample, marker, points - 1]
-                for k in range(points):
-                    b = outline[sample, marker, k]
-                    if (a[1] <= y) != (b[1] <= y):
-                        x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-                        right = wp.clamp(end - x, 0.0, 1.0)
-                        share += wp.where(a[1] <= y, right, -right)
-                    a = b
-            share = wp.min(wp.abs(share) / wp.float32(LINES), 1.0)
+                if (a[1] <= y) != (b[1] <= y):
+                    x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+                    first[line] = wp.min(first[line], x)
+                    last[line] = wp.max(last[line], x)
+            a = b
+        for column in range(inside[2], inside[3] + 1):
+            start = wp.float32(column) - 0.5
+            share = wp.float32(0.0)
+            for line in range(LINES):
+                share += wp.max(wp.min(last[line], start + 1.0) - wp.max(first[line], start), 0.0)
+            share = share / wp.float32(LINES)
             for channel in range(3):
                 value = wp.float32(image_out[sample, row, column, channel]) * (1.0 - darkness * share)
                 image_out[sample, row, column, channel] = wp.uint8(value + 0.5)
