@@ -45,6 +45,13 @@ def test_grid_points_move_along_the_axis_and_others_to_the_nearest_point():
     np.testing.assert_allclose(nearest, np.array([-0.48, 0.0, 19.64]) * 1e-3, atol=1e-12)
 
 
+def test_of_two_layers_the_one_that_the_camera_sees_has_the_dot():
+    vertices, triangles = tilted()
+    both = np.concatenate([vertices + 2e-3 * OF.axes[2], vertices]), np.concatenate([triangles, triangles + len(vertices)])
+    dots = Markers.on_surface(layout((0.0, 0.0, 30.0)), *both)
+    np.testing.assert_allclose(OF.in_view(dots.rest[0, 0]), [0.0, 0.0, 0.02], atol=1e-12)
+
+
 def test_a_dot_is_a_disc_on_the_coat():
     vertices, triangles = tilted(slope=0.75)
     dots = Markers.on_surface(layout((0.1, 0.2, 20.0), (-2.0, 3.0, 18.0)), vertices, triangles)

@@ -1,6 +1,7 @@
 """Dots in images against exact results: moves, stretches, areas, folds, and what is stored."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,8 +22,7 @@ def dots_at(*view: tuple[float, float], darkness: float = 1.0) -> tuple[MarkerDo
     """Dots at points of right and up, mm, on a plane, and the plane's vertices in the camera's view, m."""
     vertices, triangles = tilted()
     placed = layout(*((right, up, 20.0) for right, up in view))
-    markers = Markers.on_surface(placed, vertices, triangles)
-    object.__setattr__(markers, "darkness", darkness)
+    markers = replace(Markers.on_surface(placed, vertices, triangles), darkness=darkness)
     return MarkerDots(markers, HeightMaps(vertices, triangles, OF)), OF.in_view(vertices)
 
 
