@@ -47,7 +47,8 @@ def test_grid_points_move_along_the_axis_and_others_to_the_nearest_point():
 
 def test_of_two_layers_the_one_that_the_camera_sees_has_the_dot():
     vertices, triangles = tilted()
-    both = np.concatenate([vertices + 2e-3 * OF.axes[2], vertices]), np.concatenate([triangles, triangles + len(vertices)])
+    behind = vertices + 2e-3 * OF.axes[2]
+    both = np.concatenate([behind, vertices]), np.concatenate([triangles, triangles + len(vertices)])
     dots = Markers.on_surface(layout((0.0, 0.0, 30.0)), *both)
     np.testing.assert_allclose(OF.in_view(dots.rest[0, 0]), [0.0, 0.0, 0.02], atol=1e-12)
 
