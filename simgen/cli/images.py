@@ -73,6 +73,16 @@ def render(
         typer.Option(metavar="SEED", help="Draw lights, levels and noise anew for each press; excludes --calibration.",
                      show_default="one sensor"),
     ] = None,
+    markers: Annotated[
+        str | None,
+        typer.Option(metavar="DOTS", show_default="none",
+                     help="Printed dots: own (the sensor.yaml's), 7x9@2.05 (rows, columns, pitch in mm), or a CSV file "
+                     "x_mm,y_mm,z_mm."),
+    ] = None,
+    dot_mm: Annotated[
+        float | None,
+        typer.Option("--dot-mm", metavar="D", help="Diameter of the dots.", show_default="the sensor.yaml's"),
+    ] = None,
     gif: Annotated[bool, typer.Option("--gif", help="Also write an animation of each press.")] = False,
     trajectories: Trajectories = None,
     split: Split = None,
@@ -93,8 +103,10 @@ def render(
 
     opened = checked(Dataset(dataset))
     heights = heights or ("solution" if has_height_maps(opened, sensor, camera) else "mesh")
-    sides, smooth = height_and_width(size), smoothing(blur, no_blur)
-    look = Look(calibration, background, *sides, smooth, shadows, camera, heights, vary)
+    look = Look(
+        calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows, camera, heights, vary,
+        markers, dot_mm,
+    )  # fmt: skip
     images = Images(dataset, sensor, output or named_after(dataset, ".images"), look, device)
     selection = select(opened, (sensor,), trajectories, split)
     render_with_progress(images, selection, process_count(workers, device), gif)

@@ -54,10 +54,12 @@ def _pictures(
     press, step = int(selection.presses[row]), int(np.flatnonzero(selection.paired[row])[-1])
     title = f"{images.of_press(dataset, press).name}, {dataset['depth'][step] * 1e3:g} mm"
     steps, sources, _ = images.meshes(dataset).of_press(press)
-    write_stages(images.folder / STAGES, renderer.of_press(press), sources[list(steps).index(step)], title)
+    displacement = dataset.displacement(images.sensor, press, step)
+    stages = renderer.of_press(press), sources[list(steps).index(step)], displacement
+    write_stages(images.folder / STAGES, *stages, title)
     yield images.folder / STAGES
     if gif:
-        made = [write_gif(images.of_press(dataset, press), renderer.of_press(press).background)
+        made = [write_gif(images.of_press(dataset, press), renderer.of_press(press).untouched)
                 for press in tracked(selection.presses[reached > 0], "in motion")]  # fmt: skip
         yield made[0].parent.parent / f"*/{made[0].name}"
 

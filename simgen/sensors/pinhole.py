@@ -57,6 +57,17 @@ class Pinhole:
         """Points (..., 3) m of the sensor's frame as right, up and depth, m."""
         return (points - self.position) @ self.axes.T
 
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Columns and rows (..., 2), px, and depths (...), m, of points (..., 3) m of the sensor's frame.
+
+        The middle of a pixel has whole numbers. Points behind the camera have no place in the image: NaN.
+        """
+        view = self.in_view(points)
+        depth = view[..., 2]
+        ahead = np.where(depth > 0.0, depth, np.nan)[..., None]
+        middle = 0.5 * np.array([self.width, self.height]) - 0.5
+        return middle + self.focal * view[..., :2] * [1.0, -1.0] / ahead, depth
+
     def across(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x (right) and y (up) of the middles of pixels, at a depth of 1."""
         return (columns + 0.5 - 0.5 * self.width) / self.focal, (0.5 * self.height - rows - 0.5) / self.focal

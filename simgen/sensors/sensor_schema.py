@@ -1,29 +1,24 @@
 """Sections of a ``sensor.yaml``, strictly checked. The name of each key ends in its unit."""
 
 import itertools
-import os
 import re
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from simgen.config.allowed_values import allowed
 from simgen.config.choices import DEFAULT_CAMERA
 from simgen.config.strict_section import StrictSection, is_section, load_section
 from simgen.errors import InputError, shown
+from simgen.sensors.marker_schema import MarkerSettings
 from simgen.sensors.material import Material
+from simgen.sensors.section_types import Direction, Interval, Number, OwnFile, Positive, Vector
 
 Unit = Literal["m", "mm"]
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"  # of sensors and cameras
 NAME_IN_WORDS = "letters, digits, _ . -, a letter first"
-LARGEST = 1e4  # mm or degrees; ten metres
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False)]
-Vector = tuple[Number, Number, Number]
-Direction = Annotated[Vector, AfterValidator(lambda vector: _direction(vector))]
-Interval = tuple[Number, Number]
 
 
 class OneOf(StrictSection):
@@ -73,7 +68,7 @@ class Cylinder(StrictSection):
 class MeshFile(StrictSection):
     """A mesh file in the folder of the ``sensor.yaml``, or below it."""
 
-    file: Annotated[str, AfterValidator(lambda file: _inside(file))]
+    file: OwnFile
     unit: Unit
 
 
@@ -186,19 +181,6 @@ class Pad(StrictSection):
         if not 0.0 < max(heights) <= min(widths) or min(heights) <= 0.0:
             raise ValueError("the face must be above wall_mm everywhere, and further from the walls than above it")
         return self
-
-
-def _direction(vector: Vector) -> Vector:
-    if not 1e-3 <= np.linalg.norm(vector) <= 1e3:
-        raise ValueError(f"{list(vector)}: a direction must have a length of 1e-3 to 1e3")
-    return vector
-
-
-def _inside(file: str) -> str:
-    if os.path.isabs(file) or Path(os.path.normpath(file)).parts[:1] == ("..",):
-        allowed_files = "a file in the folder or below it"
-        raise ValueError(f"{shown(repr(file))} leads out of the sensor's folder; allowed: {allowed_files}")
-    return file
 
 
 def _rising(values: list[float]) -> bool:
@@ -323,6 +305,7 @@ class SensorDescription(StrictSection):
         {}, **allowed(f"names of cameras with their values; {DEFAULT_CAMERA} is the one that images show")
     )
     electrodes: Electrodes | None = None
+    markers: MarkerSettings | None = None
 
     @field_validator("cameras")
     @classmethod
@@ -333,6 +316,12 @@ class SensorDescription(StrictSection):
             if not re.fullmatch(NAME, name):
                 raise ValueError(f"{shown(repr(name))} cannot name a camera; allowed: {NAME_IN_WORDS}")
         return cameras
+
+    @model_validator(mode="after")
+    def _markers_need_a_camera(self):
+        if self.markers is not None and not self.cameras:
+            raise ValueError("markers are seen by a camera: cameras are needed")
+        return self
 
     @model_validator(mode="after")
     def _electrodes_need_a_core(self):

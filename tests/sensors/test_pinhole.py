@@ -36,6 +36,19 @@ def test_points_on_a_pixel_s_ray_are_seen_there():
     np.testing.assert_allclose(of.in_view(points), np.stack([depth * x, depth * y, depth], axis=1), atol=1e-15)
 
 
+def test_points_are_projected_to_the_pixels_whose_rays_meet_them():
+    of, rows, columns = pinhole(), np.array([0, 10, 63]), np.array([47, 3, 20])
+    x, y = of.across(rows, columns)
+    depth = np.array([0.01, 0.02, 0.05])
+    right, up, forward = of.axes
+    points = of.position + depth[:, None] * (forward + x[:, None] * right + y[:, None] * up)
+    places, found = of.project(points)
+    np.testing.assert_allclose(places, np.stack([columns, rows], axis=1), atol=1e-12)
+    np.testing.assert_allclose(found, depth)
+    places, found = of.project(of.position - 0.01 * forward)
+    assert np.isnan(places).all() and found == pytest.approx(-0.01)
+
+
 def test_an_image_of_twice_the_size_has_the_same_view():
     one, two = pinhole(64, 48), pinhole(128, 96)
     for corner in ((-0.5, -0.5), (63.5, 47.5)):

@@ -30,6 +30,8 @@ MESH = {"file": "slab.stl", "unit": "mm"}
         ({"materials": {"solid": {**SOLID, "c20_pa": 1e3}}}, "materials.solid: .*constants of law: yeoh"),
         ({"materials": {"solid": {**SOLID, "law": "gent"}}}, 'solid.law: "gent" .*allowed: neo_hookean or yeoh'),
         ({"core": {"friction": 0.0, "mesh": MESH}}, "core: the gel has no cavity"),
+        ({"markers": {"file": "dots.csv", "diameter_mm": 0.9}}, "markers are seen by a camera: cameras are needed"),
+        ({"markers": {"file": "dots.csv"}}, "markers.diameter_mm: missing; allowed: above 0, to 10000 mm"),
         ({"name": "bad name"}, 'name: "bad name" is not allowed; allowed: letters, digits'),
     ],
 )

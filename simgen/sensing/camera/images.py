@@ -2,10 +2,12 @@
 
 <dataset>.images/
   render.json                    settings that determine the images
+  rest.png, markers.csv          with --markers: the untouched gel, and the places of its dots
   t0003_sphere_7mm/              trajectory 3
     02_0.3mm.png                 depth 2, 0.3 mm; samples that are not valid have none
     optics.json                  drawn values, with --vary
     press.gif                    animation, with --gif
+    markers.npz                  with --markers: displacements of the dots, see `MarkerDots.arrays`
   montage_sphere_7mm.png         some trajectories and depths of an indenter
   stages.png                     one sample from height map to image, sharp and smoothed
 """
@@ -33,12 +35,13 @@ from simgen.dataset.provenance import difference, source_hash
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError, writing
 from simgen.fem.nonlinear.status import is_valid
-from simgen.sensing.camera.image_files import write_image
+from simgen.sensing.camera.image_files import png, write_image
 from simgen.sensing.camera.renderer import Look, Renderer
 from simgen.sensing.camera.varied_renderer import VariedRenderer, renderer_of
-from simgen.sensors import height_map, pinhole
+from simgen.sensors import height_map, marker_layout, markers, pinhole
 
 RECORD = "render.json"
+REST, MARKER_TABLE, MARKER_TRACKS = "rest.png", "markers.csv", "markers.npz"
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,18 @@ class Images:
             "kernels": list(renderer.blur.sizes),
             "kernels_around_contact": list(renderer.blur.around),
             **renderer.record(),
+            "markers": renderer.dots.record() if renderer.dots else {"number": 0},
             "code": _code_hash(),
         }
+
+    def at_rest(self, renderer: Renderer | VariedRenderer) -> dict[str, bytes]:
+        """Other files of the folder, by name: with markers, the places of its dots and, without --vary, the untouched
+        gel.
+        """
+        if not renderer.dots:
+            return {}
+        untouched = {REST: png(renderer.untouched)} if isinstance(renderer, Renderer) else {}
+        return {MARKER_TABLE: renderer.dots.table(), **untouched}
 
     def meshes(self, dataset: Dataset) -> "SurfaceSource":
         """Make the source of the surfaces, once in each process."""
@@ -79,9 +92,9 @@ class Images:
 
 
 def _code_hash() -> str:
-    """sha256 of the code that makes images: this folder, rays and height maps."""
+    """sha256 of the code that makes images: this folder, rays, height maps and markers."""
     digest = hashlib.sha256(source_hash(Path(__file__).parent).encode())
-    for module in (height_map, pinhole):
+    for module in (height_map, pinhole, marker_layout, markers):
         digest.update(Path(module.__file__).read_bytes())
     return digest.hexdigest()
 
@@ -114,12 +127,14 @@ class StoredSurfaces:
         return steps, self.dataset.in_unit(self._array, press)[steps], {}
 
 
-def claim(folder: Path, record: Mapping[str, Any]) -> None:
-    """Make the folder of images. Raises `InputError` if it exists with other images or other files."""
+def claim(folder: Path, record: Mapping[str, Any], files: Mapping[str, bytes] | None = None) -> None:
+    """Make the folder of images with ``files``. Raises `InputError` if it exists with other images or other files."""
     file = folder / RECORD
     if not folder.exists():
         with writing(folder), whole_folder(folder) as aside:
             (aside / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
+            for name, data in (files or {}).items():
+                (aside / name).write_bytes(data)
         return
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
@@ -156,7 +171,7 @@ def render(
     ``meshes`` is the source of displacements, if this process has made it already.
     """
     dataset = selection.dataset
-    claim(images.folder, images.record(dataset, renderer))
+    claim(images.folder, images.record(dataset, renderer), images.at_rest(renderer))
     missing = unmade(images, selection)
     with written_by_one(images.folder):
         if workers == 1 or len(missing) <= 1:
@@ -186,9 +201,15 @@ class _Worker:
         self.threads = os.cpu_count() if images.device != "cpu" else 1
 
     def render(self, press: int) -> int:
-        steps, displacement, more = self.meshes.of_press(press)
+        steps, surfaces, more = self.meshes.of_press(press)
         renderer = self.renderer.of_press(press)
-        pictures, more = renderer(displacement), more | renderer.files
+        more = more | renderer.files
+        if renderer.dots:  # they move with the output mesh, also where height maps come from the solution
+            displacement = self.dataset.displacement(self.images.sensor, press)[steps]
+            pictures, tracks = renderer.images_and_tracks(surfaces, displacement)
+            more[MARKER_TRACKS] = renderer.dots.arrays(tracks, steps, 1e-3 * self.depths_mm[steps])
+        else:
+            pictures = renderer(surfaces)
         folder = self.images.of_press(self.dataset, press)
         files = [f"{step:02d}_{self.depths_mm[step]:.4g}mm.png" for step in steps]
         with writing(folder), whole_folder(folder) as aside, ThreadPoolExecutor(self.threads) as threads:

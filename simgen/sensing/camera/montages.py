@@ -56,12 +56,18 @@ def write_gif(folder: Path, rest: np.ndarray) -> Path | None:
     return file
 
 
-def write_stages(file: Path, renderer: Renderer | PressRenderer, source: np.ndarray, title: str) -> None:
-    """Draw height map and image of one sample, of what the renderer takes: sharp above, smoothed below."""
+def write_stages(
+    file: Path, renderer: Renderer | PressRenderer, source: np.ndarray, displacement: np.ndarray, title: str
+) -> None:
+    """Draw height map and image of one sample, of what the renderer takes: sharp above, smoothed below.
+
+    displacement : (vertex, 3) m, with which dots move
+    """
     sharp = renderer.heights(source[None])
-    before = sharp.numpy()[0].copy(), renderer.image(sharp).numpy()[0]
+    tracks = renderer.tracks(sharp, displacement[None])
+    before = sharp.numpy()[0].copy(), renderer.image(sharp, tracks).numpy()[0]
     smooth = renderer.blur(sharp)
-    after = smooth.numpy()[0], renderer.image(smooth).numpy()[0]
+    after = smooth.numpy()[0], renderer.image(smooth, tracks).numpy()[0]
     figure = Figure(figsize=(7.2, 8.6), layout="constrained")
     largest = np.abs(before[0]).max() * 1e3
     for line, (height, image), name in zip(figure.subplots(2, 2), (before, after), ("sharp", "smoothed"), strict=True):

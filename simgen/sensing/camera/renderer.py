@@ -16,12 +16,16 @@ from simgen.dataset.stored_arrays import REST_DEPTH
 from simgen.errors import InputError, shown
 from simgen.sensing.camera.blur import KERNELS, PYRAMIDS, Blur, pyramid
 from simgen.sensing.camera.image_files import read_image
+from simgen.sensing.camera.image_maker import ImageMaker
+from simgen.sensing.camera.marker_dots import MarkerDots
 from simgen.sensing.camera.photometric_gel import photometry_of
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.shading import Shading
 from simgen.sensing.camera.shadows import Shadows
 from simgen.sensing.camera.stored_heights import StoredHeights, check_height_maps
 from simgen.sensors.height_map import HeightMaps
+from simgen.sensors.marker_layout import MarkerLayout
+from simgen.sensors.markers import Markers
 from simgen.sensors.pinhole import Pinhole, placed_camera
 from simgen.sensors.sensor import Camera
 from simgen.sensors.sensor_geometry import sensor_folder
@@ -45,6 +49,8 @@ class Look:
         stored
     vary : seed of optics that are drawn for each press, see `simgen.sensing.camera.varied_renderer`; then
         ``background`` may be a folder of pictures, and there is no ``table``; None for the sensor's own optics
+    markers : printed dots, as `simgen.sensors.marker_layout.MarkerLayout.of` reads them; None for none
+    dot_mm : their diameter; by default that of the sensor's own markers
     camera : a name among ``cameras`` of the sensor.yaml; by default the job's choice
     """
 
@@ -57,6 +63,8 @@ class Look:
     camera: str | None = None
     heights: str = "mesh"
     vary: int | None = None
+    markers: str | None = None
+    dot_mm: float | None = None
 
     def __post_init__(self):
         if self.blur and self.blur not in (*PYRAMIDS, AUTO):
@@ -69,6 +77,8 @@ class Look:
             raise InputError(
                 f"--calibration {self.table}: contradicts --vary, which needs no table; allowed: one of them"
             )
+        if self.dot_mm is not None and self.markers is None:
+            raise InputError(f"--dot-mm {self.dot_mm:g}: no --markers; allowed: with --markers")
 
     @property
     def pyramid(self) -> str | None:
@@ -78,21 +88,22 @@ class Look:
         return self.blur
 
 
-class Renderer:
-    """Makes images (sample, height, width, 3) uint8, red first, from what its source of height maps takes.
+class Renderer(ImageMaker):
+    """Makes images by a table of colours.
 
-    heights : `HeightMaps` of a mesh, which take displacements (sample, vertex, 3), m; or `StoredHeights`, which take
-        stored height maps (sample, row, column), m
+    heights : as those of `ImageMaker`
     background : (height, width, 3) uint8, image of the untouched gel, of any size
     kernels, around : px, kernels for the whole map and around the contact, see `camera.blur`; empty for no smoothing
     lights : (3, 3) m, positions of the red, green and blue light, for shadows; None for no shadows
+    markers : dots on the coat; None for none
 
-    Raises `InputError` if the camera does not see the gel.
+    Raises `InputError` if the camera does not see the gel, or none of the dots.
     """
 
     def __init__(
         self, heights: HeightMaps | StoredHeights, response: Response, background: np.ndarray,
         kernels: tuple[int, ...] = KERNELS, lights: np.ndarray | None = None, around: tuple[int, ...] = (),
+        markers: Markers | None = None,
     ):  # fmt: skip
         self.heights, self.pinhole, self.device = heights, heights.pinhole, heights.device
         pinhole, device = self.pinhole, self.device
@@ -107,6 +118,8 @@ class Renderer:
         self.blur = Blur(pinhole.height, pinhole.width, kernels, device, around)
         self.shading = Shading(response, depth / pinhole.focal, self.background, device)
         self.shadows = None if lights is None else Shadows(depth, pinhole, lights, device)
+        self.dots = None if markers is None else MarkerDots(markers, heights)
+        self.files = {}
 
     @classmethod
     def of_dataset(cls, dataset: Dataset, sensor: str, look: Look = Look(), device: str = "cpu") -> Self:
@@ -127,7 +140,7 @@ class Renderer:
         kernels, around = pyramid(look.pyramid, min(pinhole.width, pinhole.height))
         lights = photometry_of(camera).lights if look.shadows else None
         table, background = Response.load(files["--calibration"]), read_image(files["--background"])
-        return cls(heights, table, background, kernels, lights, around)
+        return cls(heights, table, background, kernels, lights, around, markers_of(dataset, sensor, look, folder))
 
     def record(self) -> dict[str, Any]:
         """Settings that determine the colours, for JSON."""
@@ -138,16 +151,7 @@ class Renderer:
         """The renderer of a press: itself."""
         return self
 
-    @property
-    def files(self) -> dict[str, bytes]:
-        """Other files of a press's folder by name: none."""
-        return {}
-
-    def __call__(self, source: np.ndarray) -> np.ndarray:
-        return self.image(self.blur(self.heights(source))).numpy()
-
-    def image(self, height: wp.array) -> wp.array:
-        """Images (sample, height, width, 3) uint8 of height maps (sample, height, width) m."""
+    def colours(self, height: wp.array) -> wp.array:
         image = self.shading(height)
         return image if self.shadows is None else self.shadows(image, height)
 
@@ -171,8 +175,23 @@ def height_source(
     if look.heights == "solution":
         check_height_maps(dataset, sensor, camera, pinhole)
         return StoredHeights(dataset[f"{sensor}/{REST_DEPTH}"], pinhole, device)
-    surface = (dataset[f"{sensor}/{key}"] for key in ("rest_positions", "surface_triangles"))
-    return HeightMaps.of_mesh(*surface, pinhole, device)
+    return HeightMaps.of_mesh(*_output_surface(dataset, sensor), pinhole, device)
+
+
+def markers_of(dataset: Dataset, sensor: str, look: Look, folder: Path) -> Markers | None:
+    """Place the printed dots of a look on a dataset's sensor, whose model lies in ``folder``; None for no dots.
+
+    Raises `InputError` for dots that are not on the gel, and as `MarkerLayout.of`.
+    """
+    if look.markers is None:
+        return None
+    description = read_description(folder / "sensor.yaml")
+    layout = MarkerLayout.of(look.markers, description, folder, look.dot_mm)
+    return Markers.on_surface(layout, *_output_surface(dataset, sensor))
+
+
+def _output_surface(dataset: Dataset, sensor: str) -> list[np.ndarray]:
+    return [dataset[f"{sensor}/{key}"] for key in ("rest_positions", "surface_triangles")]
 
 
 def optics_files(camera: str) -> tuple[str, str]:

@@ -16,12 +16,15 @@ from simgen.sensing.camera.blur import Blur, pyramid
 from simgen.sensing.camera.direct_shading import DirectShading, Illumination
 from simgen.sensing.camera.drawn_optics import DrawnOptics, OpticsRanges
 from simgen.sensing.camera.image_files import read_image
+from simgen.sensing.camera.image_maker import ImageMaker
+from simgen.sensing.camera.marker_dots import MarkerDots
 from simgen.sensing.camera.photometric_gel import photometry_of
-from simgen.sensing.camera.renderer import Look, Renderer, camera_of, height_source
+from simgen.sensing.camera.renderer import Look, Renderer, camera_of, height_source, markers_of
 from simgen.sensing.camera.shadows import Shadows
 from simgen.sensing.camera.stored_heights import StoredHeights
 from simgen.sensing.camera.undeformed_gel import undeformed_depth
 from simgen.sensors.height_map import HeightMaps
+from simgen.sensors.markers import Markers
 from simgen.sensors.pinhole import Pinhole
 from simgen.sensors.sensor_geometry import load_geometry
 
@@ -30,29 +33,21 @@ OPTICS = "optics.json"  # drawn values, in the folder of a press
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
 
 
-class PressRenderer:
-    """Makes images (sample, height, width, 3) uint8, red first, of one press, as `Renderer`.
-
-    background : (height, width, 3) uint8, image of the untouched gel without noise
-    files : other files of the press's folder by name
-    """
+class PressRenderer(ImageMaker):
+    """Makes images of one press under drawn optics. Its background has no noise."""
 
     def __init__(
         self, source: "VariedRenderer", shading: DirectShading, gain: np.ndarray, background: np.ndarray,
         optics: DrawnOptics, lights: np.ndarray, picture: str | None,
     ):  # fmt: skip
-        self.heights, self.blur = source.heights, source.blur
+        self.heights, self.blur, self.dots = source.heights, source.blur, source.dots
         self.background = np.rint(background).astype(np.uint8)
         self._shading, self._gain, self._levels, self._optics = shading, gain, background, optics
         self._shadows = Shadows(source.coat_depth, source.pinhole, lights, source.device) if source.shadows else None
         record = optics.record() | {"lights_m": lights.tolist()} | ({} if picture is None else {"background": picture})
         self.files = {OPTICS: json.dumps(record, indent=1).encode()}
 
-    def __call__(self, source: np.ndarray) -> np.ndarray:
-        return self.image(self.blur(self.heights(source))).numpy()
-
-    def image(self, height: wp.array) -> wp.array:
-        """Images (sample, height, width, 3) uint8 of height maps (sample, height, width) m."""
+    def colours(self, height: wp.array) -> wp.array:
         image = self._shading.image(height, self._gain, self._levels, self._optics.noise, self._optics.seed)
         return image if self._shadows is None else self._shadows(image, height)
 
@@ -65,13 +60,15 @@ class VariedRenderer:
     lights : (3, 3) m, positions of the sensor's own red, green and blue light, in the sensor's frame
     pictures : files of untouched gels, which take the place of drawn backgrounds; empty for drawn ones
     shadows : True dims pixels where the gel itself blocks a drawn light
+    markers : dots on the coat; None for none
 
-    Raises `InputError` if the camera does not see the gel.
+    Raises `InputError` if the camera does not see the gel, or none of the dots.
     """
 
     def __init__(
         self, heights: HeightMaps | StoredHeights, gel_depth: np.ndarray, lights: np.ndarray, seed: int, blur: Blur,
         pictures: tuple[Path, ...] = (), shadows: bool = False, ranges: OpticsRanges = RANGES,
+        markers: Markers | None = None,
     ):  # fmt: skip
         self.heights, self.pinhole, self.device = heights, heights.pinhole, heights.device
         if not (heights.seen.any() and np.isfinite(gel_depth).any()):
@@ -79,6 +76,7 @@ class VariedRenderer:
         self.coat_depth = np.where(heights.seen, heights.rest_depth, heights.rest_depth[heights.seen].max())
         self.blur, self.shadows, self.seed, self.ranges = blur, shadows, seed, ranges
         self._gel_depth, self._lights, self._pictures = gel_depth, lights, pictures
+        self.dots = None if markers is None else MarkerDots(markers, heights)
         self._greatest = float(gel_depth[np.isfinite(gel_depth)].max())
 
     @classmethod
@@ -95,7 +93,8 @@ class VariedRenderer:
         blur = Blur(pinhole.height, pinhole.width, kernels, device, around)
         depth = undeformed_depth(load_geometry(str(folder)), pinhole)
         pictures = () if look.background is None else pictures_in(Path(look.background))
-        return cls(heights, depth, photometry_of(camera).lights, look.vary, blur, pictures, look.shadows)
+        lights, markers = photometry_of(camera).lights, markers_of(dataset, sensor, look, folder)
+        return cls(heights, depth, lights, look.vary, blur, pictures, look.shadows, RANGES, markers)
 
     def record(self) -> dict[str, Any]:
         """Settings that determine the optics, for JSON."""

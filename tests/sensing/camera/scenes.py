@@ -1,5 +1,8 @@
 """Surfaces with known depths, and a camera that looks at them."""
 
+from pathlib import Path
+
+import fake
 import numpy as np
 
 from simgen.sensing.camera.renderer import Look
@@ -8,6 +11,15 @@ from simgen.sensors.sensor import Camera
 
 DISTANCE_M = 0.02
 SMALL = Look(height=64, width=48)  # images that take little time
+
+
+def dots_on_ball(file: Path, count: int = 6) -> str:
+    """Write a file of dots (at most 6) in two rows of `fake.BALL` that the DIGIT's camera sees; return its path."""
+    across = 1e-3 * np.array([[x, z] for x in (-4.5, -3.0) for z in (-1.5, 0.0, 1.5)])
+    down = -np.sqrt(fake.RADIUS_M**2 - (across**2).sum(axis=1))
+    points = 1e3 * np.column_stack([across[:, 0], down, across[:, 1]])[:count]
+    file.write_text("\n".join(["x_mm,y_mm,z_mm", *(",".join(f"{value:.4f}" for value in point) for point in points)]))
+    return str(file)
 
 
 def camera(height: int = 64, width: int = 48) -> Camera:

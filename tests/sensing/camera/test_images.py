@@ -14,7 +14,7 @@ from simgen.fem.nonlinear.status import Status
 from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.images import Images, StoredSurfaces, render, unmade
 from simgen.sensing.camera.renderer import Look, Renderer
-from tests.sensing.camera.scenes import SMALL
+from tests.sensing.camera.scenes import SMALL, dots_on_ball
 
 pytestmark = pytest.mark.usefixtures("made")
 
@@ -43,6 +43,27 @@ def test_workers_make_the_same_bytes(seen, images, chosen, renderer, tmp_path):
     assert sum(render(other, chosen, renderer, workers=2)) == 4 * seen.presses
     for file in images.folder.rglob("*mm.png"):
         assert (other.folder / file.relative_to(images.folder)).read_bytes() == file.read_bytes()
+
+
+def test_dots_are_stored_beside_the_images_by_any_number_of_workers(seen, chosen, tmp_path):
+    """A run that was stopped ends with the same bytes."""
+    look = Look(height=64, width=48, markers=dots_on_ball(tmp_path / "dots.csv"), dot_mm=0.8)
+    renderer = Renderer.of_dataset(seen, "digit", look)
+    one, two = (Images(seen.path, "digit", tmp_path / name, look) for name in "ab")
+    assert sum(render(one, chosen, renderer, workers=1)) == 4 * seen.presses
+    some = render(two, chosen, renderer, workers=1)
+    next(some)
+    some.close()  # stopped
+    assert len(list(render(two, chosen, renderer, workers=2))) == seen.presses - 1
+    written = {file.relative_to(one.folder): file.read_bytes() for file in one.folder.rglob("*.*")}
+    assert written == {file.relative_to(two.folder): file.read_bytes() for file in two.folder.rglob("*.*")}
+    assert sum(file.name == "markers.npz" for file in written) == seen.presses
+    np.testing.assert_array_equal(read_image(one.folder / "rest.png"), renderer.untouched)
+    displacement = seen.displacement("digit", 3)
+    stored = np.load(one.of_press(seen, 3) / "markers.npz")
+    images, tracks = renderer.images_and_tracks(displacement)
+    np.testing.assert_allclose(stored["displacement_px"], tracks.at - stored["rest_px"], atol=1e-5)
+    np.testing.assert_array_equal(read_image(sorted(one.of_press(seen, 3).glob("*.png"))[-1]), images[-1])
 
 
 def test_what_is_there_is_not_made_again(seen, chosen, renderer, tmp_path):

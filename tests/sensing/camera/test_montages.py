@@ -27,5 +27,6 @@ def test_a_press_in_motion(seen, images, renderer):
 
 
 def test_stages_of_an_image(seen, renderer, tmp_path):
-    write_stages(tmp_path / "stages.png", renderer, seen.displacement("digit", 0)[-1], "a press")
+    displacement = seen.displacement("digit", 0)[-1]
+    write_stages(tmp_path / "stages.png", renderer, displacement, displacement, "a press")
     assert cv2.imread(str(tmp_path / "stages.png")).shape[0] > 800

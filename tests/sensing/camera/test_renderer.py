@@ -90,6 +90,39 @@ def test_another_camera_has_its_own_view_and_colours(seen):
     assert optics_files("tacto") == ("optics_tacto.npz", "background_tacto.png")
 
 
+@pytest.mark.parametrize("shadows", [False, True])
+def test_dots_darken_their_pixels_and_change_nothing_else(seen, tmp_path, shadows):
+    """Images with and without dots differ in the dots' outlines alone, at rest too."""
+    plain, dotted = (
+        Renderer.of_dataset(seen, "digit", Look(height=64, width=48, shadows=shadows, markers=markers, dot_mm=size))
+        for markers, size in ((None, None), (scenes.dots_on_ball(tmp_path / "dots.csv"), 1.2))
+    )
+    moved = seen.displacement("digit", 0)
+    images, tracks = dotted.images_and_tracks(moved)
+    rest = np.zeros_like(moved[:1])
+    np.testing.assert_array_equal(dotted(rest)[0], dotted.untouched)
+    for image, without, outlines in (
+        (dotted.untouched, plain.untouched, dotted.dots.rest.outlines[0]),
+        (images[-1], plain(moved)[-1], tracks.outlines[-1]),
+    ):
+        inside = np.zeros(image.shape[:2], np.uint8)
+        for outline in outlines:
+            cv2.fillPoly(inside, [np.round(outline).astype(np.int32)], 1)
+        near = cv2.dilate(inside, np.ones((3, 3), np.uint8)) > 0
+        np.testing.assert_array_equal(image[~near], without[~near])
+        assert (image[cv2.erode(inside, np.ones((3, 3), np.uint8)) > 0] == 0).all()
+
+
+def test_dots_are_the_same_for_each_camera(seen, tmp_path):
+    """They belong to the gel; only their places in the image differ."""
+    file = scenes.dots_on_ball(tmp_path / "dots.csv")
+    looks = (Look(height=64, width=48, camera=name, markers=file, dot_mm=0.8) for name in (None, "tacto"))
+    own, tacto = (Renderer.of_dataset(seen, "digit", look).dots for look in looks)
+    assert own.record() == tacto.record()
+    middle = np.array([48, 64]) / 2 - 0.5
+    np.testing.assert_allclose(own.rest.at - middle, 1.29 * (tacto.rest.at - middle), rtol=0.01)
+
+
 @pytest.mark.parametrize(
     ("sensor", "look", "complaint"),
     [
@@ -99,6 +132,7 @@ def test_another_camera_has_its_own_view_and_colours(seen):
         ("digit", Look(height=0, width=10**6), r"image of 1000000 x \d+ pixels: allowed: 1 to 8192 each way"),
         ("digit", Look(background="nowhere.png"), r"nowhere\.png: cannot be read: No such file or directory"),
         ("digit", Look(table="nowhere.npz"), r"nowhere\.npz: cannot be read: No such file or directory"),
+        ("digit", Look(markers="own"), r"digit.sensor\.yaml has no markers; allowed: ROWSxCOLUMNS@PITCH"),
         ("digit", Look(background=__file__), r"test_renderer\.py: not an image; allowed: PNG, JPEG"),
     ],
 )
@@ -106,6 +140,11 @@ def test_bad_input_is_one_line(seen, sensor, look, complaint):
     with pytest.raises(InputError, match=complaint) as raised:
         Renderer.of_dataset(seen, sensor, look)
     assert "\n" not in str(raised.value)
+
+
+def test_a_diameter_without_markers_is_one_line():
+    with pytest.raises(InputError, match=r"--dot-mm 0\.9: no --markers; allowed: with --markers"):
+        Look(dot_mm=0.9)
 
 
 def test_gel_out_of_sight_is_one_line(tmp_path):
@@ -124,3 +163,10 @@ def test_a_gpu_makes_the_same_images(seen, blur):
     look = Look(height=64, width=48, blur=blur)
     own, other = (Renderer.of_dataset(seen, "digit", look, device)(moved).astype(int) for device in ("cpu", "cuda"))
     assert np.abs(own - other).max() <= 1 and np.mean(own != other) < 1e-3
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_a_gpu_draws_the_same_dots(seen, tmp_path):
+    look = Look(height=64, width=48, markers=scenes.dots_on_ball(tmp_path / "dots.csv"), dot_mm=1.2)
+    own, other = (Renderer.of_dataset(seen, "digit", look, device).untouched.astype(int) for device in ("cpu", "cuda"))
+    assert np.abs(own - other).max() <= 1
