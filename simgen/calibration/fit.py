@@ -47,12 +47,14 @@ class Fit:
     residual : (p,) simulated over measured force, minus 1
     squares : weighted sum of squares, at least that of `SOLVED`
     degrees : of freedom, points minus parameters
+    is_absolute : sigma is the standard deviation itself, so that a scatter of 1 is what the measurement explains
     """
 
     intervals: dict[str, Interval]
     residual: np.ndarray
     squares: float
     degrees: int
+    is_absolute: bool = False
 
     @property
     def scatter(self) -> float:
@@ -96,7 +98,7 @@ class LeastSquares:
         squares_or_floor = max(squares, floor)
         intervals = {name: self._interval(name, best, squares, squares_or_floor, degrees) for name in best}
         residual = best[E] * self.forces(_others(best)) / self.measured - 1.0
-        return Fit(intervals, residual, squares_or_floor, degrees)
+        return Fit(intervals, residual, squares_or_floor, degrees, self.is_absolute)
 
     def modulus(self, values: dict[str, float]) -> float:
         """E with the least squares at values of the other parameters, Pa."""

@@ -28,9 +28,10 @@ class MaterialModel:
 
     @property
     def name(self) -> str:
-        own = "yeoh, " if self.fixed["c20"] or self.fixed["c30"] or {"c20", "c30"} & set(self.free) else ""
-        given = [f"{name} {self.fixed[name]:g}" for name in ("nu", "friction") if name not in self.free]
-        return own + "fit " + ", ".join(("E", *self.free)) + ("; " + ", ".join(given) if given else "")
+        """The free parameters, then those that are given."""
+        given = [f"{name} {value:g}" for name, value in self.fixed.items()
+                 if name not in self.free and (value or name not in ("c20", "c30"))]  # fmt: skip
+        return ", ".join(("E", *self.free)) + ("; " + ", ".join(given) if given else "")
 
     def is_within(self, other: MaterialModel) -> bool:
         """True if this is the other model with some of its free parameters fixed."""
