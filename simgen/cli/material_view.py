@@ -124,7 +124,7 @@ def print_mesh(confirmed: Confirmation) -> None:
     """Print how much of the residual the mesh explains."""
     rms = float(np.sqrt((confirmed.residual**2).mean()))
     console.print(
-        f"The residual is {rms:.2%} rms; with forces corrected by the mesh's estimated error, and E fitted again, it is "
+        f"The residual is {rms:.2%} rms; with forces corrected by the mesh's estimated error and E fitted again, "
         f"{confirmed.corrected_rms:.2%}. Interpolated forces of this model are off by at most "
         f"{confirmed.interpolation:.2%}.",
         soft_wrap=True,
