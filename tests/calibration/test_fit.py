@@ -88,9 +88,7 @@ def test_without_degrees_of_freedom_there_are_no_intervals():
     assert np.isnan(chance(fit, fit, True))
 
 
-@pytest.mark.parametrize(
-    "draws", [pytest.param(80, marks=pytest.mark.slow), pytest.param(400, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("draws", [pytest.param(80, marks=pytest.mark.slow), pytest.param(400, marks=pytest.mark.long)])
 def test_equal_models_are_told_apart_at_the_rate_of_the_test(draws):
     """Without an offset in the data, the F test refuses the model without one in 5 % of the draws."""
     noise, clean = np.random.default_rng(3), E * forces({})

@@ -63,7 +63,7 @@ def test_a_long_curve_becomes_a_few_points():
     ],
 )
 def test_a_broken_file_gets_one_line(tmp_path, text, words):
-    with pytest.raises(InputError, match="forces.csv") as error:
+    with pytest.raises(InputError, match=r"forces\.csv") as error:
         read_forces(written(tmp_path, text))
     assert words in str(error.value)
 
