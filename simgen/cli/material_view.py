@@ -28,7 +28,7 @@ from simgen.calibration.measured_forces import MeasuredForces, read_forces
 from simgen.calibration.record import material_lines, record
 from simgen.cli.console import console
 
-WIDE = 120  # columns of tables if the output is no terminal
+WIDE = 140  # columns of tables if the output is no terminal
 IN_KPA = 1e-3
 NOT_DETERMINED = "not determined"
 
@@ -41,7 +41,7 @@ def calibrate_and_print(file: Path, choice: RigChoice, names: list[str]) -> dict
     count = len(presses(models))
     print_measured(file, measured)
     where = f"{escape(choice.indenter_in_words)} on {escape(rig.sensor.name)}, {choice.mesh} mesh"
-    console.print(f"{count} presses, {where}", soft_wrap=True)
+    console.print(f"{count} press{'es' * (count > 1)}, {where}", soft_wrap=True)
     for _ in track(simulate(rig, models, measured.deepest_mm), "pressing", count, console=console, transient=True,
                    disable=not console.is_terminal):  # fmt: skip
         pass
@@ -74,14 +74,16 @@ def print_measured(file: Path, measured: MeasuredForces) -> None:
 def print_models(fitted: list[FittedModel]) -> None:
     """Print the models, best first, with values, 95 % intervals, and what the data tell apart."""
     columns = ("fitted; given", "E, kPa (95 %)", "others (95 %), offset in mm", "rms", "scatter", "chance", "")
-    table = Table(*columns, box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for column in columns:
+        table.add_column(column, no_wrap=True)
     for number, each in enumerate(fitted):
         fit = each.fit
         intervals = {name: in_words(name, interval, fit.degrees) for name, interval in fit.intervals.items()}
         modulus = intervals.pop("E")
         others = "\n".join(f"{name} {words}" for name, words in intervals.items())
         chance = "" if math.isnan(each.chance) else f"{each.chance:.2g}"
-        verdict = ("told apart" if each.is_told_apart else "not told apart") if number else "best"
+        verdict = ("told apart" if each.is_told_apart else "") if number else "best"
         table.add_row(each.model.name, modulus, others, f"{fit.rms:.1%}", _scatter(each), chance, verdict)
     console.print()
     (console if console.is_terminal else Console(width=WIDE, highlight=False)).print(table)

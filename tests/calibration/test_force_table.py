@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from calibration.rigs import MESH_ERROR, FormulaRig, formula
 
+from calibration.rigs import MESH_ERROR, FormulaRig, formula
 from simgen.calibration.force_table import DEPTHS, ForceTable, depths_to, needed
 
 FREE = ("nu", "friction")

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from calibration.rigs import GEL, MESH_ERROR, FormulaRig, formula
 
+from calibration.rigs import GEL, MESH_ERROR, FormulaRig, formula
 from simgen.calibration.material_fit import (
     MaterialModel,
     asked_models,

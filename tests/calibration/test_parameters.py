@@ -10,7 +10,7 @@ from simgen.sensors.material import Material
 
 def test_the_offset_is_limited_by_the_deepest_depth():
     assert limits(OFFSET, 2.0) == pytest.approx((-0.2, 0.2))
-    assert limits("friction", 2.0) == (0.0, 1.0) and NAMES == (*PRESSED, OFFSET)
+    assert limits("friction", 2.0) == (0.0, 1.0) and (*PRESSED, OFFSET) == NAMES
 
 
 def test_all_knots_are_stable_materials():
