@@ -40,7 +40,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Fit:
+class CurveFit:
     """Least-squares fit of forces.
 
     intervals : by name, E (Pa) first
@@ -89,7 +89,7 @@ class LeastSquares:
         self.measured, self.sigma, self.forces, self.limits = measured, sigma, forces, limits
         self.is_absolute = is_absolute
 
-    def fit(self) -> Fit:
+    def fit(self) -> CurveFit:
         """Fit all free parameters."""
         best = self._minimise({}, self._starts())
         squares = self._squares(best)
@@ -98,7 +98,7 @@ class LeastSquares:
         squares_or_floor = max(squares, floor)
         intervals = {name: self._interval(name, best, squares, squares_or_floor, degrees) for name in best}
         residual = best[E] * self.forces(_others(best)) / self.measured - 1.0
-        return Fit(intervals, residual, squares_or_floor, degrees, self.is_absolute)
+        return CurveFit(intervals, residual, squares_or_floor, degrees, self.is_absolute)
 
     def modulus(self, values: dict[str, float]) -> float:
         """E with the least squares at values of the other parameters, Pa."""
@@ -174,7 +174,7 @@ def _others(values: dict[str, float]) -> dict[str, float]:
     return {name: value for name, value in values.items() if name != E}
 
 
-def chance(fit: Fit, best: Fit, is_nested: bool) -> float:
+def chance(fit: CurveFit, best: CurveFit, is_nested: bool) -> float:
     """Chance of such a difference if ``fit`` were as good as ``best``; small: the data tell them apart.
 
     is_nested : ``fit`` is ``best`` with fixed parameters. Then this is the F test of the extra sum of squares (Bates

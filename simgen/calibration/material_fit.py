@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from simgen.calibration.fit import Fit, LeastSquares, chance
+from simgen.calibration.fit import CurveFit, LeastSquares, chance
 from simgen.calibration.force_table import ForceTable, depths_to, needed
 from simgen.calibration.measured_forces import MeasuredForces
 from simgen.calibration.parameters import NAMES, OFFSET, limits
@@ -45,7 +45,7 @@ class FittedModel:
     """A model, its fit, and the chance that it is as good as the best one (`simgen.calibration.fit.chance`)."""
 
     model: MaterialModel
-    fit: Fit
+    fit: CurveFit
     chance: float = math.nan
 
     @property

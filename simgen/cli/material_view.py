@@ -125,12 +125,9 @@ def print_residuals(measured: MeasuredForces, confirmed: Confirmation) -> None:
 def print_mesh(confirmed: Confirmation) -> None:
     """Print how much of the residual the mesh explains."""
     rms = float(np.sqrt((confirmed.residual**2).mean()))
-    console.print(
-        f"The residual is {rms:.2%} rms; with forces corrected by the mesh's estimated error and E fitted again, "
-        f"{confirmed.corrected_rms:.2%}. Interpolated forces of this model are off by at most "
-        f"{confirmed.interpolation:.2%}.",
-        soft_wrap=True,
-    )
+    corrected = f"with forces corrected by the mesh's estimated error and E fitted again, {confirmed.corrected_rms:.2%}"
+    console.print(f"The residual is {rms:.2%} rms; {corrected}.", soft_wrap=True)
+    console.print(f"Interpolated forces of this model are off by at most {confirmed.interpolation:.2%}.")
 
 
 def print_warnings(best: FittedModel) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simgen.calibration.fit import Fit, Interval
+from simgen.calibration.fit import CurveFit, Interval
 from simgen.calibration.material_fit import FittedModel, MaterialModel
 from simgen.cli.material_view import in_words, print_models, print_warnings
 
@@ -12,7 +12,7 @@ FIXED = {"nu": 0.475, "friction": 0.0, "c20": 0.0, "c30": 0.0}
 
 def fitted(*free, degrees=2, ends=(None, None), chance=float("nan")):
     intervals = {"E": Interval(4e5, 3e5, 5e5), **{name: Interval(0.1, *ends) for name in free}}
-    return FittedModel(MaterialModel(FIXED, free), Fit(intervals, np.array([0.01, -0.01]), 2e-4, degrees), chance)
+    return FittedModel(MaterialModel(FIXED, free), CurveFit(intervals, np.array([0.01, -0.01]), 2e-4, degrees), chance)
 
 
 @pytest.mark.parametrize(
