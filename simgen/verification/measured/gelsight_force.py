@@ -56,7 +56,7 @@ def _rows(rig: Rig, fitted: list[FittedModel], confirmed: Confirmation) -> list[
         at_most("estimated error of the mesh over that residual, rms", "", mesh / rms, 1.0, "the mesh is no reason"),
         at_most("interpolated against simulated force", "", confirmed.interpolation, INTERPOLATION, target),
         at_most("residual without friction over that with friction, E alone", "", smooth.rms / rough.rms, 1.0,
-                "a rig that others describe without friction"),
+                "as the first fit found it: a guard against changes"),
     ]  # fmt: skip
 
 
