@@ -14,8 +14,8 @@ PACKAGE = Path(simgen.__file__).parent
 TESTS = Path(__file__).parent
 
 # In the order in which data walk. A folder imports from those before it. Everything may import `errors` and `units`.
-FOLDERS = ["config", "geometry", "sensors", "fem", "simulation", "dataset", "pipeline", "sensing", "plotting",
-           "learning", "report", "verification", "cli"]  # fmt: skip
+FOLDERS = ["config", "geometry", "sensors", "fem", "simulation", "dataset", "pipeline", "sensing",
+           "calibration", "plotting", "learning", "report", "verification", "cli"]  # fmt: skip
 FLOOR = {folder: number for number, folder in enumerate(["errors", "units", *FOLDERS])}
 FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
          for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem != "__init__"}  # fmt: skip

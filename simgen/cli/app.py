@@ -16,6 +16,7 @@ import typer
 
 from simgen import __version__
 from simgen.cli import exchange, images
+from simgen.cli.calibrate_material import calibrate_material
 from simgen.cli.options import (
     DatasetFolder,
     Device,
@@ -316,6 +317,7 @@ app.command("import")(exchange.import_)
 app.command()(images.render)
 app.command()(images.translate)
 app.command("calibrate-optics")(images.calibrate_optics)
+app.command("calibrate-material")(calibrate_material)
 
 
 def main() -> None:

@@ -11,7 +11,8 @@ from simgen.verification.validate.case import CASES, Case
 # In the order of the report. Each module registers its cases when it is imported.
 MODULES = ("exact", "operator", "order", "layer", "layer_sticking", "friction", "pad", "peers", "hard", "hard_places",
            "hard_refusals", "sensors", "fluid", "published")  # fmt: skip
-MEASURED = ("biotac_pattern", "digit_ball", "digit_edge")  # modules of `simgen.verification.measured`, likewise
+# Modules of `simgen.verification.measured`, likewise.
+MEASURED = ("biotac_pattern", "digit_ball", "digit_edge", "gelsight_force")
 
 
 def all_cases() -> dict[str, Case]:

@@ -1,0 +1,1 @@
+"""Calibration: a gel's material from measured forces against depth (`simgen calibrate-material`)."""
