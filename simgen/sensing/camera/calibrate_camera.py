@@ -26,6 +26,7 @@ from simgen.sensing.camera.undeformed_gel import check_aspect
 from simgen.sensors.pinhole import Pinhole, placed_camera
 from simgen.sensors.sensor import Camera
 from simgen.sensors.sensor_geometry import SensorGeometry, load_geometry
+from simgen.sensors.sensor_schema import CameraSettings
 from simgen.units import MM, MM_PER_M
 
 COLUMNS = ("x_mm", "y_mm")
@@ -54,61 +55,66 @@ def fit_to_positions(
     A picture without a contact is left out, with a line that says why. Raises `InputError` for bad input, and if more
     than half of the pictures are left out.
     """
-    if background is None or radius_mm is None or not pictures:
-        missing = "PICTURE" if not pictures else "--background" if background is None else "--radius-mm"
-        raise InputError(f"{missing} is missing; allowed with --positions: PICTURE... --background FILE --radius-mm R")
-    if not 0.0 < radius_mm <= LARGEST_MM:
-        raise InputError(f"--radius-mm {radius_mm:g}: allowed: more than 0, at most {LARGEST_MM:g}")
+    check_options(pictures, background, radius_mm)
     zero = origin_of(origin)
-    places = read_picture_numbers(positions, COLUMNS, "mm")
-    check_listed(positions, places, pictures)
-    for picture in pictures:
-        if picture.resolve() not in places:
-            raise InputError(f"{positions}: no position of {picture}; allowed: a line for each picture")
+    places = read_positions(positions, pictures)
     known = read_circles(circles) if circles else {}
     if circles:
         check_listed(circles, known, pictures)
-    _check(positions, np.array([places[picture.resolve()] for picture in pictures]))
     geometry = load_geometry(model)
     placed = placed_camera(geometry.description, geometry.folder, camera)
     nothing = read_image(background)
     check_aspect(placed, *nothing.shape[:2])
     image = Pinhole.of(placed, *nothing.shape[:2])
     used, imprints, left_out = [], [], []
-    for picture in pictures:
+    for number, picture in enumerate(pictures):
         try:
             imprint = _imprint(picture, nothing, known.get(picture.resolve()))
         except InputError as error:
             left_out.append(error)
             yield f"left out: {error}"
             continue
-        used.append(picture)
+        used.append(number)
         imprints.append([imprint.column, imprint.row, imprint.radius])
     check_enough_left(left_out, len(pictures))
-    stage = np.array([places[picture.resolve()] for picture in used])
-    _check(positions, stage)
     try:
-        found, gel, moved = fit_and_place(np.array(imprints), stage, radius_mm, geometry, placed, image, zero)
+        found, gel, moved = fit_and_place(np.array(imprints), places[used], radius_mm, geometry, placed, image, zero)
     except InputError as error:
         raise InputError(f"{positions}: {error}") from None
-    for picture, off, is_used in zip(used, found.residual_px, found.used, strict=True):
+    for number, off, is_used in zip(used, found.residual_px, found.used, strict=True):
         if not is_used:
-            yield f"outlier: {picture}: {math.hypot(*off):.1f} pixels from its position; not used"
+            yield f"outlier: {pictures[number]}: {math.hypot(*off):.1f} pixels from its position; not used"
     yield f"{positions}: of {counted(int(found.used.sum()), len(pictures))}; {found.rms_px:.2f} pixels off (rms)"
     yield from _lines(found, gel, image, placed)
-    settings = geometry.description.cameras[camera].model_dump(mode="json")
-    if zero is not None:
-        away = MM_PER_M * (moved.position - placed.position)
-        yield f"camera: {math.hypot(*away):.3f} mm beside its place in the sensor.yaml"
-    else:
-        yield "camera: kept over the place of the sensor.yaml; --origin gives the true one"
-    yield (
-        f"not determined: the camera's distance, and its turn about its axis; the field of view is for "
-        f"{gel.apex_mm:.2f} mm from the gel's apex"
-    )
-    settings["position_mm"] = [round(float(each), 4) for each in MM_PER_M * moved.position]
-    settings["vertical_field_of_view_deg"] = round(moved.vertical_field_of_view_deg, 3)
-    yield yaml.safe_dump({"cameras": {camera: settings}}, sort_keys=False, default_flow_style=None).rstrip()
+    yield from _place_lines(placed, moved, gel, zero is not None)
+    yield _section(camera, geometry.description.cameras[camera], moved)
+
+
+def check_options(pictures: Sequence[Path], background: Path | None, radius_mm: float | None) -> None:
+    """Raise `InputError` if something is missing that a fit to positions needs, or the radius is out of range."""
+    for name, value in (("PICTURE", pictures or None), ("--background", background), ("--radius-mm", radius_mm)):
+        if value is None:
+            raise InputError(f"{name} is missing; allowed with --positions: PICTURE... --background FILE --radius-mm R")
+    if not 0.0 < radius_mm <= LARGEST_MM:
+        raise InputError(f"--radius-mm {radius_mm:g}: allowed: more than 0, at most {LARGEST_MM:g}")
+
+
+def read_positions(file: Path, pictures: Sequence[Path]) -> np.ndarray:
+    """Stage positions (n, 2) mm of pictures, from a CSV file ``file,x_mm,y_mm``.
+
+    Raises `InputError` if the file cannot be read, does not list just these pictures, or has too few places.
+    """
+    numbers = read_picture_numbers(file, COLUMNS, "mm")
+    check_listed(file, numbers, pictures)
+    for picture in pictures:
+        if picture.resolve() not in numbers:
+            raise InputError(f"{file}: no position of {picture}; allowed: a line for each picture")
+    places = np.array([numbers[picture.resolve()] for picture in pictures])
+    try:
+        check_places(places)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    return places
 
 
 def fit_and_place(
@@ -154,13 +160,6 @@ def origin_of(text: str | None) -> np.ndarray | None:
     return MM * point
 
 
-def _check(positions: Path, stage_mm: np.ndarray) -> None:
-    try:
-        check_places(stage_mm)
-    except InputError as error:
-        raise InputError(f"{positions}: {error}") from None
-
-
 def _imprint(picture: Path, nothing: np.ndarray, imprint: Circle | None) -> Circle:
     """The imprint, searched unless given. Raises `InputError`, naming the picture, if it shows none."""
     image = read_image(picture)
@@ -198,3 +197,25 @@ def _lines(found: CameraFit, gel: SeenGel, image: Pinhole, camera: Camera) -> It
             f"the sensor.yaml's camera has {own:.3f} pixels per mm, {own / scale - 1.0:+.1%}: a table that was fitted "
             "with it is wrong; put in the section below and fit colours anew"
         )
+
+
+def _place_lines(before: Camera, moved: Camera, gel: SeenGel, is_placed: bool) -> Iterator[str]:
+    """Where the camera is over the gel, and what nothing here determines."""
+    if is_placed:
+        away = MM_PER_M * float(np.linalg.norm(moved.position - before.position))
+        yield f"camera: {away:.3f} mm beside its place in the sensor.yaml"
+    else:
+        yield "camera: kept over the place of the sensor.yaml; --origin gives the true one"
+    yield (
+        f"not determined: the camera's distance, and its turn about its axis; the field of view is for "
+        f"{gel.apex_mm:.2f} mm from the gel's apex"
+    )
+
+
+def _section(name: str, settings: CameraSettings, moved: Camera) -> str:
+    """A section ``cameras`` for the sensor.yaml."""
+    new = settings.model_dump(mode="json") | {
+        "position_mm": [round(float(each), 4) for each in MM_PER_M * moved.position],
+        "vertical_field_of_view_deg": round(moved.vertical_field_of_view_deg, 3),
+    }
+    return yaml.safe_dump({"cameras": {name: new}}, sort_keys=False, default_flow_style=None).rstrip()
