@@ -133,7 +133,12 @@ def fit_and_place(
     """
     moved = camera
     for _ in range(ROUNDS):
-        gel = SeenGel.of(geometry, moved)
+        try:
+            gel = SeenGel.of(geometry, moved)
+        except InputError:
+            if moved is camera:
+                raise
+            break
         found = fit_camera(circles, stage_mm, radius_mm, gel, image)
         view = 2.0 * math.degrees(math.atan(0.5 * image.height / found.focal_px))
         moved = replace(moved, vertical_field_of_view_deg=view)

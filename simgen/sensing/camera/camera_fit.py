@@ -26,6 +26,7 @@ LEAST_PLACES = 3
 TRIALS = 2000  # pairs of places from which the fit may begin
 FAR = 4.0  # standard deviations of the others, by which an outlier is off at least
 NEAR, MOST_OFF = 0.01, 0.05  # of the image's shorter side: no outlier is nearer; places that belong to the pictures
+LARGEST = 10.0  # factor between the fitted focal length and that of the sensor.yaml
 MOST_OUTLIERS = 0.3  # share of the places
 LEAST_SPREAD = 0.05  # of places across the line along which they spread most, as a share of the spread along it
 RAYLEIGH = np.sqrt(2.0 * np.log(2.0))  # median distance of a normal scatter in the plane, in its standard deviations
@@ -124,14 +125,19 @@ def fit_camera(circles: np.ndarray, stage_mm: np.ndarray, radius_mm: float, gel:
 
     Least squares of the distances in the image. The search begins with the pair of places that most others agree with
     (least median of squares; Rousseeuw, J. Am. Stat. Assoc. 79, 1984), and a Cauchy loss shows the outliers. Raises
-    `InputError` if too many places are outliers, the rest lie on one line or do not fit, or most imprints are wider
-    than the ball.
+    `InputError` if too many places are outliers, the rest lie on one line or do not fit, the scale is beyond
+    `LARGEST`, or most imprints are wider than the ball.
     """
     check_places(stage_mm)
     balls, _ = gel.balls(circles, image, radius_mm)
     guesses = [_similarity(balls, stage_mm, mirrored) for mirrored in (False, True)]
     off, start, is_mirrored = min((*guess, mirrored) for guess, mirrored in zip(guesses, (False, True), strict=True))
+    if not abs(start[0]) < np.log(LARGEST):
+        raise InputError(f"scale of {np.exp(start[0]):.3g} times the sensor.yaml's: allowed: {1.0 / LARGEST:g} to "
+                         f"{LARGEST:g} times; positions are in mm")  # fmt: skip
     start = np.array([start[0] + np.log(image.focal), *start[1:]])
+    free = [np.inf] * 3
+    limits = [np.log(image.focal / LARGEST), *np.negative(free)], [np.log(image.focal * LARGEST), *free]
 
     def residual(at: np.ndarray, used: np.ndarray) -> np.ndarray:
         """Right and up (2n,), px."""
@@ -141,7 +147,8 @@ def fit_camera(circles: np.ndarray, stage_mm: np.ndarray, radius_mm: float, gel:
     everything = np.full(len(stage_mm), True)
     near, most = (share * min(image.height, image.width) for share in (NEAR, MOST_OFF))
     loss = max(off * image.focal / gel.apex_mm, near)
-    robust = least_squares(residual, start, args=(everything,), loss="cauchy", f_scale=loss, x_scale="jac")
+    robust = least_squares(residual, start, args=(everything,), loss="cauchy", f_scale=loss, bounds=limits,
+                           x_scale="jac")  # fmt: skip
     distance = np.linalg.norm(residual(robust.x, everything).reshape(-1, 2), axis=1)
     count = len(distance)
     scatter = np.median(distance) / RAYLEIGH * np.sqrt(count / (count - 2))  # four parameters, two numbers a place
@@ -151,7 +158,8 @@ def fit_camera(circles: np.ndarray, stage_mm: np.ndarray, radius_mm: float, gel:
                          f"{(~used).sum()} of {count} outliers; allowed: at most {most:.3g} pixels and "
                          f"{MOST_OUTLIERS:.0%}")  # fmt: skip
     check_places(stage_mm[used])
-    found = least_squares(residual, robust.x, args=(used,), x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    found = least_squares(residual, robust.x, args=(used,), bounds=limits, x_scale="jac", xtol=1e-15, ftol=1e-15,
+                          gtol=1e-15)  # fmt: skip
     _, scale = gel.balls(circles, replace(image, focal=np.exp(found.x[0])), radius_mm)
     share = float(np.median(circles[:, 2] / scale / radius_mm))
     if share >= 1.0:

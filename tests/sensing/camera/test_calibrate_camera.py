@@ -192,6 +192,16 @@ def test_given_imprints_count(workplace, monkeypatch, capfd):
     assert numbers(r"runs (\S+) \+-", output) == pytest.approx([0.0], abs=1.0)
 
 
+@pytest.mark.parametrize("origin", ["100,0,0", "-7.56,0,1e6"])
+def test_an_origin_beside_the_gel_is_refused(workplace, monkeypatch, capfd, origin):
+    (workplace / "c.csv").write_text("file,column,row,radius\na.png,80,120,15\nb.png,160,120,15\nc.png,80,200,15\n")
+    (workplace / "p.csv").write_text("file,x_mm,y_mm\na.png,-2,2\nb.png,2,2\nc.png,-2,-2\n")
+    command = f"calibrate-optics {ALL} --positions p.csv --circles c.csv --origin={origin}"
+    check_refusal(
+        *simgen(command, monkeypatch, capfd), "p.csv: the camera finds no place over the gel; allowed: an --or"
+    )
+
+
 def test_a_picture_off_its_position_is_named(workplace, monkeypatch, capfd):
     names = [f"{number}.png" for number in range(6)]
     for name in names:

@@ -128,6 +128,13 @@ def test_positions_of_other_pictures_are_refused(digit_setup):
         digit_setup.fit(circles, np.random.default_rng(5).permutation(digit_setup.stage(circles)))
 
 
+@pytest.mark.parametrize("unit", [1e-3, 25.4])
+def test_positions_in_another_unit_are_refused(digit_setup, unit):
+    circles = digit_setup.circles(20)
+    with pytest.raises(InputError, match=r"scale of [\d.e+-]+ times the sensor.yaml's: allowed: 0.1 to 10 times"):
+        digit_setup.fit(circles, digit_setup.stage(circles) * unit)
+
+
 def test_a_ball_that_is_too_small_is_refused(digit_setup):
     circles = digit_setup.circles(20)
     stage = digit_setup.stage(circles)
