@@ -227,6 +227,16 @@ def calibrate_optics(
         typer.Option(metavar="FILE", help="CSV with the contact circles in pixels: file,column,row,radius.",
                      show_default="found in the images"),
     ] = None,
+    positions: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="CSV with stage positions: file,x_mm,y_mm. Fits the camera, not colours.",
+                     show_default="none"),
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="With --positions: point of the sensor, mm, where the stage reads 0,0.",
+                     show_default="not known"),
+    ] = None,
     simulate: Annotated[
         bool,
         typer.Option("--simulate", help="Fit to the dents of simulated presses: more exact, a few minutes."),
@@ -243,12 +253,24 @@ def calibrate_optics(
 
     Without pictures: the model renders spheres on the sensor's surface. Writes optics.npz and background.png; for a
     camera other than default, its name follows in the files' names.
+
+    With --positions FILE: fits the camera's scale and centre, prints a cameras section for the sensor.yaml, and writes
+    nothing.
     """
     from simgen.config.choices import DEFAULT_CAMERA
     from simgen.sensing.camera.calibrate_optics import calibrate, check_picture_options
 
     name = camera or DEFAULT_CAMERA
-    if simulate:
+    if positions is not None:
+        from simgen.sensing.camera.calibrate_camera import fit_to_positions
+
+        for option, given in ((f"-o {output}", output is not None), ("--simulate", simulate)):
+            if given:
+                raise InputError(f"{option}: fits colours; allowed with --positions: neither -o nor --simulate")
+        lines = fit_to_positions(pictures or [], background, radius_mm, sensor, positions, origin, circles, name)
+    elif origin is not None:
+        raise InputError(f"--origin {origin}: no --positions; allowed: with --positions FILE")
+    elif simulate:
         from simgen.sensing.camera.calibrate_by_presses import fit_to_simulated_presses
 
         if circles is not None or not pictures:

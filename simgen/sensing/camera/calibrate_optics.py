@@ -14,6 +14,7 @@ from simgen.errors import InputError, check_output_file, writing
 from simgen.sensing.camera.contact_circles import find_circle, read_circles
 from simgen.sensing.camera.image_files import png, read_image
 from simgen.sensing.camera.photometric_gel import RADIUS_M, SPHERES, PhotometricGel, photometry_of
+from simgen.sensing.camera.picture_numbers import check_listed
 from simgen.sensing.camera.renderer import BACKGROUND, TABLE, optics_files
 from simgen.sensing.camera.response import Response
 from simgen.sensing.camera.spheres import Circle, sphere_in
@@ -81,8 +82,7 @@ def fit_to_pictures(
     check_output_file(output)
     check_replaceable(output, PICTURES)
     known = read_circles(circles) if circles else {}
-    if strangers := known.keys() - {picture.resolve() for picture in pictures}:
-        raise InputError(f"{circles}: {min(strangers)} is none of the pictures; allowed: their names, from its folder")
+    check_listed(circles, known, pictures)
     nothing = read_image(background)
     gel = undeformed_gel(load_geometry(model), *nothing.shape[:2], camera)
     observed: list[Observations] = []

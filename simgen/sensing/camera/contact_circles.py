@@ -1,21 +1,20 @@
 """Contact circles of spheres, found in pictures or read from a file."""
 
-import csv
-import math
 from pathlib import Path
 from statistics import NormalDist
 
 import cv2
 import numpy as np
 
-from simgen.errors import InputError, shown
+from simgen.errors import InputError
+from simgen.sensing.camera.picture_numbers import read_picture_numbers
 from simgen.sensing.camera.spheres import Circle
 
 SMOOTH_PX = 1.5  # standard deviation of the smoothing that removes noise of single pixels
 LEAST = 8.0  # grey levels, least difference to the background that is no camera noise
 SHARE = 0.25  # least difference of a contact's pixels, as a share of the largest
 BLURRED_PX = SMOOTH_PX * NormalDist().inv_cdf(1.0 - SHARE)  # distance from a smoothed step where SHARE of it is left
-COLUMNS = ("file", "column", "row", "radius")
+COLUMNS = ("column", "row", "radius")
 
 
 def find_circle(picture: np.ndarray, background: np.ndarray) -> Circle:
@@ -35,28 +34,5 @@ def find_circle(picture: np.ndarray, background: np.ndarray) -> Circle:
 
 
 def read_circles(file: Path) -> dict[Path, Circle]:
-    """Read a CSV file with `COLUMNS` in pixels; file names are relative to its folder. Raises `InputError`."""
-    try:
-        with open(file, newline="", encoding="utf-8-sig") as lines:
-            reader = csv.DictReader(lines)
-            if set(reader.fieldnames or ()) != set(COLUMNS):
-                found = shown(",".join(reader.fieldnames or ()))
-                raise InputError(f"{file}: first line {found!r}: allowed: {','.join(COLUMNS)}")
-            return {(file.parent / (line["file"] or "")).resolve(): _circle(line, f"{file}: line {reader.line_num}")
-                    for line in reader}  # fmt: skip
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{file}: not a CSV file ({error})") from None
-
-
-def _circle(line: dict[str, str | None], where: str) -> Circle:
-    numbers = []
-    for name in COLUMNS[1:]:
-        try:
-            numbers.append(float(line[name] or ""))
-        except ValueError:
-            numbers.append(math.nan)
-        if not math.isfinite(numbers[-1]):
-            raise InputError(f"{where}: {name} {shown(str(line[name]))!r}: allowed: a number of pixels")
-    return Circle(*numbers)
+    """Read a CSV file with ``file`` and `COLUMNS` in pixels, see `read_picture_numbers`. Raises `InputError`."""
+    return {picture: Circle(*each) for picture, each in read_picture_numbers(file, COLUMNS, "pixels").items()}
