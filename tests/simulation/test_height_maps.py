@@ -1,5 +1,7 @@
 """Height maps of the solution: exact on curved surfaces, equal to fine meshes, stored, loaded and rendered."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -28,6 +30,7 @@ from simgen.simulation.height_maps import solution_height_maps
 from simgen.simulation.press import Scene, press
 from simgen.verification.validate.layer_press import LayerMeshSize, quarter_layer
 from simgen.verification.validate.meshes import box, top
+from simulation.blocks import GEL, SPHERE, make_block, pose
 from simulation.failing_steps import fail_beyond
 
 RADIUS_MM, MIDDLE_MM = 3.0, 2.5
@@ -37,6 +40,12 @@ def camera(height: int = 120, width: int = 90) -> Camera:
     """A camera 15 mm behind the layer's top, which lies at y = 0 and is touched from below."""
     position = 1e-3 * np.array([MIDDLE_MM, 15.0, MIDDLE_MM])
     return Camera(position, np.array([0.0, -1.0, 0.0]), np.array([-1.0, 0.0, 0.0]), 18.0, width, height, {})
+
+
+def camera_over_the_block() -> Camera:
+    """A camera 15 mm behind the top of `make_block`, whose middle is at the origin."""
+    position = np.array([0.0, 15e-3, 0.0])
+    return Camera(position, np.array([0.0, -1.0, 0.0]), np.array([-1.0, 0.0, 0.0]), 27.0, 90, 90, {})
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +92,20 @@ def test_it_equals_the_map_of_a_fine_mesh_of_the_same_solution(layer, pressed):
     matrix, triangles = subdivided_faces(mesh.touchable, n, 24)
     fine = HeightMaps.of_mesh(matrix @ mesh.nodes, triangles, solution_height_maps(mesh, camera())[0].pinhole)
     assert np.abs(fine((matrix @ moved)[None]).numpy()[0] - 1e-7 * result.height_map[-1]).max() < 0.5e-6
+
+
+def test_it_is_near_that_of_stored_meshes_and_nearer_to_finer_ones():
+    """Vertices of a stored mesh lie on the solution's surface, and its facets are chords of it."""
+    apart = {}
+    for cells in (8, 32):
+        stored = make_block((cells, cells // 4, cells)).output_mesh
+        sensor = replace(make_block((8, 2, 8)), output_mesh=stored)
+        scene = Scene(sensor, GEL, outputs=("height_map",), camera=camera_over_the_block())
+        [result] = press(scene, [SPHERE], pose(), np.array([0.3e-3, 0.6e-3]))
+        maps = HeightMaps.of_mesh(stored.vertices, stored.surface_triangles, Pinhole.of(camera_over_the_block()))
+        away = np.abs(maps(result.displacement[1:]).numpy()[0] - 1e-7 * result.height_map[1])
+        apart[cells] = 1e6 * np.array([np.median(away), np.quantile(away, 0.99), away.max()])  # um
+    assert (apart[32] < [0.3, 7.0, 9.0]).all() and (apart[32] < 0.1 * apart[8]).all()
 
 
 def test_linear_elements_are_seen_with_their_flat_faces(layer, pressed):
