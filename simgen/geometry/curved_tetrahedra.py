@@ -186,7 +186,7 @@ def make_quadratic(
 
 def _edge_numbers(edges: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Row of each wanted pair in the sorted unique ``edges``."""
-    size = edges.max() + 1
+    size = np.int64(edges.max()) + 1  # of int32 numbers, whose products would overflow
     return np.searchsorted(edges[:, 0] * size + edges[:, 1], wanted[:, 0] * size + wanted[:, 1])
 
 

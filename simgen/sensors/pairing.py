@@ -17,6 +17,7 @@ from simgen.config.trajectories import Trajectories
 from simgen.errors import InputError
 from simgen.geometry.curved_tetrahedra import CORE
 from simgen.geometry.developed_skin import skin_of
+from simgen.geometry.rotations import least_rotations, roll_then_pitch
 from simgen.geometry.surface import ClosestPoint, FinePieces
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.sensor import Sensor
@@ -169,7 +170,7 @@ def indenter_poses(contacts: Contacts) -> np.ndarray:
     cos, sin = np.cos(contacts.rolls), np.sin(contacts.rolls)
     roll = np.tile(np.eye(3), (len(cos), 1, 1))
     roll[:, 0, 0], roll[:, 0, 2], roll[:, 2, 0], roll[:, 2, 2] = cos, sin, -sin, cos
-    poses[:, :3, :3] = _least_rotation(contacts.axes) @ roll
+    poses[:, :3, :3] = least_rotations(contacts.axes) @ roll
     poses[:, :3, 3] = contacts.points
     return poses
 
@@ -184,7 +185,7 @@ def unfold(reference: Sensor, other: Sensor, contacts: Contacts) -> np.ndarray:
     if other is reference:
         return poses
     points, normals = partners(other, contacts)
-    rotations = _roll_then_pitch(normals, contacts.normals)
+    rotations = roll_then_pitch(normals, contacts.normals)
     turnable = np.isfinite(rotations[:, 0, 0])
     if not turnable.all():
         place = _place(contacts, turnable.argmin())
@@ -208,38 +209,6 @@ def partners(other: Sensor, contacts: Contacts) -> tuple[np.ndarray, np.ndarray]
 
 def _place(contacts: Contacts, i: int) -> str:
     return f"{i} (x = {contacts.points[i, 0] * 1e3:.2f} mm, lateral arc {contacts.arcs[i] * 1e3:.2f} mm)"
-
-
-def _roll_then_pitch(sources: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Rotations R = R_z(pitch) R_x(roll), (n, 3, 3), with R source = target and the smaller of two possible rolls.
-
-    The roll gives a source, of ``sources`` (n, 3), the z of its target, of ``targets`` (n, 3). Both then have the same
-    length in xy, and the pitch turns one onto the other. NaN where the yz part of a source is too short.
-    """
-    in_yz = np.hypot(sources[:, 1], sources[:, 2])
-    too_short = np.abs(targets[:, 2]) > in_yz
-    y = np.copysign(np.sqrt(np.where(too_short, np.nan, in_yz**2 - targets[:, 2] ** 2)), sources[:, 1])
-    roll = np.arctan2(targets[:, 2], y) - np.arctan2(sources[:, 2], sources[:, 1])
-    pitch = np.arctan2(targets[:, 1], targets[:, 0]) - np.arctan2(y, sources[:, 0])
-    about_x, about_z = (np.tile(np.eye(3), (len(sources), 1, 1)) for _ in range(2))
-    for turn, angle, first, second in ((about_x, roll, 1, 2), (about_z, pitch, 0, 1)):
-        turn[:, first, first] = turn[:, second, second] = np.cos(angle)
-        turn[:, second, first] = np.sin(angle)
-        turn[:, first, second] = -turn[:, second, first]
-    return about_z @ about_x
-
-
-def _least_rotation(directions: np.ndarray) -> np.ndarray:
-    """Least rotations (n, 3, 3) of +y to unit directions (n, 3), by Rodrigues' formula; about x for -y."""
-    x, y, z = directions.T
-    opposite = y < -1.0 + 1e-12
-    scale = 1.0 / np.where(opposite, 1.0, 1.0 + y)
-    rotation = np.empty((len(directions), 3, 3))
-    rotation[:, 0] = np.stack([1.0 - scale * x * x, x, -scale * x * z], axis=1)
-    rotation[:, 1] = np.stack([-x, y, -z], axis=1)
-    rotation[:, 2] = np.stack([-scale * x * z, z, 1.0 - scale * z * z], axis=1)
-    rotation[opposite] = np.diag([1.0, -1.0, -1.0])
-    return rotation
 
 
 class Room:
@@ -292,7 +261,7 @@ class Room:
         azimuth = 2.0 * np.pi * uniform[on_skin, 3]
         sin = np.sqrt(1.0 - cos**2)
         local = np.stack([sin * np.cos(azimuth), cos, sin * np.sin(azimuth)], axis=1)
-        axes = np.einsum("nij,nj->ni", _least_rotation(-normals), local)
+        axes = np.einsum("nij,nj->ni", least_rotations(-normals), local)
         first, last = np.radians(self.settings.roll_range_deg)
         return Contacts(points, normals, axes, first + uniform[on_skin, 4] * (last - first), arcs[on_skin])
 
@@ -306,7 +275,7 @@ class Room:
     def meets(self, contacts: Contacts) -> np.ndarray:
         """True (n,) for contacts of another sensor whose partner here is touchable and far enough from side walls."""
         points, normals = self.skin.points(contacts.points[:, 0], contacts.arcs)
-        meets = np.isfinite(_roll_then_pitch(normals, contacts.normals)[:, 0, 0])
+        meets = np.isfinite(roll_then_pitch(normals, contacts.normals)[:, 0, 0])
         meets[meets] = self._is_touchable(points[meets])
         meets[meets] = ~self._is_beside_a_wall(points[meets], normals[meets])
         return meets

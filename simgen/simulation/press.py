@@ -166,7 +166,8 @@ def result_of(stepping: LoadStepping, press: Press) -> PressResult:
         if output.is_read_by_sample:
             values = press.large.get(output.name)
             if values is None:
-                values = np.empty(shape, np.int16 if output.is_image else np.float64)
+                kind = stepping.sampler.displacement_type if output.name == "displacement" else output.dtype
+                values = np.empty(shape, kind)
             values[len(samples) :] = NOT_REACHED if output.is_image else np.nan
         else:
             values = np.full(shape, np.nan)  # of integers, too

@@ -114,6 +114,11 @@ class StateSampler:
         [sums] = read(self._sums)
         return sums
 
+    @property
+    def displacement_type(self) -> type:
+        """Type of `displacements`; that of a dataset is coarser."""
+        return wp.dtype_to_numpy(self._displacement.dtype)
+
     def displacements(self, count: int) -> np.ndarray:
         """Displacements (count, v, 3) of the output mesh, m, in the first active environments.
 

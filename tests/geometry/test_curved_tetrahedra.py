@@ -54,6 +54,18 @@ def test_curving_removes_most_of_the_volume_that_straight_elements_miss(cylinder
     assert abs(measure(mesh, true).volume_error) < 0.1 * abs(measure(straight, true).volume_error)
 
 
+def test_edges_of_a_mesh_with_many_vertices_are_found(cylinder):
+    """Numbers of two vertices make one number, which 32 bits hold only up to 46,340 vertices. Most here are unused."""
+    true, vertices, tetrahedra, mesh = cylinder
+    half, unused = len(vertices) // 2, np.zeros((60_000, 3))
+    number = np.arange(len(mesh.nodes)) + np.where(np.arange(len(mesh.nodes)) < half, 0, len(unused))
+    spread = np.concatenate([vertices[:half], unused, vertices[half:]])
+    numbered = make_quadratic(spread, number[tetrahedra].astype(np.int32), true, limit=1e-3)
+    np.testing.assert_array_equal(numbered.tetrahedra, number[mesh.tetrahedra])
+    np.testing.assert_array_equal(numbered.faces, number[mesh.faces])
+    np.testing.assert_array_equal(numbered.nodes[number], mesh.nodes)
+
+
 def test_no_element_folds(cylinder):
     _, _, _, mesh = cylinder
     assert determinants(mesh.nodes, mesh.tetrahedra).min() >= 0.2

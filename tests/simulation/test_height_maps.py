@@ -1,5 +1,7 @@
 """Height maps of the solution: exact on curved surfaces, equal to fine meshes, stored, loaded and rendered."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -7,10 +9,13 @@ from refusal import simgen
 
 from simgen import load_dataset
 from simgen.config.job import job_from_dict
+from simgen.config.outputs import NOT_REACHED
+from simgen.config.solver_settings import SolverSettings
 from simgen.dataset.audit import check, passes
 from simgen.dataset.exchange.selection import select, untracked
 from simgen.dataset.exchange.training_arrays import export_npy
 from simgen.errors import InputError
+from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.geometry.subdivided_faces import subdivided_faces
@@ -19,11 +24,14 @@ from simgen.pipeline.plan import make_plan
 from simgen.pipeline.run import run
 from simgen.sensing.camera.renderer import Look, Renderer
 from simgen.sensors.height_map import HeightMaps
+from simgen.sensors.pinhole import Pinhole
 from simgen.sensors.sensor import Camera, Material
 from simgen.simulation.height_maps import solution_height_maps
 from simgen.simulation.press import Scene, press
 from simgen.verification.validate.layer_press import LayerMeshSize, quarter_layer
 from simgen.verification.validate.meshes import box, top
+from simulation.blocks import GEL, SPHERE, make_block, pose
+from simulation.failing_steps import fail_beyond
 
 RADIUS_MM, MIDDLE_MM = 3.0, 2.5
 
@@ -32,6 +40,12 @@ def camera(height: int = 120, width: int = 90) -> Camera:
     """A camera 15 mm behind the layer's top, which lies at y = 0 and is touched from below."""
     position = 1e-3 * np.array([MIDDLE_MM, 15.0, MIDDLE_MM])
     return Camera(position, np.array([0.0, -1.0, 0.0]), np.array([-1.0, 0.0, 0.0]), 18.0, width, height, {})
+
+
+def camera_over_the_block() -> Camera:
+    """A camera 15 mm behind the top of `make_block`, whose middle is at the origin."""
+    position = np.array([0.0, 15e-3, 0.0])
+    return Camera(position, np.array([0.0, -1.0, 0.0]), np.array([-1.0, 0.0, 0.0]), 27.0, 90, 90, {})
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +92,32 @@ def test_it_equals_the_map_of_a_fine_mesh_of_the_same_solution(layer, pressed):
     matrix, triangles = subdivided_faces(mesh.touchable, n, 24)
     fine = HeightMaps.of_mesh(matrix @ mesh.nodes, triangles, solution_height_maps(mesh, camera())[0].pinhole)
     assert np.abs(fine((matrix @ moved)[None]).numpy()[0] - 1e-7 * result.height_map[-1]).max() < 0.5e-6
+
+
+def test_it_is_near_that_of_stored_meshes_and_nearer_to_finer_ones():
+    """Vertices of a stored mesh lie on the solution's surface, and its facets are chords of it."""
+    apart = {}
+    for cells in (8, 32):
+        stored = make_block((cells, cells // 4, cells)).output_mesh
+        sensor = replace(make_block((8, 2, 8)), output_mesh=stored)
+        scene = Scene(sensor, GEL, outputs=("height_map",), camera=camera_over_the_block())
+        [result] = press(scene, [SPHERE], pose(), np.array([0.3e-3, 0.6e-3]))
+        maps = HeightMaps.of_mesh(stored.vertices, stored.surface_triangles, Pinhole.of(camera_over_the_block()))
+        away = np.abs(maps(result.displacement[1:]).numpy()[0] - 1e-7 * result.height_map[1])
+        apart[cells] = 1e6 * np.array([np.median(away), np.quantile(away, 0.99), away.max()])  # um
+    assert (apart[32] < [0.3, 7.0, 9.0]).all() and (apart[32] < 0.1 * apart[8]).all()
+
+
+def test_linear_elements_are_seen_with_their_flat_faces(layer, pressed):
+    """The map is that of the corners alone, to steps of 0.1 um."""
+    scene = Scene(layer, pressed[0].material, settings=SolverSettings(element="P1"), outputs=("height_map",),
+                  camera=camera())  # fmt: skip
+    [result] = press(scene, [rigid_shape(Kind.SPHERE, 3.5)], np.eye(4)[None], 2e-4 * np.arange(1, 4))
+    mesh, n = scene.mesh, scene.mesh.n_corners
+    assert (result.status == Status.CONVERGED).all() and len(scene.nodes) == n
+    moved = 1e-3 * scene.solver.x.numpy()[: 3 * n, 0].reshape(n, 3)
+    flat = HeightMaps.of_mesh(mesh.nodes[:n], mesh.touchable[:, :3], Pinhole.of(camera()))
+    assert np.abs(flat(moved[None]).numpy()[0] - 1e-7 * result.height_map[-1]).max() < 0.2e-6
 
 
 def test_the_contact_has_the_height_of_the_indenter(pressed):
@@ -133,6 +173,32 @@ def test_a_dataset_stores_loads_and_exports_them(seen, tmp_path):
     np.testing.assert_array_equal(sample, np.float32(heights[1]))
     export_npy(select(seen, ("digit",)), tmp_path, untracked)
     np.testing.assert_array_equal(np.load(tmp_path / "digit" / "height_map.npy")[1], sample)
+
+
+@pytest.mark.parametrize(("second_mm", "reached"), [(np.inf, 2), (0.3, 1)])
+def test_maps_are_those_of_the_try_that_counts(seen, tmp_path, monkeypatch, second_mm, reached):
+    """The first try fails after the first depth, and the second one gets to its end or less far."""
+    fail_beyond(monkeypatch, (0.5, second_mm))
+    job = job_from_dict(JOB | {"trajectories": {"count": 1}, "solver": {"smallest_substep": 0.5}})
+    twice = run(make_plan(job), tmp_path / "twice.zarr")
+    assert (twice["digit/status"][0] == Status.CONVERGED).tolist() == [True] * reached + [False] * (2 - reached)
+    maps, once = (dataset["digit/height_map"][0].astype(int) for dataset in (twice, seen))
+    assert np.abs(maps - once)[:reached].max() < 50 and (maps[reached:] == NOT_REACHED).all()  # 5 um: other load steps
+
+
+def test_growth_adds_maps_and_keeps_those_that_are_there(seen, tmp_path):
+    folder, added = tmp_path / "grown.zarr", []
+    for count in (1, 2):
+        job = job_from_dict(JOB | {"trajectories": {"count": count}, "dataset": {"presses_per_shard": 1}})
+        grown = run(make_plan(job), folder, on_report=lambda report: added.append(report.shard))
+    assert added == [0, 1] and grown.grown_from == (1,) and passes(check(grown))
+    np.testing.assert_array_equal(grown["digit/height_map"], seen["digit/height_map"])
+
+
+def test_a_job_with_linear_elements_stores_them(tmp_path):
+    job = job_from_dict(JOB | {"trajectories": {"count": 1}, "solver": {"element": "P1"}})
+    linear = run(make_plan(job), tmp_path / "linear.zarr")
+    assert 0.6e-3 < linear.in_unit("digit/height_map", 0)[1].max() < 0.9e-3 and passes(check(linear))
 
 
 def test_images_of_them_are_sharp_and_show_the_same_press_as_the_mesh(seen):

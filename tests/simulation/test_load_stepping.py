@@ -17,6 +17,7 @@ from simgen.simulation.press import DOWN, Scene, begin_presses, follow, press
 from simgen.simulation.state_sampler import StateSampler
 from simgen.simulation.tries import Press
 from simulation.blocks import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
+from simulation.failing_steps import fail_beyond
 
 
 def test_presses_that_touch_the_most_go_first(monkeypatch):
@@ -130,20 +131,6 @@ def test_multigrid_is_rebuilt_rarely_in_a_batch(monkeypatch):
     newton = sum(result.certificate["newton_iterations"].sum() for result in results)
     assert all((result.status == 0).all() for result in results)
     assert 8 <= sum(made) < 0.5 * newton
-
-
-def fail_beyond(monkeypatch, furthest_mm):
-    """Make load steps fail that end beyond ``furthest_mm`` (in the first try, in the second)."""
-    accept = LoadStepping._accept_or_reject
-
-    def fail(stepping, ended):
-        tries = np.array([int(press is not None and each is not press.tries[0])
-                          for press, each in zip(stepping.press, stepping.tries, strict=True)])
-        beyond = ended & (stepping.target > np.array(furthest_mm)[tries])
-        stepping.solver.increment.status[beyond] = Status.NEWTON_STALLED
-        accept(stepping, ended)
-
-    monkeypatch.setattr(LoadStepping, "_accept_or_reject", fail)
 
 
 def test_a_press_that_fails_is_tried_once_more_from_rest_in_half_steps(block, monkeypatch):

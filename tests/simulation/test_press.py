@@ -149,6 +149,16 @@ def test_an_indenter_that_misses_or_starts_inside_is_a_status(scene):
     assert np.isnan(inside.displacement).all() and np.isnan(inside.touch) and np.isnan(misses.touch)
 
 
+def test_a_press_without_samples_has_the_types_of_one_with_samples(block):
+    scene = Scene(block, GEL, outputs=("stress", "traction"))
+    meets, misses = press(scene, [SPHERE, SPHERE], np.concatenate([pose(), pose(x=30.0)]), DEPTHS)
+    assert (meets.status == Status.CONVERGED).all() and (misses.status == Status.NEVER_TOUCHES).all()
+    assert {name: each.dtype for name, each in misses.outputs.items()} == {
+        name: each.dtype for name, each in meets.outputs.items()
+    }
+    assert misses.traction.dtype == np.float32 and np.isnan(misses.traction).all()
+
+
 def test_a_press_that_cannot_converge_keeps_what_it_reached(block):
     settings = SolverSettings(max_newton_iterations=1, smallest_substep=0.9)
     stopped = press(Scene(block, GEL, settings=settings), [SPHERE], pose(), DEPTHS)[0]

@@ -8,6 +8,7 @@ until the fluid has the measured pressure, and the patterns are compared, not th
 """
 
 import csv
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import numpy as np
 import trimesh
 from scipy.stats import spearmanr
 
+from simgen.errors import InputError, shown
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.sensing.electrodes.gaps import GapGauge, outward_normals
@@ -28,6 +30,7 @@ from simgen.verification.validate.layer_press import check_reached
 
 FILE = "biotac_flat_pattern.csv"
 ELECTRODES = 19
+COLUMNS = ("pdc", *(f"ele{i + 1}" for i in range(ELECTRODES)))
 STRONGEST = [0, 10]  # E1 and E11, at the sides of the core, where the film is thinnest
 OTHERS = [i for i in range(ELECTRODES) if i not in STRONGEST]
 COUNTS = 4095  # of a reading that equals the supply, 12 bits
@@ -85,12 +88,33 @@ AGREEMENT_COLUMNS = ["r", "rank correlation", "r without E1, E11", "size, ours /
 
 
 def read_pattern(file: Path) -> MeasuredPattern:
-    """Read the columns ``pdc`` and ``ele1`` to ``ele19``. Raises KeyError for a missing column."""
-    with open(file, newline="", encoding="utf-8") as lines:
-        rows = list(csv.DictReader(lines))
-    changes = np.array([[float(row[f"ele{i + 1}"]) for i in range(ELECTRODES)] for row in rows])
-    spread = np.stack([changes.min(axis=0), changes.max(axis=0)])
-    return MeasuredPattern(changes.mean(axis=0), spread, float(np.mean([float(row["pdc"]) for row in rows])), len(rows))
+    """Read `COLUMNS`; others are ignored. Raises `InputError` for a missing column, another value and no rows."""
+    try:
+        with open(file, newline="", encoding="utf-8-sig") as lines:
+            reader = csv.DictReader(lines)
+            if missing := [name for name in COLUMNS if name not in (reader.fieldnames or ())]:
+                raise InputError(f"{file}: first line: {shown(','.join(missing))} missing; allowed: columns pdc and "
+                                 f"ele1 to ele{ELECTRODES}")  # fmt: skip
+            rows = [[_counts(line, name, f"{file}: line {reader.line_num}") for name in COLUMNS] for line in reader]
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{file}: not a CSV file ({error})") from None
+    if not rows:
+        raise InputError(f"{file}: no rows; allowed: one for each material")
+    pressure, *change = np.mean(rows, axis=0)
+    spread = np.stack([np.min(rows, axis=0), np.max(rows, axis=0)])[:, 1:]
+    return MeasuredPattern(np.array(change), spread, float(pressure), len(rows))
+
+
+def _counts(line: dict[str, str | None], name: str, where: str) -> float:
+    try:
+        number = float(line[name] or "")
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{where}: {name} {shown(str(line[name] or ''))!r}: allowed: a number of counts")
+    return number
 
 
 def agreement(ours: np.ndarray, measured: np.ndarray) -> Agreement:

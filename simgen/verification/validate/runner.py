@@ -148,6 +148,8 @@ def run_case(case: Case, context: Context) -> Result:
     own = replace(context, scratch=Path(tempfile.mkdtemp(prefix=case.name, dir=context.scratch)))
     try:
         return _result(case, case.solve(own), begin)
+    except InputError as error:
+        return _result(case, Outcome([]), begin, str(error))
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         message = f"{type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"

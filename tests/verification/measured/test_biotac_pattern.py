@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simgen.errors import InputError
 from simgen.sensors.sensor import load_sensor
 from simgen.verification.measured import biotac_pattern
 from simgen.verification.validate import all_cases
@@ -33,6 +34,24 @@ def test_the_file_gives_means_over_materials(tmp_path):
     np.testing.assert_allclose(found.change, 2.0 * CHANGE)
     np.testing.assert_allclose(found.spread, [CHANGE, 3.0 * CHANGE])
     assert (found.pressure, found.rows) == (40.0, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("mat,pdc,ele1\n", "first line: ele2,ele3,"),
+        ("", "first line: pdc,ele1,"),
+        (",".join(biotac_pattern.COLUMNS), "no rows; allowed: one for each material"),
+        (",".join(biotac_pattern.COLUMNS) + "\n" + "1," * 19 + "many", "line 2: ele19 'many': allowed: a number"),
+        (",".join(biotac_pattern.COLUMNS) + "\n1,2", "line 2: ele2 '': allowed: a number of counts"),
+    ],
+)
+def test_another_file_is_one_line(tmp_path, text, complaint):
+    file = tmp_path / biotac_pattern.FILE
+    file.write_text(text)
+    with pytest.raises(InputError, match="allowed: ") as raised:
+        solve(tmp_path, tmp_path)
+    assert str(raised.value).startswith(f"{file}: ") and complaint in str(raised.value)
 
 
 def test_agreement_is_of_absolute_changes():

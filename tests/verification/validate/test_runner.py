@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -32,6 +33,14 @@ def test_a_case_that_crashes_is_a_result_and_the_others_run(results):
     assert re.fullmatch(r"RuntimeError: the increment to 1 mm stalled \(fakes.py, line \d+\)", errors["raises"])
     assert errors["dies"] == runner.DIED
     assert [result.case for result in results if result.failed] == ["misses", "raises", "dies", "compares_nothing"]
+
+
+def test_bad_input_of_a_case_is_its_own_line(tmp_path):
+    def refuse(context):
+        raise InputError("a.csv: first line: pdc missing; allowed: column pdc")
+
+    result = runner.run_case(replace(FAKES["raises"], solve=refuse), Context("cpu", None, None, tmp_path, None))
+    assert result.verdict == "error" and result.error == "a.csv: first line: pdc missing; allowed: column pdc"
 
 
 def test_cases_are_chosen_by_level_or_by_name():
