@@ -1,7 +1,5 @@
 """Where dots are printed: the sensor's own markers, a grid, or the points of a CSV file."""
 
-import csv
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from simgen.config.csv_files import csv_lines, csv_number
 from simgen.config.strict_section import section_from_dict
 from simgen.errors import InputError, shown
 from simgen.sensors.marker_schema import MarkerGrid
@@ -50,27 +49,31 @@ class MarkerLayout:
         diameter_mm : by default that of the sensor's own markers
 
         Raises `InputError` for another text, a bad file, a sensor without own markers or without a camera, and a
-        missing diameter or one out of range.
+        missing diameter, one out of range, or one that exceeds the pitch of a grid.
         """
         camera = Pinhole.of(placed_camera(description, folder))
         own, option, file = description.markers, f"--markers {shown(choice)}", folder / "sensor.yaml"
         if choice == OWN and own is None:
             raise InputError(f"{option}: {file} has no markers; allowed: ROWSxCOLUMNS@PITCH, or a CSV file")
+        grid = own.grid if choice == OWN else _grid(choice)
+        is_file = choice == OWN or choice.lower().endswith(".csv") or Path(choice).is_file()
+        if grid is None and not is_file:
+            raise InputError(f"{option}: allowed: {OWN}, ROWSxCOLUMNS@PITCH in mm such as 7x9@2.05, or a CSV file with "
+                             f"the columns {','.join(COLUMNS)}")  # fmt: skip
         if diameter_mm is None and own is None:
             raise InputError(f"{option}: --dot-mm is missing, and {file} has no markers; allowed: a diameter in mm")
         if diameter_mm is not None and not 0.0 < diameter_mm <= LARGEST_DOT_MM:
             raise InputError(f"--dot-mm {diameter_mm:g}: allowed: above 0, to {LARGEST_DOT_MM:g} mm")
-        grid = own.grid if choice == OWN else _grid(choice)
+        diameter_mm = own.diameter_mm if diameter_mm is None else diameter_mm
         if grid is not None:
             source = f"{file}: markers.grid" if choice == OWN else option
+            if diameter_mm > grid.pitch_mm:
+                raise InputError(f"{source}: dots of {diameter_mm:g} mm overlap at a pitch of {grid.pitch_mm:g} mm; "
+                                 "allowed: diameters up to the pitch")  # fmt: skip
             points, names = grid_points(grid, camera, source)
-        elif choice == OWN or choice.lower().endswith(".csv") or Path(choice).is_file():
-            points, names = read_points(folder / own.file if choice == OWN else Path(choice))
         else:
-            raise InputError(f"{option}: allowed: {OWN}, ROWSxCOLUMNS@PITCH in mm such as 7x9@2.05, or a CSV file with "
-                             f"the columns {','.join(COLUMNS)}")  # fmt: skip
-        diameter = MM * (own.diameter_mm if diameter_mm is None else diameter_mm)
-        return cls(points, camera, grid is not None, diameter, own.darkness if own else 1.0, names)
+            points, names = read_points(folder / own.file if choice == OWN else Path(choice))
+        return cls(points, camera, grid is not None, MM * diameter_mm, own.darkness if own else 1.0, names)
 
 
 def _grid(choice: str) -> MarkerGrid | None:
@@ -96,29 +99,9 @@ def grid_points(grid: MarkerGrid, camera: Pinhole, source: str) -> tuple[np.ndar
 def read_points(file: Path) -> tuple[np.ndarray, list[str]]:
     """Read points (marker, 3) m from a CSV file with `COLUMNS`, and their names. Raises `InputError`."""
     points, names = [], []
-    try:
-        with open(file, newline="", encoding="utf-8-sig") as lines:
-            reader = csv.DictReader(lines)
-            if set(reader.fieldnames or ()) != set(COLUMNS):
-                found = shown(",".join(reader.fieldnames or ()))
-                raise InputError(f"{file}: first line {found!r}: allowed: {','.join(COLUMNS)}")
-            for line in reader:
-                names.append(f"{file}: line {reader.line_num}")
-                points.append([_number(line, name, names[-1]) for name in COLUMNS])
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{file}: not a CSV file ({error})") from None
+    for where, line in csv_lines(file, COLUMNS):
+        names.append(where)
+        points.append([csv_number(line[name], f"{where}: {name}", "mm") for name in COLUMNS])
     if not 0 < len(points) <= MOST:
         raise InputError(f"{file}: {len(points)} points; allowed: 1 to {MOST}")
     return MM * np.array(points), names
-
-
-def _number(line: dict[str, str | None], name: str, where: str) -> float:
-    try:
-        number = float(line[name] or "")
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f"{where}: {name} {shown(str(line[name]))!r}: allowed: a number, in mm")
-    return number

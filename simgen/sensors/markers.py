@@ -59,8 +59,8 @@ class Markers:
         outline, away, faces = (each.reshape(len(middle), OUTLINE, -1) for each in closest(circles.reshape(-1, 3)))
         for name, distance in zip(layout.names, away.max(axis=(1, 2)), strict=True):
             if distance > BENT * radius:
-                raise InputError(f"{name}: the dot of {layout.diameter / MM:g} mm leaves the coat; allowed: dots that "
-                                 f"end on it")  # fmt: skip
+                raise InputError(f"{name}: the dot of {layout.diameter / MM:g} mm leaves the coat, or the coat bends "
+                                 "away under it; allowed: smaller dots, or another place")  # fmt: skip
         points = np.concatenate([middle[:, None], outline], axis=1)
         corners = coated[np.concatenate([face[:, None], faces[..., 0]], axis=1)]
         flat = trimesh.triangles.points_to_barycentric(rest[corners].reshape(-1, 3, 3), points.reshape(-1, 3))
@@ -101,7 +101,8 @@ def _circles(middle: np.ndarray, triangles: np.ndarray, right: np.ndarray, radiu
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     # A plane across `right` has no such direction: there any will do.
-    side = np.where(np.abs(normal @ right)[:, None] < 0.9, right, np.roll(right, 1))
+    other = np.eye(3)[np.abs(right).argmin()]
+    side = np.where(np.abs(normal @ right)[:, None] < 0.9, right, other)
     first = side - np.sum(side * normal, axis=1, keepdims=True) * normal
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normal, first)

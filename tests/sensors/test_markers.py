@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simgen.errors import InputError
+from simgen.sensors import markers
 from simgen.sensors.marker_layout import MarkerLayout
 from simgen.sensors.markers import OUTLINE, Markers
 from simgen.sensors.sensor import load_sensor
@@ -91,6 +92,14 @@ def test_points_move_as_the_triangles_that_hold_them():
 def test_a_dot_off_the_coat_is_one_line(dots, says):
     with pytest.raises(InputError, match=says):
         Markers.on_surface(dots, *tilted())
+
+
+def test_a_camera_between_the_axes_makes_whole_circles():
+    right = np.ones(3) / np.sqrt(3.0)
+    triangle = np.array([[[0.0, 0.0, 0.0], [1.0, -1.0, 0.0], [1.0, 0.0, -1.0]]])  # its plane is across `right`
+    [circle] = markers._circles(np.zeros((1, 3)), triangle, right, 2.0)
+    np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 2.0)
+    np.testing.assert_allclose(circle @ right, 0.0, atol=1e-12)
 
 
 def test_a_surface_that_faces_the_camera_has_no_coat():

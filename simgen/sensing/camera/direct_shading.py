@@ -35,10 +35,14 @@ def _light_kernel(
     beams: wp.array3d(dtype=wp.float32),
     half: wp.vec2f,
     focal: wp.float32,
+    reaching: wp.array3d(dtype=wp.float32),
     # outputs
     light_out: wp.array3d(dtype=wp.vec3f),
 ):
-    """Light of a pixel in red, green and blue, as `Photometry.radiance`; NaN where a neighbour is beside the gel."""
+    """Light of a pixel in red, green and blue, as `Photometry.radiance`; NaN where a neighbour is beside the gel.
+
+    ``reaching``: share of each light that is not blocked, as `Shadows.reaching`; empty if all of it reaches the coat.
+    """
     sample, row, column = wp.tid()
     up, down = wp.max(row - 1, 0), wp.min(row + 1, rest_depth.shape[0] - 1)
     left, right = wp.max(column - 1, 0), wp.min(column + 1, rest_depth.shape[1] - 1)
@@ -58,6 +62,8 @@ def _light_kernel(
         square = wp.dot(away, away)
         cosine = wp.dot(away, normal) / wp.sqrt(square)
         power[light] = beams[light, row, column] * wp.max(cosine, 0.0) / square
+        if reaching.shape[0] > 0:
+            power[light] = power[light] * reaching[3 * sample + light, row, column]
     total = wp.transpose(colour) * power
     if not wp.isfinite(here[2] + along_rows[2] + along_columns[2]):
         total = wp.vec3f(wp.nan)
@@ -123,11 +129,13 @@ class DirectShading:
         """Light (height, width, 3) of the untouched gel, 1/m2; NaN beside it."""
         return self._at_rest.numpy()[0]
 
-    def light(self, height: wp.array) -> wp.array:
-        """Light (sample, height, width) vec3, 1/m2, for an albedo of 1."""
+    def light(self, height: wp.array, reaching: wp.array | None = None) -> wp.array:
+        """Light (sample, height, width) vec3, 1/m2, for an albedo of 1. ``reaching`` is that of `image`."""
+        if reaching is None:
+            reaching = wp.empty((0, 0, 0), dtype=wp.float32, device=self.device)
         out = wp.empty(height.shape, dtype=wp.vec3f, device=self.device)
-        half = wp.vec2f(0.5 * self.pinhole.width, 0.5 * self.pinhole.height)
-        inputs = [self._rest_depth, height, self._lights, self._colour, self._beams, half, float(self.pinhole.focal)]
+        half, focal = wp.vec2f(0.5 * self.pinhole.width, 0.5 * self.pinhole.height), float(self.pinhole.focal)
+        inputs = [self._rest_depth, height, self._lights, self._colour, self._beams, half, focal, reaching]
         wp.launch(_light_kernel, dim=height.shape, inputs=inputs, outputs=[out], device=self.device)
         return out
 
@@ -149,15 +157,17 @@ class DirectShading:
         return gain, np.nan_to_num(background)
 
     def image(
-        self, height: wp.array, gain: np.ndarray, background: np.ndarray, noise: float = 0.0, seed: int = 0
-    ) -> wp.array:
+        self, height: wp.array, gain: np.ndarray, background: np.ndarray, noise: float = 0.0, seed: int = 0,
+        reaching: wp.array | None = None,
+    ) -> wp.array:  # fmt: skip
         """Images of height maps.
 
         gain : (3,) levels m2; background : (height, width, 3) levels of the untouched gel
         noise : standard deviation, levels, of Gaussian noise of each pixel; ``seed`` and a sample's number decide it
+        reaching : (3 * sample, height, width) share of each light that other gel does not block; by default all of it
         """
         out = wp.empty((*height.shape, 3), dtype=wp.uint8, device=self.device)
         rest = wp.array(background, dtype=wp.vec3f, device=self.device)
-        inputs = [rest, self._at_rest, self.light(height), wp.vec3f(*map(float, gain)), float(noise), seed]
+        inputs = [rest, self._at_rest, self.light(height, reaching), wp.vec3f(*map(float, gain)), float(noise), seed]
         wp.launch(_image_kernel, dim=height.shape, inputs=inputs, outputs=[out], device=self.device)
         return out

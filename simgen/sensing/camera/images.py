@@ -2,7 +2,7 @@
 
 <dataset>.images/
   render.json                    settings that determine the images
-  rest.png, markers.csv          with --markers: the untouched gel, and the places of its dots
+  markers.csv, rest.png          with --markers: places of the dots and, without --vary, the untouched gel
   t0003_sphere_7mm/              trajectory 3
     02_0.3mm.png                 depth 2, 0.3 mm; samples that are not valid have none
     optics.json                  drawn values, with --vary

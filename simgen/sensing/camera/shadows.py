@@ -66,15 +66,25 @@ def _shadow_kernel(
 
 
 @wp.kernel
-def _dim_kernel(
-    lit: wp.array3d(dtype=wp.float32),
+def _reaching_kernel(
     lit_at_rest: wp.array3d(dtype=wp.float32),
+    # outputs
+    lit_out: wp.array3d(dtype=wp.float32),
+):
+    """Share of each light that a press leaves. Shadows of the gel at rest are in the background already."""
+    k, row, column = wp.tid()
+    lit_out[k, row, column] = 1.0 - wp.max(lit_at_rest[k % 3, row, column] - lit_out[k, row, column], 0.0)
+
+
+@wp.kernel
+def _dim_kernel(
+    reaching: wp.array3d(dtype=wp.float32),
     # outputs
     image_out: wp.array4d(dtype=wp.uint8),
 ):
-    """Dim colours in shadow. Shadows of the gel at rest are in the background already."""
+    """Dim colours in shadow."""
     sample, row, column, channel = wp.tid()
-    lost = wp.max(lit_at_rest[channel, row, column] - lit[3 * sample + channel, row, column], 0.0)
+    lost = 1.0 - reaching[3 * sample + channel, row, column]
     value = wp.float32(image_out[sample, row, column, channel]) * (1.0 - OWN_SHARE * lost)
     image_out[sample, row, column, channel] = wp.uint8(value + 0.5)
 
@@ -108,8 +118,16 @@ class Shadows:
         wp.launch(_shadow_kernel, dim=height.shape, inputs=inputs, outputs=[lit], device=self.device)
         return lit
 
+    def reaching(self, height: wp.array) -> wp.array:
+        """Share (3 * sample, height, width) float32 of each light that a press leaves, with soft edges, light by light.
+
+        height : (sample, height, width) m, towards the camera
+        """
+        lit = self._soften(self.lit(height))
+        wp.launch(_reaching_kernel, dim=lit.shape, inputs=[self._at_rest], outputs=[lit], device=self.device)
+        return lit
+
     def __call__(self, image: wp.array, height: wp.array) -> wp.array:
         """Dim shadows of an image (sample, height, width, 3) uint8 in place."""
-        lit = self._soften(self.lit(height))
-        wp.launch(_dim_kernel, dim=image.shape, inputs=[lit, self._at_rest], outputs=[image], device=self.device)
+        wp.launch(_dim_kernel, dim=image.shape, inputs=[self.reaching(height)], outputs=[image], device=self.device)
         return image

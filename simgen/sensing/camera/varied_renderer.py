@@ -48,8 +48,8 @@ class PressRenderer(ImageMaker):
         self.files = {OPTICS: json.dumps(record, indent=1).encode()}
 
     def colours(self, height: wp.array) -> wp.array:
-        image = self._shading.image(height, self._gain, self._levels, self._optics.noise, self._optics.seed)
-        return image if self._shadows is None else self._shadows(image, height)
+        reaching = None if self._shadows is None else self._shadows.reaching(height)
+        return self._shading.image(height, self._gain, self._levels, self._optics.noise, self._optics.seed, reaching)
 
 
 class VariedRenderer:
@@ -98,8 +98,11 @@ class VariedRenderer:
 
     def record(self) -> dict[str, Any]:
         """Settings that determine the optics, for JSON."""
-        digest = [hashlib.sha256(file.read_bytes()).hexdigest() for file in self._pictures]
-        return {"vary": self.seed, "ranges": self.ranges.record(), "backgrounds": digest, "shadows": self.shadows}
+        digest = hashlib.sha256()
+        for file in self._pictures:
+            digest.update(file.read_bytes())
+        backgrounds = f"{len(self._pictures)} pictures, sha256 {digest.hexdigest()}" if self._pictures else "drawn"
+        return {"vary": self.seed, "ranges": self.ranges.record(), "backgrounds": backgrounds, "shadows": self.shadows}
 
     def of_press(self, press: int) -> PressRenderer:
         """Make the renderer of a press. Raises `InputError` if a picture is bad or a drawn light misses the gel."""
@@ -121,13 +124,18 @@ class VariedRenderer:
 
 
 def pictures_in(path: Path) -> tuple[Path, ...]:
-    """A picture, or the pictures of a folder in the order of their names. Raises `InputError` if it has none."""
+    """A picture, or the pictures of a folder in the order of their names.
+
+    Raises `InputError` if the folder has none, or one that cannot be read.
+    """
     if not path.is_dir():
         read_image(path)
         return (path,)
     found = tuple(sorted(file for file in path.iterdir() if file.suffix.lower() in PICTURES))
     if not found:
         raise InputError(f"{path}: no picture in this folder; allowed: files that end in {', '.join(sorted(PICTURES))}")
+    for file in found:  # now, and not when a press draws it, after images have been written
+        read_image(file)
     return found
 
 

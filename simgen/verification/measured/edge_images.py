@@ -1,8 +1,7 @@
 """Frames of a real press of an edge, and images of a simulated one: place, colours, and size of the imprint.
 
-Nobody calibrated the colours of the sensor in the frames. So colours are polynomials of the coat's normal, fitted to
-some frames; others are compared. Colours cannot widen or lengthen an imprint: where the coat is not tilted, they do not
-change.
+Nobody calibrated the colours of the sensor in the frames. So colours are polynomials of the tilt that the press adds,
+fitted to some frames; others are compared.
 """
 
 import re
@@ -72,7 +71,9 @@ class EdgeLine:
 
 
 class NormalColours:
-    """Colours as polynomials of second order in the coat's unit normal, whose coefficients are linear in the place.
+    """Colours as polynomials of second order in the unit normal of the dent. Coefficients are linear in the place.
+
+    The dent is the change of the coat since rest; a curved gel's own normal is not counted.
 
     blur_px : standard deviation of the smoothing of images
     """

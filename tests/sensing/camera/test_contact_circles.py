@@ -55,7 +55,7 @@ def test_circles_are_read_by_their_names(tmp_path):
         ("file,column,row\na.png,1,2\n", "first line 'file,column,row': allowed: file,column,row,radius"),
         ("file,column,row,radius\na.png,1,2,much\n", "line 2: radius 'much': allowed: a number of pixels"),
         ("file,column,row,radius\na.png,1,2,3\nb.png,1,nan,3\n", "line 3: row 'nan': allowed: a number of pixels"),
-        ("file,column,row,radius\na.png,1,2\n", "line 2: radius 'None': allowed: a number of pixels"),
+        ("file,column,row,radius\na.png,1,2\n", "line 2: not 4 cells; allowed: one for each of file,column,row,radius"),
         (b"\xff\xfe\x00", "not a CSV file ("),
     ],
 )

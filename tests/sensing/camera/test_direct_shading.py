@@ -116,3 +116,26 @@ def test_the_bundled_table_is_near_the_model(digit):
     error = np.abs(one - other)[inside].mean()
     print(f"table {error:.2f} levels off, change {change:.1f}, outside {np.abs(one - other)[~inside].mean():.3f}")
     assert error < 0.15 * change and change > 10.0
+
+
+def test_a_blocked_light_is_gone_and_all_else_stays():
+    """Without lights the ambient part is left; without the red one, what the others send."""
+    gel = tilted()
+    shading = shading_of(gel)
+    flat = heights(np.zeros_like(gel.rest_depth))
+    gain, background = shading.exposure(np.full(3, 120.0), np.full(3, 0.7))
+
+    def reaching(*shares: float) -> wp.array:
+        return wp.array(np.ones((3, *gel.rest_depth.shape)) * np.reshape(shares, (3, 1, 1)), dtype=wp.float32)
+
+    def image(*shares: float) -> np.ndarray:
+        return shading.image(flat, gain, background, reaching=reaching(*shares)).numpy()[0].astype(float)
+
+    inside = np.isfinite(shading.at_rest[..., 0])
+    ambient = background - gain * np.nan_to_num(shading.at_rest)
+    np.testing.assert_allclose(image(1.0, 1.0, 1.0), background, atol=0.51)
+    np.testing.assert_allclose(image(0.0, 0.0, 0.0)[inside], ambient[inside], atol=0.51)
+    lost = image(1.0, 1.0, 1.0) - image(0.0, 1.0, 1.0)
+    red, green = lost[inside][:, 0] / gain[0], lost[inside][:, 1] / gain[1]
+    np.testing.assert_allclose(green, gel.photometry.crosstalk * red, atol=1.1 / gain.min())
+    assert lost[inside][:, 0].mean() > 5.0
