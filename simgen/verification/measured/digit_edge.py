@@ -30,7 +30,7 @@ DEPTHS_M = MM * 0.1 * np.arange(1, 11)
 ABOVE_M = 5e-4  # start of the press above the gel
 SHALLOWEST = 0.4  # of the deepest press: frames with less are too faint to measure
 CLEAR_LEVELS = 6.0  # change of colour, levels, that belongs to the press
-SIZE = 0.10  # share of width and length: a target that was chosen before the first comparison
+SIZE = 0.10  # share of width and length: a target chosen before the first comparison, which had the source's depth
 HEIGHT_PX, WIDTH_PX = 160, 120  # of compared images; details of the frames are coarser
 AROUND_PX = 11  # width of what belongs to the surroundings of a press
 EVERY = 10  # frames from one fitted frame to the next; so for compared ones
@@ -179,7 +179,7 @@ def digit_edge(context: Context) -> Outcome:
     }
     own = fits["fitted depth"]
     ratios = sizes["fitted depth"] / real
-    rows = [at_most(f"{what} of the imprint, median difference", "", float(np.median(np.abs(ratio - 1.0))), SIZE,
+    rows = [at_most(f"{what} of the imprint, median difference, last depth fitted", "", float(np.median(np.abs(ratio - 1.0))), SIZE,
                     "a chosen target") for what, ratio in zip(("width", "length"), ratios.T, strict=True)]  # fmt: skip
     off, untouched = (np.mean([np.abs(change - changes[frame])[where].mean() for frame, change in each]) for each in (
         [(frame, own.change(shares[frame])) for frame in compared], [(frame, 0.0) for frame in compared]))  # fmt: skip
