@@ -179,8 +179,11 @@ def digit_edge(context: Context) -> Outcome:
     }
     own = fits["fitted depth"]
     ratios = sizes["fitted depth"] / real
-    rows = [at_most(f"{what} of the imprint, median difference, last depth fitted", "", float(np.median(np.abs(ratio - 1.0))), SIZE,
-                    "a chosen target") for what, ratio in zip(("width", "length"), ratios.T, strict=True)]  # fmt: skip
+    off_by = np.median(np.abs(ratios - 1.0), axis=0).tolist()
+    rows = [
+        at_most(f"{what} of the imprint, median difference, last depth fitted", "", value, SIZE, "a chosen target")
+        for what, value in zip(("width", "length"), off_by, strict=True)
+    ]
     off, untouched = (np.mean([np.abs(change - changes[frame])[where].mean() for frame, change in each]) for each in (
         [(frame, own.change(shares[frame])) for frame in compared], [(frame, 0.0) for frame in compared]))  # fmt: skip
     rows.append(at_most("mean difference of colours, over that of the untouched gel", "", off / untouched, 1.0,
