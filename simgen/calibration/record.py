@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+import simgen
 from simgen.calibration.fit import CONFIDENCE
 from simgen.calibration.material_fit import Confirmation, FittedModel
 from simgen.calibration.measured_forces import MeasuredForces
@@ -20,13 +21,16 @@ def record(
 ) -> dict[str, Any]:
     """Everything that `simgen calibrate-material` found, for a JSON file. Numbers that do not exist are null."""
     return {
+        "simgen": simgen.__version__,
         "conditions": conditions,
         "confidence": CONFIDENCE,
         "depth_mm": measured.depth_mm.tolist(),
         "force_n": measured.force_n.tolist(),
-        "lines_without_load": list(measured.left_out),
+        "sigma_n": measured.sigma_n.tolist(),
+        "lines_without_force": list(measured.left_out),
+        "lines_before_zero": list(measured.before_zero),
         "models": [_model(each) for each in fitted],
-        "best": {key: value.tolist() if isinstance(value, np.ndarray) else value
+        "best": {"model": fitted[0].model.name} | {key: value.tolist() if isinstance(value, np.ndarray) else value
                  for key, value in asdict(confirmed).items()},
     }  # fmt: skip
 
@@ -41,6 +45,7 @@ def _model(each: FittedModel) -> dict[str, Any]:
         "scatter": _number(fit.scatter),
         "rms": fit.rms,
         "chance": _number(each.chance),
+        "level": each.level,
         "residual": fit.residual.tolist(),
     }
 

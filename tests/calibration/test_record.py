@@ -5,6 +5,7 @@ import json
 import numpy as np
 import yaml
 
+import simgen
 from calibration.rigs import FormulaRig, formula
 from simgen.calibration.material_fit import MaterialModel, confirm, fit_models, standard_models
 from simgen.calibration.measured_forces import average
@@ -19,13 +20,15 @@ def test_everything_is_in_the_record():
     rig = FormulaRig()
     measured = average(np.column_stack([DEPTH, E * formula(0.475, 0.9, 0.0, DEPTH + 0.03)]), left_out=(2,))
     fitted = fit_models(rig, standard_models(rig), measured)
-    found = json.loads(json.dumps(record(measured, fitted, confirm(rig, fitted[0], measured), {"mesh": "coarse"}),
+    found = json.loads(json.dumps(record(measured, fitted, confirm(rig, fitted, measured), {"mesh": "coarse"}),
                                   allow_nan=False))  # fmt: skip
-    assert found["conditions"] == {"mesh": "coarse"} and found["lines_without_load"] == [2]
+    assert found["conditions"] == {"mesh": "coarse"} and found["lines_without_force"] == [2]
     assert len(found["models"]) == 8 and found["models"][0]["chance"] is None
     first = found["models"][0]
     assert first["fitted"]["E"]["low"] < first["fitted"]["E"]["value"] and len(first["residual"]) == 8
-    assert set(found["best"]) == {"residual", "mesh_error", "interpolation", "corrected_rms"}
+    assert found["simgen"] == simgen.__version__ and len(found["sigma_n"]) == 8
+    assert found["best"]["model"] == first["name"]
+    assert set(found["best"]) == {"model", "residual", "mesh_error", "interpolation", "corrected_rms"}
 
 
 def test_the_material_can_be_pasted():
