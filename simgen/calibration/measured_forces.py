@@ -112,8 +112,8 @@ def _check_cells(line: dict[str | None, str | list[str]], where: str) -> None:
     """Refuse a row with more cells than the header; `csv.DictReader` keeps them under None."""
     if more := line.get(None):
         most = len(line) - 1
-        raise InputError(f"{where}: {most + len(more)} cells; allowed: {most}, as in the first line; a decimal comma is "
-                         "not allowed")  # fmt: skip
+        raise InputError(f"{where}: {most + len(more)} cells; allowed: {most}, as in the first line; a decimal comma "
+                         "is not allowed")  # fmt: skip
 
 
 def _number(text: str | None, column: str, where: str) -> float:

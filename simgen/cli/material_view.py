@@ -26,7 +26,7 @@ from simgen.calibration.material_fit import (
     standard_models,
 )
 from simgen.calibration.measured_forces import MeasuredForces, read_forces
-from simgen.calibration.record import material_lines, record
+from simgen.calibration.record import fitted_material, material_lines, record
 from simgen.cli.console import console
 
 WIDE = 140  # columns of tables if the output is no terminal
@@ -54,11 +54,12 @@ def calibrate_and_print(file: Path, choice: RigChoice, names: list[str]) -> dict
     print_residuals(measured, confirmed)
     print_mesh(confirmed)
     print_warnings(best)
+    material = fitted_material(rig, best, f"fitted to {file.name}: {best.model.name}")
     console.print("\nThe best model as a preset of a sensor.yaml:")
-    for line in material_lines(rig, best, f"fitted to {file.name}: {best.model.name}"):
+    for line in material_lines(material):
         console.print(escape(line), soft_wrap=True)
     conditions = asdict(choice) | {"file": file.name, "sensor": rig.sensor.name, "place_mm": rig.pressed_mm}
-    return record(measured, fitted, confirmed, conditions)
+    return record(measured, fitted, confirmed, material, conditions)
 
 
 def print_measured(file: Path, measured: MeasuredForces) -> None:
@@ -99,7 +100,7 @@ def print_models(fitted: list[FittedModel]) -> None:
 def print_level(fitted: list[FittedModel]) -> None:
     """Print from which chance on the data tell a model apart, and why."""
     level, many = fitted[0].level, LEAST_CHANCE / fitted[0].level
-    why = f": {LEAST_CHANCE:g} over the {many:.0f} models that compete with each" if many > 1.5 else ""
+    why = f" ({LEAST_CHANCE:g} over {many:.0f} competing models)" if many > 1.5 else ""
     console.print(f"\nThe data tell a model apart from the best one if its chance is below {level:.2g}{why}.",
                   soft_wrap=True)  # fmt: skip
 

@@ -50,8 +50,9 @@ def gelsight_force(context: Context) -> Outcome:
         pass
     fitted = fit_models(rig, chosen, measured)
     confirmed = confirm(rig, fitted, measured)
-    return Outcome(_rows(rig, fitted, confirmed), [_table(measured, fitted)], _curves(measured, fitted),
-                   [f"best: {fitted[0].model.name}; a model is told from it if its chance is below {fitted[0].level:.2g}"])  # fmt: skip
+    best = fitted[0]
+    note = f"best: {best.model.name}; a model is told from it if its chance is below {best.level:.2g}"
+    return Outcome(_rows(rig, fitted, confirmed), [_table(measured, fitted)], _curves(measured, fitted), [note])
 
 
 def _rows(rig: Rig, fitted: list[FittedModel], confirmed: Confirmation) -> list[Row]:
