@@ -50,7 +50,7 @@ def test_models_are_ranked_and_told_apart():
 
 @pytest.mark.slow
 def test_the_truth_is_seldom_told_apart_from_the_best_of_many(monkeypatch):
-    """E alone is true. 5 % of the draws, and two standard deviations more for their number; without intervals."""
+    """E alone is true, and told apart in at most 5 % of the draws; fitted without intervals, to save time."""
     monkeypatch.setattr(LeastSquares, "_interval", lambda self, name, best, *_: Interval(best[name], None, None))
     rig, noise, draws = FormulaRig(), np.random.default_rng(7), 300
     models, clean = asked_models(rig, ["offset", "nu"]), E * formula(0.475, 0.9, 0.0, DEPTH)
@@ -59,7 +59,7 @@ def test_the_truth_is_seldom_told_apart_from_the_best_of_many(monkeypatch):
         force = clean * (1.0 + 0.02 * noise.normal(size=len(DEPTH)))
         fitted = fit_models(rig, models, average(np.column_stack([DEPTH, force])))
         told += next(each for each in fitted if each.model == truth).is_told_apart
-    assert told / draws < 0.05 + 2.0 * np.sqrt(0.05 * 0.95 / draws)
+    assert told / draws <= 0.05  # with a level of 0.05 for each model, 6.7 % of these draws
 
 
 def test_the_level_is_shared_by_the_models_that_compete():

@@ -163,7 +163,9 @@ def test_presses_from_end_to_end(folder, with_electrodes, monkeypatch, capfd):
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*mm.png")}
     monkeypatch.setattr(view, "shown_presses", lambda selection: [10])  # the ring alone: less to draw
     code, said, errors = simgen(f"{command} --gif", monkeypatch, capfd)
-    assert code == 0 and "0 images made; 10 existed" in said and "wrote d.translated/t0003_ring_7mm/press.gif" in said
+    assert (
+        code == 0 and "0 images made; 10 existed" in said and "wrote d.translated/t0003_ring_7mm/press.gif" in said
+    )
     assert all(path.stat().st_mtime_ns == when for path, when in before.items())
     with Image.open(made / "t0003_ring_7mm" / "press.gif") as gif:
         assert gif.n_frames == depths["ring_7mm"]
