@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -62,6 +62,11 @@ class CurveFit:
         return math.sqrt(self.squares / self.degrees) if self.degrees else math.nan
 
     @property
+    def variance(self) -> float:
+        """Variance of a point for intervals and tests, in units of sigma^2: at least 1 if sigma is absolute."""
+        return max(self.scatter**2, 1.0) if self.is_absolute else self.scatter**2
+
+    @property
     def values(self) -> dict[str, float]:
         return {name: each.value for name, each in self.intervals.items()}
 
@@ -96,9 +101,10 @@ class LeastSquares:
         degrees = len(self.measured) - len(best)
         floor = float(((SOLVED * self.measured / self.sigma) ** 2).sum())
         squares_or_floor = max(squares, floor)
-        intervals = {name: self._interval(name, best, squares, squares_or_floor, degrees) for name in best}
         residual = best[E] * self.forces(_others(best)) / self.measured - 1.0
-        return CurveFit(intervals, residual, squares_or_floor, degrees, self.is_absolute)
+        fit = CurveFit({}, residual, squares_or_floor, degrees, self.is_absolute)
+        intervals = {name: self._interval(name, best, squares, fit) for name in best}
+        return replace(fit, intervals=intervals)
 
     def modulus(self, values: dict[str, float]) -> float:
         """E with the least squares at values of the other parameters, Pa."""
@@ -138,23 +144,22 @@ class LeastSquares:
     def _squares(self, values: dict[str, float]) -> float:
         return float((self._weighted(values) ** 2).sum())
 
-    def _interval(
-        self, name: str, best: dict[str, float], squares: float, squares_or_floor: float, degrees: int
-    ) -> Interval:
+    def _interval(self, name: str, best: dict[str, float], squares: float, fit: CurveFit) -> Interval:
         """Interval where a fit with this value fixed is not significantly worse."""
         value = best[name]
-        if not degrees:
+        if not fit.degrees:
             return Interval(value, None, None)
-        variance = squares_or_floor / degrees
-        if self.is_absolute:
-            variance = max(variance, 1.0)
-        bound = squares + student.ppf(0.5 + 0.5 * CONFIDENCE, degrees) ** 2 * variance
+        bound = squares + student.ppf(0.5 + 0.5 * CONFIDENCE, fit.degrees) ** 2 * fit.variance
 
         def excess(fixed: float) -> float:
             return self._squares(self._minimise({name: fixed}, [_others(best)])) - bound
 
-        low, high = self.limits.get(name, (value / WIDEST, value * WIDEST))
-        return Interval(value, _crossing(excess, value, low), _crossing(excess, value, high))
+        if name == E:  # its limits are factors, so the search for its ends goes by factors, too
+            ends = (
+                _crossing(lambda log: excess(value * math.exp(log)), 0.0, end * math.log(WIDEST)) for end in (-1, 1)
+            )
+            return Interval(value, *(None if end is None else value * math.exp(end) for end in ends))
+        return Interval(value, *(_crossing(excess, value, limit) for limit in self.limits[name]))
 
 
 def _crossing(excess: Callable[[float], float], inside: float, limit: float) -> float | None:
@@ -177,6 +182,8 @@ def _others(values: dict[str, float]) -> dict[str, float]:
 def chance(fit: CurveFit, best: CurveFit, is_nested: bool) -> float:
     """Chance of such a difference if ``fit`` were as good as ``best``; small: the data tell them apart.
 
+    It holds for two fits that were named beforehand; `simgen.calibration.material_fit` corrects for a best of many.
+
     is_nested : ``fit`` is ``best`` with fixed parameters. Then this is the F test of the extra sum of squares (Bates
         and Watts, section 3.10). Otherwise it is that of the ratio of variances. It takes the residuals of both fits as
         independent; they are alike, so it seldom tells two fits apart that the data cannot. NaN without degrees of
@@ -186,6 +193,6 @@ def chance(fit: CurveFit, best: CurveFit, is_nested: bool) -> float:
         return math.nan
     if is_nested:
         extra = fit.degrees - best.degrees
-        ratio = max(fit.squares - best.squares, 0.0) / extra / (best.squares / best.degrees)
+        ratio = max(fit.squares - best.squares, 0.0) / extra / best.variance
         return float(fisher.sf(ratio, extra, best.degrees))
-    return float(fisher.sf((fit.scatter / best.scatter) ** 2, fit.degrees, best.degrees))
+    return float(fisher.sf(fit.variance / best.variance, fit.degrees, best.degrees))

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from simgen.calibration.parameters import OFFSET_SHARE, PRESSED
+from simgen.calibration.parameters import PRESSED
 from simgen.calibration.rig import Rig
 
 DEPTHS = 20
@@ -15,15 +15,17 @@ DEPTHS = 20
 class ForceTable:
     """Forces of a rig for any depth and any values of some free parameters; the others are fixed.
 
+    depth_mm : (d,) mm, simulated depths (`depths_to`)
+
     Logarithms of forces are interpolated: between knots of a parameter by monotone cubic polynomials (Fritsch and
     Butland, SIAM J. Sci. Stat. Comput. 5, 1984), then by a cubic spline of the logarithm of depth. Below the first
     simulated depth, forces follow the power of depth that they have there.
     """
 
-    def __init__(self, rig: Rig, fixed: dict[str, float], free: tuple[str, ...], deepest_mm: float):
+    def __init__(self, rig: Rig, fixed: dict[str, float], free: tuple[str, ...], depth_mm: np.ndarray):
         self.rig, self.fixed = rig, fixed
         self.free = tuple(name for name in free if name in PRESSED)
-        self.depth_mm = depths_to(deepest_mm)
+        self.depth_mm = depth_mm
         axes = [PRESSED[name].knots for name in self.free]
         shape = [len(knots) for knots in axes]
         curves = [rig.press(values, self.depth_mm) for values in needed(fixed, self.free)]
@@ -52,9 +54,9 @@ class ForceTable:
         return table
 
 
-def depths_to(deepest_mm: float) -> np.ndarray:
-    """Simulated depths, mm: evenly spaced, to the deepest measured one with the largest offset."""
-    return deepest_mm * (1.0 + OFFSET_SHARE) * np.arange(1, DEPTHS + 1) / DEPTHS
+def depths_to(deepest_mm: float, share: float = 0.0) -> np.ndarray:
+    """Simulated depths (d,) mm: evenly spaced, to the deepest measured one and a share of it."""
+    return deepest_mm * (1.0 + share) * np.arange(1, DEPTHS + 1) / DEPTHS
 
 
 def needed(fixed: dict[str, float], free: tuple[str, ...]) -> Iterator[dict[str, float]]:

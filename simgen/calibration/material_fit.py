@@ -12,11 +12,11 @@ import numpy as np
 from simgen.calibration.fit import CurveFit, LeastSquares, chance
 from simgen.calibration.force_table import ForceTable, depths_to, needed
 from simgen.calibration.measured_forces import MeasuredForces
-from simgen.calibration.parameters import NAMES, OFFSET, limits
+from simgen.calibration.parameters import NAMES, OFFSET, OFFSET_SHARE, limits
 from simgen.calibration.rig import ForceCurve, Rig
 from simgen.errors import InputError, shown
 
-LEAST_CHANCE = 0.05  # below it, the data tell a model from the best one
+LEAST_CHANCE = 0.05  # of telling the true model from the best one, over all models that compete
 
 
 @dataclass(frozen=True)
@@ -42,15 +42,19 @@ class MaterialModel:
 
 @dataclass(frozen=True)
 class FittedModel:
-    """A model, its fit, and the chance that it is as good as the best one (`simgen.calibration.fit.chance`)."""
+    """A model, its fit, and the chance that it is as good as the best one (`simgen.calibration.fit.chance`).
+
+    level : the data tell the model from the best one if the chance is below it
+    """
 
     model: MaterialModel
     fit: CurveFit
     chance: float = math.nan
+    level: float = LEAST_CHANCE
 
     @property
     def is_told_apart(self) -> bool:
-        return self.chance < LEAST_CHANCE
+        return self.chance < self.level
 
 
 @dataclass(frozen=True)
@@ -97,10 +101,14 @@ def presses(models: Sequence[MaterialModel]) -> list[dict[str, float]]:
     return list(found.values())
 
 
+def offset_share(models: Sequence[MaterialModel]) -> float:
+    """Share of the deepest measured depth by which presses go deeper: that of the largest offset, if one is fitted."""
+    return OFFSET_SHARE if any(OFFSET in model.free for model in models) else 0.0
+
+
 def simulate(rig: Rig, models: Sequence[MaterialModel], deepest_mm: float) -> Iterator[ForceCurve]:
     """Make the presses that the models need. Raises `InputError` like `Rig.press`."""
-    depths = depths_to(deepest_mm)
-    rig.check_room(depths[-1])
+    depths = depths_to(deepest_mm, offset_share(models))
     for values in presses(models):
         yield rig.press(values, depths)
 
@@ -108,25 +116,29 @@ def simulate(rig: Rig, models: Sequence[MaterialModel], deepest_mm: float) -> It
 def fit_models(rig: Rig, models: Sequence[MaterialModel], measured: MeasuredForces) -> list[FittedModel]:
     """Fit models, best first: by the scatter of a point, from the sum of squares over the degrees of freedom.
 
-    Models with more parameters than points are left out. Those without degrees of freedom come last.
+    Models with more parameters than points are left out. Those without degrees of freedom come last. The same data
+    choose the best model and judge the others. So the level of the test is `LEAST_CHANCE` over the number of models
+    that compete with each (Bonferroni; Miller, *Simultaneous Statistical Inference*, 1981, section 1.3).
     """
+    share = offset_share(models)
     fitted = [
-        FittedModel(model, problem(rig, model, measured).fit())
+        FittedModel(model, problem(rig, model, measured, share).fit())
         for model in models
         if len(model.free) < len(measured.force_n)
     ]
     fitted.sort(key=lambda each: (not each.fit.degrees, each.fit.scatter if each.fit.degrees else 0.0))
     best = fitted[0]
+    level = LEAST_CHANCE / max(sum(each.fit.degrees > 0 for each in fitted) - 1, 1)
     return [
-        best,
-        *(FittedModel(each.model, each.fit, chance(each.fit, best.fit, each.model.is_within(best.model)))
+        FittedModel(best.model, best.fit, level=level),
+        *(FittedModel(each.model, each.fit, chance(each.fit, best.fit, each.model.is_within(best.model)), level)
           for each in fitted[1:]),
     ]  # fmt: skip
 
 
-def problem(rig: Rig, model: MaterialModel, measured: MeasuredForces) -> LeastSquares:
-    """The least-squares problem of a model."""
-    table = ForceTable(rig, model.fixed, model.free, measured.deepest_mm)
+def problem(rig: Rig, model: MaterialModel, measured: MeasuredForces, share: float) -> LeastSquares:
+    """The least-squares problem of a model; presses go deeper than the measured forces by a share (`offset_share`)."""
+    table = ForceTable(rig, model.fixed, model.free, depths_to(measured.deepest_mm, share))
 
     def forces(values: dict[str, float]) -> np.ndarray:
         return measured.means(table.force(values, measured.row_depth_mm + values.get(OFFSET, 0.0)))
@@ -135,17 +147,21 @@ def problem(rig: Rig, model: MaterialModel, measured: MeasuredForces) -> LeastSq
     return LeastSquares(measured.force_n, measured.sigma_n, forces, bounds, measured.has_std)
 
 
-def confirm(rig: Rig, fitted: FittedModel, measured: MeasuredForces) -> Confirmation:
-    """Press once more with fitted values, at the measured depths and at those between. Raises `InputError`."""
-    values = fitted.fit.values
+def confirm(rig: Rig, fitted: Sequence[FittedModel], measured: MeasuredForces) -> Confirmation:
+    """Press once more with the values of the first model, the best one, at the measured depths and at those between.
+
+    Raises `InputError` like `Rig.press`.
+    """
+    depths, best = depths_to(measured.deepest_mm, offset_share([each.model for each in fitted])), fitted[0]
+    values = best.fit.values
     modulus, offset = values["E"], values.get(OFFSET, 0.0)
-    solid = fitted.model.fixed | {name: values[name] for name in fitted.model.free if name != OFFSET}
+    solid = best.model.fixed | {name: values[name] for name in best.model.free if name != OFFSET}
     depth = np.maximum(measured.depth_mm + offset, 0.0)
-    steps = np.unique(np.round(np.concatenate([depths_to(measured.deepest_mm), depth[depth > 0.0]]), 9))
+    steps = np.unique(np.round(np.concatenate([depths, depth[depth > 0.0]]), 9))
     curve = rig.press(solid, steps)
     at = np.interp(depth, steps, curve.force)
     error = np.interp(depth, steps, curve.mesh_error)
-    table = ForceTable(rig, fitted.model.fixed, fitted.model.free, measured.deepest_mm)
+    table = ForceTable(rig, best.model.fixed, best.model.free, depths)
     interpolated = table.force(values, depth)
     off = np.abs(interpolated / at - 1.0)[depth > 0.0].max()
     # A point that is a mean of rows has the force of these rows, not that at its mean depth.

@@ -19,8 +19,8 @@ class Parameter:
 
 
 # With these knots, forces of a sphere of R = 7.5 mm on the GelSight Mini that are left out of the interpolation are off
-# by at most 0.13 % (friction 0.05), 0.05 % (nu = 0.475 without its knot) and 0.07 % (c20). Friction above 0.5 no longer
-# changes them, so its interpolation must not overshoot.
+# by 0.13 % (friction 0.05), 0.05 % (nu = 0.475 without its knot), 0.23 % (nu = 0.381, between knots farther apart) and
+# 0.07 % (c20). Friction above 0.5 no longer changes them, so its interpolation must not overshoot.
 PRESSED = {
     each.name: each
     for each in (

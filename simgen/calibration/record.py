@@ -7,26 +7,36 @@ from typing import Any
 import numpy as np
 import yaml
 
+import simgen
 from simgen.calibration.fit import CONFIDENCE
 from simgen.calibration.material_fit import Confirmation, FittedModel
 from simgen.calibration.measured_forces import MeasuredForces
 from simgen.calibration.rig import Rig
+from simgen.sensors.material import Material
 
 WIDEST = 1000  # columns of a line of YAML
 
 
 def record(
-    measured: MeasuredForces, fitted: list[FittedModel], confirmed: Confirmation, conditions: dict[str, Any]
+    measured: MeasuredForces,
+    fitted: list[FittedModel],
+    confirmed: Confirmation,
+    material: Material,
+    conditions: dict[str, Any],
 ) -> dict[str, Any]:
     """Everything that `simgen calibrate-material` found, for a JSON file. Numbers that do not exist are null."""
     return {
+        "simgen": simgen.__version__,
         "conditions": conditions,
         "confidence": CONFIDENCE,
         "depth_mm": measured.depth_mm.tolist(),
         "force_n": measured.force_n.tolist(),
-        "lines_without_load": list(measured.left_out),
+        "sigma_n": measured.sigma_n.tolist(),
+        "lines_without_force": list(measured.left_out),
+        "lines_before_zero": list(measured.before_zero),
         "models": [_model(each) for each in fitted],
-        "best": {key: value.tolist() if isinstance(value, np.ndarray) else value
+        "material": material.model_dump(),
+        "best": {"model": fitted[0].model.name} | {key: value.tolist() if isinstance(value, np.ndarray) else value
                  for key, value in asdict(confirmed).items()},
     }  # fmt: skip
 
@@ -41,6 +51,7 @@ def _model(each: FittedModel) -> dict[str, Any]:
         "scatter": _number(fit.scatter),
         "rms": fit.rms,
         "chance": _number(each.chance),
+        "level": each.level,
         "residual": fit.residual.tolist(),
     }
 
@@ -49,12 +60,16 @@ def _number(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def material_lines(rig: Rig, best: FittedModel, source: str) -> list[str]:
-    """Lines of YAML: the fitted material, as a preset of a ``sensor.yaml``."""
+def fitted_material(rig: Rig, best: FittedModel, source: str) -> Material:
+    """The material of a fit, to four digits."""
     values = best.fit.values
-    solid = rig.solid(_rounded(values["E"]), best.model.fixed | {name: _rounded(value) for name, value in values.items()
+    return rig.solid(_rounded(values["E"]), best.model.fixed | {name: _rounded(value) for name, value in values.items()
                                                                  if name in best.model.fixed}, source)  # fmt: skip
-    section = {"materials": {"fitted": solid.model_dump()}}
+
+
+def material_lines(material: Material) -> list[str]:
+    """Lines of YAML: the fitted material, as a preset of a ``sensor.yaml``."""
+    section = {"materials": {"fitted": material.model_dump()}}
     return yaml.safe_dump(section, sort_keys=False, width=WIDEST, allow_unicode=True).splitlines()
 
 

@@ -30,7 +30,7 @@ class ForceCurve:
     """Forces of one press.
 
     depth_mm : (d,) mm from first touch
-    force : (d,) N per Pa of E, length of the force
+    force : (d,) N per Pa of E, the component along the press, as a load cell in the press's axis measures it
     mesh_error : (d,) estimated error of the mesh, as a share of the force (`simgen.simulation.error_estimate`)
     """
 
@@ -86,9 +86,17 @@ class Rig:
                 sentence = Status(int(result.status[first])).sentence
                 raise InputError(f"{self.sensor.name}: the press with friction {solid.friction:g}, {solid.elasticity} "
                                  f"ends before {depth_mm[first]:.3g} mm: {sentence}")  # fmt: skip
-            force = np.linalg.norm(result.force, axis=1) / UNIT_PA
+            force = result.force @ self.pose[:3, 1] / UNIT_PA
             self.curves[key] = ForceCurve(depth_mm, force, np.asarray(result.force_error_estimate, float))
         return self.curves[key]
+
+    @property
+    def pressed_mm(self) -> tuple[float, float]:
+        """The place that is pressed, x and arc, mm: ``place_mm``, or the default."""
+        if self.place_mm is not None:
+            return self.place_mm
+        x = self.sensor.surface.triangles[self.sensor.surface_region == TOUCHABLE][..., 0]
+        return 0.5 * MM_PER_M * float(x.min() + x.max()), 0.0
 
     @property
     def pose(self) -> np.ndarray:
@@ -96,7 +104,7 @@ class Rig:
         surface = self.sensor.surface
         touchable = self.sensor.surface_region == TOUCHABLE
         x = surface.triangles[touchable][..., 0]
-        x_mm, arc_mm = self.place_mm or (0.5 * MM_PER_M * (x.min() + x.max()), 0.0)
+        x_mm, arc_mm = self.pressed_mm
         points, normals = skin_of(surface).points([x_mm * MM], [arc_mm * MM])
         nearest = np.linalg.norm(surface.triangles_center - points, axis=1)
         if not np.isfinite(points).all() or not touchable[np.nanargmin(nearest)]:
@@ -106,11 +114,15 @@ class Rig:
         zero = np.zeros(1)
         return indenter_poses(Contacts(points, normals, -normals, zero, zero))[0]
 
-    def check_room(self, deepest_mm: float) -> None:
-        """Raise `InputError` if a press would leave hardly any gel under the indenter."""
-        path = press_path(np.array([deepest_mm * MM]))
+    def check_room(self, deepest_mm: float, extra_share: float = 0.0) -> None:
+        """Raise `InputError` if a press would leave hardly any gel under the indenter.
+
+        extra_share : the press goes deeper than ``deepest_mm`` by this share of it
+        """
+        path = press_path(np.array([deepest_mm * (1.0 + extra_share) * MM]))
         room = LeastThickness(self.sensor, [self.shape], path)
         if (share := room.shares(self.pose[None]).item()) < LEAST_LEFT:
-            most = MM_PER_M * room.depths_that_leave(self.pose[None], LEAST_LEFT).item()
-            raise InputError(f"{self.sensor.name}: a depth of {deepest_mm:.4g} mm leaves {share:.2g} of the gel under "
-                             f"the indenter; allowed: at most {most:.3g} mm")  # fmt: skip
+            most = MM_PER_M * room.depths_that_leave(self.pose[None], LEAST_LEFT).item() / (1.0 + extra_share)
+            extra = f", with {extra_share:.0%} more for the offset," if extra_share else ""
+            raise InputError(f"{self.sensor.name}: a depth of {deepest_mm:.4g} mm{extra} leaves {share:.2g} of the gel "
+                             f"under the indenter; allowed: at most {most:.3g} mm")  # fmt: skip

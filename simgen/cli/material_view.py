@@ -20,12 +20,13 @@ from simgen.calibration.material_fit import (
     asked_models,
     confirm,
     fit_models,
+    offset_share,
     presses,
     simulate,
     standard_models,
 )
 from simgen.calibration.measured_forces import MeasuredForces, read_forces
-from simgen.calibration.record import material_lines, record
+from simgen.calibration.record import fitted_material, material_lines, record
 from simgen.cli.console import console
 
 WIDE = 140  # columns of tables if the output is no terminal
@@ -38,6 +39,7 @@ def calibrate_and_print(file: Path, choice: RigChoice, names: list[str]) -> dict
     measured = read_forces(file)
     rig = choice.rig()
     models = asked_models(rig, names) if names else standard_models(rig)
+    rig.check_room(measured.deepest_mm, offset_share(models))
     count = len(presses(models))
     print_measured(file, measured)
     where = f"{escape(choice.indenter_in_words)} on {escape(rig.sensor.name)}, {choice.mesh} mesh"
@@ -47,16 +49,17 @@ def calibrate_and_print(file: Path, choice: RigChoice, names: list[str]) -> dict
         pass
     fitted = fit_models(rig, models, measured)
     best = fitted[0]
-    confirmed = confirm(rig, best, measured)
+    confirmed = confirm(rig, fitted, measured)
     print_models(fitted)
     print_residuals(measured, confirmed)
     print_mesh(confirmed)
     print_warnings(best)
+    material = fitted_material(rig, best, f"fitted to {file.name}: {best.model.name}")
     console.print("\nThe best model as a preset of a sensor.yaml:")
-    for line in material_lines(rig, best, f"fitted to {file.name}: {best.model.name}"):
+    for line in material_lines(material):
         console.print(escape(line), soft_wrap=True)
-    conditions = asdict(choice) | {"file": file.name, "sensor": rig.sensor.name}
-    return record(measured, fitted, confirmed, conditions)
+    conditions = asdict(choice) | {"file": file.name, "sensor": rig.sensor.name, "place_mm": rig.pressed_mm}
+    return record(measured, fitted, confirmed, material, conditions)
 
 
 def print_measured(file: Path, measured: MeasuredForces) -> None:
@@ -66,9 +69,13 @@ def print_measured(file: Path, measured: MeasuredForces) -> None:
     how = "weighted by std_n" if measured.has_std else "errors count as shares of the force"
     depths = f"{measured.depth_mm[0]:.3g} to {measured.depth_mm[-1]:.3g} mm"
     console.print(f"{escape(str(file))}: {of_rows}, {depths}; {how}", soft_wrap=True)
-    if measured.left_out:
-        some = ", ".join(map(str, measured.left_out[:5])) + (", ..." if len(measured.left_out) > 5 else "")
-        console.print(f"left out, without a depth and a force above 0: line {some}")
+    for lines, why in (
+        (measured.left_out, "no force above 0"),
+        (measured.before_zero, "a force at a depth of 0 or less, so perhaps a contact before the zero of depth"),
+    ):
+        if lines:
+            some = ", ".join(map(str, lines[:5])) + (", ..." if len(lines) > 5 else "")
+            console.print(f"left out, {why}: line {some}", soft_wrap=True)
 
 
 def print_models(fitted: list[FittedModel]) -> None:
@@ -87,7 +94,15 @@ def print_models(fitted: list[FittedModel]) -> None:
         table.add_row(each.model.name, modulus, others, f"{fit.rms:.1%}", _scatter(each), chance, verdict)
     console.print()
     (console if console.is_terminal else Console(width=WIDE, highlight=False)).print(table)
-    console.print(f"\nThe data tell a model apart from the best one if its chance is below {LEAST_CHANCE:g}.")
+    print_level(fitted)
+
+
+def print_level(fitted: list[FittedModel]) -> None:
+    """Print from which chance on the data tell a model apart, and why."""
+    level, many = fitted[0].level, LEAST_CHANCE / fitted[0].level
+    why = f" ({LEAST_CHANCE:g} over {many:.0f} competing models)" if many > 1.5 else ""
+    console.print(f"\nThe data tell a model apart from the best one if its chance is below {level:.2g}{why}.",
+                  soft_wrap=True)  # fmt: skip
 
 
 def _scatter(each: FittedModel) -> str:

@@ -74,6 +74,30 @@ def test_known_errors_bound_an_interval_from_below():
     assert bad.intervals["E"].high - bad.intervals["E"].low > 3.5 * (lucky.high - lucky.low)
 
 
+@pytest.mark.parametrize("std", [0.001, 0.05])
+def test_chance_and_interval_agree(std):
+    """A fit with an offset of 0 is told apart where the interval of the offset does not hold 0, and only there."""
+    noise, told = np.random.default_rng(6).normal(size=len(DEPTH)), set()
+    for offset in (0.0, 0.01, 0.02, 0.04, 0.08):
+        measured = E * forces({"offset": offset}) * (1.0 + 0.001 * noise)
+        alone, fit = (
+            problem(measured, *free, sigma=std * measured, is_absolute=True).fit() for free in ((), ("offset",))
+        )
+        interval = fit.intervals["offset"]
+        assert (chance(alone, fit, True) < 1.0 - CONFIDENCE) == (not interval.low < 0.0 < interval.high)
+        told.add(interval.low > 0.0)
+    assert told == {True, False}
+
+
+def test_the_scatter_of_other_models_counts_from_the_known_errors_on():
+    """Two models that both fit better than the forces are known are not told apart."""
+    measured = E * forces({"offset": 0.01})
+    alone, power = (
+        problem(measured, *free, sigma=0.05 * measured, is_absolute=True).fit() for free in ((), ("power",))
+    )
+    assert alone.scatter > 3.0 * power.scatter and chance(alone, power, False) > 0.4
+
+
 def test_a_parameter_that_forces_do_not_feel_is_not_determined():
     measured = E * forces({}) * (1.0 + 0.02 * np.random.default_rng(2).normal(size=8))
     fit = LeastSquares(measured, measured, lambda values: forces({}), {"idle": (0.0, 1.0)}).fit()

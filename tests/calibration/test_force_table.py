@@ -12,16 +12,17 @@ FREE = ("nu", "friction")
 @pytest.fixture(scope="module")
 def table():
     rig = FormulaRig()
-    return ForceTable(rig, rig.values(), (*FREE, "offset"), 2.0)
+    return ForceTable(rig, rig.values(), (*FREE, "offset"), depths_to(2.0, 0.1))
 
 
 def test_depths_reach_the_deepest_with_its_offset():
-    depths = depths_to(2.0)
+    depths = depths_to(2.0, 0.1)
+    assert depths_to(2.0)[-1] == 2.0
     assert len(depths) == DEPTHS and depths[-1] == pytest.approx(2.2) and depths[0] == pytest.approx(0.11)
 
 
 def test_forces_at_knots_are_those_of_the_presses(table):
-    depth = depths_to(2.0)
+    depth = table.depth_mm
     for nu, friction in ((0.3, 0.0), (0.475, 0.2), (0.4999, 1.0)):
         force = table.force({"nu": nu, "friction": friction}, depth)
         np.testing.assert_allclose(force, formula(nu, friction, 0.0, depth), rtol=1e-12)

@@ -23,7 +23,7 @@ def test_columns_come_in_any_order_and_case(tmp_path):
 
 def test_rows_without_load_are_left_out(tmp_path):
     found = read_forces(written(tmp_path, "depth_mm,force_n\n0,0.01\n0.1,-0.02\n\n0.5,1.5\n1.0,6\n"))
-    assert found.left_out == (2, 3)
+    assert found.left_out == (3,) and found.before_zero == (2,)
     np.testing.assert_allclose(found.depth_mm, [0.5, 1.0])
 
 
@@ -43,6 +43,12 @@ def test_a_long_curve_becomes_a_few_points():
     assert found.force_n[0] > 1.05 * found.depth_mm[0] ** 1.5
 
 
+def test_rows_of_an_interval_are_not_independent():
+    depth = np.linspace(0.001, 2.0, 5000)
+    found = average(np.column_stack([depth, depth**1.5, np.where(np.arange(5000) % 2, 0.03, 0.04)]))
+    np.testing.assert_allclose(found.sigma_n, np.sqrt(0.5 * (0.03**2 + 0.04**2)))  # not over sqrt(250)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -53,6 +59,7 @@ def test_a_long_curve_becomes_a_few_points():
         ("depth_mm,force_n\n0.5,1\n1.0,many\n", "line 3: force_n 'many': allowed: a number"),
         ("depth_mm,force_n\n0.5,1\n1.0,\n", "line 3: force_n ''"),
         ("depth_mm,force_n\n0.5,1\n1.0\n", "line 3: force_n ''"),
+        ("depth_mm,force_n\n0.5,1\n0.5,1,65\n", "line 3: 3 cells; allowed: 2, as in the first line"),
         ("depth_mm,force_n\n0.5,nan\n1.0,2\n", "line 2: force_n 'nan'"),
         ("depth_mm,force_n\n0.5,1\ninf,2\n", "line 3: depth_mm 'inf'"),
         ("depth_mm,force_n,std_n\n0.5,1,0\n1,2,1\n", "line 2: std_n '0': allowed: a number above 0"),

@@ -1,6 +1,7 @@
 """A rig on the GelSight Mini's coarse mesh: its place, its forces and their scale, and what it refuses."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -41,8 +42,20 @@ def test_forces_are_proportional_to_e():
     solid = rig.solid(3.3e5, rig.values(c20=0.02))
     assert solid.law == "yeoh" and solid.c20_pa == pytest.approx(6600.0)
     result = press(Scene(gel(), solid), [rig.shape], rig.pose[None], DEPTH * MM)[0]
-    np.testing.assert_allclose(np.linalg.norm(result.force, axis=1), 3.3e5 * curve.force, rtol=1e-9)
+    np.testing.assert_allclose(result.force @ rig.pose[:3, 1], 3.3e5 * curve.force, rtol=1e-9)
     assert rig.press(rig.values(c20=0.02), DEPTH) is curve  # not pressed again
+
+
+def test_the_force_is_that_along_the_press(monkeypatch):
+    """A load cell in the axis of the press does not feel the force across it."""
+    rig = make((-4.0, 3.0))
+    along, across = rig.pose[:3, 1], rig.pose[:3, 0]
+    result = SimpleNamespace(status=np.zeros(2, np.int8), force=np.array([3.0 * along + 4.0 * across, 6.0 * along]),
+                             force_error_estimate=np.zeros(2))  # fmt: skip
+    monkeypatch.setattr("simgen.calibration.rig.press", lambda *_, **__: [result])
+    monkeypatch.setattr("simgen.calibration.rig.Scene", lambda *_, **__: None)
+    monkeypatch.setattr("simgen.calibration.rig.has_values", lambda status: np.ones(2, bool))
+    np.testing.assert_allclose(1e6 * rig.press(rig.values(), np.array([0.1, 0.2])).force, [3.0, 6.0])
 
 
 @pytest.mark.slow
@@ -62,6 +75,8 @@ def test_it_refuses_places_depths_and_materials():
         _ = make((40.0, 0.0)).pose
     with pytest.raises(InputError, match=r"a depth of 3.9 mm leaves 0\.0\d* of the gel .*; allowed: at most 3\.\d+ mm"):
         make().check_room(3.9)
+    with pytest.raises(InputError, match=r"a depth of 3.7 mm, with 10% more for the offset, leaves"):
+        make().check_room(3.7, 0.1)
     make().check_room(2.2)
     with pytest.raises(InputError, match=r"material of gelsight_mini: youngs_modulus_pa: 1\.0 is not allowed"):
         make().solid(1.0, make().values())

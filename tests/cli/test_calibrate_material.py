@@ -47,7 +47,8 @@ def test_simulated_forces_give_their_material_back(tmp_path, monkeypatch, capfd)
         ("1,2\n2,5\n", f"{RIG} --fit mu", "--fit mu: allowed: nu, friction, c20, c30, offset, each once"),
         ("1,2\n2,5\n", f"{RIG} --at 7", "--at '7': write it as X,ARC in mm"),
         ("1,2\n2,5\n", f"{RIG} --at=40,0", "gelsight_mini: nothing to touch at x = 40 mm"),
-        ("1,2\n3.8,5\n", RIG, "gelsight_mini: a depth of 4.18 mm leaves"),
+        ("1,2\n3.8,5\n", RIG, "gelsight_mini: a depth of 3.8 mm, with 10% more for the offset, leaves"),
+        ("1,2\n3.9,5\n", f"{RIG} --fit nu", "gelsight_mini: a depth of 3.9 mm leaves"),
         ("1,2\n2,5\n", f"{RIG} -o none/fit.json", "no such folder none"),
         ("1,2\n2,5\n", "--sensor no_sensor --radius-mm 3", "no_sensor"),
     ],
@@ -55,6 +56,7 @@ def test_simulated_forces_give_their_material_back(tmp_path, monkeypatch, capfd)
 def test_bad_input_gets_one_line(tmp_path, monkeypatch, capfd, rows, options, words):
     file = forces(tmp_path, rows)
     monkeypatch.chdir(tmp_path)
-    code, _, errors = simgen(f"calibrate-material {file} {options}", monkeypatch, capfd)
+    code, out, errors = simgen(f"calibrate-material {file} {options}", monkeypatch, capfd)
+    assert out == ""  # nothing that looks as if it had begun
     check_refusal(code, "", errors, words)
     assert [path.name for path in tmp_path.iterdir()] == ["forces.csv"]

@@ -5,7 +5,7 @@ import pytest
 
 from simgen.calibration.fit import CurveFit, Interval
 from simgen.calibration.material_fit import FittedModel, MaterialModel
-from simgen.cli.material_view import in_words, print_models, print_warnings
+from simgen.cli.material_view import in_words, print_level, print_models, print_warnings
 
 FIXED = {"nu": 0.475, "friction": 0.0, "c20": 0.0, "c30": 0.0}
 
@@ -38,6 +38,9 @@ def test_models_and_warnings(capsys):
     out = capsys.readouterr().out
     assert "E, friction; nu 0.475" in out and "friction 0.1 (not determined)" in out
     assert out.count("told apart") == 1 and "nu 0.1 (at least 0.05)" in out
+    assert "its chance is below 0.05." in out
+    print_level([FittedModel(MaterialModel(FIXED), fitted().fit, level=0.05 / 7)])
+    assert "below 0.0071 (0.05 over 7 competing models)" in capsys.readouterr().out
     print_warnings(fitted("friction"))
     assert "friction is not determined by these data" in capsys.readouterr().out
     print_warnings(fitted("friction", degrees=0))

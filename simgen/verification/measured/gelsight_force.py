@@ -7,7 +7,15 @@ depth are not described. So E is fitted alone, with Poisson's ratio, and with th
 import numpy as np
 
 from simgen.calibration.fit import Interval
-from simgen.calibration.material_fit import Confirmation, FittedModel, MaterialModel, confirm, fit_models, simulate
+from simgen.calibration.material_fit import (
+    Confirmation,
+    FittedModel,
+    MaterialModel,
+    confirm,
+    fit_models,
+    offset_share,
+    simulate,
+)
 from simgen.calibration.measured_forces import MeasuredForces, read_forces
 from simgen.calibration.parameters import OFFSET
 from simgen.calibration.rig import Rig
@@ -37,12 +45,14 @@ def gelsight_force(context: Context) -> Outcome:
     measured, sensor = read_forces(file), load_sensor("gelsight_mini", MESH)
     rig = Rig(sensor, rigid_shape(Kind.SPHERE, SPHERE_MM), sensor.materials["solid"], device=context.device)
     chosen = models(rig)
+    rig.check_room(measured.deepest_mm, offset_share(chosen))
     for _ in simulate(rig, chosen, measured.deepest_mm):
         pass
     fitted = fit_models(rig, chosen, measured)
-    confirmed = confirm(rig, fitted[0], measured)
-    return Outcome(_rows(rig, fitted, confirmed), [_table(measured, fitted)], _curves(measured, fitted),
-                   [f"best: {fitted[0].model.name}; a model is told from it if its chance is below 0.05"])  # fmt: skip
+    confirmed = confirm(rig, fitted, measured)
+    best = fitted[0]
+    note = f"best: {best.model.name}; a model is told from it if its chance is below {best.level:.2g}"
+    return Outcome(_rows(rig, fitted, confirmed), [_table(measured, fitted)], _curves(measured, fitted), [note])
 
 
 def _rows(rig: Rig, fitted: list[FittedModel], confirmed: Confirmation) -> list[Row]:
