@@ -17,7 +17,7 @@ LARGEST_MM = 1e3  # radius of a sphere
 
 @dataclass(frozen=True)
 class RigChoice:
-    """What a user says about a rig.
+    """A rig as the user describes it.
 
     sensor : a bundled sensor, or the folder of a ``sensor.yaml``; mesh : of it; material : a preset of it
     indenter : a bundled name or a closed mesh, in ``unit``; or ``radius_mm`` of a sphere

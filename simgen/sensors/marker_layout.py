@@ -1,4 +1,4 @@
-"""Where dots are printed: the sensor's own markers, a grid, or the points of a CSV file."""
+"""Layout of printed dots: the sensor's own markers, a grid, or the points of a CSV file."""
 
 import re
 from dataclasses import dataclass

@@ -178,7 +178,7 @@ def _imprint(picture: Path, nothing: np.ndarray, imprint: Circle | None) -> Circ
 
 
 def _lines(found: CameraFit, gel: SeenGel, image: Pinhole, camera: Camera) -> Iterator[str]:
-    """What was found, each with its standard error."""
+    """Lines with each fitted value and its standard error."""
     share, turn, *centre = found.errors
     scale, own = found.focal_px / gel.apex_mm, image.focal / gel.apex_mm
     view = 2.0 * math.degrees(math.atan(0.5 * image.height / found.focal_px))
@@ -205,7 +205,7 @@ def _lines(found: CameraFit, gel: SeenGel, image: Pinhole, camera: Camera) -> It
 
 
 def _place_lines(before: Camera, moved: Camera, gel: SeenGel, is_placed: bool) -> Iterator[str]:
-    """Where the camera is over the gel, and what nothing here determines."""
+    """Lines with the camera's place over the gel, and with what the pictures do not determine."""
     if is_placed:
         away = MM_PER_M * float(np.linalg.norm(moved.position - before.position))
         yield f"camera: {away:.3f} mm beside its place in the sensor.yaml"

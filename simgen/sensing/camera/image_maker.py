@@ -1,4 +1,4 @@
-"""What all renderers share: from the surfaces of samples to images, with printed dots if there are any."""
+"""Base of all renderers: images from the surfaces of samples, with printed dots if there are any."""
 
 from abc import ABC, abstractmethod
 from functools import cached_property

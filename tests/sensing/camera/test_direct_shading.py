@@ -42,7 +42,7 @@ def tilted() -> PhotometricGel:
 
 @pytest.mark.parametrize("kind", ["dome", "plane"])
 def test_own_lights_give_the_model_s_picture(digit, kind):
-    """Of the untouched gel and of a ball in it. Half a level is rounding."""
+    """Compare the untouched gel and a ball in it. Half a level is rounding."""
     gel = digit if kind == "dome" else tilted()
     shading, photometry = shading_of(gel), gel.photometry
     gain = np.full(3, photometry.albedo * gel.exposure)

@@ -1,4 +1,4 @@
-"""What renderers share: dots need displacements, and are drawn over whatever colours a renderer makes."""
+"""The base of renderers: dots need displacements, and are drawn over whatever colours a renderer makes."""
 
 from types import SimpleNamespace
 
