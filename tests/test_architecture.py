@@ -15,7 +15,7 @@ TESTS = Path(__file__).parent
 
 # In the order in which data walk. A folder imports from those before it. Everything may import `errors` and `units`.
 FOLDERS = ["config", "geometry", "sensors", "fem", "simulation", "dataset", "pipeline", "sensing",
-           "calibration", "plotting", "learning", "report", "verification", "cli"]  # fmt: skip
+           "calibration", "plotting", "learning", "report", "verification", "view", "cli"]  # fmt: skip
 FLOOR = {folder: number for number, folder in enumerate(["errors", "units", *FOLDERS])}
 FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
          for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem != "__init__"}  # fmt: skip
@@ -77,6 +77,7 @@ def test_no_module_imports_itself_in_a_circle():
 def test_each_heavy_package_has_its_place():
     assert modules_with("dask", "distributed") == {"pipeline.workers"}
     assert {module.split(".")[0] for module in modules_with("typer")} == {"cli"}
+    assert {module.split(".")[0] for module in modules_with("nicegui", "fastapi", "starlette")} <= {"view"}
     torch = modules_with("torch", "safetensors")
     assert {module.split(".")[0] for module in torch} - {"cli"} == {"learning", "dataset"}
     assert {module for module in torch if module.startswith("dataset")} == {"dataset.loading"}
