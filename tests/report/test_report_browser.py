@@ -4,38 +4,22 @@ Needs chromium and chromedriver; skipped without them.
 """
 
 import io
-import json
-import shutil
 
 import fake
 import numpy as np
 import pytest
+from chromium import PATIENCE_S, complaints, needs_browser, requested, started_browser, width_of
 from PIL import Image
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
 
 from simgen.pipeline.run import run
 from simgen.report import write_report
 
-selenium = pytest.importorskip("selenium", reason="selenium, of the extra `dev`, is not installed")
-
-from selenium import webdriver  # noqa: E402
-from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
-from selenium.webdriver.common.by import By  # noqa: E402
-from selenium.webdriver.support.ui import WebDriverWait  # noqa: E402
-
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
-FLAGS = (
-    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--use-angle=swiftshader", "--enable-unsafe-swiftshader",  # WebGL without a GPU
-)  # fmt: skip
-PATIENCE_S = 60  # until a page is drawn in software on a busy machine
 SENSORS = tuple(fake.make_job().sensors)
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not (BROWSER and DRIVER), reason="chromium and chromedriver are not installed"),
-]
+pytestmark = [pytest.mark.slow, needs_browser]
 
 
 @pytest.fixture(scope="module")
@@ -44,19 +28,11 @@ def browser(tmp_path_factory):
     folder = tmp_path_factory.mktemp("browser")
     dataset = run(fake.make_plan(fake.make_job()), folder / "d.zarr", build=fake.failing_presser)
     write_report(dataset, folder / "d.html")
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    for flag in (*FLAGS, f"--user-data-dir={folder / 'profile'}", "--window-size=1200,1000"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
-    try:
+    with started_browser(folder / "profile") as driver:
         driver.get((folder / "d.html").as_uri())
         for sensor in SENSORS:
             WebDriverWait(driver, PATIENCE_S).until(lambda _, sensor=sensor: colours(driver, sensor) > 50)
         yield driver
-    finally:
-        driver.quit()
 
 
 def solid_view(driver, sensor: str):
@@ -84,15 +60,11 @@ def shown_vertices(driver, sensor: str) -> np.ndarray:
 
 
 def test_the_browser_has_nothing_to_complain_of(browser):
-    complaints = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
-    assert complaints == []
+    assert complaints(browser) == []
 
 
 def test_no_request_leaves_the_page(browser):
-    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    requests = [message["params"] for message in messages if message["method"] == "Network.requestWillBeSent"]
-    asked = [each["request"]["url"] for each in requests if each["documentURL"] == browser.current_url]
-    assert [url[:80] for url in asked if not url.startswith(("data:", "blob:"))] == [browser.current_url]
+    assert [url[:80] for url in requested(browser)] == [browser.current_url]
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
@@ -115,15 +87,9 @@ def test_the_slider_moves_the_mesh(browser, sensor):
 
 @pytest.mark.parametrize("width", [390, 1200])
 def test_nothing_is_wider_than_the_screen(browser, width):
-    browser.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 500},
-    )
-    try:
+    with width_of(browser, width):
         for details in browser.find_elements(By.TAG_NAME, "details"):
             browser.execute_script("arguments[0].open = true", details)
         # A phone's window grows with what is too wide; plotly.js follows a window that changes after a moment.
         script = "return innerWidth == arguments[0] && document.scrollingElement.scrollWidth <= innerWidth"
         WebDriverWait(browser, PATIENCE_S).until(lambda driver: driver.execute_script(script, width))
-    finally:
-        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
