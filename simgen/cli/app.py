@@ -27,6 +27,7 @@ from simgen.cli.options import (
     named_after,
     scheduler_address,
 )
+from simgen.cli.view import view
 from simgen.config.resources import bundled_jobs
 from simgen.errors import InputError, check_output_file, needs_extra
 
@@ -259,17 +260,17 @@ def validate(
 
     Reference data come from the folder $SIMGEN_REFERENCE. Cases that need them are skipped without it.
     """
-    from simgen.cli import validate as view
+    from simgen.cli import validate as printing
     from simgen.verification.validate import all_cases, runner
 
     if listed:
-        view.print_cases(all_cases().values())
+        printing.print_cases(all_cases().values())
         return
     cases = runner.choose(case or [], quick)
     context = runner.make_context(device, published, measured)
     for file in filter(None, (json_file, html_file)):
         check_output_file(file)
-    results = view.run_and_print(cases, context, workers)
+    results = printing.run_and_print(cases, context, workers)
     if json_file:
         from simgen.verification.validate.record import write_json
 
@@ -318,6 +319,7 @@ app.command()(images.render)
 app.command()(images.translate)
 app.command("calibrate-optics")(images.calibrate_optics)
 app.command("calibrate-material")(calibrate_material)
+app.command()(view)
 
 
 def main() -> None:

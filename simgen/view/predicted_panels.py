@@ -1,0 +1,92 @@
+"""Panels of what networks predict for a sample: electrodes, predicted gels and images, and how far they are off."""
+
+import html
+from collections.abc import Callable
+
+import numpy as np
+from nicegui import run, ui
+
+from simgen.view.colours import colours_of
+from simgen.view.opened_dataset import OpenedDataset
+from simgen.view.page_parts import CURVE_COLOURS, SensorPanel, data_url
+from simgen.view.predictions import Predicted
+from simgen.view.viewpoint import top_viewpoint
+
+PAD_NORMAL = np.array([0.0, -1.0, 0.0])
+
+
+class PredictedPanels:
+    """Predictions of the sample that is shown, beside the truth."""
+
+    def __init__(self, opened: OpenedDataset):
+        self._opened, self.predictions = opened, opened.predictions
+        source, target = self.predictions.source, self.predictions.target
+        names = html.escape(", ".join(self.predictions.networks))
+        with ui.element("div").classes("panel predicted").style("width: 100%"):
+            ui.html(f"<h3>Predicted by {names}</h3>", sanitize=False)
+            self._said = ui.label().classes("small")
+            self._shows = ui.toggle(
+                {"displacement": "predicted displacement", "difference": "distance from the truth"},
+                value="displacement", on_change=self._colour,
+            ).props("dense no-caps").classes("shows-difference")  # fmt: skip
+        self._predicted: Predicted | None = None
+        with ui.element("div").classes("panels") as self._panels:
+            self._gels = {name: SensorPanel(f"{html.escape(name)}, predicted") for name in (source, target)}
+            with ui.element("div").classes("panel"):
+                ui.html(f"<h3>Electrodes of the {html.escape(source)}</h3>", sanitize=False)
+                self._electrodes = ui.plotly({"data": [], "layout": {}}).classes("plot electrodes")
+            with ui.element("div").classes("panel"):
+                ui.html(f"<h3>Image of the {html.escape(target)}, predicted; difference</h3>", sanitize=False)
+                with ui.element("div").classes("row-line"):
+                    self._image = ui.interactive_image().style("width: 45%")
+                    self._difference = ui.interactive_image().style("width: 45%")
+        for name, panel in self._gels.items():
+            surface = self.predictions.surfaces[name].surface
+            panel.put_gel(surface)
+            panel.look(top_viewpoint(PAD_NORMAL, surface.rest_mm.mean(axis=0)), surface)
+
+    async def draw(self, press: int, step: int, is_old: Callable[[], bool]) -> None:
+        """Predict a sample and draw it, unless ``is_old`` says that another sample is shown by then."""
+        why_not = self.predictions.why_not(press, step)
+        self._said.text = why_not
+        self._panels.set_visibility(not why_not)
+        if why_not:
+            return
+        predicted = await run.io_bound(self.predictions.of_sample, press, step)
+        if is_old() or predicted is None:
+            return
+        self._predicted = predicted
+        self._colour()
+        self._electrodes.update_figure(electrode_figure(predicted.signals, predicted.at_rest))
+        for image, picture in ((self._image, predicted.image), (self._difference, predicted.difference)):
+            image.set_visibility(picture is not None)
+            if picture is not None:
+                image.set_source(data_url(picture))
+
+    def _colour(self) -> None:
+        if self._predicted is None:
+            return
+        for name, panel in self._gels.items():
+            own = self._predicted.surfaces[name]
+            panel.move_gel(own.positions_mm, getattr(own, self._shows.value))
+            panel.caption.text = f"off by {own.rmse_um:.3g} um (root mean square)"
+
+
+def electrode_figure(signals: np.ndarray, at_rest: np.ndarray) -> dict:
+    """A bar for each electrode: its signal (electrode,), V, and its signal without contact."""
+    numbers = list(range(1, len(signals) + 1))
+    change = np.abs(signals - at_rest)
+    colours = [f"rgb({r},{g},{b})" for r, g, b in colours_of(change, float(change.max())).tolist()]
+    data = [
+        {"type": "bar", "x": numbers, "y": signals.tolist(), "marker": {"color": colours}, "name": "signal"},
+        {"type": "scatter", "mode": "markers", "x": numbers, "y": at_rest.tolist(), "name": "without contact",
+         "marker": {"symbol": "line-ew-open", "size": 12, "color": CURVE_COLOURS[0]}},
+    ]  # fmt: skip
+    low, high = (float(each) for each in (min(signals.min(), at_rest.min()), max(signals.max(), at_rest.max())))
+    room = 0.1 * (high - low) or 0.1
+    layout = {
+        "margin": {"l": 48, "r": 8, "t": 8, "b": 36}, "showlegend": False,
+        "xaxis": {"title": {"text": "electrode"}},
+        "yaxis": {"title": {"text": "V"}, "range": [low - room, high + room]},
+    }  # fmt: skip
+    return {"data": data, "layout": layout, "config": {"displaylogo": False, "displayModeBar": False}}
