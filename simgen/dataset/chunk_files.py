@@ -106,10 +106,15 @@ def check_frames(array: zarr.Array, root: Path, name: str, not_read: Collection[
         return
     for file in (root / name / "c").rglob("*"):
         if file.is_file() and file.relative_to(root).as_posix() not in not_read:
-            with open(file, "rb") as opened:
-                head = opened.read(16)  # the last four bytes are the compressed size
-            if len(head) < 16 or int.from_bytes(head[12:], "little") != file.stat().st_size:
-                raise ValueError(f"{file.relative_to(root)}: not what Blosc writes")
+            check_frame(root, file.relative_to(root).as_posix())
+
+
+def check_frame(root: Path, file: str) -> None:
+    """Raise `ValueError` if a file below ``root``, compressed by Blosc, is not as long as its header says."""
+    with open(root / file, "rb") as opened:
+        head = opened.read(16)  # the last four bytes are the compressed size
+    if len(head) < 16 or int.from_bytes(head[12:], "little") != (root / file).stat().st_size:
+        raise ValueError(f"{file}: not what Blosc writes")
 
 
 def is_sharded(array: zarr.Array) -> bool:

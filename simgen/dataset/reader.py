@@ -53,7 +53,7 @@ import zarr
 from simgen.config.indenter_path import IndenterPath
 from simgen.config.job import job_from_resolved
 from simgen.config.job_schema import Job
-from simgen.dataset.chunk_files import check_frames, chunk_path, is_sharded, open_sharded
+from simgen.dataset.chunk_files import check_frame, check_frames, chunk_path, is_sharded, open_sharded
 from simgen.dataset.stored_arrays import NOT_REACHED, REST_DEPTH, Array, axis_lengths, written_arrays
 from simgen.errors import InputError, shown
 
@@ -272,6 +272,18 @@ class Dataset:
                 self._check_exists(chunk_path(name, shard, 1 + len(self.arrays[name].shape)))
         with self._reading(name):
             return self._sharded(name)[press, depth]
+
+    def of_press(self, name: str, press: int) -> np.ndarray:
+        """Read one press of an array that has one chunk for each shard; fill values if the press is not there yet."""
+        array, (shard,) = self.arrays[name], self._shards_of(press)
+        if not (self.path / "manifest" / f"{shard:06d}.json").exists():
+            return np.full(array.shape, array.fill, array.dtype)
+        file = chunk_path(name, shard, 1 + len(array.shape))
+        self._check_exists(file)
+        stored = self.array(name)
+        with self._reading(name):
+            check_frame(self.path, file)
+            return stored[press]
 
     def in_unit(self, name: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """Read some presses and depths of an array that has a chunk for each sample, in its unit, as floats.

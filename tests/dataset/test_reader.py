@@ -32,6 +32,21 @@ def test_what_is_written_is_read_back(dataset):
             np.testing.assert_array_equal(stored, expected)
 
 
+def test_one_press_is_read_alone(dataset):
+    """Also where another press's file is gone; a press that is not there yet has fill values."""
+    for shard in (0, 1):
+        write_shard(dataset, shard, shard_values(dataset, shard))
+    names = ("digit/force", "biotac/status", "biotac/touch", "press/pose")
+    expected = {name: dataset[name] for name in names}
+    for name in names:
+        np.testing.assert_array_equal(dataset.of_press(name, 3), expected[name][3])
+        np.testing.assert_array_equal(dataset.of_press(name, 5), expected[name][5])
+        (dataset.path / chunk_path(name, 0, dataset.array(name).ndim)).unlink()
+        np.testing.assert_array_equal(dataset.of_press(name, 3), expected[name][3])
+        with pytest.raises(InputError, match=f"{name}/.*: is gone"):
+            dataset.of_press(name, 1)
+
+
 def test_float32_displacement_is_a_choice_of_the_job(tmp_path):
     job = fake.make_job(dataset={"displacement": "float32", "presses_per_shard": 5})
     dataset = make(tmp_path / "d.zarr", job)
@@ -118,6 +133,9 @@ def test_a_rotten_chunk_is_an_error_not_the_end_of_the_process(dataset, name, sp
     file.write_bytes(spoil(file.read_bytes()))
     with pytest.raises(InputError, match=f"{name}: cannot be read"):
         Dataset(dataset.path)[name]
+    if not name.endswith("displacement"):
+        with pytest.raises(InputError, match=f"{name}: cannot be read"):
+            Dataset(dataset.path).of_press(name, 2)
 
 
 def test_the_job_in_a_dataset_is_the_job(dataset):

@@ -1,0 +1,49 @@
+"""Datasets of the stand-in, as the view shows them."""
+
+import shutil
+
+import fake
+import pytest
+
+from simgen.dataset.reader import Dataset
+from simgen.pipeline.run import run
+
+
+def made(path, build=fake.fake_presser, **changes) -> Dataset:
+    return run(fake.make_plan(fake.make_job(**changes)), path, build=build)
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory) -> Dataset:
+    """Four contacts, three indenters, four depths of 0.1 to 0.4 mm on a digit and a biotac, all converged."""
+    return made(tmp_path_factory.mktemp("whole") / "d.zarr")
+
+
+@pytest.fixture(scope="session")
+def failing(tmp_path_factory) -> Dataset:
+    """The same; the ring stalls from the third depth on."""
+    return made(tmp_path_factory.mktemp("failing") / "d.zarr", fake.failing_presser)
+
+
+@pytest.fixture(scope="session")
+def estimating(tmp_path_factory) -> Dataset:
+    """The same with estimated errors of the digit: 1 to 3 um for the sphere, twice as many for each next indenter."""
+    outputs = {"digit": fake.ESTIMATES}
+    return made(tmp_path_factory.mktemp("estimating") / "d.zarr", fake.estimating_presser, outputs=outputs)
+
+
+@pytest.fixture(scope="session")
+def sliding(tmp_path_factory) -> Dataset:
+    """Four depths, then two steps of 0.5 mm along x, with a turn of 20 degrees."""
+    path = [{"move_mm": [0.5, 0.0, 0.0], "turn_deg": 20.0, "steps": 2}]
+    return made(tmp_path_factory.mktemp("sliding") / "d.zarr", trajectories={"count": 2, "path": path})
+
+
+@pytest.fixture
+def unfinished(whole, tmp_path) -> Dataset:
+    """The first four presses of twelve are there."""
+    path = shutil.copytree(whole.path, tmp_path / "d.zarr")
+    for number in range(2, 6):
+        for file in (f"manifest/{number:06d}.json", *whole.shard_files(number)):
+            (path / file).unlink()
+    return Dataset(path)
