@@ -46,9 +46,7 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
         write_plan(folder, attributes, planned, job)
 
 
-def write_plan(
-    folder: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
-) -> None:
+def write_plan(folder: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
     """Fill an empty folder with everything that is known before the first press, and its manifest."""
     root = zarr.create_group(folder, attributes={"schema": SCHEMA, **attributes})
     for name, values in planned.items():
@@ -81,9 +79,7 @@ def _create_written(root: zarr.Group, name: str, array: Array, presses: int, per
     )
 
 
-def open_or_create(
-    path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
-) -> Dataset:
+def open_or_create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> Dataset:
     """Create the dataset of this plan, or open that of an earlier, unfinished run.
 
     Raises `InputError` with the difference if the folder holds another job, code or mesh.
@@ -129,9 +125,12 @@ def grows(dataset: Dataset, job: Job) -> bool:
 
 
 def with_count(job: Job, count: int) -> dict[str, Any]:
-    """The resolved job with another number of trajectories."""
+    """The resolved job with another number of trajectories; of given contacts, the first ones."""
     plain = job.resolved()
-    return plain | {"trajectories": plain["trajectories"] | {"count": count}}
+    trajectories = plain["trajectories"] | {"count": count}
+    if given := trajectories.get("contacts"):
+        trajectories["contacts"] = given[:count]
+    return plain | {"trajectories": trajectories}
 
 
 def check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:
@@ -140,9 +139,7 @@ def check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:
     asked = {key: value for key, value in asked.items() if key != "grown_from"}
     if own != asked or own["job_hash"] != asked["job_hash"]:
         changes = difference(own, asked)
-        shown = (
-            "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
-        )
+        shown = "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
         raise InputError(f"{dataset.path}: holds another dataset ({shown}); remove it or choose another --output")
 
 
