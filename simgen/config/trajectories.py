@@ -27,7 +27,9 @@ class Leg(StrictSection):
         **allowed("[x, y, z] in the contact frame, each -10 to 10 mm; +y presses"),
     )
     turn_deg: Angle = Field(0.0, description="Right-handed turn on this leg about +y, the press axis")
-    steps: int = Field(ge=1, le=1000, description="Number of samples on the leg, evenly spaced; the last is at its end")
+    steps: int = Field(
+        ge=1, le=1000, description="Number of samples on the leg, evenly spaced; the last is at its end"
+    )
 
     @model_validator(mode="after")
     def _goes_somewhere(self) -> "Leg":

@@ -46,7 +46,9 @@ def create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.n
         write_plan(folder, attributes, planned, job)
 
 
-def write_plan(folder: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> None:
+def write_plan(
+    folder: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
+) -> None:
     """Fill an empty folder with everything that is known before the first press, and its manifest."""
     root = zarr.create_group(folder, attributes={"schema": SCHEMA, **attributes})
     for name, values in planned.items():
@@ -79,7 +81,9 @@ def _create_written(root: zarr.Group, name: str, array: Array, presses: int, per
     )
 
 
-def open_or_create(path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job) -> Dataset:
+def open_or_create(
+    path: Path, attributes: Mapping[str, Any], planned: Mapping[str, np.ndarray], job: Job
+) -> Dataset:
     """Create the dataset of this plan, or open that of an earlier, unfinished run.
 
     Raises `InputError` with the difference if the folder holds another job, code or mesh.
@@ -139,7 +143,9 @@ def check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:
     asked = {key: value for key, value in asked.items() if key != "grown_from"}
     if own != asked or own["job_hash"] != asked["job_hash"]:
         changes = difference(own, asked)
-        shown = "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
+        shown = (
+            "; ".join(change for change in changes if not change.startswith("job_hash")) or "order of sensors"
+        )
         raise InputError(f"{dataset.path}: holds another dataset ({shown}); remove it or choose another --output")
 
 

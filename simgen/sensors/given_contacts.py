@@ -41,7 +41,7 @@ def given_contacts(
         indented = ()
     found = []
     for i, given in enumerate(settings.contacts):
-        contact = _contact(room.skin, given)
+        contact = contact_on(room.skin, given)
         complaint = _no_skin(room, given) if not len(contact.points) else _no_room(room, contact)
         complaint = complaint or next(filter(None, (_no_partner(other, contact) for other in other_rooms)), None)
         complaint = complaint or _too_little_gel(sensors, contact, indented, settings.least_thickness_left)
@@ -78,8 +78,8 @@ def place_on_skin(sensor: Sensor, point_m: np.ndarray) -> tuple[float, float]:
     )
 
 
-def _contact(skin: Skin, given: GivenContact) -> Contacts:
-    """One contact, or none off the skin."""
+def contact_on(skin: Skin, given: GivenContact) -> Contacts:
+    """The contact on a developed skin, without a check of the rules; no contact if the place is off the skin."""
     tilt, azimuth, roll = np.radians([[given.tilt_deg], [given.azimuth_deg], [given.roll_deg]])
     return contacts_at(skin, MM * np.array([given.x_mm]), MM * np.array([given.arc_mm]), np.cos(tilt), azimuth, roll)
 
