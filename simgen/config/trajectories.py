@@ -1,9 +1,10 @@
 """Sections of a job for contacts, depths, and the path after a press."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from simgen.config.allowed_values import allowed
 from simgen.config.indenter_path import IndenterPath, press_path, with_legs
@@ -12,6 +13,7 @@ from simgen.units import MM
 
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 Move = Annotated[float, Field(ge=-10.0, le=10.0)]
+MOST_TILT_DEG = 45.0
 FINEST_MM = 1e-6  # depths are rounded to nanometres
 DEEPEST_INT16_MM = 3.2  # deeper presses would need steps of more than 0.2 um, see `Job.displacement_step_m`
 
@@ -39,14 +41,45 @@ class Leg(StrictSection):
         return self
 
 
+class GivenContact(StrictSection):
+    """One contact at a given place on the unrolled skin of the first sensor."""
+
+    x_mm: float = Field(ge=-1000.0, le=1000.0, description="Position along the finger, x of the first sensor's frame")
+    arc_mm: float = Field(
+        ge=-1000.0, le=1000.0,
+        description="Length along the skin's cross-section at this x, from the centre line of the pad; positive "
+        "towards +z",
+    )  # fmt: skip
+    tilt_deg: float = Field(
+        0.0, ge=0.0, le=MOST_TILT_DEG, description="Tilt of the press axis from the inward normal of the skin"
+    )
+    azimuth_deg: float = Field(
+        0.0, ge=-360.0, le=360.0,
+        description="Direction of the tilt about the inward normal. On the pad, 0 tilts the axis towards +x, and 90 "
+        "towards +z",
+    )  # fmt: skip
+    roll_deg: Angle = Field(0.0, description="Turn of the indenter about the press axis")
+
+
 class Trajectories(StrictSection):
     """Number and variation of the contact poses, and the path after each press."""
 
-    count: int = Field(
-        ge=1, le=1_000_000, description="Number of contact poses. At each, every indenter presses every sensor"
+    contacts: tuple[GivenContact, ...] = Field(
+        (),
+        exclude_if=lambda contacts: not contacts,
+        description="Contacts at given places, in place of drawn ones. Each must obey the rules below, as a drawn one "
+        "does; `max_tilt_deg` and `roll_range_deg` hold for drawn ones alone",
+        **allowed("a list of contacts {x_mm, arc_mm, tilt_deg, azimuth_deg, roll_deg}"),
     )
+    count: int = Field(
+        default_factory=lambda checked: len(checked.get("contacts", "?")) or None,  # bad contacts are one error
+        validate_default=True,
+        ge=1, le=1_000_000,
+        description="Number of contact poses. At each, every indenter presses every sensor. With `contacts` it is "
+        "their number, and may be left out",
+    )  # fmt: skip
     max_tilt_deg: float = Field(
-        5.0, ge=0.0, le=45.0, description="Largest tilt of the press axis from the surface normal"
+        5.0, ge=0.0, le=MOST_TILT_DEG, description="Largest tilt of the press axis from the surface normal"
     )
     roll_range_deg: tuple[Angle, Angle] = Field(
         (-90.0, 90.0),
@@ -85,6 +118,21 @@ class Trajectories(StrictSection):
         description="Motion of the indenter after it has pressed to the last depth, leg after leg",
         **allowed("a list of legs {move_mm, turn_deg, steps}"),
     )
+
+    @field_validator("count", mode="before")
+    @classmethod
+    def _given_or_counted(cls, count: Any) -> Any:
+        if count is None:
+            raise PydanticCustomError("missing", "Field required")
+        return count
+
+    @field_validator("count")
+    @classmethod
+    def _as_many_as_contacts(cls, count: int, info: ValidationInfo) -> int:
+        contacts = info.data.get("contacts", ())
+        if contacts and count != len(contacts):
+            raise ValueError(f"{count}, but there are {len(contacts)} contacts; allowed: their number, or no count")
+        return count
 
     @field_validator("too_thin")
     @classmethod

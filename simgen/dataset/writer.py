@@ -129,9 +129,12 @@ def grows(dataset: Dataset, job: Job) -> bool:
 
 
 def with_count(job: Job, count: int) -> dict[str, Any]:
-    """The resolved job with another number of trajectories."""
+    """The resolved job with another number of trajectories; of given contacts, the first ones."""
     plain = job.resolved()
-    return plain | {"trajectories": plain["trajectories"] | {"count": count}}
+    trajectories = plain["trajectories"] | {"count": count}
+    if given := trajectories.get("contacts"):
+        trajectories["contacts"] = given[:count]
+    return plain | {"trajectories": trajectories}
 
 
 def check_same(dataset: Dataset, asked: Mapping[str, Any]) -> None:

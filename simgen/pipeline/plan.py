@@ -20,9 +20,11 @@ from simgen.fem.elements.element import ELEMENTS
 from simgen.fem.nonlinear.status import Status
 from simgen.pipeline.image_resolution import coarse_images
 from simgen.sensors import pairing
+from simgen.sensors.given_contacts import given_contacts
 from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.pinhole import Pinhole
+from simgen.sensors.room import subset
 from simgen.sensors.sensor import Camera, Material, Sensor, load_sensor
 from simgen.sensors.sensor_meshes import OutputMeshFile
 from simgen.simulation.error_estimate import COARSER
@@ -110,7 +112,9 @@ def gel_under_indenters(
 def first_contacts(
     job: Job, sensors: Mapping[str, Sensor], count: int, indented: Mapping[str, LeastThickness]
 ) -> pairing.Draw:
-    """Draw the first ``count`` contacts of a job on the first of its sensors. Raises `InputError` if too few fit.
+    """Draw the first ``count`` contacts of a job on the first of its sensors, or place those that it gives.
+
+    Raises `InputError` if too few fit, or if one of those given does not fit.
 
     Output meshes that the job names do not change the contacts: sampling uses the sensors' own output meshes.
     ``indented`` is the result of `gel_under_indenters`.
@@ -121,6 +125,9 @@ def first_contacts(
     path = job.indenter_path
     deepest, reach = float(path.depths_m.max()), path.lateral_reach_m
     measures = () if job.stops_early else tuple(indented.values())
+    if job.trajectories.contacts:
+        given = given_contacts(reference, job.trajectories, deepest, others, reach, measures)
+        return pairing.Draw(subset(given, slice(count)), subset(given, slice(0)))
     return pairing.draw_contacts(reference, count, job.seed, deepest, job.trajectories, others, reach, measures)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,7 @@ class Plate:
         return outside + np.minimum(np.maximum(across, along), 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Support:
     """The rigid body that a gel rests on.
 
@@ -92,9 +93,16 @@ class Support:
 
     def shape(self, device: str) -> RigidShape:
         """Rigid shape in the sensor's frame; its distance is sampled every `SPACING_MM`."""
-        if isinstance(self.body, Plate):
-            return sampled_distance(self.body.distance, self.body.bounds_mm, SPACING_MM, MARGIN_MM)
-        return sampled_shape(self.body, SPACING_MM, MARGIN_MM, device)
+        return _sampled(self, device)
+
+
+@lru_cache(maxsize=4)
+def _sampled(support: Support, device: str) -> RigidShape:
+    """Sample a support, which takes 0.4 s: scenes of other materials, and places of contacts, need the same one."""
+    body = support.body
+    if isinstance(body, Plate):
+        return sampled_distance(body.distance, body.bounds_mm, SPACING_MM, MARGIN_MM)
+    return sampled_shape(body, SPACING_MM, MARGIN_MM, device)
 
 
 def load_support(keys: SupportSettings, folder: Path, gel: LabelledSurface) -> Support:

@@ -108,30 +108,57 @@ def follow(
     >>> (result.slip_share[2] < 0.3 < result.slip_share[3]).tolist()  # the turn makes half of the contact slide
     True
     """
+    path, steps = checked_path(len(shapes), poses, path_m, turns_rad, steps, max_force_n)
+    if not len(shapes):
+        return []
+    stepping, presses = begin(scene, shapes, poses, path, steps, max_force_n)
+    while stepping.remaining:
+        stepping.advance()
+    return [result_of(stepping, press) for press in presses]
+
+
+def checked_path(
+    count: int,
+    poses: np.ndarray,
+    path_m: np.ndarray,
+    turns_rad: np.ndarray | None,
+    steps: np.ndarray | None,
+    max_force_n: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Check the arguments of `follow` for so many presses.
+
+    Returns the path (d, 4), offsets in mm and turns in rad, and the steps (count,). Raises `InputError`.
+    """
     path_m = np.asarray(path_m, dtype=float)
     if path_m.ndim != 2 or path_m.shape[1] != 3 or not len(path_m) or not np.isfinite(path_m).all():
         raise InputError(f"path of shape {path_m.shape}: allowed: one or more points of three finite coordinates, m")
     turns_rad = np.zeros(len(path_m)) if turns_rad is None else np.asarray(turns_rad, dtype=float)
     if turns_rad.shape != path_m.shape[:1] or not np.isfinite(turns_rad).all():
         raise InputError(f"turns of shape {turns_rad.shape}: allowed: a finite angle, rad, for each point of the path")
-    steps = np.full(len(shapes), len(path_m)) if steps is None else np.asarray(steps)
-    if steps.shape != (len(shapes),) or ((steps < 0) | (steps > len(path_m))).any():
-        raise InputError(f"steps {shown(str(steps.tolist()))}: allowed: 0 to {len(path_m)} for each of {len(shapes)} "
-                         "presses")  # fmt: skip
+    steps = np.full(count, len(path_m)) if steps is None else np.asarray(steps)
+    if steps.shape != (count,) or ((steps < 0) | (steps > len(path_m))).any():
+        raise InputError(f"steps {shown(str(steps.tolist()))}: allowed: 0 to {len(path_m)} for each of {count} presses")
     if not max_force_n > 0.0:
         raise InputError(f"max_force_n {max_force_n}: allowed: above 0 N")
     if not np.isfinite(poses).all():
         raise InputError("poses: not finite; allowed: rigid transforms, m")
-    if not len(shapes):
-        return []
+    return np.column_stack([path_m * MM_PER_M, turns_rad]), steps
+
+
+def begin(
+    scene: Scene,
+    shapes: Sequence[RigidShape],
+    poses: np.ndarray,
+    path: np.ndarray,
+    steps: np.ndarray,
+    max_force_n: float,
+) -> tuple[LoadStepping, list[Press]]:
+    """Forget earlier presses of the scene, and queue presses (b,) along a path (d, 4) that `checked_path` returned."""
     distinct = list({id(shape): shape for shape in shapes}.values())
     number = {id(shape): i for i, shape in enumerate(distinct)}
     scene.reset(distinct)
-    stepping = LoadStepping(scene, np.column_stack([path_m * MM_PER_M, turns_rad]), max_force_n)
-    presses = begin_presses(stepping, distinct, [number[id(shape)] for shape in shapes], poses, steps)
-    while stepping.remaining:
-        stepping.advance()
-    return [result_of(stepping, press) for press in presses]
+    stepping = LoadStepping(scene, path, max_force_n)
+    return stepping, begin_presses(stepping, distinct, [number[id(shape)] for shape in shapes], poses, steps)
 
 
 def begin_presses(

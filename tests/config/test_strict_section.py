@@ -13,7 +13,7 @@ BAD = {
     "unknown nested": (
         "",
         ["trajectories.cuont=3"],
-        "cuont: unknown key; allowed: count.*did you mean count",
+        "cuont: unknown key; allowed: contacts, count.*did you mean count",
     ),
     "a leg of nothing": (
         "", ["trajectories.path=[{move_mm: [1e-7, 0, 0], steps: 1}]"],
