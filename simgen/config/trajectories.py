@@ -73,8 +73,8 @@ class Trajectories(StrictSection):
     )
     count: int = Field(
         None, validate_default=True, ge=1, le=1_000_000,
-        description="Number of contact poses. At each, every indenter presses every sensor. With `contacts` it is "
-        "their number, and may be left out",
+        description="Number of contact poses. At each, every indenter presses every sensor. Required, except with "
+        "`contacts`: then it is their number",
     )  # fmt: skip
     max_tilt_deg: float = Field(
         5.0, ge=0.0, le=MOST_TILT_DEG, description="Largest tilt of the press axis from the surface normal"
