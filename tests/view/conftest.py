@@ -3,12 +3,14 @@
 import shutil
 
 import fake
+import numpy as np
 import pytest
-from dataset.exchange.conftest import CELLS
+from scipy.spatial import Delaunay
 
 from simgen.dataset.exchange.exporting import export
 from simgen.dataset.exchange.importing import import_results
 from simgen.dataset.reader import Dataset
+from simgen.geometry.tetrahedra import signed_volumes
 from simgen.pipeline.run import run
 
 
@@ -47,7 +49,10 @@ def imported(failing, tmp_path_factory) -> Dataset:
     """What result files of `failing` say, and nothing else: no contacts, no certificates."""
     folder = tmp_path_factory.mktemp("imported")
     plan = fake.make_plan(failing.job)
-    plan.arrays.update({f"{sensor}/tetrahedra": CELLS for sensor in failing.sensors})  # mesh files need a volume
+    cells = Delaunay(fake.VERTICES).simplices.astype(np.int32)
+    turned = signed_volumes(fake.VERTICES, cells) < 0.0
+    cells[turned] = cells[turned][:, [1, 0, 2, 3]]
+    plan.arrays.update({f"{sensor}/tetrahedra": cells for sensor in failing.sensors})  # mesh files need a volume
     export(run(plan, folder / "whole.zarr", build=fake.failing_presser), "across", folder / "out")
     meshes = [f"{sensor}={folder}/out/rest_{sensor}.vtu" for sensor in failing.sensors]
     return import_results(sorted((folder / "out").glob("*.hdf5")), meshes, folder / "back.zarr")
