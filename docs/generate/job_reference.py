@@ -7,7 +7,7 @@ from simgen.config.job_schema import DatasetSettings, Job
 from simgen.config.resources import bundled_jobs
 from simgen.config.solver_settings import SolverSettings
 from simgen.config.strict_section import StrictSection
-from simgen.config.trajectories import Depths, Leg, Trajectories
+from simgen.config.trajectories import Depths, GivenContact, Leg, Trajectories
 
 # Headings and sections in the order of the page. NAME is the user's name of a sensor.
 SECTIONS: dict[str, type[StrictSection]] = {
@@ -17,6 +17,7 @@ SECTIONS: dict[str, type[StrictSection]] = {
     "sensors.NAME.output": OutputFile,
     "indenters": IndenterChoice,
     "trajectories": Trajectories,
+    "trajectories.contacts": GivenContact,
     "trajectories.path": Leg,
     "depths_mm": Depths,
     "solver": SolverSettings,
@@ -55,6 +56,12 @@ indenters: [sphere_7mm, ./egg.stl, {file: ./pin.stl, unit: mm, spacing_mm: 0.1}]
 """,
     "trajectories": """\
 trajectories: {count: 200, max_tilt_deg: 0, roll_range_deg: [0, 0]}   # straight presses, never turned
+""",
+    "trajectories.contacts": """\
+trajectories:
+  contacts:                                       # two contacts; count may be left out
+    - {x_mm: -6, arc_mm: 0}                       # on the centre line of the DIGIT's pad
+    - {x_mm: -8, arc_mm: 2.5, tilt_deg: 5, azimuth_deg: 90, roll_deg: 30}
 """,
     "trajectories.path": """\
 trajectories:

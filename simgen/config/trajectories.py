@@ -72,11 +72,9 @@ class Trajectories(StrictSection):
         **allowed("a list of contacts {x_mm, arc_mm, tilt_deg, azimuth_deg, roll_deg}"),
     )
     count: int = Field(
-        default_factory=lambda checked: len(checked.get("contacts", "?")) or None,  # bad contacts are one error
-        validate_default=True,
-        ge=1, le=1_000_000,
-        description="Number of contact poses. At each, every indenter presses every sensor. With `contacts` it is "
-        "their number, and may be left out",
+        None, validate_default=True, ge=1, le=1_000_000,
+        description="Number of contact poses. At each, every indenter presses every sensor. Required, except with "
+        "`contacts`: then it is their number",
     )  # fmt: skip
     max_tilt_deg: float = Field(
         5.0, ge=0.0, le=MOST_TILT_DEG, description="Largest tilt of the press axis from the surface normal"
@@ -121,10 +119,12 @@ class Trajectories(StrictSection):
 
     @field_validator("count", mode="before")
     @classmethod
-    def _given_or_counted(cls, count: Any) -> Any:
-        if count is None:
+    def _given_or_counted(cls, count: Any, info: ValidationInfo) -> Any:
+        if count is not None:
+            return count
+        if not (counted := len(info.data.get("contacts", "?"))):  # contacts that are not allowed are error enough
             raise PydanticCustomError("missing", "Field required")
-        return count
+        return counted
 
     @field_validator("count")
     @classmethod

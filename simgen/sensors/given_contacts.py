@@ -20,7 +20,7 @@ from simgen.units import MM, MM_PER_M
 
 ON_SKIN_M = 0.5e-3  # a point this near counts as on the skin: coarse triangles cut into a round one
 ARC_STEP_M = 0.25e-3  # of the arcs among which the nearest is sought first
-FINER, TIMES = 20, 5  # the arcs around the nearest are sought again so many times, in steps as much finer
+FINER, TIMES = 20, 6  # steps get finer by this factor, so many times: to 0.1 nm
 
 
 def given_contacts(
@@ -140,7 +140,9 @@ def _too_little_gel(
         poses = np.linalg.inv(unfold(sensors[0], sensor, contact)) @ indenter_poses(contact)
         least = float(thickness.shares(poses).min())
         if least < allowed:
-            left = "enters the core or the support" if least < 0.0 else f"leaves {least:.2g} of the gel's thickness"
+            left = f"leaves {least:.2g} of the thickness of the gel"
+            if least < 0.0:
+                left = "enters the rigid body behind the gel"
             return (
                 f"an indenter {left} of {sensor.name}; least_thickness_left allows {allowed:g}; press less deep, tilt "
                 "less, choose another place, or allow a smaller least_thickness_left (0: off)"

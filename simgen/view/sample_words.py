@@ -15,7 +15,6 @@ from simgen.view.press_table import kind_of
 from simgen.view.press_values import PressValues
 
 AT_FIRST_TOUCH = "First touch: the gel is at rest."
-NEVER_TOUCHED = "never"
 # Unit of an output -> unit in which it is read easily, and its factor.
 SHOWN_UNITS = {"m": ("um", UM_PER_M), "Pa": ("kPa", 1e-3), "N m": ("N mm", 1e3), "J": ("uJ", 1e6)}
 IN_M = "_m"  # ends the names of lengths
@@ -67,19 +66,20 @@ class SampleWords:
 
 
 def sample_words(values: PressValues, press: int, step: int) -> tuple[SampleWords, ...]:
-    """Describe a sample on each sensor, or first touch at step `AT_REST`. Raises `InputError` for an unreadable file."""
+    """Describe a sample on each sensor, or first touch at step `AT_REST`.
+
+    Raises `InputError` if a file cannot be read.
+    """
     return tuple(_on_sensor(values, sensor, press, step) for sensor in values.dataset.sensors)
 
 
 def _on_sensor(values: PressValues, sensor: str, press: int, step: int) -> SampleWords:
-    dataset, own = values.dataset, values.of(sensor, press)
-    touch = _touch(values, sensor, press)
-    if step == AT_REST:
-        code = int(own["status"][0])
-        return SampleWords(sensor, AT_FIRST_TOUCH, kind_of(code), False, (touch,))
-    code = int(own["status"][step])
+    dataset, own, touch = values.dataset, values.of(sensor, press), _touch(values, sensor, press)
+    code = int(own["status"][max(step, 0)])
+    if step == AT_REST and touch:
+        return SampleWords(sensor, AT_FIRST_TOUCH, kind_of(code), False, touch)
     status = NOT_THERE_YET if code == NOT_THERE else dataset.sentence(code)
-    if not has_values(code):
+    if step == AT_REST or not has_values(code):
         return SampleWords(sensor, status, kind_of(code), False)
     force = float(values.axial_force(sensor, press)[step])
     lines, certificate = [], []
@@ -94,13 +94,13 @@ def _on_sensor(values: PressValues, sensor: str, press: int, step: int) -> Sampl
                 certificate.append(_certificate(output, own[output.name][step], limits))
         elif output.is_sensor_value:
             lines.append(WordLine(_title(output), _in_words(output, own[output.name][step]), output.about))
-    return SampleWords(sensor, status, kind_of(code), bool(is_valid(code)), (*lines, touch), tuple(certificate))
+    return SampleWords(sensor, status, kind_of(code), bool(is_valid(code)), (*lines, *touch), tuple(certificate))
 
 
-def _touch(values: PressValues, sensor: str, press: int) -> WordLine:
+def _touch(values: PressValues, sensor: str, press: int) -> tuple[WordLine, ...]:
+    """A line about first touch; none if the sensor was never touched, or the dataset does not say."""
     travel, array = values.touch(sensor, press), values.dataset.arrays[f"{sensor}/touch"]
-    value = f"{UM_PER_M * travel:.4g} um" if np.isfinite(travel) else NEVER_TOUCHED
-    return WordLine("first touch", value, array.about)
+    return (WordLine("first touch", f"{UM_PER_M * travel:.4g} um", array.about),) if np.isfinite(travel) else ()
 
 
 def _limits(job: Job) -> dict[str, tuple[str, float]]:

@@ -246,3 +246,20 @@ def test_refused_contacts_grow_with_the_contacts(tmp_path, before):
     refused[0] += 1.0
     with pytest.raises(InputError, match="refused/points: differs from what the job plans"):
         run(plan(9, 5), folder, build=fake.fake_presser)
+
+
+def test_given_contacts_grow_by_more_of_them(tmp_path):
+    """The first contacts must be those of the dataset."""
+    places = [{"x_mm": float(x), "arc_mm": 0.0} for x in range(6)]
+
+    def with_contacts(chosen):
+        return fake.make_plan(make_job(4, trajectories={"contacts": chosen}))
+
+    run(with_contacts(places[:4]), tmp_path / "d.zarr", build=fake.fake_presser)
+    reports = []
+    grown = run(with_contacts(places), tmp_path / "d.zarr", on_report=reports.append, build=fake.fake_presser)
+    assert [report.shard for report in reports] == [4, 5] and grown.grown_from == (4,)
+    assert len(grown.job.trajectories.contacts) == 6 and passes(check(grown))
+    for other in (places[::-1], places[1:]):
+        with pytest.raises(InputError, match="holds another dataset"):
+            run(with_contacts(other), tmp_path / "d.zarr", build=fake.fake_presser)

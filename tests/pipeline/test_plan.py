@@ -230,3 +230,22 @@ def test_an_edit_of_what_a_user_brings_makes_another_dataset(own_inputs):
         after = inputs(own_inputs)
         assert [change.split(":")[0] for change in difference(before, after)] == expected
         before = after
+
+
+def test_given_contacts_take_the_place_of_drawn_ones(plan):
+    """Rolled contacts of the DIGIT's middle, by the plan of a whole job; the first of two is that of one."""
+    places = "[{x_mm: -6, arc_mm: 0}, {x_mm: -8, arc_mm: 2, tilt_deg: 3, azimuth_deg: 90, roll_deg: 30}]"
+    given = make_plan(load_job("smoke", [f"trajectories={{contacts: {places}}}"]))
+    poses = given.arrays["press/contact_pose"]
+    np.testing.assert_allclose(poses[[0, 3], 0, 3], [-6e-3, -8e-3])
+    assert len(poses) == 6 and "refused/points" not in given.arrays
+    assert given.attributes["job"]["trajectories"]["count"] == 2
+    for name, values in given.arrays.items():
+        assert values.shape == plan.arrays[name].shape, name
+    [first] = first_contacts(given.job, {n: chosen_sensor(given.job, n) for n in given.job.sensors}, 1, {}).kept.points
+    np.testing.assert_array_equal(first, poses[0, :3, 3])
+
+
+def test_a_given_contact_that_does_not_fit_is_refused():
+    with pytest.raises(InputError, match=r"trajectories\.contacts\[0\] \(x_mm 4, arc_mm 0\): a side wall of digit"):
+        make_plan(load_job("smoke", ["trajectories={contacts: [{x_mm: 4, arc_mm: 0}]}"]))

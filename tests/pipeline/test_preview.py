@@ -28,3 +28,11 @@ def test_the_coarser_mesh_of_an_error_estimate_counts():
     [before], [digit] = coarse.sensors, estimated.sensors
     assert (before.unknowns_of_coarser, digit.unknowns_of_coarser) == (0, before.unknowns)
     assert estimated.seconds / coarse.seconds == pytest.approx(1.0 + digit.unknowns / before.unknowns)
+
+
+def test_given_contacts_are_checked():
+    given = "trajectories={contacts: [{x_mm: -6, arc_mm: 0}, {x_mm: %g, arc_mm: 0}]}"
+    found = preview(load_job("smoke", [given % -8.0]))
+    assert (found.trajectories, found.contacts, found.refused) == (2, 2, 0)
+    with pytest.raises(InputError, match=r"trajectories\.contacts\[1\] \(x_mm 40, arc_mm 0\): the skin of digit does"):
+        preview(load_job("smoke", [given % 40.0]))

@@ -3,9 +3,14 @@
 import shutil
 
 import fake
+import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
+from simgen.dataset.exchange.exporting import export
+from simgen.dataset.exchange.importing import import_results
 from simgen.dataset.reader import Dataset
+from simgen.geometry.tetrahedra import signed_volumes
 from simgen.pipeline.run import run
 
 
@@ -37,6 +42,20 @@ def sliding(tmp_path_factory) -> Dataset:
     """Four depths, then two steps of 0.5 mm along x, with a turn of 20 degrees."""
     path = [{"move_mm": [0.5, 0.0, 0.0], "turn_deg": 20.0, "steps": 2}]
     return made(tmp_path_factory.mktemp("sliding") / "d.zarr", trajectories={"count": 2, "path": path})
+
+
+@pytest.fixture(scope="session")
+def imported(failing, tmp_path_factory) -> Dataset:
+    """What result files of `failing` say, and nothing else: no contacts, no certificates."""
+    folder = tmp_path_factory.mktemp("imported")
+    plan = fake.make_plan(failing.job)
+    cells = Delaunay(fake.VERTICES).simplices.astype(np.int32)
+    turned = signed_volumes(fake.VERTICES, cells) < 0.0
+    cells[turned] = cells[turned][:, [1, 0, 2, 3]]
+    plan.arrays.update({f"{sensor}/tetrahedra": cells for sensor in failing.sensors})  # mesh files need a volume
+    export(run(plan, folder / "whole.zarr", build=fake.failing_presser), "across", folder / "out")
+    meshes = [f"{sensor}={folder}/out/rest_{sensor}.vtu" for sensor in failing.sensors]
+    return import_results(sorted((folder / "out").glob("*.hdf5")), meshes, folder / "back.zarr")
 
 
 @pytest.fixture

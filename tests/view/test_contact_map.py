@@ -44,3 +44,10 @@ def test_a_skin_that_cannot_be_unrolled_is_shown_flat(whole, monkeypatch):
 
 def test_an_unfinished_dataset_knows_all_its_contacts(unfinished):
     assert np.isfinite(ContactMap.of_dataset(unfinished).points_mm).all()
+
+
+def test_imported_files_say_where_first_touch_is(whole, imported):
+    """Their indenters stand at first touch, which is 10 um from the contact."""
+    found, known = ContactMap.of_dataset(imported), ContactMap.of_dataset(whole)
+    assert found.axes == AXES and len(found.outlines) == 1
+    np.testing.assert_allclose(found.points_mm, known.points_mm, atol=2 * PIXEL_MM)

@@ -60,6 +60,13 @@ def test_without_first_touch_there_is_no_pose(unfinished):
     assert PressingIndenters(unfinished).pose("digit", 0, 0) is not None
 
 
+def test_imported_files_say_where_the_indenter_is(whole, imported):
+    found, known = PressingIndenters(imported), PressingIndenters(whole)
+    assert found.drawn(0).name == "sphere_7mm"
+    for sensor in whole.sensors:
+        np.testing.assert_allclose(found.pose(sensor, 0, 2), known.pose(sensor, 0, 2), atol=1e-5)
+
+
 def test_an_indenter_that_has_changed_is_not_drawn_and_a_sentence_says_why(whole, monkeypatch):
     monkeypatch.setitem(whole.attributes["indenters"]["ring_7mm"], "fillet_mm", 9.0)
     indenters = PressingIndenters(whole)

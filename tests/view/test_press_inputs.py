@@ -77,6 +77,6 @@ def test_prepare_makes_the_scene(monkeypatch):
 
 def test_prepare_does_not_mind_a_contact_that_does_not_fit():
     inputs = PressInputs("cpu")
-    inputs.prepare(job_at(x_mm=4.8), "digit")
+    inputs.prepare(job_at(x_mm=4.0, depth_mm=1.0), "digit")
     with pytest.raises(InputError, match="side wall"):
-        inputs.march(job_at(x_mm=4.8), "digit")
+        inputs.march(job_at(x_mm=4.0, depth_mm=1.0), "digit")

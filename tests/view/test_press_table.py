@@ -87,8 +87,12 @@ def test_an_unfinished_dataset_has_presses_that_are_not_there_yet(unfinished):
     assert table.depth_mm[11].tolist() == [0.0, 0.0]
 
 
-def test_samples_that_imported_files_lack_are_not_failures():
+def test_samples_that_imported_files_lack_are_not_failures(table, imported):
     assert kind_of(100) == "not there yet" and kind_of(1) == "failed"
+    found = PressTable.of_dataset(imported)
+    assert found.status[:3].tolist() == ["converged", "not there yet", "converged"]
+    np.testing.assert_array_equal(found.steps_reached, table.steps_reached)
+    np.testing.assert_allclose(found.depth_mm, table.depth_mm)
 
 
 def test_a_file_that_is_gone_is_named(unfinished):

@@ -102,10 +102,10 @@ def test_a_stop_without_a_press_changes_nothing(worker, expected):
 
 
 def test_a_contact_that_does_not_fit_is_refused_with_its_sentence(worker):
-    number = worker.press(job_at(x_mm=4.8), "digit")
+    number = worker.press(job_at(x_mm=4.0, depth_mm=1.0), "digit")
     [refused] = events_until(worker)
     assert isinstance(refused, Refused) and refused.press == number
-    assert refused.sentence.startswith("trajectories.contacts[0] (x_mm 4.8, arc_mm 0): a side wall of digit is nearer ")
+    assert refused.sentence.startswith("trajectories.contacts[0] (x_mm 4, arc_mm 0): a side wall of digit is nearer ")
     worker.prepare(job_at(materials={"digit": {"preset": "foam"}}), "digit")
     assert events_until(worker) == [
         Refused(0, "sensors.digit.material: 'foam' is not a preset; allowed: solid"),

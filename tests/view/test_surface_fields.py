@@ -100,6 +100,11 @@ def test_what_is_not_stored_has_a_sentence(fields):
         fields.field(PRESSURE, 0, 0)
 
 
+def test_imported_files_do_not_say_what_touches(imported):
+    fields = SurfaceFields(PressedSurface(imported, "digit"))
+    assert list(fields.titles) == [DISPLACEMENT] and "do not say what touches" in fields.why_not[CONTACT]
+
+
 def test_an_indenter_that_has_changed_costs_only_the_patch(failing, monkeypatch):
     monkeypatch.setitem(failing.attributes["indenters"]["ring_7mm"], "fillet_mm", 9.0)
     fields = SurfaceFields(PressedSurface(failing, "digit"))

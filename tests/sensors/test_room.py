@@ -1,0 +1,34 @@
+"""Contacts from places and angles. Rules of room are tested with the contacts that they leave, in test_pairing."""
+
+import numpy as np
+import pytest
+
+from simgen.geometry.developed_skin import skin_of
+from simgen.sensors import room
+from simgen.sensors.room import contacts_at, subset
+from simgen.sensors.sensor import load_sensor
+
+
+@pytest.fixture(scope="module")
+def digit():
+    return load_sensor("digit")
+
+
+def test_contacts_stand_at_their_places_and_others_are_left_out(digit):
+    """The second of three places is beyond the end of the skin."""
+    x, arcs = 1e-3 * np.array([[-6.0, 60.0, -8.0], [2.0, 2.0, -3.0]])
+    tilts, azimuths, rolls = np.radians([[10.0, 0.0, 0.0], [30.0, 0.0, 0.0], [15.0, 0.0, -20.0]])
+    contacts = contacts_at(skin_of(digit.surface), x, arcs, np.cos(tilts), azimuths, rolls)
+    points, normals = skin_of(digit.surface).points(x[[0, 2]], arcs[[0, 2]])
+    np.testing.assert_array_equal(contacts.points, points)
+    np.testing.assert_array_equal(contacts.normals, normals)
+    np.testing.assert_array_equal(contacts.arcs, arcs[[0, 2]])
+    np.testing.assert_array_equal(contacts.rolls, rolls[[0, 2]])
+    between = np.degrees(np.arccos(-np.vecdot(contacts.axes, contacts.normals)))
+    np.testing.assert_allclose(between, [10.0, 0.0], atol=1e-5)
+    np.testing.assert_array_equal(subset(contacts, np.array([False, True])).points, points[1:])
+    np.testing.assert_array_equal(subset(contacts, slice(1)).axes, contacts.axes[:1])
+
+
+def test_pieces_of_a_surface_are_made_once(digit):
+    assert room._pieces_of(digit.surface) is room._pieces_of(digit.surface)
