@@ -9,6 +9,7 @@ from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.sensing.camera.renderer import HEIGHTS, Look, Renderer, camera_of
 from simgen.sensing.camera.stored_heights import has_height_maps
+from simgen.sensors.sensor import Camera
 from simgen.view.drawn_surface import AT_REST
 
 LONGER_SIDE = 320  # px, of an image
@@ -58,9 +59,13 @@ class CameraPictures:
 
     def _make(self, heights: str) -> Renderer:
         name, camera, _ = camera_of(self.dataset, self.sensor)
-        shrink = LONGER_SIDE / max(camera.height_px, camera.width_px)
-        size = {"height": round(shrink * camera.height_px), "width": round(shrink * camera.width_px)}
-        return Renderer.of_dataset(self.dataset, self.sensor, Look(**size, camera=name, heights=heights))
+        return Renderer.of_dataset(self.dataset, self.sensor, Look(**shrunk(camera), camera=name, heights=heights))
+
+
+def shrunk(camera: Camera) -> dict[str, int]:
+    """Height and width, px, of a camera's small images."""
+    factor = LONGER_SIDE / max(camera.height_px, camera.width_px)
+    return {"height": round(factor * camera.height_px), "width": round(factor * camera.width_px)}
 
 
 def as_png(image: np.ndarray) -> bytes:

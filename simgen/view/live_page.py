@@ -5,19 +5,20 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from nicegui import app, run, ui
+from nicegui import app, background_tasks, run, ui
 from nicegui.events import KeyEventArguments
 
 from simgen.errors import InputError
 from simgen.sensors.given_contacts import place_on_skin
 from simgen.units import MM, MM_PER_M
-from simgen.view.colours import SurfaceField, displacement_mm
 from simgen.view.live_controls import LiveControls
+from simgen.view.live_fields import FIELDS, field_at_rest, live_field
 from simgen.view.live_job import live_job, save_dataset, write_job
 from simgen.view.live_places import first_place, contact_poses
+from simgen.view.live_picture import LivePictures
 from simgen.view.live_press import LivePress
 from simgen.view.live_setup import LiveSetup
-from simgen.view.page_parts import INDENTER, CurvePlot, SensorPanel, begin_page, said_on_the_page, say
+from simgen.view.page_parts import INDENTER, CurvePlot, SensorPanel, begin_page, data_url, said_on_the_page, say
 from simgen.view.press_events import Lost, Ready, Refused
 from simgen.view.press_worker import PressWorker
 from simgen.view.viewpoint import side_viewpoint
@@ -46,6 +47,9 @@ class LivePage:
     def __init__(self, setup: LiveSetup, place: tuple[float, float], device: str):
         self.setup, self.device, self.step = setup, device, -1
         self.presses: dict[str, LivePress] = {}
+        self._waiting: dict[str, np.ndarray | None] = {}  # displacement whose picture is wanted, by sensor
+        self._drawing: set[str] = set()  # sensors whose picture is being made
+        self._follows = False  # the newest depth is shown as soon as it arrives
         self._changed_for = 0.0  # s since the gel was changed; counts while workers must prepare it
         begin_page(" and ".join(setup.sensors))
         self._build_controls(place)
@@ -55,6 +59,12 @@ class LivePage:
                 name: SensorPanel(html.escape(name), self._place if name == first else None) for name in setup.sensors
             }
             self.forces = CurvePlot("Force along the press axis")
+            self.images = {}
+            for name, pictures in setup.pictures.items():
+                if not pictures.why_not:
+                    with ui.element("div").classes("panel"):
+                        ui.html(f"<h3>Image of the {html.escape(name)}</h3>", sanitize=False)
+                        self.images[name] = ui.interactive_image().classes("picture")
         for name, panel in self.panels.items():
             panel.put_gel(setup.surfaces[name])
             panel.caption.text = "kernels and mesh are loading"
@@ -83,6 +93,8 @@ class LivePage:
                 self.depth = ui.slider(min=0, max=1, on_change=lambda event: self._look_at(int(event.value) - 1))
                 self.depth.classes("fill shown-depth").on("change", js_handler="() => document.activeElement?.blur()")
                 self.depth_title = ui.label("at rest").classes("depth-title").style("min-width: 70px")
+                self.colour = ui.select(list(FIELDS), value=FIELDS[0], label="colour", on_change=self._colour_is_new)
+                self.colour.props("dense outlined").classes("colour").style("min-width: 120px")
                 ui.button("Save job", on_click=self._save_job).props("dense flat").classes("save-job")
                 ui.button("Save dataset", on_click=self._save_dataset).props("dense flat").classes("save-dataset")
             self.said = ui.label().classes("small said")
@@ -148,8 +160,9 @@ class LivePage:
         for name, panel in self.panels.items():
             surface, pose = self.setup.surfaces[name], _in_mm(poses[name])
             panel.put_indenter(drawn, pose, True)
-            panel.move_gel(surface.rest_mm, _field(np.zeros(surface.rest_mm.shape), job.depths_m[-1]))
+            panel.move_gel(surface.rest_mm, field_at_rest(surface, job.depths_m[-1]))
             panel.stage.point(pose[:3, 3], pose[:3, 1])
+            self._draw_picture(name, None)
             if looks:
                 panel.look(side_viewpoint(-pose[:3, 1], pose[:3, 3]), surface)
 
@@ -162,7 +175,7 @@ class LivePage:
         changed = [name for name, worker in self.workers.items() if self._take(name, worker)]
         if not changed:
             return
-        if getattr(self, "_follows", False):
+        if self._follows:
             self._show_step(max(press.reached for press in self.presses.values()) - 1)
         self._draw_curves()
         ended = [press for press in self.presses.values() if press.has_ended]
@@ -198,6 +211,10 @@ class LivePage:
             self._follows = step == max((press.reached for press in self.presses.values()), default=0) - 1
             self._show_step(step)
 
+    def _colour_is_new(self) -> None:
+        if self.presses:
+            self._show_step(self.step)
+
     def _show_step(self, step: int) -> None:
         self.step = step
         self.depth.value = step + 1
@@ -210,14 +227,33 @@ class LivePage:
 
     def _draw_step(self, name: str, press: LivePress, step: int) -> None:
         panel, surface = self.panels[name], self.setup.surfaces[name]
-        displacement, pose = press.displacement(step), press.indenter_pose(step)
+        pose, displacement = press.indenter_pose(step), press.displacement(step)
         if displacement is not None:
-            own = displacement[surface.vertices]
-            panel.move_gel(surface.moved(own), _field(own, press.depths_m[-1]))
-            force = press.outputs[step]["force"] @ press.touch_pose[:3, 1]
-            panel.caption.text = f"{force:.3f} N"
+            panel.move_gel(surface.displaced(displacement), live_field(self.colour.value, press, surface, step))
+            panel.caption.text = f"{press.force(step):.3f} N"
+        else:
+            panel.move_gel(surface.rest_mm, field_at_rest(surface, press.depths_m[-1]))
         if pose is not None:
             panel.stage.pose(INDENTER, _in_mm(pose))
+        self._draw_picture(name, displacement)
+
+    def _draw_picture(self, name: str, displacement: np.ndarray | None) -> None:
+        """Draw what the camera sees, off the server's thread; while one picture is made, only the newest waits."""
+        if name not in self.images:
+            return
+        self._waiting[name] = displacement
+        if name not in self._drawing:
+            self._drawing.add(name)
+            background_tasks.create(self._draw_waiting(name))
+
+    async def _draw_waiting(self, name: str) -> None:
+        try:
+            while name in self._waiting:
+                picture = await run.io_bound(self.setup.pictures[name].picture, self._waiting.pop(name))
+                if not self.images[name].is_deleted and picture is not None:
+                    self.images[name].set_source(data_url(picture))
+        finally:
+            self._drawing.discard(name)
 
     def _draw_curves(self) -> None:
         curves = {name: press.axial_force() for name, press in self.presses.items() if press.outputs}
@@ -255,11 +291,6 @@ def _in_mm(pose: np.ndarray) -> np.ndarray:
     pose = pose.copy()
     pose[:3, 3] *= MM_PER_M
     return pose
-
-
-def _field(displacement: np.ndarray, depth_m: float) -> SurfaceField:
-    """Field of the displacement's length; the scale ends at the last depth."""
-    return SurfaceField("displacement", "mm", displacement_mm(displacement), float(MM_PER_M * depth_m))
 
 
 def _free_name(suffix: str) -> Path:

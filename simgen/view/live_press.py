@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simgen.sensors.indenter_pose import advanced
+from simgen.units import MM_PER_M
 from simgen.view.press_events import DepthReached, PressEnded, Refused, Stopped, Touched
 
 
@@ -66,8 +67,11 @@ class LivePress:
         """Displacement (v, 3) m of the output mesh at a step; None if it is not there."""
         return self.outputs[step]["displacement"] if step in self.outputs else None
 
+    def force(self, step: int) -> float:
+        """Force, N, on the sensor along the press axis at a step that has converged."""
+        return float(self.outputs[step]["force"] @ self.touch_pose[:3, 1])
+
     def axial_force(self) -> tuple[np.ndarray, np.ndarray]:
         """Depths (n + 1,) mm and forces (n + 1,) N along the press axis so far, from first touch on."""
         steps = sorted(self.outputs)
-        forces = [self.outputs[step]["force"] @ self.touch_pose[:3, 1] for step in steps]
-        return np.array([0.0, *(1e3 * self.depths_m[steps])]), np.array([0.0, *forces])
+        return np.array([0.0, *(MM_PER_M * self.depths_m[steps])]), np.array([0.0, *map(self.force, steps)])

@@ -12,8 +12,10 @@ from simgen.sensors.sensor import Sensor
 from simgen.view.drawn_indenter import DrawnIndenter
 from simgen.view.drawn_surface import DrawnSurface
 from simgen.view.live_job import base_from_file, base_job
+from simgen.view.live_picture import LivePictures
 
 FIRST_INDENTER = "sphere_7mm"
+MEASURED = ("traction",)  # beside what every press measures
 
 
 @dataclass(frozen=True)
@@ -25,11 +27,12 @@ class LiveSetup:
     materials: dict[str, Material]
     surfaces: dict[str, DrawnSurface]
     indenters: dict[str, DrawnIndenter]
+    pictures: dict[str, LivePictures]
 
     @classmethod
     def of(cls, sensors: Sequence[str], indenter: str | None, unit: str | None, job: str | None) -> Self:
         """Load everything of a job, or of sensors and an indenter. Raises `InputError` for whatever is not there."""
-        base = base_job(sensors, [indenter or FIRST_INDENTER], unit or "m") if job is None else base_from_file(job)
+        base = base_from_file(job) if job else base_job(sensors, [indenter or FIRST_INDENTER], unit or "m", MEASURED)
         loaded = {name: chosen_sensor(base, name) for name in base.sensors}
         return cls(
             base,
@@ -40,4 +43,5 @@ class LiveSetup:
                 for name, sensor in loaded.items()
             },
             {each.name: DrawnIndenter.of(each) for each in chosen_indenters(base)},
+            {name: LivePictures(base, name, sensor) for name, sensor in loaded.items()},
         )

@@ -74,23 +74,26 @@ class SurfaceFields:
 
     def _contact(self, press: int) -> np.ndarray:
         """1 for points that touch the indenter and 0 for others, NaN where not touchable."""
-        displacement = self.pressed.displacement(press)
+        displacement, surface = self.pressed.displacement(press), self.pressed.surface
         steps, points = np.arange(len(displacement)), self._patches.points
-        own = np.searchsorted(self.pressed.surface.vertices, points)
-        values = np.full(displacement.shape[:2], np.nan, np.float32)
-        values[:, own] = self._patches.touching(np.full(len(steps), press), steps, displacement[:, own])
+        vertices, first = np.unique(surface.vertices, return_index=True)
+        own = np.searchsorted(vertices, points)
+        values = np.full((len(steps), len(vertices)), np.nan, np.float32)
+        values[:, own] = self._patches.touching(np.full(len(steps), press), steps, displacement[:, first[own]])
         values[~np.isfinite(displacement).all(axis=(1, 2))] = np.nan
-        return values
+        return values[:, surface.in_outputs]
 
-    # Outputs at the surface have the order of its vertices: both rise.
+    def _output(self, name: str, press: int) -> np.ndarray:
+        """An output at the surface (depth, v, ...), in its unit."""
+        return self.dataset.in_unit(f"{self.sensor}/{name}", press)[:, self.pressed.surface.in_outputs]
 
     def _traction(self, press: int) -> np.ndarray:
-        return traction_kpa(self.dataset.in_unit(f"{self.sensor}/traction", press))
+        return traction_kpa(self._output("traction", press))
 
     def _pressure(self, press: int) -> np.ndarray:
-        traction, surface = self.dataset.in_unit(f"{self.sensor}/traction", press), self.pressed.surface
+        traction, surface = self._output("traction", press), self.pressed.surface
         moved = surface.rest_mm + MM_PER_M * self.pressed.displacement(press)
         return pressure_kpa(traction, np.stack([vertex_normals(each, surface.triangles) for each in moved]))
 
     def _von_mises(self, press: int) -> np.ndarray:
-        return von_mises_kpa(self.dataset.in_unit(f"{self.sensor}/stress", press))
+        return von_mises_kpa(self._output("stress", press))

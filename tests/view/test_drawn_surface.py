@@ -20,10 +20,19 @@ def pressed(failing) -> PressedSurface:
 
 def test_a_surface_has_its_own_vertices_alone_and_faces_outwards():
     surface = DrawnSurface.of_mesh(POSITIONS, TRIANGLES)
-    assert surface.vertices.tolist() == [0, 2, 3, 4] and surface.triangles.dtype == np.int32
-    np.testing.assert_allclose(surface.rest_mm, 1e3 * POSITIONS[[0, 2, 3, 4]], rtol=1e-6)
+    assert set(surface.vertices) == {0, 2, 3, 4} and surface.triangles.dtype == np.int32
+    np.testing.assert_allclose(surface.rest_mm, 1e3 * POSITIONS[surface.vertices], rtol=1e-6)
     np.testing.assert_array_equal(surface.vertices[surface.triangles], TRIANGLES)
     assert enclosed_volume(surface.rest_mm, surface.triangles) == pytest.approx(1 / 6)
+
+
+def test_a_crease_parts_the_surface_and_a_smooth_edge_does_not():
+    """All edges of a tetrahedron are creases, so each of its four sides has three vertices. A ball has none."""
+    parted = DrawnSurface.of_mesh(POSITIONS, TRIANGLES)
+    assert len(parted.vertices) == 4 * 3
+    np.testing.assert_array_equal(np.array([0, 2, 3, 4])[parted.in_outputs], parted.vertices)
+    ball = DrawnSurface.of_mesh(fake.VERTICES, fake.BALL.faces)
+    assert ball.vertices.tolist() == np.unique(fake.BALL.faces).tolist()
 
 
 def test_a_displaced_vertex_is_at_rest_plus_its_displacement():

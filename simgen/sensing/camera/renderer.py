@@ -128,19 +128,45 @@ class Renderer(ImageMaker):
         Raises `InputError` if the sensor has no such camera, a file is bad, or this machine lacks ``device``.
         """
         name, camera, folder = camera_of(dataset, sensor, look.camera)
+        check_device(device)
+        heights = height_source(dataset, sensor, look, name, Pinhole.of(camera, look.height, look.width), device)
+        return cls._with_optics(sensor, (name, camera, folder), heights, look, markers_of(dataset, sensor, look, folder))
+
+    @classmethod
+    def of_mesh(
+        cls, sensor: str, folder: Path, rest: np.ndarray, triangles: np.ndarray, look: Look = Look(), device: str = "cpu"
+    ) -> Self:
+        """Make the renderer of a sensor's output mesh, without a dataset and without markers.
+
+        sensor : its name, for messages; folder : of its sensor.yaml
+        rest, triangles : (vertex, 3) m and outward (triangle, 3) of the mesh's surface
+
+        Raises as `of_dataset`.
+        """
+        name = look.camera or DEFAULT_CAMERA
+        camera = placed_camera(read_description(folder / "sensor.yaml"), folder, name)
+        check_device(device)
+        heights = HeightMaps.of_mesh(rest, triangles, Pinhole.of(camera, look.height, look.width), device)
+        return cls._with_optics(sensor, (name, camera, folder), heights, look, None)
+
+    @classmethod
+    def _with_optics(
+        cls, sensor: str, model: tuple[str, Camera, Path], heights: HeightMaps | StoredHeights, look: Look,
+        markers: Markers | None,
+    ) -> Self:  # fmt: skip
+        """Make a renderer of height maps, with the colours of a model: its camera's name, camera, and folder."""
+        name, camera, folder = model
         table, background = optics_files(name)
         own = {"--calibration": (look.table, table), "--background": (look.background, background)}
         files = {option: given or folder / name for option, (given, name) in own.items()}
         for option, file in files.items():
             if own[option][0] is None and not file.exists():
                 raise InputError(f"{sensor}: no {file.name} in {folder}; allowed: {option} FILE")
-        check_device(device)
-        pinhole = Pinhole.of(camera, look.height, look.width)
-        heights = height_source(dataset, sensor, look, name, pinhole, device)
+        pinhole = heights.pinhole
         kernels, around = pyramid(look.pyramid, min(pinhole.width, pinhole.height))
         lights = photometry_of(camera).lights if look.shadows else None
         table, background = Response.load(files["--calibration"]), read_image(files["--background"])
-        return cls(heights, table, background, kernels, lights, around, markers_of(dataset, sensor, look, folder))
+        return cls(heights, table, background, kernels, lights, around, markers)
 
     def record(self) -> dict[str, Any]:
         """Settings that determine the colours, for JSON."""
