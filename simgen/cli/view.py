@@ -27,7 +27,8 @@ def view(
                      show_default="sphere_7mm"),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option("--unit", metavar="UNIT", help="Unit of an indenter's mesh: m or mm.", show_default="m")
+        str | None,
+        typer.Option("--unit", metavar="UNIT", help="Unit of an indenter's mesh: m or mm.", show_default="m"),
     ] = None,
     job: Annotated[
         str | None, typer.Option("--job", metavar="JOB", help="Press live with the sensors and settings of a job.")

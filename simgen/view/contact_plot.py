@@ -7,6 +7,7 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from simgen.view.contact_map import ContactMap
+from simgen.view.page_style import heading, panel
 from simgen.view.press_table import PressTable
 
 SHOWN, HIDDEN, CHOSEN = "#1769aa", "#d1d5db", "#d1422f"
@@ -21,8 +22,8 @@ class ContactPlot:
     def __init__(self, contacts: ContactMap, table: PressTable, on_choice: Callable[[int], None]):
         self._contacts, self._table, self._on_choice = contacts, table, on_choice
         self._chosen, self._shown = None, np.ones(len(contacts.trajectories), dtype=bool)
-        with ui.element("div").classes("panel"):
-            ui.html(f"<h3>Contacts on the {contacts.sensor}</h3>", sanitize=False)
+        with panel():
+            heading(f"Contacts on the {contacts.sensor}")
             self._plot = ui.plotly(self._figure()).classes("plot contacts").style("height: 320px")
         self._plot.on("plotly_click", self._clicked, ["points"])
 

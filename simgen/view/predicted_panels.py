@@ -1,15 +1,15 @@
 """Panels of what networks predict for a sample: electrodes, predicted gels and images, and how far they are off."""
 
-import html
 from collections.abc import Callable
 
 import numpy as np
 from nicegui import run, ui
 
 from simgen.view.colours import colours_of
-from simgen.view.opened_dataset import OpenedDataset
-from simgen.view.page_parts import CURVE_COLOURS, SensorPanel, data_url
-from simgen.view.predictions import Predicted
+from simgen.view.curve_plot import CURVE_COLOURS
+from simgen.view.page_style import data_url, heading, panel
+from simgen.view.predictions import Predicted, Predictions
+from simgen.view.sensor_panel import SensorPanel
 from simgen.view.viewpoint import top_viewpoint
 
 PAD_NORMAL = np.array([0.0, -1.0, 0.0])
@@ -18,12 +18,12 @@ PAD_NORMAL = np.array([0.0, -1.0, 0.0])
 class PredictedPanels:
     """Predictions of the sample that is shown, beside the truth."""
 
-    def __init__(self, opened: OpenedDataset):
-        self._opened, self.predictions = opened, opened.predictions
+    def __init__(self, predictions: Predictions):
+        self.predictions = predictions
         source, target = self.predictions.source, self.predictions.target
-        names = html.escape(", ".join(self.predictions.networks))
-        with ui.element("div").classes("panel predicted").style("width: 100%"):
-            ui.html(f"<h3>Predicted by {names}</h3>", sanitize=False)
+        names = ", ".join(self.predictions.networks)
+        with panel().style("width: 100%"):
+            heading(f"Predicted by {names}")
             self._said = ui.label().classes("small")
             self._shows = ui.toggle(
                 {"displacement": "predicted displacement", "difference": "distance from the truth"},
@@ -31,19 +31,19 @@ class PredictedPanels:
             ).props("dense no-caps").classes("shows-difference")  # fmt: skip
         self._predicted: Predicted | None = None
         with ui.element("div").classes("panels") as self._panels:
-            self._gels = {name: SensorPanel(f"{html.escape(name)}, predicted") for name in (source, target)}
-            with ui.element("div").classes("panel"):
-                ui.html(f"<h3>Electrodes of the {html.escape(source)}</h3>", sanitize=False)
+            self._gels = {name: SensorPanel(f"{name}, predicted") for name in (source, target)}
+            with panel():
+                heading(f"Electrodes of the {source}")
                 self._electrodes = ui.plotly({"data": [], "layout": {}}).classes("plot electrodes")
-            with ui.element("div").classes("panel"):
-                ui.html(f"<h3>Image of the {html.escape(target)}, predicted; difference</h3>", sanitize=False)
+            with panel():
+                heading(f"Image of the {target}, predicted; difference")
                 with ui.element("div").classes("row-line"):
                     self._image = ui.interactive_image().style("width: 45%")
                     self._difference = ui.interactive_image().style("width: 45%")
-        for name, panel in self._gels.items():
+        for name, gel in self._gels.items():
             surface = self.predictions.surfaces[name].surface
-            panel.put_gel(surface)
-            panel.look(top_viewpoint(PAD_NORMAL, surface.rest_mm.mean(axis=0)), surface)
+            gel.put_gel(surface)
+            gel.look(top_viewpoint(PAD_NORMAL, surface.rest_mm.mean(axis=0)), surface)
 
     async def draw(self, press: int, step: int, is_old: Callable[[], bool]) -> None:
         """Predict a sample and draw it, unless ``is_old`` says that another sample is shown by then."""
@@ -66,10 +66,10 @@ class PredictedPanels:
     def _colour(self) -> None:
         if self._predicted is None:
             return
-        for name, panel in self._gels.items():
+        for name, gel in self._gels.items():
             own = self._predicted.surfaces[name]
-            panel.move_gel(own.positions_mm, getattr(own, self._shows.value))
-            panel.caption.text = f"off by {own.rmse_um:.3g} um (root mean square)"
+            gel.move_gel(own.positions_mm, getattr(own, self._shows.value))
+            gel.caption.text = f"off by {own.rmse_um:.3g} um (root mean square)"
 
 
 def electrode_figure(signals: np.ndarray, at_rest: np.ndarray) -> dict:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from nicegui import ui
 
-from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
 from simgen.view.press_table import STATUSES, Filter, PressTable
 
@@ -16,7 +15,7 @@ class PressFilter:
     on_change : is called with the numbers (n,) of the presses that match
     """
 
-    def __init__(self, dataset: Dataset, table: PressTable, on_change: Callable[[np.ndarray], None]):
+    def __init__(self, table: PressTable, on_change: Callable[[np.ndarray], None]):
         self._table, self._on_change = table, on_change
         with ui.expansion("Filter", icon="filter_alt").props("dense").classes("filter").style("width: 100%"):
             with ui.element("div").classes("row-line"):

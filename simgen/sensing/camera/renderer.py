@@ -130,12 +130,14 @@ class Renderer(ImageMaker):
         name, camera, folder = camera_of(dataset, sensor, look.camera)
         check_device(device)
         heights = height_source(dataset, sensor, look, name, Pinhole.of(camera, look.height, look.width), device)
-        return cls._with_optics(sensor, (name, camera, folder), heights, look, markers_of(dataset, sensor, look, folder))
+        markers = markers_of(dataset, sensor, look, folder)
+        return cls._with_optics(sensor, (name, camera, folder), heights, look, markers)
 
     @classmethod
     def of_mesh(
-        cls, sensor: str, folder: Path, rest: np.ndarray, triangles: np.ndarray, look: Look = Look(), device: str = "cpu"
-    ) -> Self:
+        cls, sensor: str, folder: Path, rest: np.ndarray, triangles: np.ndarray, look: Look = Look(),
+        device: str = "cpu",
+    ) -> Self:  # fmt: skip
         """Make the renderer of a sensor's output mesh, without a dataset and without markers.
 
         sensor : its name, for messages; folder : of its sensor.yaml

@@ -1,0 +1,49 @@
+"""Buttons that save a live press: as a job file, or as a dataset of one press."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from nicegui import run, ui
+
+from simgen.config.job_schema import Job
+from simgen.view.live_job import save_dataset, write_job
+from simgen.view.page_style import said_on_the_page
+
+
+class SaveButtons:
+    """Buttons that write into the folder where the server was started, under a name that is free.
+
+    job : gives the job of the press that the fields choose
+    """
+
+    def __init__(self, job: Callable[[], Job], device: str):
+        self._job, self._device = job, device
+        ui.button("Save job", on_click=self._save_job).props("dense flat no-caps").classes("save-job")
+        button = ui.button("Save dataset", on_click=self._save_dataset).props("dense flat no-caps")
+        self._dataset_button = button.classes("save-dataset")
+
+    def _save_job(self) -> None:
+        with said_on_the_page():
+            file = free_name(".yaml")
+            write_job(self._job().model_copy(update={"name": file.stem}), file)
+            ui.notify(f"wrote {file}; simgen run {file} repeats the press", timeout=8000)
+
+    async def _save_dataset(self) -> None:
+        self._dataset_button.disable()
+        try:
+            with said_on_the_page():
+                folder = free_name(".zarr")
+                job = self._job().model_copy(update={"name": folder.stem})
+                ui.notify(f"the press is solved again, into {folder}", timeout=3000)
+                await run.io_bound(save_dataset, job, folder, self._device)
+                ui.notify(f"wrote {folder}; simgen view {folder} shows it", timeout=10_000)
+        finally:
+            self._dataset_button.enable()
+
+
+def free_name(suffix: str) -> Path:
+    """The first of press_1, press_2, ... that the current folder does not have."""
+    number = 1
+    while (found := Path(f"press_{number}{suffix}")).exists():
+        number += 1
+    return found

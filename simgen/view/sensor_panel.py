@@ -1,0 +1,61 @@
+"""Panel of a sensor: its gel with the indenter in three dimensions, and the scale of its colours."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from nicegui import ui
+
+from simgen.view.colours import SurfaceField, css_gradient
+from simgen.view.drawn_indenter import DrawnIndenter
+from simgen.view.drawn_surface import DrawnSurface
+from simgen.view.page_style import heading
+from simgen.view.page_style import panel as box
+from simgen.view.stage import GLASS, Body, Stage
+from simgen.view.viewpoint import Viewpoint
+
+SEEN = 0.45  # radius of what is seen, over the diagonal of the gel's box
+GEL, INDENTER = "gel", "indenter"
+
+
+class SensorPanel:
+    """A view of one sensor's gel with the indenter, a caption, and a colour scale.
+
+    on_place : is called with a point (3,) mm of the gel that was clicked, in the sensor's frame
+    """
+
+    def __init__(self, title: str, on_place: Callable[[np.ndarray], None] | None = None):
+        with box():
+            with ui.element("div").classes("row-line"):
+                heading(title)
+                self.caption = ui.label().classes("small fill")
+            chosen = None if on_place is None else lambda body, point: on_place(point) if body == GEL else None
+            self.stage = Stage(chosen).classes("stage")
+            with ui.element("div").classes("row-line small"):
+                self._from = ui.label("0")
+                self._scale = ui.element("div").classes("legend").style(f"background: {css_gradient()}")
+                self._to = ui.label()
+
+    def look(self, viewpoint: Viewpoint, surface: DrawnSurface) -> None:
+        """Look at a point halfway between the viewpoint's target and the middle of the gel."""
+        low, high = surface.rest_mm.min(axis=0), surface.rest_mm.max(axis=0)
+        target = 0.5 * (viewpoint.target_mm + 0.5 * (low + high))
+        self.stage.look(replace(viewpoint, target_mm=target), SEEN * float(np.linalg.norm(high - low)))
+
+    def put_gel(self, surface: DrawnSurface) -> None:
+        """Draw a gel at rest."""
+        self.stage.put(GEL, Body(surface.rest_mm, surface.triangles, np.full(surface.rest_mm.shape, 215, np.uint8)))
+
+    def move_gel(self, positions_mm: np.ndarray, field: SurfaceField) -> None:
+        """Move the gel's vertices (v, 3) mm and colour them by a field."""
+        self.stage.move(GEL, positions_mm, field.colours)
+        self._from.text = "0"
+        self._to.text = f"{field.largest:.3g} {field.unit}".strip() + f" ({field.title})"
+
+    def put_indenter(self, drawn: DrawnIndenter | None, pose: np.ndarray | None, visible: bool) -> None:
+        """Draw an indenter at a pose (4, 4), mm, indenter frame -> sensor frame; None draws none."""
+        if drawn is None or pose is None:
+            self.stage.remove(INDENTER)
+            return
+        body = Body(drawn.vertices_mm, drawn.triangles, opacity=GLASS, pose=pose, visible=visible)
+        self.stage.put(INDENTER, body)
