@@ -5,9 +5,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from simgen.dataset.reader import Dataset
 from simgen.learning.training.translator import choose_way, networks_of
+from simgen.learning.translation.picture import SKIN_M
 from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.sensing.electrodes.gaps import electrodes_of
 from simgen.units import MM_PER_M, UM_PER_M
@@ -58,7 +60,8 @@ class Predictions:
 
     source, target : names of sensors: networks translate the source's electrode signals to both meshes
     networks : names of the networks, in order
-    electrodes_mm, normals : (electrode, 3) mm and unit vectors, on the source's core, in its frame
+    electrodes_mm : (electrode, 3) mm, on the source's core, in its frame
+    above_electrodes : (electrode,) vertices of the source's drawn surface above these, which move with the skin
     surfaces : by sensor, its true surface
     pictures : images of the target
 
@@ -70,9 +73,11 @@ class Predictions:
         self.dataset, self.networks = dataset, networks_of(way)
         self._meshes = TranslatedMeshes(dataset, networks, way)
         self.source, self.target = self._meshes.job.source, self._meshes.job.target
-        electrodes, self.normals = electrodes_of(dataset, self.source)
-        self.electrodes_mm = MM_PER_M * electrodes
         self.surfaces = {sensor: PressedSurface(dataset, sensor) for sensor in (self.source, self.target)}
+        electrodes, normals = electrodes_of(dataset, self.source)
+        self.electrodes_mm = MM_PER_M * electrodes
+        skin = cKDTree(self.surfaces[self.source].surface.rest_mm)
+        self.above_electrodes = skin.query(MM_PER_M * (electrodes + SKIN_M * normals))[1]
         self.pictures = CameraPictures(dataset, self.target)
         self._of_press = lru_cache(PRESSES_KEPT)(self._translate)
 
