@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import trimesh
 from nicegui import run, ui
 
 from simgen.view.colours import colours_of
@@ -10,8 +11,10 @@ from simgen.view.curve_plot import CURVE_COLOURS
 from simgen.view.page_style import data_url, heading, panel
 from simgen.view.predictions import Predicted, Predictions
 from simgen.view.sensor_panel import SensorPanel
+from simgen.view.stage import Body
 from simgen.view.viewpoint import top_viewpoint
 
+ELECTRODES, DOT_MM = "electrodes", 0.45
 PAD_NORMAL = np.array([0.0, -1.0, 0.0])
 
 
@@ -66,10 +69,23 @@ class PredictedPanels:
     def _colour(self) -> None:
         if self._predicted is None:
             return
+        own = self._predicted
+        skin = own.surfaces[self.predictions.source].positions_mm[self.predictions.above_electrodes]
+        dots = electrode_dots(skin, own.signals - own.at_rest)
+        self._gels[self.predictions.source].stage.put(ELECTRODES, dots)
         for name, gel in self._gels.items():
             own = self._predicted.surfaces[name]
             gel.move_gel(own.positions_mm, getattr(own, self._shows.value))
             gel.caption.text = f"off by {own.rmse_um:.3g} um (root mean square)"
+
+
+def electrode_dots(places_mm: np.ndarray, changes: np.ndarray) -> Body:
+    """Balls at places (electrode, 3) mm, coloured by the size of the changes (electrode,) of the signals."""
+    ball = trimesh.creation.icosphere(1, DOT_MM)
+    colours = colours_of(np.abs(changes), float(np.abs(changes).max()))
+    points = (places_mm[:, None] + ball.vertices).reshape(-1, 3)
+    triangles = len(ball.vertices) * np.arange(len(places_mm))[:, None, None] + ball.faces
+    return Body(points, triangles.reshape(-1, 3), np.repeat(colours, len(ball.vertices), axis=0))
 
 
 def electrode_figure(signals: np.ndarray, at_rest: np.ndarray) -> dict:
