@@ -21,15 +21,25 @@ class CurvePlot:
                     heading(title)
             self._plot = ui.plotly(self._figure("", "", {}, [])).classes("plot")
 
-    def draw(self, x_label: str, y_label: str, curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> None:
-        """Draw curves: name -> (x, y), each (n,). Gaps are NaN."""
-        self._plot.update_figure(self._figure(x_label, y_label, curves, self._cursor))
+    def draw(
+        self,
+        x_label: str,
+        y_label: str,
+        curves: Mapping[str, tuple[np.ndarray, np.ndarray]],
+        cursor: float | None = None,
+        x_end: float | None = None,
+    ) -> None:
+        """Draw curves: name -> (x, y), each (n,). Gaps are NaN. The axis ends at ``x_end``, or with the curves."""
+        if cursor is not None:
+            self._cursor = _line_at(cursor)
+        figure = self._figure(x_label, y_label, curves, self._cursor)
+        if x_end is not None:
+            figure["layout"]["xaxis"]["range"] = [0.0, 1.03 * x_end]
+        self._plot.update_figure(figure)
 
     def cursor(self, x: float) -> None:
         """Move the cursor."""
-        self._cursor = [{"type": "line", "x0": x, "x1": x, "yref": "paper", "y0": 0, "y1": 1,
-                         "line": {"color": "#6b7280", "width": 1, "dash": "dot"}}]  # fmt: skip
-        self._plot.figure["layout"]["shapes"] = self._cursor
+        self._cursor = self._plot.figure["layout"]["shapes"] = _line_at(x)
         self._plot.update()
 
     @staticmethod
@@ -45,6 +55,12 @@ class CurvePlot:
             "xaxis": {"title": {"text": x_label}}, "yaxis": {"title": {"text": y_label}},
         }  # fmt: skip
         return {"data": data, "layout": layout, "config": {"displaylogo": False, "displayModeBar": False}}
+
+
+def _line_at(x: float) -> list[dict]:
+    """Shapes of a figure: a vertical line."""
+    look = {"color": "#6b7280", "width": 1, "dash": "dot"}
+    return [{"type": "line", "x0": x, "x1": x, "yref": "paper", "y0": 0, "y1": 1, "line": look}]
 
 
 def _numbers(values: np.ndarray) -> list[float | None]:

@@ -184,7 +184,8 @@ class LivePage:
             return
         if self._follows:
             self._show_step(max(press.reached for press in self.presses.values()) - 1)
-        self._draw_curves()
+        else:
+            self._draw_curves()
         if all(press.has_ended for press in self.presses.values()):
             self._follows = False
             self.said.text = " ".join(
@@ -223,9 +224,8 @@ class LivePage:
         for name, press in self.presses.items():
             self._draw_step(name, press, min(step, press.reached - 1))
         if self.presses:
-            depth_mm = MM_PER_M * next(iter(self.presses.values())).depths_m[step] if step >= 0 else 0.0
-            self.depth_title.text = f"{depth_mm:g} mm" if step >= 0 else "first touch"
-            self.forces.cursor(depth_mm)
+            self.depth_title.text = f"{self._shown_mm:g} mm" if step >= 0 else "first touch"
+            self._draw_curves()
 
     def _draw_step(self, name: str, press: LivePress, step: int) -> None:
         own, surface = self.panels[name], self.setup.surfaces[name]
@@ -242,7 +242,13 @@ class LivePage:
 
     def _draw_curves(self) -> None:
         curves = {name: press.axial_force() for name, press in self.presses.items() if press.outputs}
-        self.forces.draw("depth, mm", "force, N", curves)
+        deepest_mm = MM_PER_M * max(press.depths_m[-1] for press in self.presses.values())
+        self.forces.draw("depth, mm", "force, N", curves, self._shown_mm, deepest_mm)
+
+    @property
+    def _shown_mm(self) -> float:
+        """Depth, mm, of the step that is shown; 0 at first touch."""
+        return MM_PER_M * next(iter(self.presses.values())).depths_m[self.step] if self.step >= 0 else 0.0
 
     def _key(self, event: KeyEventArguments) -> None:
         if not event.action.keydown:
