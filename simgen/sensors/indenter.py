@@ -6,6 +6,7 @@ A `RigidShape` is in mm in the indenter frame (tip plane y = 0, press direction 
 import hashlib
 import os
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -102,7 +103,7 @@ class Indenter:
     def shape(self) -> RigidShape:
         """Shape for `probe`, on the CPU (`shape_array` moves shapes to a device)."""
         if isinstance(self.spec, MeshSpec):
-            return sampled_shape(self.source, self.spec.spacing_mm, MARGIN_MM)
+            return _sampled(self.source, self.spec.spacing_mm)
         return rigid_shape(Kind[self.spec.kind.upper()], *(v for k, v in self.spec if k != "kind"))
 
     def identity(self) -> dict[str, str | float]:
@@ -118,6 +119,12 @@ class Indenter:
     def extent(self) -> np.ndarray:
         """Bounding box (2, 3) of `mesh`, m."""
         return np.array(self.mesh().bounds)
+
+
+@lru_cache(maxsize=4)
+def _sampled(source: trimesh.Trimesh, spacing_mm: float) -> RigidShape:
+    """Sample a mesh, which takes seconds: checks of contacts and presses need the same shape."""
+    return sampled_shape(source, spacing_mm, MARGIN_MM)
 
 
 def indenter_names(file: str | Path | None = None) -> list[str]:

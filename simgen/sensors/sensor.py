@@ -35,7 +35,7 @@ class Camera:
     lights: dict[str, np.ndarray]  # colour -> (3,) m
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sensor:
     """One sensor with its meshes. Lengths in m."""
 

@@ -48,26 +48,26 @@ class Stop:
 
 
 class _Mailbox:
-    """Commands that have arrived, and the number up to which presses are stopped."""
+    """Commands that have arrived, with their times, and the number up to which presses are stopped.
+
+    The command None, or the end of the connection, ends the process.
+    """
 
     def __init__(self, connection: Connection):
         self.stopped = 0
-        self.commands: SimpleQueue[Prepare | Begin] = SimpleQueue()
+        self.commands: SimpleQueue[tuple[float, Prepare | Begin]] = SimpleQueue()
         self._connection = connection
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self):
-        while True:
-            try:
-                command = self._connection.recv()
-            except (EOFError, OSError):
-                os._exit(0)
-            if command is None:
-                os._exit(0)
-            if isinstance(command, Stop):
-                self.stopped = max(self.stopped, command.press)
-            else:
-                self.commands.put(command)
+        try:
+            while (command := self._connection.recv()) is not None:
+                if isinstance(command, Stop):
+                    self.stopped = max(self.stopped, command.press)
+                else:
+                    self.commands.put((time.perf_counter(), command))
+        finally:  # whatever happens: without this thread, nothing would end the process
+            os._exit(0)
 
 
 def serve(connection: Connection, device: str):
@@ -77,9 +77,8 @@ def serve(connection: Connection, device: str):
     start_warp()
     inputs = PressInputs(device)
     while True:
-        command = mailbox.commands.get()
+        begin, command = mailbox.commands.get()
         number = command.press if isinstance(command, Begin) else 0
-        begin = time.perf_counter()
         try:
             check_device(device)
             if isinstance(command, Prepare):
@@ -89,6 +88,8 @@ def serve(connection: Connection, device: str):
                 _press(command, inputs, mailbox, connection, begin)
         except InputError as error:
             connection.send(Refused(number, str(error)))
+        except (BrokenPipeError, ConnectionResetError):
+            return  # the parent has died
 
 
 def _press(command: Begin, inputs: PressInputs, mailbox: _Mailbox, connection: Connection, begin: float):

@@ -109,6 +109,13 @@ def test_a_mesh_in_mm_is_the_same_shape_as_in_m(tmp_path):
     assert fine < 0.15 * default  # half the spacing: about an eighth
 
 
+def test_a_mesh_is_sampled_once(tmp_path):
+    trimesh.creation.icosphere(subdivisions=1, radius=2.0).export(tmp_path / "ball.stl")
+    ball = load_indenter(tmp_path / "ball.stl", unit="mm", spacing_mm=0.5)
+    assert ball.shape() is ball.shape()
+    assert load_indenter(tmp_path / "ball.stl", unit="mm", spacing_mm=0.4).shape() is not ball.shape()
+
+
 def test_a_mesh_whose_faces_turn_both_ways_is_a_body(tmp_path):
     mesh = trimesh.creation.box([4e-3, 2e-3, 4e-3])
     faces = mesh.faces.copy()

@@ -241,6 +241,11 @@ def table(folder, y_mm=2.0):
     body.export(folder / "table.stl")
 
 
+def test_a_support_is_sampled_once(digit):
+    assert digit.support.shape("cpu") is digit.support.shape("cpu")
+    assert replace(digit.support, source="another").shape("cpu") is not digit.support.shape("cpu")
+
+
 def test_a_slab_may_rest_on_a_plane_or_on_a_mesh(tmp_path, own_cache):
     plane = load_sensor(slab(tmp_path / "a", plane={"axis": "y", "at_mm": 2.0}, friction=0.3))
     assert plane.support.friction == 0.3 and plane.support.body.beyond_mm == 3.0
