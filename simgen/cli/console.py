@@ -70,7 +70,7 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
 def _replaced(job: Job, seen: "Preview") -> str:
     """Share of the proposals that the sampler replaces because they leave too little gel; "" if it replaces none."""
     left = job.trajectories.least_thickness_left
-    if not left or job.stops_early:
+    if not left or job.stops_early or job.trajectories.contacts:
         return ""
     share = seen.refused / (seen.refused + seen.contacts)
     bad = f"leave less than {left:g} of the gel or enter the support"

@@ -131,7 +131,7 @@ class Trajectories(StrictSection):
     def _as_many_as_contacts(cls, count: int, info: ValidationInfo) -> int:
         contacts = info.data.get("contacts", ())
         if contacts and count != len(contacts):
-            raise ValueError(f"{count}, but there are {len(contacts)} contacts; allowed: their number, or no count")
+            raise ValueError(f"{count}, but contacts lists {len(contacts)}; allowed: {len(contacts)}, or no count")
         return count
 
     @field_validator("too_thin")

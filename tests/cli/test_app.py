@@ -93,7 +93,8 @@ def test_a_dry_run_says_how_many_contacts_leave_too_little_gel(here):
     _, output, _ = here(*command)
     refused = re.search(r"all 20 fit; (\d+\.\d)% of the proposals would leave less than 0.15 of the gel", output)
     assert 5.0 < float(refused[1]) < 50.0, output
-    for change in ("least_thickness_left=0", "too_thin=stop"):
+    given = "contacts=[{x_mm: -6, arc_mm: 0}, {x_mm: -8, arc_mm: 0}]"
+    for change in ("least_thickness_left=0", "too_thin=stop", given):
         _, output, _ = here(*command, "trajectories.count=2", f"trajectories.{change}")
         assert "all 2 fit" in output and "proposals" not in output
 

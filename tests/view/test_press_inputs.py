@@ -7,7 +7,7 @@ from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
 from simgen.pipeline import plan
 from simgen.view import press_inputs
-from simgen.view.live_job import PressChoices, base_from_file, live_job
+from simgen.view.live_job import PressChoices, base_from_file, base_job, live_job
 from simgen.view.press_inputs import MOST_KEPT, PressInputs
 from view.live import job_at
 
@@ -46,6 +46,16 @@ def test_the_last_few_are_kept():
     assert made == list(range(MOST_KEPT + 1))  # 0 was used again, and stayed
     keep(1)
     assert made[-1] == 1
+
+
+def test_slow_outputs_are_measured_where_the_job_asks(inputs):
+    choices = PressChoices(MIDDLE, "ring_7mm", 0.1, 1)
+    for asked in ((), ("traction",)):
+        job = live_job(base_job(["digit"], ["ring_7mm"], outputs=asked), choices)
+        [sample] = inputs.march(job, "digit")
+        assert {"traction", "stress"} & sample.outputs.keys() == {*asked}
+    traction = sample.outputs["traction"]
+    assert traction.shape[1] == 3 and np.abs(traction).max() > 1e3  # Pa
 
 
 def test_the_path_and_the_limits_of_a_job_hold(inputs):
