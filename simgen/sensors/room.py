@@ -1,17 +1,16 @@
 """Room for contacts on a sensor: places that are touchable, on a thick enough gel, and far enough from side walls."""
 
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 import scipy.spatial
 import trimesh
 
 from simgen.config.trajectories import Trajectories
-from simgen.geometry.curved_tetrahedra import CORE
 from simgen.geometry.developed_skin import Skin, skin_of
 from simgen.geometry.rotations import least_rotations, roll_then_pitch
-from simgen.geometry.surface import ClosestPoint, FinePieces
+from simgen.geometry.surface import FinePieces
 from simgen.sensors.sensor import Sensor
 
 WALL_TURN_DEG = (60.0, 120.0)  # angles between a side wall's normal and the contact's; the back has larger ones
@@ -84,29 +83,8 @@ class Room:
         self.edge_distance = settings.min_edge_ratio * max_depth_m + lateral_reach_m
         self.wall_piece = 0.25 * (self.solid_thickness + lateral_reach_m)
         self.lateral_reach = lateral_reach_m
-        self._sensor = sensor
+        self.inner_side, self.bounds = sensor.inner_side, sensor.bounds
         self.surface, self.surface_normals = _pieces_of(sensor.surface), sensor.surface.face_normals
-
-    @cached_property
-    def inner_skin(self) -> ClosestPoint | None:
-        """Closest points on the gel's inner side, which faces the core; None without a core."""
-        sensor = self._sensor
-        if sensor.core is None:
-            return None
-        return ClosestPoint(sensor.surface.vertices, sensor.surface.faces[sensor.surface_region == CORE])
-
-    @cached_property
-    def bounds(self) -> tuple[FinePieces, np.ndarray]:
-        """Bounds of the room for a press, and their normals (f, 3) out of the room.
-
-        They are the gel's surface without its inner side, and the core from outside.
-        """
-        sensor = self._sensor
-        if sensor.core is None:
-            return self.surface, self.surface_normals
-        outer, core = sensor.surface_region != CORE, sensor.core
-        triangles = np.concatenate([sensor.surface.triangles[outer], core.triangles])
-        return FinePieces(triangles), np.concatenate([self.surface_normals[outer], -core.face_normals])
 
     def propose(self, uniform: np.ndarray) -> Contacts:
         """Contacts on the skin from points (n, 5) of the unit cube, without those off the skin."""
@@ -138,9 +116,9 @@ class Room:
 
     def _needed_thickness(self, points: np.ndarray) -> np.ndarray:
         """Diameters (n,) m of the balls that must fit under contacts at points (n, 3)."""
-        if self.inner_skin is None:
+        if self.inner_side is None:
             return np.full(len(points), self.solid_thickness)
-        skin = np.minimum(self.inner_skin(points)[1], self.solid_thickness)
+        skin = np.minimum(self.inner_side(points)[1], self.solid_thickness)
         return self.max_depth + (1.0 - self.settings.max_indentation_ratio) * skin
 
     def is_thick(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:

@@ -5,13 +5,15 @@ are in metres, in the sensor's own frame.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
 from simgen.errors import InputError
-from simgen.geometry.surface import ClosestPoint
+from simgen.geometry.curved_tetrahedra import CORE
+from simgen.geometry.surface import ClosestPoint, FinePieces
 from simgen.geometry.tetrahedra import OutputMesh, SimulationMesh
 from simgen.sensors import sensor_meshes
 from simgen.sensors.material import Material
@@ -57,6 +59,26 @@ class Sensor:
     def output_points(self) -> np.ndarray:
         """Points of the gel, (v, 3) m, with which the vertices of the output mesh move."""
         return self.output_mesh.vertices if self.output_moves_with is None else self.output_moves_with
+
+    @cached_property
+    def inner_side(self) -> ClosestPoint | None:
+        """Closest points on the gel's inner side, which faces the core; None without a core."""
+        if self.core is None:
+            return None
+        return ClosestPoint(self.surface.vertices, self.surface.faces[self.surface_region == CORE])
+
+    @cached_property
+    def bounds(self) -> tuple[FinePieces, np.ndarray]:
+        """Bounds of the room for a press, and their normals (f, 3) out of the room.
+
+        They are the gel's surface without its inner side, and the core from outside.
+        """
+        triangles, normals = self.surface.triangles, self.surface.face_normals
+        if self.core is not None:
+            outer = self.surface_region != CORE
+            triangles = np.concatenate([triangles[outer], self.core.triangles])
+            normals = np.concatenate([normals[outer], -self.core.face_normals])
+        return FinePieces(triangles), normals
 
 
 def load_sensor(model: str | Path, mesh: str = "default", output: OutputMeshFile | None = None) -> Sensor:
