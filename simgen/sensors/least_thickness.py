@@ -3,7 +3,7 @@
 Each column along the press axis (see `gel_columns`) has gel of thickness t in front of a rigid body. The indenter moves
 along its path from first touch and ends at a distance l before the rigid body, in the same column. It leaves the share
 l / t. If the rigid body is a core behind a gap, l includes the gap and t is the skin's thickness alone, as in
-`pairing.Room`. The share is then above 1 until the gap is closed. It is negative if the indenter ends inside the rigid
+`room.Room`. The share is then above 1 until the gap is closed. It is negative if the indenter ends inside the rigid
 body. Columns without gel, and columns that leave the gel at a free surface, do not count.
 
 First touch and least share are found on the lattice, so each is off by half a column at most. With a fillet of 1 mm and

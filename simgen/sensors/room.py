@@ -112,6 +112,7 @@ class Room:
         return meets
 
     def is_touchable(self, points: np.ndarray) -> np.ndarray:
+        """True (n,) for points (n, 3) m next to a touchable vertex."""
         return self.touchable[self.nearest.query(points)[1]]
 
     def _needed_thickness(self, points: np.ndarray) -> np.ndarray:
