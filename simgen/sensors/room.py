@@ -1,16 +1,13 @@
 """Room for contacts on a sensor: places that are touchable, on a thick enough gel, and far enough from side walls."""
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
 
 import numpy as np
 import scipy.spatial
-import trimesh
 
 from simgen.config.trajectories import Trajectories
 from simgen.geometry.developed_skin import Skin, skin_of
 from simgen.geometry.rotations import least_rotations, roll_then_pitch
-from simgen.geometry.surface import FinePieces
 from simgen.sensors.sensor import Sensor
 
 WALL_TURN_DEG = (60.0, 120.0)  # angles between a side wall's normal and the contact's; the back has larger ones
@@ -51,11 +48,6 @@ def contacts_at(
     return Contacts(points, normals, axes, rolls[on_skin], arcs[on_skin])
 
 
-@lru_cache(maxsize=4)
-def _pieces_of(surface: trimesh.Trimesh) -> FinePieces:
-    return FinePieces(surface.triangles)
-
-
 class Room:
     """Places on a sensor that have room for a contact.
 
@@ -84,7 +76,7 @@ class Room:
         self.wall_piece = 0.25 * (self.solid_thickness + lateral_reach_m)
         self.lateral_reach = lateral_reach_m
         self.inner_side, self.bounds = sensor.inner_side, sensor.bounds
-        self.surface, self.surface_normals = _pieces_of(sensor.surface), sensor.surface.face_normals
+        self.surface, self.surface_normals = sensor.pieces, sensor.surface.face_normals
 
     def propose(self, uniform: np.ndarray) -> Contacts:
         """Contacts on the skin from points (n, 5) of the unit cube, without those off the skin."""

@@ -68,17 +68,22 @@ class Sensor:
         return ClosestPoint(self.surface.vertices, self.surface.faces[self.surface_region == CORE])
 
     @cached_property
+    def pieces(self) -> FinePieces:
+        """The surface's triangles, to be subdivided on demand."""
+        return FinePieces(self.surface.triangles)
+
+    @cached_property
     def bounds(self) -> tuple[FinePieces, np.ndarray]:
         """Bounds of the room for a press, and their normals (f, 3) out of the room.
 
         They are the gel's surface without its inner side, and the core from outside.
         """
-        triangles, normals = self.surface.triangles, self.surface.face_normals
-        if self.core is not None:
-            outer = self.surface_region != CORE
-            triangles = np.concatenate([triangles[outer], self.core.triangles])
-            normals = np.concatenate([normals[outer], -self.core.face_normals])
-        return FinePieces(triangles), normals
+        normals = self.surface.face_normals
+        if self.core is None:
+            return self.pieces, normals
+        outer = self.surface_region != CORE
+        triangles = np.concatenate([self.surface.triangles[outer], self.core.triangles])
+        return FinePieces(triangles), np.concatenate([normals[outer], -self.core.face_normals])
 
 
 def load_sensor(model: str | Path, mesh: str = "default", output: OutputMeshFile | None = None) -> Sensor:

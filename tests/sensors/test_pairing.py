@@ -19,7 +19,7 @@ from simgen.sensors.indenter import load_indenter
 from simgen.sensors.indenter_pose import advanced
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.pairing import Contacts, Room, draw_contacts, indenter_poses, partners, sample_contacts, unfold
-from simgen.sensors.sensor import load_sensor
+from simgen.sensors.sensor import Sensor, load_sensor
 from simgen.simulation.first_touch import first_touch
 
 COUNT, SEED, DEPTH = 200, 1, 2.0e-3
@@ -79,12 +79,18 @@ def hollow_slab() -> SimpleNamespace:
     return sensor(surface, touchable, core, np.where(np.arange(len(surface.faces)) < len(outer.faces), 0, CORE))
 
 
-def sensor(surface, touchable, core=None, region=None) -> SimpleNamespace:
+class StandIn(SimpleNamespace):
+    """Parts of a sensor, with the properties that follow from them."""
+
+    inner_side, pieces, bounds = Sensor.inner_side, Sensor.pieces, Sensor.bounds
+
+
+def sensor(surface, touchable, core=None, region=None) -> StandIn:
     """A stand-in with the parts of a sensor that pairing reads."""
     on_surface = np.arange(len(surface.vertices))
     output = SimpleNamespace(vertices=surface.vertices, surface_vertices=on_surface, touchable=touchable)
     own = {"name": "slab", "surface": surface, "surface_region": region, "core": core, "support": None}
-    return SimpleNamespace(**own, output_mesh=output)
+    return StandIn(**own, output_mesh=output)
 
 
 def test_contact_points_coincide_and_normals_align(digit, biotac, contacts):
