@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from simgen.geometry.developed_skin import skin_of
-from simgen.sensors import room
 from simgen.sensors.room import contacts_at, subset
 from simgen.sensors.sensor import load_sensor
 
@@ -28,7 +27,3 @@ def test_contacts_stand_at_their_places_and_others_are_left_out(digit):
     np.testing.assert_allclose(between, [10.0, 0.0], atol=1e-5)
     np.testing.assert_array_equal(subset(contacts, np.array([False, True])).points, points[1:])
     np.testing.assert_array_equal(subset(contacts, slice(1)).axes, contacts.axes[:1])
-
-
-def test_pieces_of_a_surface_are_made_once(digit):
-    assert room._pieces_of(digit.surface) is room._pieces_of(digit.surface)

@@ -8,6 +8,7 @@ import yaml
 
 from sensors.slab import SLAB, SOLID, write_sensor
 from simgen.errors import InputError
+from simgen.geometry.curved_tetrahedra import CORE
 from simgen.geometry.interpolation import locate
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
@@ -157,3 +158,14 @@ def test_unknown_sensors_and_meshes(slab_folder):
         load_sensor("digit", "finest")
     with pytest.raises(InputError, match=r"meshes\.coarse"):
         load_sensor(slab_folder, "coarse")
+
+
+def test_bounds_of_a_sensor_are_made_once_and_leave_out_its_inner_side():
+    """The DIGIT has no core: its bounds are its whole surface. The BioTac's are its outside and its core."""
+    digit, biotac = load_sensor("digit", "coarse"), load_sensor("biotac", "coarse")
+    assert digit.inner_side is None and digit.bounds[0] is digit.pieces is digit.pieces
+    inner = (biotac.surface_region == CORE).sum()
+    assert biotac.bounds is biotac.bounds
+    assert len(biotac.bounds[1]) == len(biotac.surface.faces) - inner + len(biotac.core.faces)
+    point = biotac.surface.triangles_center[biotac.surface_region == CORE][:1]
+    assert biotac.inner_side(point)[1][0] < 1e-9
