@@ -26,6 +26,7 @@ from simgen.view.viewpoint import contact_viewpoint
 from simgen.view.words_panel import WordsPanel
 
 PLAY_S = 0.15  # between two depths of a press in motion
+ANSWER_S = 60.0  # a browser on a busy machine draws its first picture before it answers
 
 
 def dataset_page(path: Path, networks: Path | None) -> Callable[[], None]:
@@ -106,7 +107,7 @@ class DatasetPage:
         ui.on("link", lambda event: self.follow_link(event.args))
         self._press_is_new()
         await ui.context.client.connected()
-        self.follow_link(await ui.run_javascript("return location.hash"))
+        self.follow_link(await ui.run_javascript("return location.hash", timeout=ANSWER_S))
         self._is_linked = True
         set_link(self.link.text)
 
