@@ -14,9 +14,8 @@ def elements(client: Client, kind: type, css_class: str = "") -> list:
 
 
 def field(client: Client, label: str) -> Element:
-    """The field with this label."""
-    (found,) = (each for each in client.elements.values() if each.props.get("label") == label)
-    return found
+    """The first field with this label."""
+    return next(each for each in client.elements.values() if each.props.get("label") == label)
 
 
 def texts(client: Client) -> list[str]:

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 from nicegui import ui
-from view.page_parts import elements, fire, html
 
 from simgen.view.contact_map import ContactMap
 from simgen.view.contact_plot import CHOSEN, HIDDEN, SHOWN, ContactPlot
 from simgen.view.press_table import Filter, PressTable
+from view.page_parts import elements, fire, html
 
 POINTS = np.array([[0.0, 1.0], [np.nan, np.nan], [2.0, 3.0], [-1.0, 5.0]])
 OUTLINE = np.array([[-2.0, 0.0], [3.0, 0.0], [3.0, 6.0], [-2.0, 0.0]])

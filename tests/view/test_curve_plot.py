@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 from nicegui import ui
-from view.page_parts import elements, html
 
 from simgen.view.curve_plot import CURVE_COLOURS, CurvePlot
+from view.page_parts import elements, html
 
 X = np.array([0.0, 0.1, 0.2])
 

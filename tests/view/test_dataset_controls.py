@@ -2,9 +2,9 @@
 
 import pytest
 from nicegui import ui
-from view.page_parts import elements, field, fire, html, texts
 
 from simgen.view.dataset_controls import KEYS, ControlEvents, DatasetControls
+from view.page_parts import elements, field, fire, html, texts
 
 INDENTERS = ("sphere_7mm", "a < b & c")
 

@@ -6,7 +6,6 @@ import shutil
 import numpy as np
 import pytest
 from nicegui import Client, run, ui
-from view.page_parts import elements, field, fire, html, notices, numbers, press_key, texts
 
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
@@ -17,6 +16,7 @@ from simgen.view.opened_dataset import OpenedDataset
 from simgen.view.python_lines import python_lines
 from simgen.view.sensor_panel import GEL, INDENTER
 from simgen.view.stage import Stage
+from view.page_parts import elements, field, fire, html, notices, numbers, press_key, texts
 
 RING = 1  # press of the ring at the first contact
 LAST = 3  # step
@@ -26,8 +26,8 @@ LAST = 3  # step
 def page_of(client, sent, scripts):
     """Build the page of a dataset, whose browser is ready."""
 
-    def build(dataset: Dataset) -> DatasetPage:
-        page = DatasetPage(OpenedDataset(dataset.path, None))
+    def build(opened: OpenedDataset) -> DatasetPage:
+        page = DatasetPage(opened)
         page._press_is_new()  # as `begin` does, which then waits for a browser
         for stage in elements(client, Stage):
             fire(stage, "ready")
@@ -36,20 +36,31 @@ def page_of(client, sent, scripts):
     return build
 
 
+@pytest.fixture(scope="module")
+def opened(failing) -> OpenedDataset:
+    """As on the server, all pages share it."""
+    return OpenedDataset(failing.path, None)
+
+
 @pytest.fixture
-def page(page_of, failing) -> DatasetPage:
-    return page_of(failing)
+def page(page_of, opened) -> DatasetPage:
+    return page_of(opened)
 
 
 def last_sent(page: DatasetPage, sent: list, sensor: str, body: str, *methods: str) -> tuple:
-    """Arguments of the last call of these methods for a body of a sensor."""
+    """Arguments of the last call of one of these methods for a body of a sensor."""
     stage = page.panels[sensor].stage
-    return [call for call in sent if call[0] is stage and call[1] in methods and call[2] == body][-1][3:]
+    return [call[3:] for call in sent if call[0] is stage and call[1] in methods and call[2] == body][-1]
 
 
 def shown_gel(page, sent, sensor) -> np.ndarray:
     """Positions (v, 3), mm, that were sent last."""
     return numbers(last_sent(page, sent, sensor, GEL, "put", "move")[0])
+
+
+def shown_colours(page, sent, sensor) -> np.ndarray:
+    """Colours (v, 3) uint8 that were sent last."""
+    return numbers(last_sent(page, sent, sensor, GEL, "move")[1], "u1")
 
 
 def check_shown(page, sent, press: int, step: int) -> None:
@@ -130,20 +141,15 @@ def test_a_depth_that_was_not_reached_is_said(page, client, sent):
     check_shown(page, sent, RING, LAST)  # at rest
     words = "This depth was not reached: the gel is drawn at rest."
     assert texts(client).count(words) == 2 and html(client).count("Stalled.") == 2
-    colours = numbers(last_sent(page, sent, "digit", GEL, "move")[1], "u1")
-    assert {"#" + bytes(each).hex() for each in colours} == {NO_VALUE}
+    assert {"#" + bytes(each).hex() for each in shown_colours(page, sent, "digit")} == {NO_VALUE}
     page.show(RING, 1)
     check_shown(page, sent, RING, 1)
     assert words not in texts(client) and html(client).count("Converged.") == 2
 
 
 def test_a_filter_leads_to_a_press_that_passes(page, client, sent):
-    field(client, "indenter").value = 0
     page.show(2, LAST)
-    filters = page.controls.filters
-    (chosen,) = (each for each in elements(client, ui.select) if each.props.get("label") == "status")
-    assert filters in list(chosen.ancestors())
-    chosen.value = "failed"
+    field(client, "status").value = "failed"
     check_shown(page, sent, RING, LAST)
     assert "press 1 (1 of 4), split train, failed" in texts(client)
     press_key(client, "ArrowDown")
@@ -156,8 +162,7 @@ def test_a_filter_leads_to_a_press_that_passes(page, client, sent):
 
 
 def test_a_press_outside_the_filter_can_be_chosen_and_walking_comes_back(page, client, sent):
-    (chosen,) = (each for each in elements(client, ui.select) if each.props.get("label") == "status")
-    chosen.value = "failed"
+    field(client, "status").value = "failed"
     page.follow_link("#press=5")
     assert any(text.startswith("press 5 (outside the filter)") for text in texts(client))
     press_key(client, "ArrowDown")
@@ -165,12 +170,14 @@ def test_a_press_outside_the_filter_can_be_chosen_and_walking_comes_back(page, c
 
 
 def test_the_colour_is_that_of_the_field(page, client, sent):
-    before = last_sent(page, sent, "digit", GEL, "move")[1]
+    shown = []
+    for key in ("contact", "displacement"):
+        field(client, "colour").value = key
+        for sensor in page.dataset.sensors:
+            shown.append(shown_colours(page, sent, sensor))
+            np.testing.assert_array_equal(shown[-1], page.opened.fields[sensor].field(key, 0, LAST).colours)
+    assert not np.array_equal(shown[0], shown[-1])
     field(client, "colour").value = "contact"
-    for sensor in page.dataset.sensors:
-        colours = numbers(last_sent(page, sent, sensor, GEL, "move")[1], "u1")
-        np.testing.assert_array_equal(colours, page.opened.fields[sensor].field("contact", 0, LAST).colours)
-    assert last_sent(page, sent, "digit", GEL, "move")[1] != before
     assert texts(client).count("1 (contact patch)") == 2
 
 
@@ -224,10 +231,11 @@ def test_the_curves_follow_press_quantity_and_depth(page, client):
     title, cursor, values = drawn()
     assert (title, cursor) == ("normal force, N", pytest.approx(0.4))
     np.testing.assert_allclose(values, [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-6)
-    page.quantity.value = "cavity pressure"
-    assert drawn()[0] == "cavity pressure, kPa" and [each["name"] for each in curves.figure["data"]] == ["biotac"]
+    page.quantity.value = "force, y"
+    assert drawn()[0] == "force, y, N"
+    assert [each["name"] for each in curves.figure["data"]] == list(page.dataset.sensors)
     page.show(RING, 0)
-    assert drawn()[:2] == ("cavity pressure, kPa", pytest.approx(0.1))
+    assert drawn()[:2] == ("force, y, N", pytest.approx(0.1))
     page.quantity.value = "normal force"
     title, cursor, values = drawn()
     assert (title, cursor) == ("normal force, N", pytest.approx(0.1)) and values[3:] == [None, None]
@@ -271,7 +279,7 @@ def test_images_of_sensors_with_a_camera_follow(page, client, drawn_slowly):
 
 
 def test_an_imported_dataset_is_shown(page_of, client, sent, imported):
-    page = page_of(imported)
+    page = page_of(OpenedDataset(imported.path, None))
     for press in range(2):
         page.show(press, LAST)
     page.show(RING, 1)
@@ -283,10 +291,11 @@ def test_an_imported_dataset_is_shown(page_of, client, sent, imported):
 
 
 def test_an_unfinished_dataset_is_shown_and_says_what_is_not_there(page_of, client, sent, unfinished):
-    page = page_of(unfinished)
+    page = page_of(OpenedDataset(unfinished.path, None))
     check_shown(page, sent, 0, LAST)
     page.show(11, 2)
-    assert any(text.startswith("press 11 (12 of 12), split test, not there yet") for text in texts(client))
+    split = page.opened.table.split[11]
+    assert f"press 11 (12 of 12), split {split}, not there yet" in texts(client)
     rest = page.opened.surfaces["digit"].surface.rest_mm
     np.testing.assert_array_equal(shown_gel(page, sent, "digit"), rest)
     assert not notices(client)
@@ -314,7 +323,7 @@ def test_a_file_that_is_gone_is_said_and_the_page_goes_on(page_of, whole, client
     path = shutil.copytree(whole.path, tmp_path / "d.zarr")
     (file,) = (each for each in Dataset(path).shard_files(1) if each.startswith("digit/displacement"))
     (path / file).unlink()
-    page = page_of(Dataset(path))
+    page = page_of(OpenedDataset(path, None))
     page.show(2, LAST)
     assert any(f"{file}: is gone" in notice for notice in notices(client))
     page.show(4, LAST)

@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
-from view.page_parts import html, notices
 
 from simgen.errors import InputError
 from simgen.view.page_style import begin_page, copy_text, data_url, heading, said_on_the_page, set_link
+from view.page_parts import html, notices
 
 QUOTED = 'it\'s "mine" <b>\n\u2028'
 

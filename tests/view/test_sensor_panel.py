@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from nicegui import ui
-from view.page_parts import elements, fire, html, numbers, texts
 
 from simgen.sensors.indenter import load_indenter
 from simgen.view.colours import SurfaceField
@@ -12,6 +11,7 @@ from simgen.view.drawn_surface import PressedSurface
 from simgen.view.sensor_panel import GEL, INDENTER, SEEN, SensorPanel
 from simgen.view.stage import GLASS, Stage
 from simgen.view.viewpoint import top_viewpoint
+from view.page_parts import elements, fire, html, numbers, texts
 
 POSE = np.array([[1.0, 0.0, 0.0, 2.0], [0.0, 1.0, 0.0, 3.0], [0.0, 0.0, 1.0, 4.0], [0.0, 0.0, 0.0, 1.0]])
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from view.page_parts import fire, numbers
 
 from simgen.view.stage import Body, Stage
 from simgen.view.viewpoint import top_viewpoint
+from view.page_parts import fire, numbers
 
 POINTS = np.array([[0.0, 0.1, 0.2], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

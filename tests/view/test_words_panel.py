@@ -1,11 +1,11 @@
 """Words of samples as HTML."""
 
 import pytest
-from view.page_parts import html
 
 from simgen.view.press_values import PressValues
 from simgen.view.sample_words import SampleWords, WordLine, sample_words
 from simgen.view.words_panel import WordsPanel, as_html
+from view.page_parts import html
 
 BAD = "<i>a</i> & \"b\" 'c'"
 SAFE = "&lt;i&gt;a&lt;/i&gt; &amp; &quot;b&quot; &#x27;c&#x27;"
@@ -27,9 +27,9 @@ def test_the_status_has_its_colour(kind, is_valid, mark):
 
 
 def test_a_number_beyond_its_limit_is_marked_and_the_verdict_names_it():
-    lines = [WordLine("residual", "0.1", "", "at most 0.0005", False), WordLine("min det F", "0.9", "", "above 0", True),
-             WordLine("substeps", "1", "")]  # fmt: skip
-    text = as_html(SampleWords("digit", "Converged.", "converged", True, (), tuple(lines)))
+    beyond = WordLine("residual", "0.1", "", "at most 0.0005", False)
+    certificate = beyond, WordLine("min det F", "0.9", "", "above 0", True), WordLine("substeps", "1", "")
+    text = as_html(SampleWords("digit", "Converged.", "converged", True, (), certificate))
     assert '<td class="bad">0.1 (at most 0.0005 is allowed)</td>' in text
     assert '<td class="">0.9 (above 0 is allowed)</td>' in text and '<td class="">1</td>' in text
     assert "<summary>Beyond its limit: residual is 0.1, allowed: at most 0.0005.</summary>" in text
