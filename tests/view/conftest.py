@@ -98,3 +98,14 @@ def scripts(monkeypatch) -> list[str]:
     codes = []
     monkeypatch.setattr(Client, "run_javascript", lambda client, code, **_: codes.append(code))
     return codes
+
+
+@pytest.fixture
+def at_once(monkeypatch) -> None:
+    """What pages leave to other threads is done in this one."""
+    from nicegui import run
+
+    async def call(function, *arguments):
+        return function(*arguments)
+
+    monkeypatch.setattr(run, "io_bound", call)

@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from nicegui import Client, run, ui
+from nicegui import Client, ui
 
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
@@ -250,13 +250,8 @@ def test_the_lines_of_python_are_those_of_the_sample(page, client, scripts):
 
 
 @pytest.fixture
-def drawn_slowly(client, monkeypatch):
+def drawn_slowly(client, at_once):
     """Draw what the page draws off the server's thread."""
-
-    async def at_once(function, *arguments):
-        return function(*arguments)
-
-    monkeypatch.setattr(run, "io_bound", at_once)
 
     async def draw() -> None:
         with client:

@@ -5,10 +5,12 @@ import json
 
 import numpy as np
 import pytest
-from nicegui import run, ui
+from nicegui import ui
 
 from simgen.view.curve_plot import CURVE_COLOURS
+from simgen.view.dataset_page import DatasetPage
 from simgen.view.drawn_surface import AT_REST
+from simgen.view.opened_dataset import OpenedDataset
 from simgen.view.predicted_panels import DOT_MM, ELECTRODES, PredictedPanels, electrode_dots, electrode_figure
 from simgen.view.sensor_panel import GEL
 from simgen.view.stage import Stage
@@ -28,11 +30,7 @@ def predictions(with_electrodes, trained) -> Predictions:
 
 
 @pytest.fixture
-def panels(client, sent, predictions, monkeypatch) -> PredictedPanels:
-    async def at_once(function, *arguments):
-        return function(*arguments)
-
-    monkeypatch.setattr(run, "io_bound", at_once)
+def panels(client, sent, predictions, at_once) -> PredictedPanels:
     panels = PredictedPanels(predictions)
     for stage in elements(client, Stage):
         fire(stage, "ready")
@@ -117,6 +115,23 @@ def test_an_old_sample_is_not_drawn(client, panels, sent):
     (shows,) = elements(client, ui.toggle)
     shows.value = "difference"  # before anything was drawn
     assert not sent
+
+
+def test_the_page_of_a_dataset_has_them(client, sent, trained, with_electrodes, at_once):
+    page = DatasetPage(OpenedDataset(with_electrodes.path, trained.output))
+    page.show(PRESS, STEP)
+    own, shown = page.opened.predictions.of_sample(PRESS, STEP), elements(client, Stage)[-2:]
+    for stage in shown:
+        fire(stage, "ready")
+    (slow,) = {each.callback for each in elements(client, ui.timer) if each.interval == 0.0}
+
+    async def draw() -> None:
+        with client:
+            await slow()
+
+    asyncio.run(draw())
+    for stage, surface in zip(shown, own.surfaces.values(), strict=True):
+        np.testing.assert_array_equal(numbers(sent_last(sent, stage, "move", GEL)[0]), surface.positions_mm)
 
 
 def test_a_bar_for_each_electrode():
