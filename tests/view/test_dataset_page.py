@@ -2,6 +2,7 @@
 
 import asyncio
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -283,6 +284,19 @@ def test_an_imported_dataset_is_shown(page_of, client, sent, imported):
         truth = imported[f"{sensor}/rest_positions"] + imported.displacement(sensor, RING, 1)
         np.testing.assert_allclose(shown_gel(page, sent, sensor), 1e3 * truth[vertices], atol=1e-5)
     assert not notices(client)
+
+
+def test_an_indenter_that_does_not_press_at_a_contact_is_said(page_of, client, sent, failing):
+    """Imported files may hold any presses."""
+    opened = OpenedDataset(failing.path, None)
+    opened.table = replace(opened.table, trajectory=np.array([0, 4, *opened.table.trajectory[2:]]))  # the ring's first
+    page = page_of(opened)
+    field(client, "indenter").value = 1
+    check_shown(page, sent, 0, LAST)
+    assert field(client, "indenter").value == 0 and notices(client) == ["ring_7mm does not press at this contact"]
+    field(client, "indenter").value = 2
+    check_shown(page, sent, 2, LAST)
+    assert len(notices(client)) == 1
 
 
 def test_an_unfinished_dataset_is_shown_and_says_what_is_not_there(page_of, client, sent, unfinished):

@@ -209,9 +209,9 @@ def test_buttons_walk_through_presses(browser, shown):
 
 def test_a_click_on_the_map_shows_that_contact(browser, shown):
     def clicked(driver) -> bool:  # again if need be: plotly.js finds what is under the pointer after a moment
-        points = driver.find_elements(By.CSS_SELECTOR, ".contacts .scatterlayer .trace:first-child .points path")
-        driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", points[2])
-        ActionChains(driver).move_to_element(points[2]).click().perform()
+        point = driver.find_element(By.CSS_SELECTOR, ".contacts .trace:first-child .points path:nth-of-type(3)")
+        driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", point)
+        ActionChains(driver).move_to_element(point).click().perform()
         return about(driver).startswith("press 6 (")
 
     until(browser, clicked)
