@@ -65,8 +65,10 @@ def view(
 
         page, title = dataset_page(dataset, networks), dataset.resolve().name
     else:
+        from simgen.config.warp_device import check_device
         from simgen.view.live_page import live_page
 
+        check_device(device)
         page, title = live_page(sensor or [], indenter, unit, job, device), job or " and ".join(sensor)
 
     def announce(link: str) -> None:

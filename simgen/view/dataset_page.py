@@ -14,7 +14,7 @@ from simgen.view.curve_plot import CurvePlot
 from simgen.view.dataset_controls import ControlEvents, DatasetControls
 from simgen.view.drawn_surface import AT_REST
 from simgen.view.opened_dataset import OpenedDataset
-from simgen.view.page_style import begin_page, copy_text, data_url, heading, panel, said_on_the_page, set_link
+from simgen.view.page_style import begin_page, copy_text, data_url, heading, panel, said_on_the_page, say, set_link
 from simgen.view.press_curves import press_curves
 from simgen.view.press_filter import PressFilter
 from simgen.view.press_table import following, preceding
@@ -26,6 +26,7 @@ from simgen.view.viewpoint import contact_viewpoint
 from simgen.view.words_panel import WordsPanel
 
 PLAY_S = 0.15  # between two depths of a press in motion
+ANSWER_S = 60.0  # a browser on a busy machine draws its first picture before it answers
 
 
 def dataset_page(path: Path, networks: Path | None) -> Callable[[], None]:
@@ -106,7 +107,7 @@ class DatasetPage:
         ui.on("link", lambda event: self.follow_link(event.args))
         self._press_is_new()
         await ui.context.client.connected()
-        self.follow_link(await ui.run_javascript("return location.hash"))
+        self.follow_link(await ui.run_javascript("return location.hash", timeout=ANSWER_S))
         self._is_linked = True
         set_link(self.link.text)
 
@@ -126,13 +127,16 @@ class DatasetPage:
         self._show_found(trajectory, int(self.opened.table.indenter[self.press]))
 
     def show_indenter(self, indenter: int) -> None:
-        """Show the press of an indenter at the contact that is shown now."""
-        self._show_found(int(self.opened.table.trajectory[self.press]), indenter)
+        """Show the press of an indenter at the contact that is shown now, if there is one."""
+        if not self._show_found(int(self.opened.table.trajectory[self.press]), indenter):
+            say(f"{self.opened.table.indenters[indenter]} does not press at this contact")
+            self._say_which_press()
 
-    def _show_found(self, trajectory: int, indenter: int) -> None:
+    def _show_found(self, trajectory: int, indenter: int) -> bool:
         found = self.opened.table.find(trajectory, indenter)
         if found is not None:
             self.show(found, self.step)
+        return found is not None
 
     def show(self, press: int, step: int) -> None:
         """Show a sample, and let all parts of the page follow."""
@@ -143,19 +147,22 @@ class DatasetPage:
             self.step = step
             self._step_is_new()
 
-    def _press_is_new(self) -> None:
+    def _say_which_press(self) -> None:
         row = self.opened.table.row(self.press)
         place = int(np.searchsorted(self.among, self.press)) + 1
         among = f"{place:,} of {len(self.among):,}" if self.press in self.among else "outside the filter"
         about = f"press {self.press} ({among}), split {row.split}, {row.status}"
         self.controls.show_press(row.trajectory, int(self.opened.table.indenter[self.press]), about)
+
+    def _press_is_new(self) -> None:
+        self._say_which_press()
         with said_on_the_page():
             for sensor, own in self.panels.items():
                 pose = self.opened.indenters.pose(sensor, self.press, AT_REST)
                 own.put_indenter(self.opened.indenters.drawn(self.press), pose, bool(self.controls.glass.value))
                 own.look(contact_viewpoint(self.dataset, sensor, self.press), self.opened.surfaces[sensor].surface)
             self._draw_curves()
-        self.map.mark(row.trajectory)
+        self.map.mark(int(self.opened.table.trajectory[self.press]))
         self._step_is_new()
 
     def _step_is_new(self) -> None:

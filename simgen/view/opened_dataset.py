@@ -17,12 +17,14 @@ class OpenedDataset:
     """A dataset, its table of presses, and what is drawn of it. Raises `InputError` if it cannot be read.
 
     networks : folder of networks, whose predictions are shown, too
+    is_finished : all presses were there when it was opened
     """
 
     def __init__(self, path: Path, networks: Path | None):
         self.dataset = dataset = Dataset(path)
         if not dataset.imported:
             checked(dataset)
+        self.is_finished = not dataset.unfinished()
         self.table = PressTable.of_dataset(dataset)
         self.contacts = ContactMap.of_dataset(dataset)
         self.indenters = PressingIndenters(dataset)
@@ -40,7 +42,3 @@ class OpenedDataset:
     def depths(self) -> int:
         """Number of depths, or steps of the path, of each press."""
         return len(self.dataset.indenter_path)
-
-    @property
-    def is_finished(self) -> bool:
-        return not self.dataset.unfinished()
