@@ -1,6 +1,7 @@
 """`simgen view`: help, and one line for everything that it refuses."""
 
 import shutil
+import subprocess
 import sys
 
 import pytest
@@ -76,6 +77,12 @@ def test_without_nicegui_the_line_names_the_extra(here, tmp_path, fake_dataset, 
     monkeypatch.delitem(sys.modules, "simgen.view.server")
     monkeypatch.setitem(sys.modules, "nicegui", None)  # as if it were not installed
     check_refused(here, tmp_path, f"view {shown}".replace("dataset", str(fake_dataset.path)), NICEGUI)
+
+
+def test_the_command_line_starts_without_nicegui():
+    code = "import sys, simgen.cli.app; print({'nicegui', 'fastapi', 'starlette'} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
 
 
 @pytest.mark.parametrize("flags, opens", [("", True), ("--no-browser", False)])

@@ -36,6 +36,12 @@ return Array.from(document.querySelectorAll('.stage'), (each) => {
 """
 INDENTERS_SEEN = "return Array.from(document.querySelectorAll('.stage'), (e) => e.stage.bodies.get('indenter').visible)"
 COLOURS = "return Array.from(document.querySelector('.stage').stage.bodies.get('gel').geometry.attributes.color.array)"
+DRAW_ANEW = """
+const { stage } = document.querySelector('.stage');
+stage.bodies.get('gel').geometry.attributes.position.needsUpdate = arguments[0];
+stage.draw();
+requestAnimationFrame(() => requestAnimationFrame(() => arguments[1]()));
+"""
 READ_CLIPBOARD = "navigator.clipboard.readText().then(arguments[0], (error) => arguments[0](String(error)))"
 FITS = "return innerWidth == arguments[0] && document.scrollingElement.scrollWidth <= innerWidth"
 
@@ -55,6 +61,7 @@ def surfaces(failing) -> list[PressedSurface]:
 def loaded(page, tmp_path_factory):
     """A browser that has followed the link to a sample."""
     with started_browser(tmp_path_factory.mktemp("browser") / "profile") as driver:
+        driver.set_script_timeout(PATIENCE_S)
         driver.get(f"{page.link}#press=3&depth=2")
         yield driver
 
@@ -170,6 +177,11 @@ def test_the_slider_shows_other_depths_and_the_picture_changes(browser, shown):
     shown(browser, 0, 1)
     picture_changes(browser, picture)
     assert browser.find_element(By.CSS_SELECTOR, ".depth-title").text == "0.1 mm"
+    pictures = []
+    for positions_are_new in (False, True):  # positions that were sent have been drawn
+        browser.execute_async_script(DRAW_ANEW, positions_are_new)
+        pictures.append(pixels(browser))
+    assert np.abs(pictures[1] - pictures[0]).max() < 10
     click_slider(browser, 0.0)
     shown(browser, 0, 0)
 
@@ -256,7 +268,6 @@ def test_the_copied_lines_load_what_is_shown(browser, page, shown, failing, surf
     go_to(browser, "#press=4&depth=2")
     shown(browser, 4, 2)
     click(browser, ".copy-python")
-    browser.set_script_timeout(PATIENCE_S)
     read = lambda driver: driver.execute_async_script(READ_CLIPBOARD)  # noqa: E731
     until(browser, lambda driver: "load_dataset" in read(driver))
     found = {}
