@@ -54,6 +54,7 @@ class DatasetPage:
         self.opened, self.dataset = opened, opened.dataset
         self.press, self.step = opened.table.furthest(), opened.depths - 1
         self.among = np.arange(len(opened.table))
+        self._x = np.zeros(opened.depths + 1)  # of first touch and each step, on the axis of the curves
         self._is_linked = self._plays = False  # the link that was opened has been followed; the press is in motion
         name = self.dataset.path.resolve().name
         begin_page(name)
@@ -161,18 +162,22 @@ class DatasetPage:
                 pose = self.opened.indenters.pose(sensor, self.press, AT_REST)
                 own.put_indenter(self.opened.indenters.drawn(self.press), pose, bool(self.controls.glass.value))
                 own.look(contact_viewpoint(self.dataset, sensor, self.press), self.opened.surfaces[sensor].surface)
+        self._show_step()  # before the plots, which take the browser longer
+        with said_on_the_page():
             self._draw_curves()
         self.map.mark(int(self.opened.table.trajectory[self.press]))
-        self._step_is_new()
 
     def _step_is_new(self) -> None:
+        self._show_step()
+        self.curves.cursor(self._cursor)
+
+    def _show_step(self) -> None:
         title = "first touch" if self.step == AT_REST else step_title(self.dataset, self.step)
         self.controls.show_depth(self.step + 1, title)
         with said_on_the_page():
             for sensor, own in self.panels.items():
                 self._put_step(sensor, own)
             self.words.write(sample_words(self.opened.values, self.press, self.step))
-            self._move_cursor()
         if self._is_linked:
             set_link(self.link.text)
         ui.timer(0.0, lambda: self._draw_slow(self.press, self.step), once=True)
@@ -196,15 +201,16 @@ class DatasetPage:
         shown = [curve for curve in found.curves if curve.title == title]
         self._x = shown[0].x
         curves = {curve.sensor: (curve.x, curve.values) for curve in shown}
-        self.curves.draw(found.x_label, f"{title}, {shown[0].unit}", curves)
+        self.curves.draw(found.x_label, f"{title}, {shown[0].unit}", curves, self._cursor)
 
     def _quantity_is_new(self) -> None:
         with said_on_the_page():
             self._draw_curves()
-            self._move_cursor()
 
-    def _move_cursor(self) -> None:
-        self.curves.cursor(float(self._x[self.step + 1]))
+    @property
+    def _cursor(self) -> float:
+        """Place of the step on the axis of the curves."""
+        return float(self._x[self.step + 1])
 
     async def _draw_slow(self, press: int, step: int) -> None:
         """Draw images and predictions of a sample off the server's thread, unless another is shown by then."""
