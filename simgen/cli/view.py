@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from simgen.cli.options import Device
-from simgen.errors import InputError, needs_extra
+from simgen.errors import InputError, needs_extra, shown
 
 EXTRA = "view"
 
@@ -48,6 +48,8 @@ def view(
 
     simgen view --sensor digit --indenter ring_7mm
     """
+    from simgen.config.choices import is_path
+
     live = {"--sensor": sensor, "--indenter": indenter, "--unit": unit, "--job": job}
     given = [name for name, value in live.items() if value]
     if dataset is not None and given:
@@ -56,6 +58,10 @@ def view(
         raise InputError("simgen view: nothing to show; allowed: a dataset, --sensor NAME, or --job JOB")
     if job is not None and len(given) > 1:
         raise InputError(f"--job {job} and {given[0]}: allowed: one of them, since a job names sensors and indenters")
+    if unit is not None and not is_path(indenter or ""):
+        raise InputError(f"--unit {shown(unit)}: allowed: only with a mesh file as --indenter")
+    if dataset is not None and device != "cpu":
+        raise InputError(f"--device {shown(device)}: allowed: only to press live")
     if networks is not None and dataset is None:
         raise InputError(f"--networks {networks}: allowed: only with a dataset")
     with needs_extra(EXTRA):
