@@ -118,7 +118,8 @@ class LivePage:
             self.presses = {
                 name: LivePress(worker.press(job, name), job.indenter_path) for name, worker in self.workers.items()
             }
-            self._follows, self.said.text = True, "pressing"
+            self._follows = True
+            self._say("pressing")
             self.depth.props(f"max={len(job.indenter_path)}")
             self._draw_curves()
 
@@ -160,11 +161,12 @@ class LivePage:
 
     def _show_place(self, looks: bool = False) -> None:
         """Draw the gels at rest, with the indenter at the chosen place; where ``looks``, move the viewer there."""
-        choices, poses, self.said.text = self.controls.choices, {}, ""
+        self._say("")
+        choices, poses = self.controls.choices, {}
         try:
             poses = contact_poses(self.job, self.setup.sensors)
         except InputError as error:
-            self.said.text = str(error)
+            self._say(str(error), False)
         for name, own in self.panels.items():
             surface = self.setup.surfaces[name]
             own.move_gel(surface.rest_mm, field_at_rest(surface, MM * choices.depth_mm))
@@ -195,10 +197,13 @@ class LivePage:
             self._draw_curves()
         if all(press.has_ended for press in self.presses.values()):
             self._follows = False
-            self.said.text = " ".join(
-                f"{name}: {press.sentence} {press.reached} depths in {press.seconds:.2f} s."
-                for name, press in self.presses.items()
-            )
+            ends = (f"{name}: {press.ending}" for name, press in self.presses.items())
+            self._say(" ".join(ends), all(press.is_good for press in self.presses.values()))
+
+    def _say(self, sentence: str, is_good: bool = True) -> None:
+        """Write a sentence above the sensors, where it hides none of them."""
+        self.said.text = sentence
+        self.said.classes(remove="bad") if is_good else self.said.classes("bad")
 
     def _take(self, name: str, worker: PressWorker) -> bool:
         """Take a worker's events. Returns True if its press has changed."""
@@ -213,7 +218,7 @@ class LivePage:
                     if name in self.presses:
                         self.presses[name].end(sentence, False)
                         changed = True
-                case Refused(sentence=sentence):
+                case Refused(press=0, sentence=sentence):  # of a preparation
                     say(sentence)
             if name in self.presses and self.presses[name].take(event):
                 changed = True

@@ -61,6 +61,11 @@ class LivePress:
         """Number of depths so far."""
         return len(self.outputs)
 
+    @property
+    def ending(self) -> str:
+        """How the press ended, with the number of depths, and the time, where there are any."""
+        return f"{self.sentence} {self.reached} depths in {self.seconds:.2f} s." if self.outputs else self.sentence
+
     def indenter_pose(self, step: int) -> np.ndarray | None:
         """Pose (4, 4) m of the indenter at a step, -1 for first touch; None before first touch."""
         if self.touch_pose is None:

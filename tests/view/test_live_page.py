@@ -294,8 +294,17 @@ def test_a_refused_press_is_said(client, page):
     for worker in page.workers.values():
         worker.events.append(Refused(worker.number, "there: no room; allowed: elsewhere"))
     page._poll()
-    assert notices(client) == ["there: no room; allowed: elsewhere"] * 2
-    assert said(page).startswith("digit: there: no room; allowed: elsewhere")
+    sentence = "there: no room; allowed: elsewhere"
+    assert said(page) == f"digit: {sentence} biotac: {sentence}" and "bad" in page.said.classes
+    assert not notices(client)  # a notice would hide the gel
+    page.press()
+    assert said(page) == "pressing" and "bad" not in page.said.classes
+
+
+def test_a_gel_that_cannot_be_prepared_is_said(client, page):
+    page.workers["digit"].events.append(Refused(0, "digit: no gel; allowed: one"))
+    page._poll()
+    assert notices(client) == ["digit: no gel; allowed: one"]
 
 
 def test_a_lost_worker_is_replaced_and_the_next_press_works(client, page, press, sent):

@@ -273,28 +273,26 @@ def test_a_click_into_a_dent_presses_there(browser, folder):
 
 def test_a_place_without_room_has_the_sentence_of_the_command_line(browser, folder, monkeypatch, capfd):
     choose(browser, "live-depth", 1.0)
-    click_gel(browser, 3.9, 0.0)
-    until(browser, lambda driver: "a side wall of digit is nearer" in said(driver), said(browser))
+    click_gel(browser, 4.3, 0.0)
+    until(browser, lambda driver: said(driver).startswith("digit: trajectories.contacts[0] (x_mm 4."))
     job = saved_job(browser, folder)
     monkeypatch.chdir(folder)
     code, _, errors = simgen(f"run {job.name}.yaml", monkeypatch, capfd)
-    until(browser, lambda driver: "depths in" in said(driver))
-    sentence = said(browser).removeprefix("digit: ").removesuffix(" 0 depths in 0.00 s.")
-    assert (code, errors) == (2, f"simgen: {sentence}\n")
-    assert sentence in browser.find_element(By.CSS_SELECTOR, ".q-notification").text
-    choose(browser, "live-depth", 0.2)
+    assert (code, errors) == (2, f"simgen: {said(browser).removeprefix('digit: ')}\n")
+    assert not (folder / f"{job.name}.zarr").exists()
 
 
 def test_a_lost_worker_is_replaced(browser, folder, page):
+    choose(browser, "live-depth", 0.2)
     click_gel(browser, -6.0, 1.0)
-    until(browser, lambda driver: "2 depths in" in said(driver))
     result = pressed(saved_job(browser, folder))
+    shows(browser, result.displacement[-1])
     [worker] = workers(page)
     worker.kill()
-    until(browser, lambda driver: "the worker process has ended" in driver.page_source)
-    choose(browser, "live-tilt", 0)
-    click_gel(browser, -6.0, 1.0)
-    result = pressed(saved_job(browser, folder))
+    until(browser, lambda driver: "the worker process has ended" in said(driver) + driver.page_source)
+    press_keys(browser, Keys.ARROW_LEFT)
+    shows(browser, result.displacement[0])
+    press_keys(browser, " ")
     shows(browser, result.displacement[-1])
 
 
@@ -313,7 +311,7 @@ def test_two_windows_press_at_once_and_a_closed_one_ends_its_worker(browser, fol
         for window, depths, x_mm in ((other, 3, -9.0), (own, 2, -4.0)):
             browser.switch_to.window(window)
             job = saved_job(browser, folder)
-            assert job.trajectories.contacts[0].x_mm == pytest.approx(x_mm, abs=0.2)
+            assert job.trajectories.contacts[0].x_mm == pytest.approx(x_mm, abs=0.5)
             result = pressed(job)
             assert len(result.displacement) == depths
             shows(browser, result.displacement[-1])

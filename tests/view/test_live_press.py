@@ -38,7 +38,7 @@ def test_events_are_taken_in_order(press):
     assert forces.tolist() == [0.0, 1.0, 2.0]
     assert press.take(reached(2, 4.0)) and press.take(ended(0, 3))
     assert (press.reached, press.has_ended, press.is_good, press.sentence) == (3, True, True, "Over.")
-    assert press.seconds == 4.5
+    assert press.ending == "Over. 3 depths in 4.50 s."
 
 
 @pytest.mark.parametrize(
@@ -62,6 +62,11 @@ def test_a_second_try_replaces_samples(press):
     assert press.reached == 2 and press.axial_force()[1].tolist() == [0.0, 5.0, 2.0]
     press.take(reached(1, 6.0))
     assert press.axial_force()[1].tolist() == [0.0, 5.0, 6.0]
+
+
+def test_a_press_without_depths_ends_with_its_sentence_alone(press):
+    press.take(Refused(2, "there: no room; allowed: elsewhere"))
+    assert press.ending == "there: no room; allowed: elsewhere"
 
 
 @pytest.mark.parametrize(
