@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from nicegui import run, ui
 
 from simgen.config.job_schema import Job
 from simgen.view.live_job import save_dataset, write_job
-from simgen.view.page_style import said_on_the_page
+from simgen.view.page_style import keys_stay_with_the_page, said_on_the_page
 
 
 class SaveButtons:
@@ -18,9 +19,12 @@ class SaveButtons:
 
     def __init__(self, job: Callable[[], Job], device: str):
         self._job, self._device = job, device
-        ui.button("Save job", on_click=self._save_job).props("dense flat no-caps").classes("save-job")
-        button = ui.button("Save dataset", on_click=self._save_dataset).props("dense flat no-caps")
-        self._dataset_button = button.classes("save-dataset")
+        self._button("Save job", self._save_job).classes("save-job")
+        self._dataset_button = self._button("Save dataset", self._save_dataset).classes("save-dataset")
+
+    @staticmethod
+    def _button(text: str, on_click: Callable[[], Any]) -> ui.button:
+        return keys_stay_with_the_page(ui.button(text, on_click=on_click).props("dense flat no-caps"), "click")
 
     def _save_job(self) -> None:
         with said_on_the_page():

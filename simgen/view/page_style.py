@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 from nicegui import ui
+from nicegui.element import Element
 
 from simgen.errors import InputError
 from simgen.view.camera_picture import as_png
@@ -74,9 +75,9 @@ def heading(text: str) -> None:
     ui.html(f"<h3>{html.escape(text)}</h3>", sanitize=False)
 
 
-def keys_stay_with_the_page(slider: ui.slider) -> ui.slider:
-    """Take the focus from a slider that has moved, because it would take the arrow keys for itself."""
-    return slider.on("change", js_handler="() => document.activeElement?.blur()")
+def keys_stay_with_the_page(element: Element, event: str = "change") -> Element:
+    """Take the focus from a slider that has moved, or a button that was clicked: it would take keys for itself."""
+    return element.on(event, js_handler="() => document.activeElement?.blur()")
 
 
 def copy_text(text: str, about: str, is_script: bool = False) -> None:

@@ -54,7 +54,7 @@ def test_help_says_what_there_is(here):
         ("view --sensor digit --indenter none.stl", "none.stl"),
         ("view --sensor digit --indenter none.stl --unit inch", '"inch" is not allowed; allowed: m or mm'),
         ("view --job nothing.yaml", "nothing.yaml: no such job file"),
-        ("view --sensor digit --indenter ring_7mm --unit mm", "--unit mm: allowed: only with a mesh file as --indenter"),
+        ("view --sensor digit --unit mm", "--unit mm: allowed: only with a mesh file as --indenter"),
         ("view d.zarr --device cuda", "--device cuda: allowed: only to press live"),
         ("view --sensor digit --device gpu", "device 'gpu' is not allowed; allowed: cpu, cuda, cuda:N"),
     ],
