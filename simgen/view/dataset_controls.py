@@ -74,7 +74,8 @@ class DatasetControls:
 
     @staticmethod
     def _button(icon: str, on_click: Callable[[], None], name: str, about: str) -> None:
-        ui.button(icon=icon, on_click=lambda: on_click()).props("flat dense").classes(name).tooltip(about)
+        button = ui.button(icon=icon, on_click=lambda: on_click()).props("flat dense")
+        keys_stay_with_the_page(button, "click").classes(name).tooltip(about)
 
     def _choose_contact(self, number: float | None) -> None:
         if number is not None:  # the field is empty while the user types
