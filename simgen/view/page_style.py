@@ -24,7 +24,7 @@ STYLE = """
 .row-line { display: flex; width: 100%; gap: 8px; align-items: center; flex-wrap: wrap; }
 .small { font-size: 13px; color: #4b5563; }
 .fill { flex: 1 1 160px; min-width: 0; }
-.plot { width: 100%; height: 260px; }
+.plot { width: 100%; height: min(340px, 60vh); }
 .words details summary { cursor: pointer; font-size: 13px; }
 .words p { margin: 6px 0 2px; font-size: 13px; }
 .words td { padding: 1px 8px 1px 0; font-size: 13px; vertical-align: top; }
@@ -35,9 +35,18 @@ body { background: #eef0f3; }
 """
 
 
+# A button that was clicked would take the space bar for itself.
+FREE_KEYS = """
+addEventListener("click", (event) => {
+  if (event.detail && event.target.closest("button")) document.activeElement?.blur();
+});
+"""
+
+
 def begin_page(title: str) -> None:
     """Set style and title of a page."""
     ui.add_css(STYLE)
+    ui.add_head_html(f"<script>{FREE_KEYS}</script>")
     ui.page_title(f"{title} - simgen")
 
 

@@ -1,5 +1,6 @@
 """The server of the page: NiceGUI on 127.0.0.1, for the browser of this machine alone."""
 
+import asyncio
 import socket
 import webbrowser
 from collections.abc import Callable
@@ -18,7 +19,9 @@ def serve(page: Callable[[], None], title: str, announce: Callable[[str], None],
     port = free_port()
     link = f"http://{HOST}:{port}/"
 
-    def started() -> None:
+    async def started() -> None:
+        while not await _listens(port):
+            await asyncio.sleep(LISTEN_S)
         announce(link)
         if open_browser:
             webbrowser.open(link)
@@ -39,6 +42,17 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
+async def _listens(port: int) -> bool:
+    """True once a program listens on a port of this machine."""
+    try:
+        _, writer = await asyncio.open_connection(HOST, port)
+    except OSError:
+        return False
+    writer.close()
+    return True
+
+
+LISTEN_S = 0.02  # between two looks; the server listens a moment after it has started
 RECONNECT_S = 3.0  # after which the page of a lost client ends its work
 FAVICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect y="14" width="32" height="18" rx="3" '

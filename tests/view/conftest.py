@@ -66,3 +66,46 @@ def unfinished(whole, tmp_path) -> Dataset:
         for file in (f"manifest/{number:06d}.json", *whole.shard_files(number)):
             (path / file).unlink()
     return Dataset(path)
+
+
+@pytest.fixture
+def client(monkeypatch):
+    """A page that no browser has loaded: elements are made on it, and what would be sent waits in its outbox."""
+    from nicegui import Client, background_tasks
+    from nicegui.page import page
+
+    monkeypatch.setattr(background_tasks, "create_or_defer", lambda awaitable, **_: awaitable.close())
+    with Client(page("/test")) as client:
+        yield client
+    client.delete()
+
+
+@pytest.fixture
+def sent(monkeypatch) -> list[tuple]:
+    """What stages send to the browser: (stage, method, *arguments)."""
+    from simgen.view.stage import Stage
+
+    calls = []
+    monkeypatch.setattr(Stage, "run_method", lambda stage, *call: calls.append((stage, *call)))
+    return calls
+
+
+@pytest.fixture
+def scripts(monkeypatch) -> list[str]:
+    """What the browser is asked to run."""
+    from nicegui import Client
+
+    codes = []
+    monkeypatch.setattr(Client, "run_javascript", lambda client, code, **_: codes.append(code))
+    return codes
+
+
+@pytest.fixture
+def at_once(monkeypatch) -> None:
+    """What pages leave to other threads is done in this one."""
+    from nicegui import run
+
+    async def call(function, *arguments):
+        return function(*arguments)
+
+    monkeypatch.setattr(run, "io_bound", call)
