@@ -33,14 +33,14 @@ class MaterialFields:
 
     @property
     def choices(self) -> dict[str, Any]:
-        """Keys of `simgen.config.choices.MaterialChoice`: the preset, and values that differ from it."""
+        """Keys of `simgen.config.choices.MaterialChoice`: the preset, and values that differ from it, others None."""
         stiffness, friction = _values(self.sensor.materials[self.preset.value])
-        chosen = {"preset": self.preset.value}
-        if self.stiffness_kpa.value != stiffness:
-            chosen["youngs_modulus_pa"] = PA_PER_KPA * float(self.stiffness_kpa.value)
-        if self.friction.value != friction:
-            chosen["friction"] = float(self.friction.value)
-        return chosen
+        own_stiffness, own_friction = float(self.stiffness_kpa.value), float(self.friction.value)
+        return {
+            "preset": self.preset.value,
+            "youngs_modulus_pa": PA_PER_KPA * own_stiffness if own_stiffness != stiffness else None,
+            "friction": own_friction if own_friction != friction else None,
+        }
 
 
 class LiveControls:

@@ -14,7 +14,7 @@ FIELDS = (DISPLACEMENT, TRACTION)
 def live_field(name: str, press: LivePress, surface: DrawnSurface, step: int) -> SurfaceField:
     """Field of a press at a step that has converged.
 
-    The scale of displacements ends at the last depth, that of tractions at the largest so far.
+    The scale of displacements ends at the largest depth, that of tractions at the largest so far.
     """
     outputs = press.outputs[step]
     if name == TRACTION and "traction" in outputs:
@@ -22,7 +22,7 @@ def live_field(name: str, press: LivePress, surface: DrawnSurface, step: int) ->
         largest = max(float(np.nanmax(traction_kpa(own["traction"]))) for own in press.outputs.values())
         return SurfaceField("traction", "kPa", values, largest)
     values = displacement_mm(outputs["displacement"][surface.vertices])
-    return SurfaceField("displacement", "mm", values, float(MM_PER_M * press.depths_m[-1]))
+    return SurfaceField("displacement", "mm", values, float(MM_PER_M * press.deepest_m))
 
 
 def field_at_rest(surface: DrawnSurface, depth_m: float) -> SurfaceField:

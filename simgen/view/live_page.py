@@ -27,9 +27,7 @@ from simgen.view.viewpoint import side_viewpoint
 
 POLL_S = 0.03
 SETTLE_S = 0.3  # since the last change of the gel, after which the workers prepare it
-HELP = (
-    "Click on the first sensor to press there. Space presses again, Escape stops, left and right show other depths."
-)
+HELP = "Click on the first sensor to press there. Space presses again, Escape stops, left and right show other depths."
 
 
 def live_page(
@@ -84,9 +82,7 @@ class LivePage:
             self.said = ui.label().classes("small said")
             ui.label(HELP).classes("small gt-sm")
         with ui.element("div").classes("panels"):
-            self.panels = {
-                name: SensorPanel(name, self._press_at if name == first else None) for name in setup.sensors
-            }
+            self.panels = {name: SensorPanel(name, self._press_at if name == first else None) for name in setup.sensors}
             if len(self.panels) == 1:
                 self._build_plots()
         if len(self.panels) > 1:
@@ -117,12 +113,14 @@ class LivePage:
         with said_on_the_page():
             job = self.job
             self._unprepared_s = None
+            self._forget_press()
             self._show_place()
             self.presses = {
-                name: LivePress(worker.press(job, name), job.depths_m) for name, worker in self.workers.items()
+                name: LivePress(worker.press(job, name), job.indenter_path) for name, worker in self.workers.items()
             }
-            self.step, self._follows, self.said.text = -1, True, "pressing"
-            self.depth.props(f"max={len(job.depths_m)}")
+            self._follows = True
+            self._say("pressing")
+            self.depth.props(f"max={len(job.indenter_path)}")
             self._draw_curves()
 
     def stop(self) -> None:
@@ -138,8 +136,16 @@ class LivePage:
 
     def _place_changed(self) -> None:
         self.stop()
-        self.presses = {}
+        self._forget_press()
         self._show_place()
+
+    def _forget_press(self) -> None:
+        """Take what belongs to the last press off the page."""
+        if self.presses:
+            for own in self.panels.values():
+                own.caption.text = ""
+        self.presses, self.step, self._follows = {}, -1, False
+        self.depth.value, self.depth_title.text = 0, "at rest"
 
     def _gel_changed(self) -> None:
         self._place_changed()
@@ -155,21 +161,24 @@ class LivePage:
 
     def _show_place(self, looks: bool = False) -> None:
         """Draw the gels at rest, with the indenter at the chosen place; where ``looks``, move the viewer there."""
+        self._say("")
+        choices, poses = self.controls.choices, {}
         try:
-            job = self.job
-            poses = contact_poses(job, self.setup.sensors)
+            poses = contact_poses(self.job, self.setup.sensors)
         except InputError as error:
-            self.said.text = str(error)
-            return
-        self.said.text = ""
-        drawn = self.setup.indenters[job.indenter_names[0]]
+            self._say(str(error), False)
         for name, own in self.panels.items():
-            surface, pose = self.setup.surfaces[name], _in_mm(poses[name])
-            own.put_indenter(drawn, pose, True)
-            own.move_gel(surface.rest_mm, field_at_rest(surface, job.depths_m[-1]))
-            own.stage.point(pose[:3, 3], pose[:3, 1])
+            surface = self.setup.surfaces[name]
+            own.move_gel(surface.rest_mm, field_at_rest(surface, MM * choices.depth_mm))
             if name in self.images:
                 self.images[name].draw(None)
+            if name not in poses:
+                own.put_indenter(None, None, False)
+                own.stage.point(None)
+                continue
+            pose = _in_mm(poses[name])
+            own.put_indenter(self.setup.indenters[choices.indenter], pose, True)
+            own.stage.point(pose[:3, 3], pose[:3, 1])
             if looks:
                 own.look(side_viewpoint(-pose[:3, 1], pose[:3, 3]), surface)
 
@@ -188,10 +197,13 @@ class LivePage:
             self._draw_curves()
         if all(press.has_ended for press in self.presses.values()):
             self._follows = False
-            self.said.text = " ".join(
-                f"{name}: {press.sentence} {press.reached} depths in {press.seconds:.2f} s."
-                for name, press in self.presses.items()
-            )
+            ends = (f"{name}: {press.ending}" for name, press in self.presses.items())
+            self._say(" ".join(ends), all(press.is_good for press in self.presses.values()))
+
+    def _say(self, sentence: str, is_good: bool = True) -> None:
+        """Write a sentence above the sensors, where it hides none of them."""
+        self.said.text = sentence
+        self.said.classes(remove="bad") if is_good else self.said.classes("bad")
 
     def _take(self, name: str, worker: PressWorker) -> bool:
         """Take a worker's events. Returns True if its press has changed."""
@@ -202,8 +214,11 @@ class LivePage:
                     self.panels[name].caption.text = f"ready, prepared in {seconds:.1f} s"
                 case Lost(sentence=sentence):
                     say(sentence)
-                    self.workers[name] = PressWorker(self.device)
-                case Refused(sentence=sentence):
+                    self.workers[name], self._unprepared_s = PressWorker(self.device), 0.0
+                    if name in self.presses:
+                        self.presses[name].end(sentence, False)
+                        changed = True
+                case Refused(press=0, sentence=sentence):  # of a preparation
                     say(sentence)
             if name in self.presses and self.presses[name].take(event):
                 changed = True
@@ -224,7 +239,8 @@ class LivePage:
         for name, press in self.presses.items():
             self._draw_step(name, press, min(step, press.reached - 1))
         if self.presses:
-            self.depth_title.text = f"{self._shown_mm:g} mm" if step >= 0 else "first touch"
+            path = next(iter(self.presses.values())).path
+            self.depth_title.text = path.label(step) if step >= 0 else "first touch"
             self._draw_curves()
 
     def _draw_step(self, name: str, press: LivePress, step: int) -> None:
@@ -234,7 +250,7 @@ class LivePage:
             own.move_gel(surface.displaced(displacement), live_field(self.colour.value, press, surface, step))
             own.caption.text = f"{press.force(step):.3f} N"
         else:
-            own.move_gel(surface.rest_mm, field_at_rest(surface, press.depths_m[-1]))
+            own.move_gel(surface.rest_mm, field_at_rest(surface, press.deepest_m))
         if pose is not None:
             own.stage.pose(INDENTER, _in_mm(pose))
         if name in self.images:
@@ -242,13 +258,13 @@ class LivePage:
 
     def _draw_curves(self) -> None:
         curves = {name: press.axial_force() for name, press in self.presses.items() if press.outputs}
-        deepest_mm = MM_PER_M * max(press.depths_m[-1] for press in self.presses.values())
+        deepest_mm = MM_PER_M * max(press.deepest_m for press in self.presses.values())
         self.forces.draw("depth, mm", "force, N", curves, self._shown_mm, deepest_mm)
 
     @property
     def _shown_mm(self) -> float:
         """Depth, mm, of the step that is shown; 0 at first touch."""
-        return MM_PER_M * next(iter(self.presses.values())).depths_m[self.step] if self.step >= 0 else 0.0
+        return MM_PER_M * next(iter(self.presses.values())).path.depths_m[self.step] if self.step >= 0 else 0.0
 
     def _key(self, event: KeyEventArguments) -> None:
         if not event.action.keydown:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simgen.sensors.indenter_pose import advanced
+from simgen.config.indenter_path import IndenterPath, moved
 from simgen.units import MM_PER_M
 from simgen.view.press_events import DepthReached, PressEnded, Refused, Stopped, Touched
 
@@ -14,14 +14,13 @@ class LivePress:
     """What is known of one press on one sensor.
 
     number : of the press, as its worker counts them
-    depths_m : (d,) m
     touch_pose : (4, 4) m at first touch, indenter frame -> sensor frame; None before
     outputs : of each step, by the names of `simgen.config.outputs`
     sentence : how the press ended, or why it was refused; empty before
     """
 
     number: int
-    depths_m: np.ndarray
+    path: IndenterPath
     touch_pose: np.ndarray | None = None
     outputs: dict[int, dict[str, np.ndarray]] = field(default_factory=dict)
     sentence: str = ""
@@ -53,15 +52,27 @@ class LivePress:
         self.sentence, self.is_good, self.has_ended = sentence, is_good, True
 
     @property
+    def deepest_m(self) -> float:
+        """The largest depth of the path, m."""
+        return float(self.path.depths_m.max())
+
+    @property
     def reached(self) -> int:
         """Number of depths so far."""
         return len(self.outputs)
+
+    @property
+    def ending(self) -> str:
+        """How the press ended, with the number of depths, and the time, where there are any."""
+        return f"{self.sentence} {self.reached} depths in {self.seconds:.2f} s." if self.outputs else self.sentence
 
     def indenter_pose(self, step: int) -> np.ndarray | None:
         """Pose (4, 4) m of the indenter at a step, -1 for first touch; None before first touch."""
         if self.touch_pose is None:
             return None
-        return advanced(self.touch_pose, self.depths_m[step] if step >= 0 else 0.0)
+        if step < 0:
+            return self.touch_pose
+        return moved(self.touch_pose, self.path.offsets_m[step], self.path.turns_rad[step])
 
     def displacement(self, step: int) -> np.ndarray | None:
         """Displacement (v, 3) m of the output mesh at a step; None if it is not there."""
@@ -74,4 +85,4 @@ class LivePress:
     def axial_force(self) -> tuple[np.ndarray, np.ndarray]:
         """Depths (n + 1,) mm and forces (n + 1,) N along the press axis so far, from first touch on."""
         steps = sorted(self.outputs)
-        return np.array([0.0, *(MM_PER_M * self.depths_m[steps])]), np.array([0.0, *map(self.force, steps)])
+        return np.array([0.0, *(MM_PER_M * self.path.depths_m[steps])]), np.array([0.0, *map(self.force, steps)])
