@@ -12,6 +12,7 @@ from simgen.pipeline.run import run
 from simgen.sensing.camera.renderer import Look, Renderer, camera_of, optics_files
 from simgen.sensing.camera.response import Response
 from simgen.sensors.height_map import coat
+from simgen.sensors.sensor_geometry import sensor_folder
 from tests.sensing.camera import scenes
 
 SMALL = Look(height=64, width=48)
@@ -81,6 +82,21 @@ def test_images_have_the_camera_s_own_size(seen):
     assert Renderer.of_dataset(seen, "digit").background.shape == (camera.height_px, camera.width_px, 3)
 
 
+@pytest.mark.parametrize("camera", [None, "tacto"])
+def test_a_mesh_without_a_dataset_has_the_same_images(seen, camera):
+    look = Look(height=64, width=48, camera=camera)
+    mesh = (seen[f"digit/{key}"] for key in ("rest_positions", "surface_triangles"))
+    own, other = (
+        Renderer.of_dataset(seen, "digit", look),
+        Renderer.of_mesh("digit", sensor_folder("digit"), *mesh, look),
+    )
+    assert own.record() == other.record()
+    np.testing.assert_array_equal(own.untouched, other.untouched)
+    displacement = seen.displacement("digit", 0)
+    np.testing.assert_array_equal(own(displacement), other(displacement))
+    assert (own(displacement) != own.untouched).any()
+
+
 def test_another_camera_has_its_own_view_and_colours(seen):
     """TACTO's camera sees 29 % more of the gel. Names of its files end in its name."""
     looks = (Look(height=64, width=48, camera=name) for name in (None, "tacto"))
@@ -140,6 +156,19 @@ def test_bad_input_is_one_line(seen, sensor, look, complaint):
     with pytest.raises(InputError, match=complaint) as raised:
         Renderer.of_dataset(seen, sensor, look)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "look", "complaint"),
+    [
+        ("biotac", Look(), r"biotac.sensor\.yaml: no camera; allowed: a sensor with one"),
+        ("digit", Look(camera="front"), r"digit.sensor\.yaml: camera 'front': allowed: default, tacto"),
+    ],
+)
+def test_a_mesh_that_no_camera_sees_is_one_line(seen, sensor, look, complaint):
+    mesh = (seen[f"digit/{key}"] for key in ("rest_positions", "surface_triangles"))
+    with pytest.raises(InputError, match=complaint):
+        Renderer.of_mesh(sensor, sensor_folder(sensor), *mesh, look)
 
 
 def test_a_diameter_without_markers_is_one_line():
