@@ -36,9 +36,18 @@ body { background: #eef0f3; }
 """
 
 
+# A button that was clicked would take the space bar for itself.
+FREE_KEYS = """
+addEventListener("click", (event) => {
+  if (event.detail && event.target.closest("button")) document.activeElement?.blur();
+});
+"""
+
+
 def begin_page(title: str) -> None:
     """Set style and title of a page."""
     ui.add_css(STYLE)
+    ui.add_head_html(f"<script>{FREE_KEYS}</script>")
     ui.page_title(f"{title} - simgen")
 
 
