@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from nicegui import ui
 
-from simgen.view.page_style import heading, keys_stay_with_the_page, panel
+from simgen.view.page_style import CHOSEN, heading, keys_stay_with_the_page, panel
 
 KEYS = "Keys: left and right change the depth, up and down the press, space plays, i hides the indenter."
 
@@ -58,10 +58,11 @@ class DatasetControls:
                 self._indenter = ui.select(
                     dict(enumerate(indenters)), label="indenter", on_change=lambda event: events.indenter(event.value)
                 )
-                self._indenter.props("dense outlined").style("min-width: 140px")
+                keys_stay_with_the_page(self._indenter, CHOSEN).props("dense outlined").style("min-width: 140px")
                 first = next(iter(colours))
                 self.colour = ui.select(dict(colours), value=first, label="colour", on_change=lambda: events.look())
-                self.colour.props("dense outlined").style("min-width: 150px").classes("colour")
+                keys_stay_with_the_page(self.colour, CHOSEN).props("dense outlined").classes("colour")
+                self.colour.style("min-width: 150px")
                 self.glass = ui.checkbox("indenter", value=True, on_change=lambda event: events.glass(event.value))
             with ui.element("div").classes("row-line"):
                 self._button("play_arrow", events.play, "play", "Show the press in motion")

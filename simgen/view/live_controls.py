@@ -12,7 +12,7 @@ from simgen.sensors.sensor_meshes import NAMES as MESHES
 from simgen.units import MM_PER_M
 from simgen.view.live_job import PressChoices
 from simgen.view.live_setup import LiveSetup
-from simgen.view.page_style import keys_stay_with_the_page
+from simgen.view.page_style import CHOSEN, keys_stay_with_the_page
 
 DEEPEST_MM, STEP_MM = 2.0, 0.1  # of the depth slider
 PA_PER_KPA = 1e3
@@ -89,7 +89,7 @@ class LiveControls:
     @staticmethod
     def _select(label: str, options: Sequence[str], value: str, on_change: Callable[[], None]) -> ui.select:
         field = ui.select(list(options), value=value, label=label, on_change=lambda: on_change())
-        return field.props("dense outlined").style("min-width: 130px")
+        return keys_stay_with_the_page(field, CHOSEN).props("dense outlined").style("min-width: 130px")
 
     @staticmethod
     def _slider(

@@ -19,7 +19,7 @@ from simgen.view.live_places import contact_poses, first_place
 from simgen.view.live_press import LivePress
 from simgen.view.live_saving import SaveButtons
 from simgen.view.live_setup import LiveSetup
-from simgen.view.page_style import begin_page, keys_stay_with_the_page, panel, said_on_the_page, say
+from simgen.view.page_style import CHOSEN, begin_page, keys_stay_with_the_page, panel, said_on_the_page, say
 from simgen.view.press_events import Lost, Ready, Refused
 from simgen.view.press_worker import PressWorker
 from simgen.view.sensor_panel import INDENTER, SensorPanel
@@ -77,7 +77,8 @@ class LivePage:
                 keys_stay_with_the_page(self.depth).classes("fill shown-depth")
                 self.depth_title = ui.label("at rest").classes("depth-title").style("min-width: 70px")
                 self.colour = ui.select(list(FIELDS), value=FIELDS[0], label="colour", on_change=self._colour_is_new)
-                self.colour.props("dense outlined").classes("colour").style("min-width: 120px")
+                keys_stay_with_the_page(self.colour, CHOSEN).props("dense outlined").classes("colour")
+                self.colour.style("min-width: 120px")
                 SaveButtons(lambda: self.job, self.device)
             self.said = ui.label().classes("small said")
             ui.label(HELP).classes("small gt-sm")

@@ -36,18 +36,12 @@ body { background: #eef0f3; }
 """
 
 
-# A button that was clicked would take the space bar for itself.
-FREE_KEYS = """
-addEventListener("click", (event) => {
-  if (event.detail && event.target.closest("button")) document.activeElement?.blur();
-});
-"""
+CHOSEN = "update:model-value"  # event of a field from which the user has chosen
 
 
 def begin_page(title: str) -> None:
     """Set style and title of a page."""
     ui.add_css(STYLE)
-    ui.add_head_html(f"<script>{FREE_KEYS}</script>")
     ui.page_title(f"{title} - simgen")
 
 
@@ -76,7 +70,10 @@ def heading(text: str) -> None:
 
 
 def keys_stay_with_the_page(element: Element, event: str = "change") -> Element:
-    """Take the focus from a slider that has moved, or a button that was clicked: it would take keys for itself."""
+    """Take the focus from a slider, a field or a button that was used, because it would take keys for itself.
+
+    event : the event of its use: ``change`` of a slider, ``click`` of a button, `CHOSEN` of a field
+    """
     return element.on(event, js_handler="() => document.activeElement?.blur()")
 
 
