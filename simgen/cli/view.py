@@ -38,6 +38,9 @@ def view(
         typer.Option(metavar="FOLDER", help="Networks that `simgen train` wrote: adds what they predict."),
     ] = None,
     device: Device = "cpu",
+    port: Annotated[
+        int | None, typer.Option("--port", min=1, max=65535, help="Port of the server.", show_default="a free one")
+    ] = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the link, and open no browser.")] = False,
 ):  # fmt: skip
     """Look at a dataset in the browser, or press a sensor live.
@@ -80,4 +83,4 @@ def view(
     def announce(link: str) -> None:
         typer.echo(f"{title}: {link} (stop with Ctrl+C)")
 
-    serve(page, f"{title} - simgen", announce, not no_browser)
+    serve(page, f"{title} - simgen", announce, not no_browser, port)

@@ -14,7 +14,17 @@ from simgen.view.curve_plot import CurvePlot
 from simgen.view.dataset_controls import ControlEvents, DatasetControls
 from simgen.view.drawn_surface import AT_REST
 from simgen.view.opened_dataset import OpenedDataset
-from simgen.view.page_style import begin_page, copy_text, data_url, heading, panel, said_on_the_page, say, set_link
+from simgen.view.page_style import (
+    ANSWER_S,
+    begin_page,
+    copy_text,
+    data_url,
+    heading,
+    panel,
+    said_on_the_page,
+    say,
+    set_link,
+)
 from simgen.view.press_curves import press_curves
 from simgen.view.press_filter import PressFilter
 from simgen.view.press_table import following, preceding
@@ -26,7 +36,6 @@ from simgen.view.viewpoint import contact_viewpoint
 from simgen.view.words_panel import WordsPanel
 
 PLAY_S = 0.15  # between two depths of a press in motion
-ANSWER_S = 60.0  # a browser on a busy machine draws its first picture before it answers
 
 
 def dataset_page(path: Path, networks: Path | None) -> Callable[[], None]:
@@ -37,7 +46,8 @@ def dataset_page(path: Path, networks: Path | None) -> Callable[[], None]:
     async def page() -> None:
         nonlocal opened
         if not opened.is_finished:
-            opened = OpenedDataset(path, networks)  # more presses may be there
+            with said_on_the_page():  # more presses may be there
+                opened = OpenedDataset(path, networks)
         await DatasetPage(opened).begin()
 
     return page
@@ -124,8 +134,12 @@ class DatasetPage:
             self.show(link.press, link.step)
 
     def show_contact(self, trajectory: int) -> None:
-        """Show the press of a contact, with the indenter that is shown now if it has one."""
-        self._show_found(trajectory, int(self.opened.table.indenter[self.press]))
+        """Show the press of a contact with the indenter that is shown now, or else with the first one there."""
+        table = self.opened.table
+        if not self._show_found(trajectory, int(table.indenter[self.press])):
+            others = np.flatnonzero(table.trajectory == trajectory)
+            if len(others):
+                self.show(int(others[0]), self.step)
 
     def show_indenter(self, indenter: int) -> None:
         """Show the press of an indenter at the contact that is shown now, if there is one."""
@@ -223,6 +237,8 @@ class DatasetPage:
                 if is_old():
                     return
                 picture = await run.io_bound(self.opened.pictures[sensor].picture, press, step)
+                if is_old():
+                    return
                 image.set_visibility(picture is not None)
                 if picture is not None:
                     image.set_source(data_url(picture))

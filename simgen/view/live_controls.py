@@ -10,12 +10,12 @@ from simgen.sensors.material import Material
 from simgen.sensors.sensor import Sensor
 from simgen.sensors.sensor_meshes import NAMES as MESHES
 from simgen.units import MM_PER_M
+from simgen.view.colours import PA_PER_KPA
 from simgen.view.live_job import PressChoices
 from simgen.view.live_setup import LiveSetup
 from simgen.view.page_style import CHOSEN, keys_stay_with_the_page
 
-DEEPEST_MM, STEP_MM = 2.0, 0.1  # of the depth slider
-PA_PER_KPA = 1e3
+DEEPEST_MM, STEP_MM = 2.0, 0.1  # of the depth slider, which goes further for a job that does
 
 
 @dataclass
@@ -64,8 +64,9 @@ class LiveControls:
             names, mesh = base.indenter_names, next(iter(base.sensors.values())).mesh
             self._indenter = self._select("indenter", names, names[0], on_change).classes("live-indenter")
             self._mesh = self._select("mesh", MESHES, mesh, on_gel)
-            depth = min(base.depths_mm.last, DEEPEST_MM)
-            self._depth = self._slider("depth", "mm", (STEP_MM, DEEPEST_MM, STEP_MM), depth, on_change, "live-depth")
+            depth = max(round(base.depths_mm.last / STEP_MM) * STEP_MM, STEP_MM)
+            range_mm = STEP_MM, max(DEEPEST_MM, depth), STEP_MM
+            self._depth = self._slider("depth", "mm", range_mm, depth, on_change, "live-depth")
             self._tilt = self._slider("tilt", "deg", (0, 30, 1), 0, on_change, "live-tilt")
             self._azimuth = self._slider("tilts towards", "deg", (0, 360, 5), 0, on_change, "live-azimuth")
             self._roll = self._slider("turn", "deg", (-180, 180, 5), 0, on_change, "live-turn")

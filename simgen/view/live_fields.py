@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from simgen.config.job_schema import Job
 from simgen.units import MM_PER_M
 from simgen.view.colours import SurfaceField, displacement_mm, traction_kpa
 from simgen.view.drawn_surface import DrawnSurface
@@ -9,6 +10,12 @@ from simgen.view.live_press import LivePress
 
 DISPLACEMENT, TRACTION = "displacement", "traction"
 FIELDS = (DISPLACEMENT, TRACTION)
+
+
+def fields_of(base: Job) -> tuple[str, ...]:
+    """Names of the quantities that presses of a job measure on some sensor."""
+    measured = {output for outputs in base.outputs.values() for output in outputs}
+    return FIELDS if TRACTION in measured else (DISPLACEMENT,)
 
 
 def live_field(name: str, press: LivePress, surface: DrawnSurface, step: int) -> SurfaceField:

@@ -12,20 +12,21 @@ from simgen.sensors.given_contacts import place_on_skin
 from simgen.units import MM, MM_PER_M
 from simgen.view.curve_plot import CurvePlot
 from simgen.view.live_controls import LiveControls
-from simgen.view.live_fields import FIELDS, field_at_rest, live_field
+from simgen.view.live_fields import field_at_rest, fields_of, live_field
 from simgen.view.live_image import LiveImage
 from simgen.view.live_job import live_job
 from simgen.view.live_places import contact_poses, first_place
 from simgen.view.live_press import LivePress
 from simgen.view.live_saving import SaveButtons
 from simgen.view.live_setup import LiveSetup
-from simgen.view.page_style import CHOSEN, begin_page, keys_stay_with_the_page, panel, said_on_the_page, say
+from simgen.view.page_style import ANSWER_S, CHOSEN, begin_page, keys_stay_with_the_page, panel, said_on_the_page, say
 from simgen.view.press_events import Lost, Ready, Refused
 from simgen.view.press_worker import PressWorker
 from simgen.view.sensor_panel import INDENTER, SensorPanel
 from simgen.view.viewpoint import side_viewpoint
 
 POLL_S = 0.03
+MOST_LOSSES = 2  # of workers, after which a page starts no new ones
 SETTLE_S = 0.3  # since the last change of the gel, after which the workers prepare it
 HELP = "Click on the first sensor to press there. Space presses again, Escape stops, left and right show other depths."
 
@@ -37,7 +38,8 @@ def live_page(
     setup = LiveSetup.of(sensors, indenter, unit, job)
     place = first_place(next(iter(setup.sensors.values())))
 
-    def page() -> None:
+    async def page() -> None:
+        await ui.context.client.connected(timeout=ANSWER_S)  # whoever only asks for the page gets no processes
         LivePage(setup, place, device)
 
     return page
@@ -52,6 +54,7 @@ class LivePage:
     def __init__(self, setup: LiveSetup, place_mm: tuple[float, float], device: str):
         self.setup, self.device, self.step = setup, device, -1
         self.presses: dict[str, LivePress] = {}
+        self._losses = 0  # workers that have ended by themselves
         self._follows = False  # the newest depth is shown as soon as it arrives
         self._unprepared_s: float | None = None  # since the last change of a gel that no worker has prepared
         begin_page(" and ".join(setup.sensors))
@@ -76,7 +79,8 @@ class LivePage:
                 self.depth = ui.slider(min=0, max=1, on_change=lambda event: self._look_at(int(event.value) - 1))
                 keys_stay_with_the_page(self.depth).classes("fill shown-depth")
                 self.depth_title = ui.label("at rest").classes("depth-title").style("min-width: 70px")
-                self.colour = ui.select(list(FIELDS), value=FIELDS[0], label="colour", on_change=self._colour_is_new)
+                fields = list(fields_of(setup.base))
+                self.colour = ui.select(fields, value=fields[0], label="colour", on_change=self._colour_is_new)
                 keys_stay_with_the_page(self.colour, CHOSEN).props("dense outlined").classes("colour")
                 self.colour.style("min-width: 120px")
                 SaveButtons(lambda: self.job, self.device)
@@ -100,7 +104,8 @@ class LivePage:
         }
 
     def close(self) -> None:
-        """End the worker processes."""
+        """End the worker processes, and forget their presses: the server keeps the page until its end."""
+        self.presses.clear()
         for worker in self.workers.values():
             worker.close()
 
@@ -128,6 +133,8 @@ class LivePage:
         """Stop the press under way. Its depths so far stay on the page."""
         for worker in self.workers.values():
             worker.stop()
+        if any(not press.has_ended for press in self.presses.values()):
+            self._say("stopping")
 
     def _press_at(self, point_mm: np.ndarray) -> None:
         """Press where the user has clicked on the first sensor, (3,) mm."""
@@ -147,6 +154,7 @@ class LivePage:
                 own.caption.text = ""
         self.presses, self.step, self._follows = {}, -1, False
         self.depth.value, self.depth_title.text = 0, "at rest"
+        self.forces.draw("depth, mm", "force, N", {})
 
     def _gel_changed(self) -> None:
         self._place_changed()
@@ -198,8 +206,11 @@ class LivePage:
             self._draw_curves()
         if all(press.has_ended for press in self.presses.values()):
             self._follows = False
-            ends = (f"{name}: {press.ending}" for name, press in self.presses.items())
-            self._say(" ".join(ends), all(press.is_good for press in self.presses.values()))
+            ends = {name: press.ending for name, press in self.presses.items()}
+            said = [f"{name}: {ending}" for name, ending in ends.items()]
+            if not any(press.outputs for press in self.presses.values()):  # a refused contact has one sentence
+                said = dict.fromkeys(ends.values())
+            self._say(" ".join(said), all(press.is_good for press in self.presses.values()))
 
     def _say(self, sentence: str, is_good: bool = True) -> None:
         """Write a sentence above the sensors, where it hides none of them."""
@@ -215,7 +226,9 @@ class LivePage:
                     self.panels[name].caption.text = f"ready, prepared in {seconds:.1f} s"
                 case Lost(sentence=sentence):
                     say(sentence)
-                    self.workers[name], self._unprepared_s = PressWorker(self.device), 0.0
+                    self._losses += 1
+                    if self._losses <= MOST_LOSSES:
+                        self.workers[name], self._unprepared_s = PressWorker(self.device), 0.0
                     if name in self.presses:
                         self.presses[name].end(sentence, False)
                         changed = True
@@ -226,9 +239,10 @@ class LivePage:
         return changed
 
     def _look_at(self, step: int) -> None:
-        if step != self.step:
-            self._follows = step == max((press.reached for press in self.presses.values()), default=0) - 1
-            self._show_step(step)
+        newest = max((press.reached for press in self.presses.values()), default=0) - 1
+        step = min(step, newest)
+        self._follows = bool(self.presses) and step == newest
+        self._show_step(step)
 
     def _colour_is_new(self) -> None:
         if self.presses:
@@ -249,7 +263,7 @@ class LivePage:
         pose, displacement = press.indenter_pose(step), press.displacement(step)
         if displacement is not None:
             own.move_gel(surface.displaced(displacement), live_field(self.colour.value, press, surface, step))
-            own.caption.text = f"{press.force(step):.3f} N"
+            own.caption.text = f"{press.force(step):.3f} N at {press.path.label(step)}"
         else:
             own.move_gel(surface.rest_mm, field_at_rest(surface, press.deepest_m))
         if pose is not None:

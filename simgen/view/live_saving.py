@@ -10,6 +10,8 @@ from simgen.config.job_schema import Job
 from simgen.view.live_job import save_dataset, write_job
 from simgen.view.page_style import keys_stay_with_the_page, said_on_the_page
 
+SUFFIXES = JOB, DATASET = ".yaml", ".zarr"
+
 
 class SaveButtons:
     """Buttons that write into the folder where the server was started, under a name that is free.
@@ -28,15 +30,15 @@ class SaveButtons:
 
     def _save_job(self) -> None:
         with said_on_the_page():
-            file = free_name(".yaml")
+            file = free_name(JOB)
             write_job(self._job().model_copy(update={"name": file.stem}), file)
-            ui.notify(f"wrote {file}; simgen run {file} repeats the press", timeout=8000)
+            ui.notify(f"wrote {file}; simgen run {file} repeats the press on the CPU", timeout=8000)
 
     async def _save_dataset(self) -> None:
         self._dataset_button.disable()
         try:
             with said_on_the_page():
-                folder = free_name(".zarr")
+                folder = free_name(DATASET)
                 job = self._job().model_copy(update={"name": folder.stem})
                 ui.notify(f"the press is solved again, into {folder}", timeout=3000)
                 await run.io_bound(save_dataset, job, folder, self._device)
@@ -46,8 +48,8 @@ class SaveButtons:
 
 
 def free_name(suffix: str) -> Path:
-    """The first of press_1, press_2, ... that the current folder does not have."""
+    """Find the first of press_1, press_2, ... of which the current folder has neither a job nor a dataset."""
     number = 1
-    while (found := Path(f"press_{number}{suffix}")).exists():
+    while any(Path(f"press_{number}{each}").exists() for each in SUFFIXES):
         number += 1
-    return found
+    return Path(f"press_{number}{suffix}")

@@ -36,6 +36,7 @@ body { background: #eef0f3; }
 """
 
 
+ANSWER_S = 60.0  # a browser on a busy machine draws its first picture before it answers
 CHOSEN = "update:model-value"  # event of a field from which the user has chosen
 
 
@@ -70,7 +71,7 @@ def heading(text: str) -> None:
 
 
 def keys_stay_with_the_page(element: Element, event: str = "change") -> Element:
-    """Take the focus from a slider, a field or a button that was used, because it would take keys for itself.
+    """Blur a slider, a field or a button that was used, because it would take keys for itself.
 
     event : the event of its use: ``change`` of a slider, ``click`` of a button, `CHOSEN` of a field
     """

@@ -92,10 +92,10 @@ def test_a_dataset_is_served_under_its_name(here, fake_dataset, monkeypatch, fla
     served = []
     monkeypatch.setattr(server, "serve", lambda *arguments: served.append(arguments))
     code, _, errors = here(f"view {fake_dataset.path} {flags}")
-    ((_, title, _, open_browser),) = served
-    assert (code, title, open_browser) == (0, "d.zarr - simgen", opens), errors
+    ((_, title, _, open_browser, port),) = served
+    assert (code, title, open_browser, port) == (0, "d.zarr - simgen", opens, None), errors
 
 
 def test_the_link_is_announced(here, fake_dataset, monkeypatch):
-    monkeypatch.setattr(server, "serve", lambda page, title, announce, opens: announce("http://127.0.0.1:1234/"))
+    monkeypatch.setattr(server, "serve", lambda page, title, announce, *_: announce("http://127.0.0.1:1234/"))
     assert here(f"view {fake_dataset.path}")[:2] == (0, "d.zarr: http://127.0.0.1:1234/ (stop with Ctrl+C)\n")

@@ -36,7 +36,7 @@ def test_the_first_free_name_is_found():
     assert free_name(".yaml") == Path("press_1.yaml")
     Path("press_1.zarr").mkdir()
     Path("press_2.yaml").touch()
-    assert free_name(".yaml") == Path("press_1.yaml") and free_name(".zarr") == Path("press_2.zarr")
+    assert free_name(".yaml") == Path("press_3.yaml") and free_name(".zarr") == Path("press_3.zarr")
     Path("press_1.yaml").touch()
     assert free_name(".yaml") == Path("press_3.yaml")
 
@@ -49,7 +49,7 @@ def test_jobs_are_saved_side_by_side(client, press):
     assert Path("press_1.yaml").read_bytes() == first and len(list(Path().iterdir())) == 2
     saved = load_job("press_2.yaml")
     assert saved.hash == press[0].model_copy(update={"name": "press_2"}).hash
-    assert notices(client) == [f"wrote {name}; simgen run {name} repeats the press"
+    assert notices(client) == [f"wrote {name}; simgen run {name} repeats the press on the CPU"
                                for name in ("press_1.yaml", "press_2.yaml")]  # fmt: skip
 
 

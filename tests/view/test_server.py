@@ -8,6 +8,7 @@ import socket
 import psutil
 import pytest
 
+from simgen.errors import InputError
 from simgen.view import server
 from view.served import Served, served
 
@@ -59,8 +60,22 @@ def test_another_host_name_is_refused(page, path, host):
     assert answer(page, path, Host=f"localhost:{page.port}")[0] == 200
 
 
-def test_another_site_may_not_read_the_page(page):
-    assert "Access-Control-Allow-Origin" not in answer(page, "/", Origin="http://evil.example")[2]
+@pytest.mark.parametrize("path", ["/", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"])
+def test_another_site_may_neither_read_nor_frame_the_page(page, path):
+    status, body, headers = answer(page, path, Origin="http://evil.example")
+    assert (status, body) == (403, b"Foreign origin") and "Access-Control-Allow-Origin" not in headers
+    status, _, headers = answer(page, path, Origin=f"http://127.0.0.1:{page.port}")
+    assert status == 200 and headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+
+
+def test_a_port_in_use_is_refused():
+    with socket.socket() as other:
+        other.bind((server.HOST, 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(InputError, match=f"--port {port}: Address already in use; allowed: a port that no other"):
+            server.checked_port(port)
+    assert server.checked_port(port) == port
 
 
 def test_no_file_is_served(page, whole):
