@@ -19,7 +19,6 @@ class CameraPictures:
     """Images of one sensor of a dataset. The first one takes longer, because it may compile kernels.
 
     why_not : a sentence if there are no images of this sensor; else empty
-    height, width : px; 0 without images
 
     Height maps of the solution are used where the dataset has them, as `simgen render` does.
     """
@@ -30,9 +29,8 @@ class CameraPictures:
         try:
             self._renderer = self._make(HEIGHTS[1] if self._of_solution else HEIGHTS[0])
             self._of_mesh = self._renderer if not self._of_solution else None
-            self.height, self.width = self._renderer.untouched.shape[:2]
         except InputError as error:
-            self.why_not, self.height, self.width = f"There is no image: {error}", 0, 0
+            self.why_not = f"There is no image: {error}"
 
     def picture(self, press: int, step: int) -> np.ndarray | None:
         """Image (height, width, 3) uint8, red first, at a step or `AT_REST`.

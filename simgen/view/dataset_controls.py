@@ -12,7 +12,7 @@ KEYS = "Keys: left and right change the depth, up and down the press, space play
 
 @dataclass(frozen=True)
 class ControlEvents:
-    """What the page does when the user moves a control."""
+    """Answers of the page to its controls: one function for each."""
 
     contact: Callable[[int], None]  # number of the trajectory
     indenter: Callable[[int], None]  # its number

@@ -54,7 +54,7 @@ def dataset_page(path: Path, networks: Path | None) -> Callable[[], None]:
 
 
 class DatasetPage:
-    """What one client sees of a dataset.
+    """The page of one client.
 
     press, step : the sample that is shown; the step is an index, or `AT_REST`
     among : (n,) numbers of the presses that the filters allow

@@ -25,7 +25,7 @@ DEPTH_MM, DEPTHS = 1.0, 10  # without a job file
 
 @dataclass(frozen=True)
 class PressChoices:
-    """What a user chooses for a press.
+    """Choices of a user for a press.
 
     contact : keys of `simgen.config.trajectories.GivenContact`
     indenter : name of one of the base job's indenters

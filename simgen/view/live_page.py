@@ -46,7 +46,7 @@ def live_page(
 
 
 class LivePage:
-    """What one client sees: a worker process for each sensor, and the press that they solve.
+    """The page of one client, with a worker process for each sensor, and the press that they solve.
 
     step : index of the depth that is shown; -1 is first touch
     """

@@ -11,7 +11,7 @@ from simgen.view.press_events import DepthReached, PressEnded, Refused, Stopped,
 
 @dataclass
 class LivePress:
-    """What is known of one press on one sensor.
+    """One press on one sensor, as far as its events have come.
 
     number : of the press, as its worker counts them
     touch_pose : (4, 4) m at first touch, indenter frame -> sensor frame; None before
@@ -63,7 +63,7 @@ class LivePress:
 
     @property
     def ending(self) -> str:
-        """How the press ended, with the number of depths, and the time, where there are any."""
+        """Sentence on the end of the press, with the number of depths and the time if there are any."""
         return f"{self.sentence} {self.reached} depths in {self.seconds:.2f} s." if self.outputs else self.sentence
 
     def indenter_pose(self, step: int) -> np.ndarray | None:

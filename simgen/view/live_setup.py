@@ -1,4 +1,4 @@
-"""What all clients of the live page share: the job that presses start from, and what is drawn at rest."""
+"""Set-up that all clients of the live page share: the job that presses start from, and what is drawn at rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

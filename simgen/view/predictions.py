@@ -40,7 +40,7 @@ class PredictedSurface:
 
 @dataclass(frozen=True)
 class Predicted:
-    """What networks predict for one sample.
+    """Predictions of networks for one sample.
 
     signals, at_rest : (electrode,) V, and without contact
     surfaces : by sensor, of the source and of the target

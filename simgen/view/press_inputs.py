@@ -29,7 +29,7 @@ MOST_KEPT = 4  # of each kind: a user goes back and forth between a few meshes a
 
 
 class PressInputs:
-    """What decides the presses of a process. Each part is made once, until `MOST_KEPT` others have followed it.
+    """Inputs that decide the presses of a process. Each part is made once, until `MOST_KEPT` others have followed it.
 
     Files that change meanwhile, such as a ``sensor.yaml``, are not read again.
     """

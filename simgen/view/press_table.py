@@ -21,7 +21,7 @@ STATUSES = ("converged", "not pressed", "inside out", "not there yet", "failed")
 
 @dataclass(frozen=True)
 class Filter:
-    """What a press must be to be shown; None allows everything.
+    """Conditions on the presses that are shown; None allows everything.
 
     indenter, split : names
     status : one of `STATUSES`, the worst of all sensors and depths

@@ -1,4 +1,4 @@
-"""A slab of gel, 20 mm x 4 mm x 20 mm, held at its back, and a cache of meshes for these tests alone."""
+"""Bundled sensors; a slab of gel, 20 mm x 4 mm x 20 mm, held at its back; a cache of meshes for these tests alone."""
 
 import pytest
 import trimesh
@@ -24,3 +24,13 @@ def slab_folder(tmp_path_factory, own_cache):
 @pytest.fixture(scope="package")
 def slab(slab_folder):
     return load_sensor(slab_folder)
+
+
+@pytest.fixture(scope="module")
+def digit():
+    return load_sensor("digit")
+
+
+@pytest.fixture(scope="module")
+def biotac():
+    return load_sensor("biotac")

@@ -14,20 +14,9 @@ from simgen.sensors.given_contacts import contact_on, given_contacts, place_on_s
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.least_thickness import LeastThickness
 from simgen.sensors.pairing import sample_contacts
-from simgen.sensors.sensor import load_sensor
 
 DEPTH = 1e-3
 FIELDS = ("points", "normals", "axes", "rolls", "arcs")
-
-
-@pytest.fixture(scope="module")
-def digit():
-    return load_sensor("digit")
-
-
-@pytest.fixture(scope="module")
-def biotac():
-    return load_sensor("biotac")
 
 
 def settings(*places, **changes) -> Trajectories:

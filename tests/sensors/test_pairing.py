@@ -26,16 +26,6 @@ COUNT, SEED, DEPTH = 200, 1, 2.0e-3
 
 
 @pytest.fixture(scope="module")
-def digit():
-    return load_sensor("digit")
-
-
-@pytest.fixture(scope="module")
-def biotac():
-    return load_sensor("biotac")
-
-
-@pytest.fixture(scope="module")
 def mini():
     return load_sensor("gelsight_mini")
 
