@@ -3,8 +3,8 @@
 A network is one entry here. The entry names its class, a `simgen.learning.training.network.Network`, which has a file
 of its own and may serve several networks. This module does not import PyTorch, so that a job can be read without it.
 
-Names: S, M and RM stand for signals, meshes and reduced models; V for a variational autoencoder; B and D for BioTac and
-DIGIT; 2 for "to"; MPN for the paper's projection network. See docs/training.md.
+Names: S, M and RM and P stand for signals, meshes, reduced models and points; V for a variational autoencoder; B and D for BioTac and
+DIGIT; 2 for "to"; MPN for the paper's projection network, T for translator. See docs/training.md.
 """
 
 from collections.abc import Iterator, Mapping
@@ -75,12 +75,14 @@ NETWORKS: dict[str, NetworkSpec] = {
                     "simgen.learning.training.latent_translation.LatentTranslation", decoder="rmb"),
         NetworkSpec("rm2rm", "RM2RM (ours)", "mesh_translation", SOURCE, TARGET,
                     "simgen.learning.training.latent_translation.LatentTranslation", encoder="rmb", decoder="rmd"),
+        NetworkSpec("pt", "PT (ours)", "point_translation", SOURCE, TARGET,
+                    "simgen.learning.training.point_translator.PointTranslator"),
     )
 }  # fmt: skip
 
 # Choices of `simgen translate --way`; the first is the default. Each names two networks: from signals to the source's
-# latents, and from these to the target's latents.
-WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn")}
+# latents, and from these to the target's latents, or from the source's mesh to the target's.
+WAYS = {"ours": ("s2rm", "rm2rm"), "points": ("s2rm", "pt"), "paper": ("s2mpn", "m2mpn")}
 
 
 def chains(inputs: str, outputs: str) -> Iterator[tuple[str, ...]]:
@@ -93,7 +95,7 @@ def chains(inputs: str, outputs: str) -> Iterator[tuple[str, ...]]:
     steps = [spec for spec in NETWORKS.values() if spec.inputs != spec.outputs]
     for first in steps:
         for second in steps:
-            joined = (first.outputs, first.decoder) == (second.inputs, second.encoder)
+            joined = first.outputs == second.inputs and second.encoder in (first.decoder, None)
             if joined and (first.inputs, second.outputs) == (inputs, outputs):
                 yield first.name, second.name
 

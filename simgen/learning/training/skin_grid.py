@@ -6,6 +6,7 @@ symmetric about the centre line, so that a sensor's mirror image in z = 0 is a f
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import trimesh
@@ -15,6 +16,7 @@ from simgen.geometry.developed_skin import Skin
 from simgen.geometry.surface import ClosestPoint
 
 FINER = 4  # samples of the skin per pixel, along each axis, among which the place of a point is sought
+STEPS = 3  # of Gauss and Newton from there towards the foot of the perpendicular
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class PixelGrid:
     arc: np.ndarray
 
     @classmethod
-    def over(cls, first_x: float, last_x: float, largest_arc: float, pixel: float, multiple: int) -> "PixelGrid":
+    def over(cls, first_x: float, last_x: float, largest_arc: float, pixel: float, multiple: int) -> Self:
         """Cover a box (m) with pixels; their numbers are multiples of ``multiple``."""
         rows, columns = (
             multiple * -(-int(np.ceil(length / pixel)) // multiple) for length in (last_x - first_x, 2 * largest_arc)
@@ -70,7 +72,7 @@ class SkinOnGrid:
         self.grid, self.triangles = grid, triangles
         self.vertices = np.asarray(vertices, np.float64)
         self.skin = Skin(trimesh.Trimesh(self.vertices, triangles, process=False))
-        self.points, self.normals = self.skin.points(grid.x[:, None], grid.arc[None])
+        self.points, self.normals = self.skin.points(grid.x[:, None], grid.arc)
         on_skin = np.isfinite(self.points).all(axis=2)
         closest, _, face = ClosestPoint(self.vertices, triangles)(self.points[on_skin])
         weights = trimesh.triangles.points_to_barycentric(self.vertices[triangles[face]], closest)
@@ -89,28 +91,25 @@ class SkinOnGrid:
         return found
 
     def places(self, points: np.ndarray) -> Places:
-        """Place points (n, 3), m, by the nearest of the skin within the grid."""
-        x, arc = (np.linspace(axis[0], axis[-1], FINER * (len(axis) - 1) + 1) for axis in (self.grid.x, self.grid.arc))
-        samples, _ = self.skin.points(x[:, None], arc[None])
-        row, column = np.nonzero(np.isfinite(samples).all(axis=2))
-        nearest = cKDTree(samples[row, column]).query(points)[1]
-        x, arc = x[row[nearest]], arc[column[nearest]]
-        limit = self.grid.x[1] - self.grid.x[0]
-        for _ in range(3):  # Gauss-Newton steps towards the foot of the perpendicular
-            step = self._towards(points, x, arc, 0.1 * limit)
-            x = np.clip(x + np.clip(step[:, 0], -limit / FINER, limit / FINER), self.grid.x[0], self.grid.x[-1])
-            arc = np.clip(arc + np.clip(step[:, 1], -limit / FINER, limit / FINER),
-                          self.grid.arc[0], self.grid.arc[-1])  # fmt: skip
-        on, normals = self.skin.points(x, arc)
-        lost = ~np.isfinite(on).all(axis=1)
-        if lost.any():  # stepped off an edge of the skin
-            x[lost], arc[lost] = self._sample(points[lost], samples, row, column)
-            on, normals = self.skin.points(x, arc)
+        """Place points (n, 3), m, at the foot of their perpendicular to the skin within the grid, or at its edge."""
+        nearest_x, nearest_arc = self._nearest_sample(points)
+        pixel = self.grid.x[1] - self.grid.x[0]
+        x, arc = nearest_x, nearest_arc
+        for _ in range(STEPS):
+            step = np.clip(self._towards(points, x, arc, 0.1 * pixel), -pixel / FINER, pixel / FINER)
+            x = np.clip(x + step[:, 0], self.grid.x[0], self.grid.x[-1])
+            arc = np.clip(arc + step[:, 1], self.grid.arc[0], self.grid.arc[-1])
+        lost = np.isnan(self.skin.points(x, arc)[0]).any(axis=1)  # they stepped off an edge
+        x, arc = np.where(lost, nearest_x, x), np.where(lost, nearest_arc, arc)
+        foot, normals = self.skin.points(x, arc)
         frames = frames_of(normals)
-        return Places(x, arc, frames, np.einsum("nij,nj->ni", frames, points - on))
+        return Places(x, arc, frames, np.einsum("nij,nj->ni", frames, points - foot))
 
-    def _sample(self, points: np.ndarray, samples: np.ndarray, row: np.ndarray, column: np.ndarray):
+    def _nearest_sample(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates x and arc (n,), m, of the samples of the skin that are nearest to points (n, 3)."""
         x, arc = (np.linspace(axis[0], axis[-1], FINER * (len(axis) - 1) + 1) for axis in (self.grid.x, self.grid.arc))
+        samples, _ = self.skin.points(x[:, None], arc)
+        row, column = np.nonzero(np.isfinite(samples).all(axis=2))
         nearest = cKDTree(samples[row, column]).query(points)[1]
         return x[row[nearest]], arc[column[nearest]]
 
@@ -135,3 +134,11 @@ def frames_of(normals: np.ndarray) -> np.ndarray:
     across = np.cross(normals, [1.0, 0.0, 0.0])
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     return np.stack([normals, np.cross(across, normals), across], axis=1)
+
+
+def reach_along_arc(vertices: np.ndarray, triangles: np.ndarray, shown: np.ndarray, pixel: float) -> float:
+    """Largest arc length (m) at which a skin, of vertices (v, 3) that are ``shown`` (v,), is found."""
+    skin = vertices[shown]
+    half = np.pi * np.abs(skin[:, 1:]).max()  # no cross-section is longer
+    grid = PixelGrid.over(skin[:, 0].min(), skin[:, 0].max(), half, pixel, 1)
+    return float(np.abs(grid.arc[SkinOnGrid(vertices, triangles, shown, grid).known.any(axis=0)]).max(initial=pixel))
