@@ -3,8 +3,8 @@
 A network is one entry here. The entry names its class, a `simgen.learning.training.network.Network`, which has a file
 of its own and may serve several networks. This module does not import PyTorch, so that a job can be read without it.
 
-Names: S, M and RM and P stand for signals, meshes, reduced models and points; V for a variational autoencoder; B and D for BioTac and
-DIGIT; 2 for "to"; MPN for the paper's projection network, T for translator. See docs/training.md.
+Names: S, M and RM stand for signals, meshes and reduced models; V for a variational autoencoder; B and D for BioTac and
+DIGIT; 2 for "to"; MPN for the paper's projection network; PT for point translator. See docs/training.md.
 """
 
 from collections.abc import Iterator, Mapping
@@ -82,13 +82,13 @@ NETWORKS: dict[str, NetworkSpec] = {
 
 # Choices of `simgen translate --way`; the first is the default. Each names two networks: from signals to the source's
 # latents, and from these to the target's latents, or from the source's mesh to the target's.
-WAYS = {"ours": ("s2rm", "rm2rm"), "points": ("s2rm", "pt"), "paper": ("s2mpn", "m2mpn")}
+WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn"), "points": ("s2rm", "pt")}
 
 
 def chains(inputs: str, outputs: str) -> Iterator[tuple[str, ...]]:
     """Names of networks that lead from inputs to outputs: each that does so alone, then each pair.
 
-    The second network of a pair continues from the latents, or the mesh, that the first one predicts.
+    The second network of a pair continues from the latents that the first one predicts, or from the decoded mesh.
     """
     alone = [spec for spec in NETWORKS.values() if (spec.inputs, spec.outputs) == (inputs, outputs)]
     yield from ((spec.name,) for spec in alone)

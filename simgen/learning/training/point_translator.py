@@ -1,9 +1,9 @@
 """PT, ours: from one sensor's deformed skin to displacements of any points of another sensor.
 
-Paired contacts lie at the same place, x and arc, of both unrolled skins, with the same normal. There the translation is
-one of images. A U-Net takes the source's skin to features. A small perceptron takes the features at a point's place, and
-the point's depth, to its displacement (a local implicit function: Chen, Liu and Wang, CVPR 2021). The same weights serve
-all places, so that a new place is like a known one.
+Paired contacts lie at the same place, x and arc, of both unrolled skins, with the same normal. There the translation
+is one of images. A U-Net takes the source's skin to features. A small perceptron takes the features at a point's
+place, and the point's depth, to its displacement (a local implicit function: Chen, Liu and Wang, CVPR 2021). The same
+weights serve all places, so that a new place is like a known one.
 """
 
 from typing import Any, ClassVar, Self
@@ -199,7 +199,7 @@ class PointTranslator(Network):
     def _one_way(
         self, displacement: Tensor, places: tuple[Tensor, Tensor, Tensor], sign: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """As `at`, by the sample itself where ``sign``, (n,) or one for all, is 1, by its mirror image where it is -1."""
+        """As `at`, by the sample itself where ``sign``, (n,) or one for all, is 1, by its mirror image if it is -1."""
         place, offset, frames = places
         sign = sign.expand(len(displacement))[:, None, None]  # (n, 1, 1)
         skin = self.skin(displacement)

@@ -1,5 +1,7 @@
 """A U-Net on images of a sensor's unrolled skin (Ronneberger, Fischer and Brox, MICCAI 2015)."""
 
+from itertools import pairwise
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -20,12 +22,8 @@ class SkinUNet(nn.Module):
         widths = [width << level for level in range(levels + 1)]
         self.first = nn.Conv2d(inputs, width, 3, padding=1)
         self.down = nn.ModuleList(_blocks(here, here, blocks) for here in widths)
-        self.shrink = nn.ModuleList(
-            nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in zip(widths[:-1], widths[1:], strict=True)
-        )
-        self.grow = nn.ModuleList(
-            nn.ConvTranspose2d(coarse, fine, 2, stride=2) for fine, coarse in zip(widths[:-1], widths[1:], strict=True)
-        )
+        self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in pairwise(widths))
+        self.grow = nn.ModuleList(nn.ConvTranspose2d(coarse, fine, 2, stride=2) for fine, coarse in pairwise(widths))
         self.up = nn.ModuleList(_blocks(2 * here, here, blocks) for here in widths[:-1])
         self.last = nn.Conv2d(width, outputs, 1)
 
