@@ -21,7 +21,7 @@ def folder(learnable, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     (folder / "paired.zarr").symlink_to(learnable.path)
     short = {"reduced_model": {"epochs": 1, "latent": 4}, "mesh_translation": {"epochs": 1}}
-    plain = {"name": "training", "dataset": str(learnable.path), "networks": ["rmb", "rmd", "rm2rm"]}
+    plain = {"name": "training", "dataset": str(learnable.path), "networks": ["rmb", "rmd", "rm2rm", "pt"]}
     job = section_from_dict(TrainingJob, plain | short, "page")
     run = TrainingRun(job, folder / "training.networks", "cpu")
     for name in job.in_order():

@@ -2,10 +2,11 @@
 
 import pytest
 import torch
+import torch.nn.functional as F
 
 from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.networks import NETWORKS
-from simgen.learning.training.point_translator import ROUNDING, PointTranslator
+from simgen.learning.training.point_translator import LEAST_SIZE, NEAR, ROUNDING, TOUCH, PointTranslator
 
 
 @pytest.fixture
@@ -54,11 +55,27 @@ def test_the_loss_weighs_root_mean_squares(made):
     torch.testing.assert_close(terms["rmse_m"], error.mean())
     torch.testing.assert_close(terms["loss"], error.mean() / network.target_size)
     touching = torch.zeros(target.shape[:2], dtype=torch.bool)
-    assert network.terms(source, target, touching)["loss"] > terms["loss"]  # logits of points that do not touch
     touching[:, :20] = True
-    assert (
-        network.terms(source, target, touching)["loss"] > network.terms(source, target, ~touching & False)["loss"] * 0.5
+    logits = network._one_way(source, (network.place, network.offset, network.frames), torch.ones(5))[1]
+    near = (found - target)[:, :20].square().mean(dim=(1, 2)).add(ROUNDING**2).sqrt().mean() / network.target_size
+    wrong = F.softplus(torch.where(touching, -logits, logits)).mean()  # the cross entropy
+    torch.testing.assert_close(
+        network.terms(source, target, touching)["loss"], terms["loss"] + NEAR * near + TOUCH * wrong
     )
+
+
+@torch.no_grad()
+def test_errors_count_in_proportion_to_the_press(made):
+    network, _, data = made
+    network.eval()
+    network.power = 1.0
+    source, target = data.inputs(data.train[:5]), data.outputs(data.train[:5])
+    size = target.square().mean(dim=(1, 2)).sqrt()
+    error = network._one_way(source, (network.place, network.offset, network.frames), torch.ones(5))[0] - target
+    relative = error.square().mean(dim=(1, 2)).add(ROUNDING**2).sqrt() / size.clamp_min(
+        LEAST_SIZE * network.target_size
+    )
+    torch.testing.assert_close(network.terms(source, target)["loss"], relative.mean())
 
 
 def test_sizes_are_root_mean_squares_of_training(made):

@@ -152,7 +152,8 @@ def test_ours_is_chosen_where_it_is_trained(trained, tmp_path, names, asked, cho
     [
         (NEEDED["paper"], "ours", "not all networks of a way are trained: ours lacks s2rm, rmb, rm2rm, rmd; allowed: "),
         (["s2rm", "rmb", "rm2rm"], "ours", "ours lacks rmd; allowed: simgen train"),
-        (["rmb", "rmd", "svb"], None, "ours lacks s2rm, rm2rm; paper lacks s2mpn, mvb, m2mpn, mvd; allowed: simgen"),
+        (["rmb", "rmd", "svb"], None, "ours lacks s2rm, rm2rm; paper lacks s2mpn, mvb, m2mpn, mvd; "
+         "points lacks s2rm, pt; allowed: simgen"),
         (NETWORKS, "theirs", "--way 'theirs': allowed: ours, paper"),
     ],
 )
