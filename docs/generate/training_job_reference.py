@@ -8,8 +8,8 @@ from reference_page import ReferencePage
 from simgen.config.strict_section import StrictSection
 from simgen.learning.training.schema import (
     MeshTranslationSettings,
-    PointTranslationSettings,
     MeshVAESettings,
+    PointTranslationSettings,
     ProjectionSettings,
     RecordingFiles,
     ReducedModelSettings,
@@ -79,10 +79,10 @@ signal_translation: {width: 256, noise: 0.01}
     "mesh_translation": """\
 mesh_translation: {noise: 0}   # if its inputs are latents of RMB, not predictions of S2RM
 """,
-
     "point_translation": """\
 point_translation: {epochs: 60, width: 48}
-""",}
+""",
+}
 
 HEAD = """\
 # Training jobs

@@ -20,7 +20,8 @@ def folder(learnable, tmp_path_factory):
     """A dataset and its networks, called as on the page; one epoch of training."""
     folder = tmp_path_factory.mktemp("page")
     (folder / "paired.zarr").symlink_to(learnable.path)
-    short = {"reduced_model": {"epochs": 1, "latent": 4}, "mesh_translation": {"epochs": 1}, "point_translation": {"epochs": 1}}
+    once = {"epochs": 1}
+    short = {"reduced_model": once | {"latent": 4}, "mesh_translation": once, "point_translation": once}
     plain = {"name": "training", "dataset": str(learnable.path), "networks": ["rmb", "rmd", "rm2rm", "pt"]}
     job = section_from_dict(TrainingJob, plain | short, "page")
     run = TrainingRun(job, folder / "training.networks", "cpu")
