@@ -9,6 +9,7 @@ from simgen.config.strict_section import StrictSection
 from simgen.learning.training.schema import (
     MeshTranslationSettings,
     MeshVAESettings,
+    PointTranslationSettings,
     ProjectionSettings,
     RecordingFiles,
     ReducedModelSettings,
@@ -33,6 +34,7 @@ SECTIONS: dict[str, type[StrictSection]] = {
     "reduced_model": ReducedModelSettings,
     "signal_translation": TranslationSettings,
     "mesh_translation": MeshTranslationSettings,
+    "point_translation": PointTranslationSettings,
 }
 
 EXAMPLES: dict[str, str] = {
@@ -76,6 +78,9 @@ signal_translation: {width: 256, noise: 0.01}
 """,
     "mesh_translation": """\
 mesh_translation: {noise: 0}   # if its inputs are latents of RMB, not predictions of S2RM
+""",
+    "point_translation": """\
+point_translation: {epochs: 60, width: 48}
 """,
 }
 

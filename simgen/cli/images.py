@@ -128,7 +128,7 @@ def translate(
     ] = None,
     way: Annotated[
         str | None,
-        typer.Option(help="Networks to use: ours or paper.", show_default="ours if it is trained, else paper"),
+        typer.Option(help="Networks to use: ours, paper or points.", show_default="the first of these that is trained"),
     ] = None,
     steps: Annotated[
         bool, typer.Option("--steps", help="Also write the intermediate results: signals, latents, both meshes.")

@@ -35,12 +35,14 @@ def make_chain(names: tuple[str, ...], trained: Callable[[str], Network]) -> Cha
     """
     specs = [NETWORKS[name] for name in names]
     networks = [trained(name) for name in names]
-    steps: list[Step] = [*networks]
+    steps: list[Step] = []
     if specs[0].encoder is not None:
         encoder = trained(specs[0].encoder)
-        steps.insert(0, lambda values: encoder.encode(values)[0])
+        steps.append(lambda values: encoder.encode(values)[0])
         networks.append(encoder)
-    if specs[-1].decoder is not None:
-        networks.append(trained(specs[-1].decoder))
-        steps.append(networks[-1].decode)
+    for spec, network, after in zip(specs, tuple(networks), [*specs[1:], None], strict=False):
+        steps.append(network)
+        if spec.decoder is not None and (after is None or after.encoder is None):
+            networks.append(trained(spec.decoder))
+            steps.append(networks[-1].decode)
     return Chain(tuple(steps), tuple(networks))

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from simgen.dataset.splits import SPLITS
+from simgen.dataset.touchable import touchable_points
 from simgen.errors import InputError
 from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
+from simgen.learning.training.metrics import contact_of
 from simgen.learning.training.networks import NETWORKS, SIGNALS, SOURCE, NetworkSpec
 from simgen.learning.training.pca import Values
 from simgen.learning.training.schema import TrainingJob
@@ -108,6 +111,27 @@ class NetworkData:
     def meshes(self) -> MeshSamples:
         """Meshes that the network predicts, or that its outputs are decoded to."""
         return self._training.truth(self._spec.inputs, self._spec.outputs)
+
+    @property
+    def sources(self) -> MeshSamples:
+        """Meshes that the network takes, or that its inputs are encoded from."""
+        return self._training.meshes(self._spec.inputs)
+
+    def touchable(self, meshes: MeshSamples) -> np.ndarray:
+        """Mask (vertex,) of a sensor's vertices that can touch an indenter; of an import without it, of all."""
+        dataset, name = self._training.data.dataset, f"{meshes.sensor}/touchable"
+        return dataset[name] if name in dataset.root else np.ones(len(meshes.rest), bool)
+
+    def touching(self) -> Tensor | None:
+        """Mask (sample, vertex) of vertices of the predicted meshes that touch the indenter; None if it is unknown."""
+        meshes, found = self.meshes, contact_of(self._training.data, self.meshes.sensor)
+        if found is None:
+            return None
+        points = torch.from_numpy(touchable_points(self._training.data.dataset, meshes.sensor)).to(meshes.rest.device)
+        mask = torch.zeros(len(meshes.steps), len(meshes.rest), dtype=torch.bool, device=meshes.rest.device)
+        for rows in torch.arange(len(mask), device=mask.device).split(BATCH):
+            mask[rows[:, None], points] = torch.from_numpy(found(rows, meshes.displacement(rows))).to(mask.device)
+        return mask
 
     @property
     def inputs_at_rest(self) -> Tensor:

@@ -4,7 +4,7 @@ A network is one entry here. The entry names its class, a `simgen.learning.train
 of its own and may serve several networks. This module does not import PyTorch, so that a job can be read without it.
 
 Names: S, M and RM stand for signals, meshes and reduced models; V for a variational autoencoder; B and D for BioTac and
-DIGIT; 2 for "to"; MPN for the paper's projection network. See docs/training.md.
+DIGIT; 2 for "to"; MPN for the paper's projection network; PT for point translator. See docs/training.md.
 """
 
 from collections.abc import Iterator, Mapping
@@ -75,25 +75,27 @@ NETWORKS: dict[str, NetworkSpec] = {
                     "simgen.learning.training.latent_translation.LatentTranslation", decoder="rmb"),
         NetworkSpec("rm2rm", "RM2RM (ours)", "mesh_translation", SOURCE, TARGET,
                     "simgen.learning.training.latent_translation.LatentTranslation", encoder="rmb", decoder="rmd"),
+        NetworkSpec("pt", "PT (ours)", "point_translation", SOURCE, TARGET,
+                    "simgen.learning.training.point_translator.PointTranslator"),
     )
 }  # fmt: skip
 
 # Choices of `simgen translate --way`; the first is the default. Each names two networks: from signals to the source's
-# latents, and from these to the target's latents.
-WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn")}
+# latents, and from these to the target's latents, or from the source's mesh to the target's.
+WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn"), "points": ("s2rm", "pt")}
 
 
 def chains(inputs: str, outputs: str) -> Iterator[tuple[str, ...]]:
     """Names of networks that lead from inputs to outputs: each that does so alone, then each pair.
 
-    The second network of a pair continues from the latents, or the mesh, that the first one predicts.
+    The second network of a pair continues from the latents that the first one predicts, or from the decoded mesh.
     """
     alone = [spec for spec in NETWORKS.values() if (spec.inputs, spec.outputs) == (inputs, outputs)]
     yield from ((spec.name,) for spec in alone)
     steps = [spec for spec in NETWORKS.values() if spec.inputs != spec.outputs]
     for first in steps:
         for second in steps:
-            joined = (first.outputs, first.decoder) == (second.inputs, second.encoder)
+            joined = first.outputs == second.inputs and second.encoder in (first.decoder, None)
             if joined and (first.inputs, second.outputs) == (inputs, outputs):
                 yield first.name, second.name
 

@@ -49,6 +49,11 @@ noise = partial(
     Field, ge=0.0, le=10.0,
     description="Standard deviation of the noise that training adds to each input, relative to the sample's own size",
 )  # fmt: skip
+power = partial(
+    Field, 0.5, ge=0.0, le=2.0,
+    description="The loss divides errors by this power of a sample's distance from rest: 0 for absolute errors, 1 for "
+    "relative ones",
+)  # fmt: skip
 
 
 class Fit(StrictSection):
@@ -136,11 +141,7 @@ class TranslationSettings(Fit):
     width: Width = block_width(1024)
     blocks: int = blocks(3)
     noise: float = noise(0.0)
-    power: float = Field(
-        0.5, ge=0.0, le=2.0,
-        description="The loss divides errors by this power of a sample's distance from rest: 0 for absolute errors, 1 "
-        "for relative ones",
-    )  # fmt: skip
+    power: float = power()
 
 
 class MeshTranslationSettings(TranslationSettings):
@@ -149,6 +150,26 @@ class MeshTranslationSettings(TranslationSettings):
     width: Width = block_width(512)
     blocks: int = blocks(4)
     noise: float = noise(0.03)
+
+
+class PointTranslationSettings(Fit):
+    """PT, ours."""
+
+    epochs: int = epochs(30)
+    batch: int = batch(256)
+    learning_rate: float = learning_rate(1.5e-3)
+    schedule: Literal["exponential", "cosine"] = schedule("cosine")
+    weight_decay: float = weight_decay(0.02)
+    pixel_mm: float = Field(0.5, ge=0.1, le=10.0, description="Pixel of the unrolled skin")
+    width: int = Field(
+        32, ge=8, le=1024, multiple_of=8, description="Channels of the U-Net's finest level; each coarser level has "
+        "twice as many", **allowed("a multiple of 8, 8 to 1024"),
+    )  # fmt: skip
+    levels: int = Field(3, ge=0, le=8, description="Coarser levels of the U-Net, each with half the rows and columns")
+    blocks: int = Field(1, ge=1, le=100, description="Residual blocks of a level, on the way down and on the way up")
+    features: Width = Field(48, description="Channels of the U-Net's output")
+    hidden: Width = Field(96, description="Width of the perceptron that takes them to displacements")
+    power: float = power()
 
 
 class RecordingFiles(StrictSection):
@@ -174,9 +195,7 @@ class Signals(StrictSection):
     synthetic: ElectrodeSettings = Field(
         ElectrodeSettings(), description="Signals of the dataset's samples by the [electrode model](electrodes.md)"
     )
-    recordings: RecordingFiles | None = Field(
-        None, description="Recorded signals, which replace the synthetic ones"
-    )
+    recordings: RecordingFiles | None = Field(None, description="Recorded signals, which replace the synthetic ones")
 
 
 class TrainingJob(StrictSection):
@@ -217,14 +236,13 @@ class TrainingJob(StrictSection):
         SignalProjectionSettings(), description="Shape and training of S2MPN"
     )
     mesh_projection: ProjectionSettings = Field(ProjectionSettings(), description="Shape and training of M2MPN")
-    reduced_model: ReducedModelSettings = Field(
-        ReducedModelSettings(), description="Shape and training of RMB and RMD"
-    )
-    signal_translation: TranslationSettings = Field(
-        TranslationSettings(), description="Shape and training of S2RM"
-    )
+    reduced_model: ReducedModelSettings = Field(ReducedModelSettings(), description="Shape and training of RMB and RMD")
+    signal_translation: TranslationSettings = Field(TranslationSettings(), description="Shape and training of S2RM")
     mesh_translation: MeshTranslationSettings = Field(
         MeshTranslationSettings(), description="Shape and training of RM2RM"
+    )
+    point_translation: PointTranslationSettings = Field(
+        PointTranslationSettings(), description="Shape and training of PT"
     )
     output: str | None = Field(
         None,

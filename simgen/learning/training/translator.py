@@ -50,10 +50,10 @@ class Translator:
     ):  # fmt: skip
         self.way, self.device, self.meshes = way, torch.device(device), meshes or {}
         first, second = WAYS[way]
-        encoder, source, target = NETWORKS[first].encoder, NETWORKS[first].decoder, NETWORKS[second].decoder
+        encoder = NETWORKS[first].encoder
         self._encoder = (encoder, networks[encoder]) if encoder else None
         self._projections = [(name, networks[name]) for name in (first, second)]
-        self._decoders = networks[source], networks[target]
+        self._decoders = tuple(networks.get(NETWORKS[name].decoder) for name in (first, second))
 
     @classmethod
     def load(cls, folder: str | Path, way: str | None = None, device: str = "cpu") -> Self:
@@ -66,7 +66,8 @@ class Translator:
     @property
     def vertices(self) -> tuple[int, int]:
         """Count the vertices of the source's mesh and of the target's."""
-        source, target = (decoder.vertices for decoder in self._decoders)
+        ends = zip(self._projections, self._decoders, strict=True)
+        source, target = ((decoder or projection).vertices for (_, projection), decoder in ends)
         return source, target
 
     @torch.no_grad()
@@ -85,10 +86,13 @@ class Translator:
             latents[name] = values.cpu().numpy()
         meshes = []
         for (name, projection), decoder in zip(self._projections, self._decoders, strict=True):
+            if meshes and NETWORKS[name].encoder is None:
+                values = meshes[-1]
             values = projection(values)
-            latents[name] = values.cpu().numpy()
-            meshes.append(decoder.decode(values).cpu().numpy())
-        return latents, *meshes
+            if decoder is not None:
+                latents[name] = values.cpu().numpy()
+            meshes.append(values if decoder is None else decoder.decode(values))
+        return latents, *(mesh.cpu().numpy() for mesh in meshes)
 
 
 def networks_of(way: str) -> list[str]:

@@ -11,6 +11,16 @@ CHAINS = [  # projections, what encodes before them, what decodes behind
 ]  # fmt: skip
 
 
+@torch.no_grad()
+def test_a_network_of_meshes_continues_from_the_decoded_mesh(trained):
+    signals = trained.inputs.signals.values[trained.inputs.data.rows("test")]
+    s2rm, rmb, pt = (trained.trained(name) for name in ("s2rm", "rmb", "pt"))
+    chain = make_chain(("s2rm", "pt"), trained.inputs.trained)
+    assert torch.equal(chain(signals), pt(rmb.decode(s2rm(signals))))
+    assert chain.parameters == sum(network.count_parameters() for network in (s2rm, rmb, pt))
+    assert torch.equal(make_chain(("pt",), trained.inputs.trained)(rmb.decode(s2rm(signals))), chain(signals))
+
+
 @pytest.mark.parametrize(("names", "encoder", "decoder"), CHAINS)
 @torch.no_grad()
 def test_a_chain_is_its_networks_one_after_the_other(trained, names, encoder, decoder):

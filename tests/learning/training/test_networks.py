@@ -33,7 +33,7 @@ def test_latents_are_of_the_quantity_that_they_stand_for():
 
 def test_chains_join_networks_of_the_same_latents():
     found = set(chains("signals", "target"))
-    assert {("s2mpn", "m2mpn"), ("s2rm", "rm2rm")} == set(WAYS.values()) <= found
+    assert {("s2mpn", "m2mpn"), ("s2rm", "rm2rm"), ("s2rm", "pt")} == set(WAYS.values()) <= found
     assert not {("s2mpn", "rm2rm"), ("s2rm", "m2mpn"), ("s2rm", "rmd")} & found
     assert {("mvb",), ("rmb",)} <= set(chains("source", "source"))
 

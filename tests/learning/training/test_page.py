@@ -20,8 +20,9 @@ def folder(learnable, tmp_path_factory):
     """A dataset and its networks, called as on the page; one epoch of training."""
     folder = tmp_path_factory.mktemp("page")
     (folder / "paired.zarr").symlink_to(learnable.path)
-    short = {"reduced_model": {"epochs": 1, "latent": 4}, "mesh_translation": {"epochs": 1}}
-    plain = {"name": "training", "dataset": str(learnable.path), "networks": ["rmb", "rmd", "rm2rm"]}
+    once = {"epochs": 1}
+    short = {"reduced_model": once | {"latent": 4}, "mesh_translation": once, "point_translation": once}
+    plain = {"name": "training", "dataset": str(learnable.path), "networks": ["rmb", "rmd", "rm2rm", "pt"]}
     job = section_from_dict(TrainingJob, plain | short, "page")
     run = TrainingRun(job, folder / "training.networks", "cpu")
     for name in job.in_order():
@@ -39,6 +40,7 @@ def test_code_that_uses_a_network_runs(folder, monkeypatch):
     assert names["digit"].shape == names["truth"].shape
     assert torch.isfinite(names["rmse_um"]).all()
     assert torch.equal(names["same"], names["digit"])
+    assert names["displacement"].shape == (8, 100, 3) and names["logit"].shape == (8, 100)
 
 
 def test_files_of_a_network_are_all_explained(folder):

@@ -76,6 +76,9 @@ FITS = {
     "reduced_model": {"epochs": 2, "batch": 32, "latent": 3, "width": 4},
     "signal_translation": {"epochs": 3, "batch": 32, "width": 8},
     "mesh_translation": {"epochs": 3, "batch": 32, "width": 8},
+    "point_translation": {
+        "epochs": 2, "batch": 32, "pixel_mm": 1.5, "width": 8, "levels": 1, "features": 8, "hidden": 8
+    },
 }
 
 

@@ -1,0 +1,233 @@
+"""PT, ours: from one sensor's deformed skin to displacements of any points of another sensor.
+
+Paired contacts lie at the same place, x and arc, of both unrolled skins, with the same normal. There the translation
+is one of images. A U-Net takes the source's skin to features. A small perceptron takes the features at a point's
+place, and the point's depth, to its displacement (a local implicit function: Chen, Liu and Wang, CVPR 2021). The same
+weights serve all places, so that a new place is like a known one.
+"""
+
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from simgen.learning.training.data import BATCH, MeshSamples
+from simgen.learning.training.network import Network, Terms
+from simgen.learning.training.network_data import NetworkData
+from simgen.learning.training.skin_grid import PixelGrid, SkinOnGrid, reach_along_arc
+from simgen.learning.training.skin_unet import SkinUNet
+from simgen.units import MM
+
+MOVING = 4  # channels of a sample: displacement over its size, and the logarithm of the size
+STILL = 14  # channels of the skins alone: mask, normal and position of each
+WAVES = 4  # sines and cosines of a point's depth
+POINT = 3 + 2 * WAVES + 4  # numbers of a point beside the features at its place
+LONGEST_M = 8e-3  # wavelength of the first of these; the next ones are half as long each
+MARGIN_M = 4e-3  # the grid shows as much of the source's skin beyond the target's
+LEAST_SIZE = 1e-2  # least size of a press, relative to its root mean square over training
+ROUNDING = 1e-7  # m: keeps the slope of the root finite
+NEAR, TOUCH = 0.2, 0.05  # weights of the error of touching points, and of the logits of contact, in the loss
+
+
+class PointTranslator(Network):
+    """Displacements (n, source vertex, 3), m, to displacements (n, target vertex, 3), m.
+
+        u = s f(x / s, log s),   s^2 = |x|^2 + 0.01^2
+
+    with displacements x of the source's skin. The norm is a root mean square over the skin, 1 over all training.
+
+    Both sensors are mirror images of themselves in z = 0. So training shows each sample as it is, or its mirror image,
+    and a prediction is the mean of both. The mirror image of the unrolled skin is a flip of its columns.
+
+    rows, columns : pixels of the unrolled skin
+    vertices, triangles : numbers of the target's
+    width, levels, blocks : see `SkinUNet`
+    features, hidden : channels of the U-Net's output, and width of the perceptron
+    power : see `terms`
+    """
+
+    kind: ClassVar[str] = "point_translator"
+    tf32: ClassVar[bool] = True
+
+    def __init__(
+        self, rows: int, columns: int, vertices: int, triangles: int, width: int, levels: int, blocks: int,
+        features: int, hidden: int, power: float,
+    ):  # fmt: skip
+        super().__init__()
+        self._settings = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
+        self.shape, self.power = (rows, columns), power
+        self.network = SkinUNet(MOVING + STILL, features, width, levels, blocks)
+        self.head = nn.Sequential(
+            nn.Linear(features + POINT, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, 4)
+        )
+        pixels = rows * columns
+        self.register_buffer("x", torch.zeros(rows, dtype=torch.float64))  # m, middles of the pixels
+        self.register_buffer("arc", torch.zeros(columns, dtype=torch.float64))
+        self.register_buffer("corners", torch.zeros(pixels, 3, dtype=torch.int64))  # of the source's mesh
+        self.register_buffer("weights", torch.zeros(pixels, 3))
+        self.register_buffer("source_frames", torch.zeros(pixels, 3, 3))
+        self.register_buffer("still", torch.zeros(STILL, rows, columns))
+        self.register_buffer("target_rest", torch.zeros(vertices, 3, dtype=torch.float64))  # m
+        self.register_buffer("target_triangles", torch.zeros(triangles, 3, dtype=torch.int64))
+        self.register_buffer("place", torch.zeros(vertices, 2))  # see `places`
+        self.register_buffer("offset", torch.zeros(vertices, 3))
+        self.register_buffer("frames", torch.zeros(vertices, 3, 3))
+        self.register_buffer("source_size", torch.ones(()))  # m, root mean square of the skin's displacements
+        self.register_buffer("target_size", torch.ones(()))  # m, root mean square of the target's displacements
+
+    @classmethod
+    def for_training(cls, data: NetworkData) -> tuple[Self, Terms]:
+        settings, source, target = data.settings, data.sources, data.meshes
+        network = cls.of_meshes(
+            source, target, data.touchable(source), data.touchable(target), settings.pixel_mm * MM,
+            width=settings.width, levels=settings.levels, blocks=settings.blocks, features=settings.features,
+            hidden=settings.hidden, power=settings.power,
+        )  # fmt: skip
+        network.set_sizes(source, target, data.train)
+        touching = data.touching()
+        return network, lambda rows: network.terms(
+            data.inputs(rows), data.outputs(rows), None if touching is None else touching[rows]
+        )
+
+    @classmethod
+    def of_meshes(
+        cls, source: MeshSamples, target: MeshSamples, source_touchable: np.ndarray, target_touchable: np.ndarray,
+        pixel: float, **settings: Any,
+    ) -> Self:  # fmt: skip
+        """Make an untrained network. ``pixel``: m; ``touchable`` (vertex,) bool: what the skin consists of."""
+        rest = [meshes.rest.double().cpu().numpy() for meshes in (source, target)]
+        triangles, touchable = (
+            (source.surface_triangles, target.surface_triangles),
+            (source_touchable, target_touchable),
+        )
+        ends = np.concatenate([each[mask, 0] for each, mask in zip(rest, touchable, strict=True)])
+        reach = reach_along_arc(rest[1], triangles[1], target_touchable, pixel) + MARGIN_M
+        grid = PixelGrid.over(ends.min(), ends.max(), reach, pixel, 1 << settings["levels"])
+        skins = [SkinOnGrid(*each, grid) for each in zip(rest, triangles, touchable, strict=True)]
+        network = cls(*grid.shape, len(rest[1]), len(triangles[1]), **settings)
+        for buffer, values in (
+            (network.x, grid.x),
+            (network.arc, grid.arc),
+            (network.corners, skins[0].corners.reshape(-1, 3)),
+            (network.weights, skins[0].weights.reshape(-1, 3)),
+            (network.source_frames, skins[0].frames.reshape(-1, 3, 3)),
+            (network.still, np.concatenate([_still(skin) for skin in skins])),
+            (network.target_rest, rest[1]),
+            (network.target_triangles, triangles[1]),
+        ):
+            buffer.copy_(torch.from_numpy(np.ascontiguousarray(values)))
+        for buffer, values in zip(
+            (network.place, network.offset, network.frames), network.places(rest[1]), strict=True
+        ):
+            buffer.copy_(values)
+        return network.to(target.rest.device)
+
+    @torch.no_grad()
+    def set_sizes(self, source: MeshSamples, target: MeshSamples, rows: Tensor) -> None:
+        """Set both root mean squares over training rows."""
+        found = torch.zeros(2, dtype=torch.float64, device=self.place.device)
+        for some in rows.split(BATCH):
+            skin, u = self.skin(source.displacement(some)), target.displacement(some)
+            found += torch.stack([self._mean_square(skin).double().sum(), u.double().square().mean(dim=(1, 2)).sum()])
+        found = (found / len(rows)).sqrt().clamp_min(ROUNDING)
+        self.source_size.copy_(found[0])
+        self.target_size.copy_(found[1])
+
+    @property
+    def vertices(self) -> int:
+        return len(self.place)
+
+    def settings(self) -> dict[str, Any]:
+        return dict(self._settings)
+
+    def forward(self, displacement: Tensor) -> Tensor:
+        """Displacements (n, vertex, 3), m, of the target's mesh."""
+        return self.at(displacement, (self.place, self.offset, self.frames))[0]
+
+    def places(self, points: np.ndarray) -> tuple[Tensor, Tensor, Tensor]:
+        """Where the target's points (v, 3), m at rest, are: what `at` takes. It takes about a second.
+
+        Returns places (v, 2) on the grid, column and row from -1 to 1; offsets (v, 3) from the skin, m; and frames
+        (v, 3, 3), see `simgen.learning.training.skin_grid.Places`.
+        """
+        grid = PixelGrid(self.x.cpu().numpy(), self.arc.cpu().numpy())
+        rest, triangles = self.target_rest.cpu().numpy(), self.target_triangles.cpu().numpy()
+        found = SkinOnGrid(rest, triangles, np.ones(len(rest), bool), grid).places(np.asarray(points, np.float64))
+        values = grid.relative(found.x, found.arc), found.offset, found.frames
+        return tuple(torch.from_numpy(each).float().to(self.place.device) for each in values)
+
+    def at(self, displacement: Tensor, places: tuple[Tensor, Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+        """Displacements (n, point, 3), m, and logits of contact (n, point), of any points of the target."""
+        found = [self._one_way(displacement, places, sign) for sign in displacement.new_tensor([1.0, -1.0])]
+        return tuple(0.5 * (direct + mirrored) for direct, mirrored in zip(*found, strict=True))
+
+    def terms(self, source: Tensor, target: Tensor, touching: Tensor | None = None) -> dict[str, Tensor]:
+        """Loss and root mean square error, m; both are means over samples.
+
+        The loss takes root mean square errors over all vertices, and over those that touch the indenter, and divides
+        them by the sample's own root mean square to the ``power``: 0 gives the reported figure, 1 the relative error.
+
+        touching : (n, vertex) bool; None if it is unknown
+        """
+        sign = torch.ones(len(source), device=source.device)
+        if self.training:
+            sign = 1.0 - 2.0 * (torch.rand_like(sign) < 0.5)
+        found, logits = self._one_way(source, (self.place, self.offset, self.frames), sign)
+        weight = ((target.square().mean(dim=(1, 2)).sqrt() / self.target_size).clamp_min(LEAST_SIZE)) ** -self.power
+        square = (found - target).square().mean(dim=2)
+        error = (square.mean(dim=1) + ROUNDING**2).sqrt()
+        loss = (weight * error).mean() / self.target_size
+        if touching is not None:
+            share = touching / touching.sum(dim=1, keepdim=True).clamp_min(1)
+            near = ((square * share).sum(dim=1) + ROUNDING**2).sqrt()
+            loss = loss + NEAR * (weight * near).mean() / self.target_size
+            loss = loss + TOUCH * F.binary_cross_entropy_with_logits(logits, touching.float())
+        return {"loss": loss, "rmse_m": error.mean()}
+
+    def skin(self, displacement: Tensor) -> Tensor:
+        """Displacements (n, pixel, 3) of the source's skin in its frames, m; 0 off the skin."""
+        at = (displacement[:, self.corners] * self.weights[..., None]).sum(dim=2)
+        return torch.einsum("pij,npj->npi", self.source_frames, at)
+
+    def _mean_square(self, skin: Tensor) -> Tensor:
+        """Mean square (n,) over coordinates of the skin, m2."""
+        known = self.weights.sum(dim=1) > 0.5
+        return skin.square().sum(dim=(1, 2)) / (3 * known.sum())
+
+    def _one_way(
+        self, displacement: Tensor, places: tuple[Tensor, Tensor, Tensor], sign: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """As `at`, by the sample itself where ``sign``, (n,) or one for all, is 1, by its mirror image if it is -1."""
+        place, offset, frames = places
+        sign = sign.expand(len(displacement))[:, None, None]  # (n, 1, 1)
+        skin = self.skin(displacement)
+        size = (self._mean_square(skin) / self.source_size**2 + LEAST_SIZE**2).sqrt()[:, None, None]
+        turned = torch.cat([torch.ones_like(sign), torch.ones_like(sign), sign], dim=2)  # of vectors in a frame
+        image = (skin / (size * self.source_size)).transpose(1, 2).unflatten(2, self.shape)
+        image = torch.where(sign[..., None] < 0.0, image.flip(3), image) * turned.transpose(1, 2)[..., None]
+        same = size.log()[..., None].expand(-1, 1, *self.shape), self.still.expand(len(size), -1, -1, -1)
+        # Rounding to 8 bits in training is like noise. Autocast keeps the weights themselves in float32.
+        with torch.autocast(image.device.type, torch.bfloat16, enabled=self.training and image.is_cuda):
+            features = self.network(torch.cat([image, *same], dim=1))
+        on_grid = place * torch.cat([sign, torch.ones_like(sign)], dim=2)
+        near = F.grid_sample(features.float(), on_grid[:, None], align_corners=True, padding_mode="border")[:, :, 0]
+        found = self.head(torch.cat([near.transpose(1, 2), *self._about(on_grid, offset * turned)], dim=2))
+        local = found[..., :3] * turned * size * self.target_size
+        return torch.einsum("vij,nvi->nvj", frames, local), found[..., 3]
+
+    def _about(self, place: Tensor, offset: Tensor) -> tuple[Tensor, ...]:
+        """Numbers (n, point, .) of points: offset from the skin, waves of the depth, place within a pixel."""
+        wave = 2.0 * torch.pi / LONGEST_M * 2.0 ** torch.arange(WAVES, device=place.device)
+        ends = torch.stack([(self.arc[-1] - self.arc[0]), (self.x[-1] - self.x[0])]).float() / 2.0
+        pixel = (self.x[1] - self.x[0]).float()
+        within = 2.0 * torch.pi * place * ends / pixel
+        angle = offset[..., :1] * wave
+        return offset / MM, angle.sin(), angle.cos(), within.sin(), within.cos()
+
+
+def _still(skin: SkinOnGrid) -> np.ndarray:
+    """Channels (7, row, column) of a skin alone: mask, normal, and position in cm."""
+    known = skin.known[..., None]
+    return np.moveaxis(np.where(known, np.concatenate([known, skin.normals, 100.0 * skin.points], axis=2), 0.0), 2, 0)
