@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from simgen.dataset.splits import SPLITS
-from simgen.dataset.touchable import touchable_points
+from simgen.dataset.touchable import touchable_points, touchable_surface
 from simgen.errors import InputError
 from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
 from simgen.learning.training.metrics import contact_of
@@ -121,6 +121,15 @@ class NetworkData:
         """Mask (vertex,) of a sensor's vertices that can touch an indenter; of an import without it, of all."""
         dataset, name = self._training.data.dataset, f"{meshes.sensor}/touchable"
         return dataset[name] if name in dataset.root else np.ones(len(meshes.rest), bool)
+
+    def touchable_share(self, meshes: MeshSamples) -> np.ndarray:
+        """Each vertex's share (vertex,) of the area that can touch an indenter; the sum is 1."""
+        sensor = meshes.sensor
+        arrays = {"rest_positions": meshes.rest.double().cpu().numpy(), "surface_triangles": meshes.surface_triangles,
+                  "touchable": self.touchable(meshes)}  # fmt: skip
+        surface = touchable_surface({f"{sensor}/{name}": array for name, array in arrays.items()}, sensor)
+        areas = np.bincount(surface.points, surface.areas, minlength=len(meshes.rest))
+        return areas / areas.sum()
 
     def touching(self) -> Tensor | None:
         """Mask (sample, vertex) of vertices of the predicted meshes that touch the indenter; None if it is unknown."""

@@ -4,8 +4,14 @@ Paired contacts lie at the same place, x and arc, of both unrolled skins, with t
 is one of images. A U-Net takes the source's skin to features. A small perceptron takes the features at a point's
 place, and the point's depth, to its displacement (a local implicit function: Chen, Liu and Wang, CVPR 2021). The same
 weights serve all places, so that a new place is like a known one.
+
+One skin of the source can belong to several contacts on the target. So the network also takes random numbers, and gives
+another answer for each draw of them. Its loss is the energy score (Gneiting and Raftery, JASA 102, 2007, eq. 21), which
+is least on average if the answers are distributed as the true meshes are. Learning it from two draws of each sample is
+engression (Shen and Meinshausen, JRSS B 87, 2025).
 """
 
+from collections.abc import Callable
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -28,18 +34,23 @@ LONGEST_M = 8e-3  # wavelength of the first of these; the next ones are half as 
 MARGIN_M = 4e-3  # the grid shows as much of the source's skin beyond the target's
 LEAST_SIZE = 1e-2  # least size of a press, relative to its root mean square over training
 ROUNDING = 1e-7  # m: keeps the slope of the root finite
-NEAR, TOUCH = 0.2, 0.05  # weights of the error of touching points, and of the logits of contact, in the loss
+NOISE = 8  # random numbers of a draw
+DRAWS = 16  # answers for a sample, half of them by its mirror image
+# Weights in the loss: displacements of the touchable surface, contact of its points, cross entropy of the contact.
+SURFACE, CONTACT, ENTROPY = 0.2, 0.1, 0.05
+LEAST_CONTACT = 1e-3  # least root mean square difference of contacts: keeps the slope of the root finite
 
 
 class PointTranslator(Network):
     """Displacements (n, source vertex, 3), m, to displacements (n, target vertex, 3), m.
 
-        u = s f(x / s, log s),   s^2 = |x|^2 + 0.01^2
+        u = s f(x / s, log s, z),   s^2 = |x|^2 + 0.01^2
 
-    with displacements x of the source's skin. The norm is a root mean square over the skin, 1 over all training.
+    with displacements x of the source's skin and random numbers z. The norm is a root mean square over the skin, 1 over
+    all training. Called with displacements, the network gives the mean over its `draws`.
 
     Both sensors are mirror images of themselves in z = 0. So training shows each sample as it is, or its mirror image,
-    and a prediction is the mean of both. The mirror image of the unrolled skin is a flip of its columns.
+    and half of the draws go by the mirror image. The mirror image of the unrolled skin is a flip of its columns.
 
     rows, columns : pixels of the unrolled skin
     vertices, triangles : numbers of the target's
@@ -58,7 +69,7 @@ class PointTranslator(Network):
         super().__init__()
         self._settings = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
         self.shape, self.power = (rows, columns), power
-        self.network = SkinUNet(MOVING + STILL, features, width, levels, blocks)
+        self.network = SkinUNet(MOVING + STILL, features, width, levels, blocks, NOISE)
         self.head = nn.Sequential(
             nn.Linear(features + POINT, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, 4)
         )
@@ -74,6 +85,8 @@ class PointTranslator(Network):
         self.register_buffer("place", torch.zeros(vertices, 2))  # see `places`
         self.register_buffer("offset", torch.zeros(vertices, 3))
         self.register_buffer("frames", torch.zeros(vertices, 3, 3))
+        self.register_buffer("share", torch.zeros(vertices))  # of the touchable area
+        self.register_buffer("noise", torch.randn(DRAWS // 2, NOISE))  # the draws of predictions
         self.register_buffer("source_size", torch.ones(()))  # m, root mean square of the skin's displacements
         self.register_buffer("target_size", torch.ones(()))  # m, root mean square of the target's displacements
 
@@ -85,6 +98,7 @@ class PointTranslator(Network):
             width=settings.width, levels=settings.levels, blocks=settings.blocks, features=settings.features,
             hidden=settings.hidden, power=settings.power,
         )  # fmt: skip
+        network.share.copy_(torch.from_numpy(data.touchable_share(target)))
         network.set_sizes(source, target, data.train)
         touching = data.touching()
         return network, lambda rows: network.terms(
@@ -143,11 +157,22 @@ class PointTranslator(Network):
         return dict(self._settings)
 
     def forward(self, displacement: Tensor) -> Tensor:
-        """Displacements (n, vertex, 3), m, of the target's mesh."""
-        return self.at(displacement, (self.place, self.offset, self.frames))[0]
+        """Displacements (n, vertex, 3), m, of the target's mesh: the mean over `draws`."""
+        return self.draws(displacement)[0].mean(dim=1)
+
+    def draws(
+        self, displacement: Tensor, places: tuple[Tensor, Tensor, Tensor] | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Equally likely answers: displacements (n, draw, point, 3), m, and logits of contact (n, draw, point).
+
+        places : points of the target by `places`; None for its vertices
+        """
+        noise = self.noise.expand(len(displacement), -1, -1)
+        found = [self._one_way(displacement, noise, sign, places) for sign in displacement.new_tensor([1.0, -1.0])]
+        return tuple(torch.cat(both, dim=1) for both in zip(*found, strict=True))
 
     def places(self, points: np.ndarray) -> tuple[Tensor, Tensor, Tensor]:
-        """Where the target's points (v, 3), m at rest, are: what `at` takes. It takes about a second.
+        """Where the target's points (v, 3), m at rest, are: what `draws` takes. It takes about a second.
 
         Returns places (v, 2) on the grid, column and row from -1 to 1; offsets (v, 3) from the skin, m; and frames
         (v, 3, 3), see `simgen.learning.training.skin_grid.Places`.
@@ -158,32 +183,30 @@ class PointTranslator(Network):
         values = grid.relative(found.x, found.arc), found.offset, found.frames
         return tuple(torch.from_numpy(each).float().to(self.place.device) for each in values)
 
-    def at(self, displacement: Tensor, places: tuple[Tensor, Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-        """Displacements (n, point, 3), m, and logits of contact (n, point), of any points of the target."""
-        found = [self._one_way(displacement, places, sign) for sign in displacement.new_tensor([1.0, -1.0])]
-        return tuple(0.5 * (direct + mirrored) for direct, mirrored in zip(*found, strict=True))
-
     def terms(self, source: Tensor, target: Tensor, touching: Tensor | None = None) -> dict[str, Tensor]:
-        """Loss and root mean square error, m; both are means over samples.
+        """Loss and root mean square error of single draws, m; both are means over samples.
 
-        The loss takes root mean square errors over all vertices, and over those that touch the indenter, and divides
-        them by the sample's own root mean square to the ``power``: 0 gives the reported figure, 1 the relative error.
+        The loss adds energy scores of the displacements of all vertices, of those of the touchable surface, and of the
+        contact, and the cross entropy of the contact. It divides the first two by the sample's own root mean square to
+        the ``power``: 0 gives the reported unit, 1 relative errors.
 
         touching : (n, vertex) bool; None if it is unknown
         """
-        sign = torch.ones(len(source), device=source.device)
+        n, sign, noise = len(source), source.new_ones(()), self.noise[:2].expand(len(source), -1, -1)
         if self.training:
-            sign = 1.0 - 2.0 * (torch.rand_like(sign) < 0.5)
-        found, logits = self._one_way(source, (self.place, self.offset, self.frames), sign)
-        weight = ((target.square().mean(dim=(1, 2)).sqrt() / self.target_size).clamp_min(LEAST_SIZE)) ** -self.power
-        square = (found - target).square().mean(dim=2)
-        error = (square.mean(dim=1) + ROUNDING**2).sqrt()
-        loss = (weight * error).mean() / self.target_size
+            sign = 1.0 - 2.0 * (torch.rand(n, device=source.device) < 0.5)
+            noise = torch.randn(n, 2, NOISE, device=source.device)
+        found, logits = self._one_way(source, noise, sign)
+        size = target.square().mean(dim=(1, 2)).sqrt() / self.target_size
+        unit = size.clamp_min(LEAST_SIZE) ** -self.power / self.target_size
+        score, error = _energy(found, target, lambda x: (x.square().mean(dim=(-1, -2)) + ROUNDING**2).sqrt())
+        surface, _ = _energy(found, target, lambda x: (x.square().mean(dim=-1) @ self.share + ROUNDING**2).sqrt())
+        loss = (unit * (score + SURFACE * surface)).mean()
         if touching is not None:
-            share = touching / touching.sum(dim=1, keepdim=True).clamp_min(1)
-            near = ((square * share).sum(dim=1) + ROUNDING**2).sqrt()
-            loss = loss + NEAR * (weight * near).mean() / self.target_size
-            loss = loss + TOUCH * F.binary_cross_entropy_with_logits(logits, touching.float())
+            true = touching.to(logits.dtype)
+            contact, _ = _energy(logits.sigmoid(), true, lambda x: (x.square() @ self.share + LEAST_CONTACT**2).sqrt())
+            entropy = F.binary_cross_entropy_with_logits(logits, true[:, None].expand_as(logits), reduction="none")
+            loss = loss + CONTACT * contact.mean() + ENTROPY * (entropy @ self.share).mean()
         return {"loss": loss, "rmse_m": error.mean()}
 
     def skin(self, displacement: Tensor) -> Tensor:
@@ -197,10 +220,14 @@ class PointTranslator(Network):
         return skin.square().sum(dim=(1, 2)) / (3 * known.sum())
 
     def _one_way(
-        self, displacement: Tensor, places: tuple[Tensor, Tensor, Tensor], sign: Tensor
+        self, displacement: Tensor, noise: Tensor, sign: Tensor, places: tuple[Tensor, Tensor, Tensor] | None = None
     ) -> tuple[Tensor, Tensor]:
-        """As `at`, by the sample itself where ``sign``, (n,) or one for all, is 1, by its mirror image if it is -1."""
-        place, offset, frames = places
+        """As `draws`, for noise (n, draw, noise), by one of two ways.
+
+        sign : (n,), or one for all: 1 for the sample itself, -1 for its mirror image
+        """
+        draws = noise.shape[1]
+        place, offset, frames = (self.place, self.offset, self.frames) if places is None else places
         sign = sign.expand(len(displacement))[:, None, None]  # (n, 1, 1)
         skin = self.skin(displacement)
         size = (self._mean_square(skin) / self.source_size**2 + LEAST_SIZE**2).sqrt()[:, None, None]
@@ -210,12 +237,14 @@ class PointTranslator(Network):
         same = size.log()[..., None].expand(-1, 1, *self.shape), self.still.expand(len(size), -1, -1, -1)
         # Rounding to 8 bits in training is like noise. Autocast keeps the weights themselves in float32.
         with torch.autocast(image.device.type, torch.bfloat16, enabled=self.training and image.is_cuda):
-            features = self.network(torch.cat([image, *same], dim=1))
+            features = self.network(torch.cat([image, *same], dim=1), noise)
+        sign, turned, size = (each.repeat_interleave(draws, 0) for each in (sign, turned, size))
         on_grid = place * torch.cat([sign, torch.ones_like(sign)], dim=2)
         near = F.grid_sample(features.float(), on_grid[:, None], align_corners=True, padding_mode="border")[:, :, 0]
         found = self.head(torch.cat([near.transpose(1, 2), *self._about(on_grid, offset * turned)], dim=2))
         local = found[..., :3] * turned * size * self.target_size
-        return torch.einsum("vij,nvi->nvj", frames, local), found[..., 3]
+        moved = torch.einsum("vij,nvi->nvj", frames, local)
+        return tuple(each.unflatten(0, (-1, draws)) for each in (moved, found[..., 3]))
 
     def _about(self, place: Tensor, offset: Tensor) -> tuple[Tensor, ...]:
         """Numbers (n, point, .) of points: offset from the skin, waves of the depth, place within a pixel."""
@@ -225,6 +254,12 @@ class PointTranslator(Network):
         within = 2.0 * torch.pi * place * ends / pixel
         angle = offset[..., :1] * wave
         return offset / MM, angle.sin(), angle.cos(), within.sin(), within.cos()
+
+
+def _energy(found: Tensor, truth: Tensor, norm: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
+    """Energy scores (n,) of two draws (n, 2, ...) of truth (n, ...), and mean errors (n,) of single draws."""
+    error = norm(found - truth[:, None]).mean(dim=1)
+    return error - 0.5 * norm(found[:, 0] - found[:, 1]), error
 
 
 def _still(skin: SkinOnGrid) -> np.ndarray:

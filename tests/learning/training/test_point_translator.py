@@ -1,4 +1,4 @@
-"""The point translator: mirror images, any points, its loss, and that it learns."""
+"""The point translator: draws, mirror images, any points, its loss, and that it learns."""
 
 import pytest
 import torch
@@ -6,7 +6,17 @@ import torch.nn.functional as F
 
 from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.networks import NETWORKS
-from simgen.learning.training.point_translator import LEAST_SIZE, NEAR, ROUNDING, TOUCH, PointTranslator
+from simgen.learning.training.point_translator import (
+    CONTACT,
+    DRAWS,
+    ENTROPY,
+    LEAST_CONTACT,
+    LEAST_SIZE,
+    ROUNDING,
+    SURFACE,
+    PointTranslator,
+    _energy,
+)
 
 
 @pytest.fixture
@@ -24,58 +34,83 @@ def test_any_points_are_translated(made):
     network, _, data = made
     u, rest = data.inputs(data.train[:3]), network.target_rest.numpy()
     order = torch.randperm(len(rest), generator=torch.Generator().manual_seed(1))
-    found, logits = network.at(u, network.places(rest[order.numpy()]))
-    assert logits.shape == found.shape[:2]
-    torch.testing.assert_close(found, network(u)[:, order], rtol=1e-4, atol=1e-9)
-    between = network.at(u, network.places(0.5 * (rest[:5] + rest[1:6])))[0]
-    assert between.shape == (3, 5, 3) and between.isfinite().all()
+    found, logits = network.draws(u, network.places(rest[order.numpy()]))
+    assert found.shape == (3, DRAWS, len(rest), 3) and logits.shape == found.shape[:3]
+    torch.testing.assert_close(found, network.draws(u)[0][:, :, order], rtol=1e-4, atol=1e-9)
+    between = network.draws(u, network.places(0.5 * (rest[:5] + rest[1:6])))[0]
+    assert between.shape == (3, DRAWS, 5, 3) and between.isfinite().all()
 
 
 @torch.no_grad()
-def test_a_prediction_is_the_mean_of_both_mirror_images(made):
+def test_draws_differ_and_a_prediction_is_their_mean(made):
     network, _, data = made
     u = data.inputs(data.train[:4])
-    places = network.place, network.offset, network.frames
-    ways = [network._one_way(u, places, torch.full((4,), sign))[0] for sign in (1.0, -1.0)]
-    torch.testing.assert_close(network(u), 0.5 * (ways[0] + ways[1]))
-    assert not torch.allclose(ways[0], ways[1], rtol=1e-2, atol=0.0)
-    mixed = network._one_way(u, places, torch.tensor([1.0, -1.0, 1.0, -1.0]))[0]
+    found = network.draws(u)[0]
+    torch.testing.assert_close(network(u), found.mean(dim=1))
+    away = (found[:, :, None] - found[:, None]).square().mean(dim=(3, 4)).sqrt()
+    size = found.square().mean(dim=(1, 2, 3)).sqrt()[:, None]
+    assert (away[:, ~torch.eye(DRAWS, dtype=bool)] > 1e-3 * size).all()
+    assert torch.equal(found, network.draws(u)[0]), "predictions draw no new numbers"
+
+
+@torch.no_grad()
+def test_half_of_the_draws_go_by_the_mirror_image(made):
+    network, _, data = made
+    u, noise = data.inputs(data.train[:4]), network.noise[:2].expand(4, -1, -1)
+    ways = [network._one_way(u, noise, torch.full((4,), sign))[0] for sign in (1.0, -1.0)]
+    torch.testing.assert_close(network.draws(u)[0][:, [0, 1, DRAWS // 2, DRAWS // 2 + 1]], torch.cat(ways, dim=1))
+    mixed = network._one_way(u, noise, torch.tensor([1.0, -1.0, 1.0, -1.0]))[0]
     torch.testing.assert_close(mixed, torch.stack([ways[0][0], ways[1][1], ways[0][2], ways[1][3]]))
 
 
 @torch.no_grad()
-def test_the_loss_weighs_root_mean_squares(made):
+@pytest.mark.parametrize("power", [0.0, 1.0])
+def test_the_loss_adds_energy_scores(made, power):
     network, _, data = made
     network.eval()
-    network.power = 0.0
+    network.power = power
     source, target = data.inputs(data.train[:5]), data.outputs(data.train[:5])
-    found = network._one_way(source, (network.place, network.offset, network.frames), torch.ones(5))[0]
-    error = (found - target).square().mean(dim=(1, 2)).add(ROUNDING**2).sqrt()
+    (a, b), logits = (each.unbind(1) for each in network._one_way(source, network.noise[:2].expand(5, -1, -1),
+                                                                  torch.ones(())))  # fmt: skip
+    share, rounding = network.share, ROUNDING**2
+
+    def whole(x):
+        return (x.square().mean(dim=(1, 2)) + rounding).sqrt()
+
+    def surface(x):
+        return ((x.square() * share[:, None]).sum(dim=(1, 2)) / 3 + rounding).sqrt()
+
+    def score(norm, a, b, true):
+        return 0.5 * (norm(a - true) + norm(b - true)) - 0.5 * norm(a - b)
+
+    size = target.square().mean(dim=(1, 2)).sqrt()
+    unit = (size / network.target_size).clamp_min(LEAST_SIZE) ** -power / network.target_size
+    moved = (unit * (score(whole, a, b, target) + SURFACE * score(surface, a, b, target))).mean()
     terms = network.terms(source, target)
-    torch.testing.assert_close(terms["rmse_m"], error.mean())
-    torch.testing.assert_close(terms["loss"], error.mean() / network.target_size)
+    torch.testing.assert_close(terms["loss"], moved)
+    torch.testing.assert_close(terms["rmse_m"], 0.5 * (whole(a - target) + whole(b - target)).mean())
+
     touching = torch.zeros(target.shape[:2], dtype=torch.bool)
     touching[:, :20] = True
-    logits = network._one_way(source, (network.place, network.offset, network.frames), torch.ones(5))[1]
-    near = (found - target)[:, :20].square().mean(dim=(1, 2)).add(ROUNDING**2).sqrt().mean() / network.target_size
-    wrong = F.softplus(torch.where(touching, -logits, logits)).mean()  # the cross entropy
+    true, (p, q) = touching.float(), (each.sigmoid() for each in logits)
+    contact = score(lambda x: ((x.square() * share).sum(dim=1) + LEAST_CONTACT**2).sqrt(), p, q, true).mean()
+    wrong = sum((F.softplus(torch.where(touching, -each, each)) * share).sum(dim=1).mean() / 2 for each in logits)
     torch.testing.assert_close(
-        network.terms(source, target, touching)["loss"], terms["loss"] + NEAR * near + TOUCH * wrong
+        network.terms(source, target, touching)["loss"], moved + CONTACT * contact + ENTROPY * wrong
     )
 
 
-@torch.no_grad()
-def test_errors_count_in_proportion_to_the_press(made):
-    network, _, data = made
-    network.eval()
-    network.power = 1.0
-    source, target = data.inputs(data.train[:5]), data.outputs(data.train[:5])
-    size = target.square().mean(dim=(1, 2)).sqrt()
-    error = network._one_way(source, (network.place, network.offset, network.frames), torch.ones(5))[0] - target
-    relative = error.square().mean(dim=(1, 2)).add(ROUNDING**2).sqrt() / size.clamp_min(
-        LEAST_SIZE * network.target_size
-    )
-    torch.testing.assert_close(network.terms(source, target)["loss"], relative.mean())
+def test_the_energy_score_is_least_for_the_true_distribution():
+    """Truth is +1 or -1 by chance. Draws that are the same lose to their mean, and that to draws of both."""
+    random = torch.Generator().manual_seed(0)
+
+    def sign(*shape):
+        return 2.0 * torch.randint(2, shape, generator=random) - 1.0
+
+    truth, draws = sign(20_000, 1), sign(20_000, 2, 1)
+    scores = [_energy(each, truth, lambda x: x.abs().mean(dim=-1))[0].mean().item()
+              for each in (draws, torch.zeros_like(draws), torch.ones_like(draws), 0.5 * draws)]  # fmt: skip
+    assert scores[0] < 0.52 and min(scores[1:]) > 0.7
 
 
 def test_sizes_are_root_mean_squares_of_training(made):
@@ -93,7 +128,7 @@ def test_it_learns(made):
     network.train()
     optimizer = torch.optim.Adam(network.parameters(), 3e-3)
     first = terms(data.train)["rmse_m"].item()
-    for _ in range(40):
+    for _ in range(80):
         optimizer.zero_grad()
         terms(data.train)["loss"].backward()
         optimizer.step()
