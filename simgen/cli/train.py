@@ -126,8 +126,10 @@ def _numbers(means: Mapping[str, float], measures: Sequence[str]) -> list[str]:
     return [ABSENT if math.isnan(mean) else f"{mean:.{digits}f}" for mean, digits in found]
 
 
-def _count(parameters: int) -> str:
+def _count(parameters: int | None) -> str:
     """A count in short form: 642, 81.3k, 1.2M."""
+    if parameters is None:
+        return ABSENT
     for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if parameters >= size:
             return f"{parameters / size:.1f}{letter}"

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +31,8 @@ COLUMNS = {  # heading, digits
     "p99_um": ("p99, um", 1),
     "worst_um": ("worst, um", 1),
     "overlap": ("patch overlap", 3),
-    "near": (f"contact within {NEAR_MM:g} mm", 1),
-    "near_allowed": ("the same, where the floor allows it", 1),
+    "near": (f"within {NEAR_MM:g} mm", 1),
+    "near_allowed": ("of those allowed", 1),
     "neighbours": ("samples with the same input", 2),
     "spread_mm": ("their contacts' largest distance, mm", 2),
     "rmse": ("RMSE, normalised", 4),
@@ -50,6 +51,7 @@ class Entry:
     """A model and its errors.
 
     task : inputs and outputs, such as "biotac mesh -> digit mesh"; models of one task are compared
+    parameters : count of the numbers that it learned; None if there is none to tell
     baseline : True for models that networks have to beat
     published : the paper's network that it is compared with, a key of `PUBLISHED`
     labels : groups of samples, see `labels_of`
@@ -58,7 +60,7 @@ class Entry:
     task: str
     model: str
     errors: MeshErrors | SignalErrors | Floor
-    parameters: int
+    parameters: int | None
     baseline: bool = False
     published: str | None = None
     labels: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -136,27 +138,26 @@ def markdown(entries: Sequence[Entry]) -> str:
 
 def metrics_json(entries: Sequence[Entry]) -> str:
     """All measures, over all samples and over each group; null where a measure is not defined."""
-    found = {
-        task: [
-            {
-                "model": entry.model,
-                "parameters": entry.parameters,
-                "baseline": entry.baseline,
-                "bar": entry is best_baseline(entry, own),
-                "published_as": entry.published,
-                "note": note(entry, own),
-                "all": _plain(entry.errors),
-                **{
-                    f"by_{name}": {str(label): _plain(errors) for label, errors in entry.errors.groups(labels).items()}
-                    for name, labels in entry.labels.items()
-                },
-            }
-            for entry in own
-        ]
-        for task, own in by_task(entries).items()
-    }
+    found = {task: [plain_entry(entry, own) for entry in own] for task, own in by_task(entries).items()}
     whole = {"source_of_published": SOURCE, "published": PUBLISHED, "tasks": found}
     return json.dumps(whole, indent=1, allow_nan=False) + "\n"
+
+
+def plain_entry(entry: Entry, entries: Sequence[Entry]) -> dict[str, Any]:
+    """JSON values of an entry among those of its task."""
+    return {
+        "model": entry.model,
+        "parameters": entry.parameters,
+        "baseline": entry.baseline,
+        "bar": entry is best_baseline(entry, entries),
+        "published_as": entry.published,
+        "note": note(entry, entries),
+        "all": _plain(entry.errors),
+        **{
+            f"by_{name}": {str(label): _plain(errors) for label, errors in entry.errors.groups(labels).items()}
+            for name, labels in entry.labels.items()
+        },
+    }
 
 
 def metrics_csv(entries: Sequence[Entry]) -> str:
@@ -190,9 +191,9 @@ def _explanation() -> list[str]:
         "Mean ± standard deviation over samples. RMSE: root of the mean over all coordinates of a sample; MED: mean",
         "distance of its vertices; region: vertices at least 10 um from rest; p99, worst: of the distances of its",
         "vertices; patch overlap: intersection over union of the points within 50 um of the indenter's surface.",
-        f"Contact within {NEAR_MM:g} mm: samples whose predicted contact has its centroid so near to the true one.",
-        "Floor: the least error, and the most contacts, that the input allows, because other presses give the same",
-        "one within noise (docs/training.md). Cells without a number: not defined.",
+        f"Within {NEAR_MM:g} mm: share of samples whose predicted contact has its centroid so near to the true one;",
+        "of those allowed: the same among samples whose floor allows it. Floor: a lower bound of the error, and the",
+        "contacts that can be found, where other presses give the same input within noise (docs/training.md).",
         f"Parameters: numbers that were learned. Rows as published: {SOURCE}, on its own data.",
     ]
 
@@ -204,12 +205,16 @@ def _cells(entries: Sequence[Entry]) -> list[list[str]]:
     for entry in entries:
         summary = entry.errors.summary()
         numbers = [_number(measure, summary[measure]) if measure in summary else ABSENT for measure in measures]
-        lines.append([entry.model, *numbers, f"{entry.parameters:,}", note(entry, entries)])
+        lines.append([entry.model, *numbers, _count(entry.parameters), note(entry, entries)])
         if entry.published is not None:
             stated = PUBLISHED[entry.published]
             numbers = [f"{stated[m]:.{COLUMNS[m][1]}f}" if m in stated else ABSENT for m in measures]
             lines.append([f"{entry.published} (ACROSS)", *numbers, ABSENT, "as published"])
     return lines
+
+
+def _count(parameters: int | None) -> str:
+    return ABSENT if parameters is None else f"{parameters:,}"
 
 
 def _about(floor: Floor) -> list[str]:

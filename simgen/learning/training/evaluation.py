@@ -72,13 +72,13 @@ class Evaluation:
             entry = self.mesh_entry(inputs, outputs, each.name, each.predict, each.parameters)
             yield replace(entry, baseline=True)
         if _is_translation(inputs, outputs):
-            yield Entry(self._title(inputs, outputs), FLOOR, self._floor(inputs), 0, labels=self.labels)
+            yield Entry(self._title(inputs, outputs), FLOOR, self._floor(inputs), None, labels=self.labels)
 
     def _chain_entry(self, inputs: str, outputs: str, names: tuple[str, ...], chain: Chain) -> Entry:
         values = self.inputs.values(inputs)
         return self.mesh_entry(inputs, outputs, label_of(names), lambda rows: chain(values(rows)), chain.parameters)
 
-    def mesh_entry(self, inputs: str, outputs: str, model: str, predict: Predictor, parameters: int) -> Entry:
+    def mesh_entry(self, inputs: str, outputs: str, model: str, predict: Predictor, parameters: int | None) -> Entry:
         """Errors of a model that predicts meshes from row numbers, on test samples."""
         truth, title = self.inputs.truth(inputs, outputs), self._title(inputs, outputs)
         of_dataset = truth is self.inputs.data.meshes.get(truth.sensor)  # not of recordings
