@@ -5,13 +5,13 @@ sees the input has to give one answer for all of them. The best answer for meshe
 meshes it has the least mean error. The best answer for contacts is the member with the most members near it.
 
 **A floor is a lower bound of the true one**: a dataset shows only those neighbours that it contains. It holds for
-networks that cannot see differences below the noise. Without noise, a network can tell two inputs apart that are not
+networks that cannot see differences below the noise. Data without noise let a network tell inputs apart that are not
 equal to the last digit.
 
 **Noise of a mesh** is `MESH_SHARE` of its displacement, less than the error of the finite elements: at 0.5 mm, 2 % of
-the BioTac's displacement are 1.5 um under a cube (docs/translation.md, Twins), and its default mesh errs by 2.3 um
-(docs/accuracy.md, median). It is at least `MESH_LEAST_M`, the error by the solver's tolerances (docs/accuracy.md,
-Tolerances).
+the BioTac's displacement are 1.5 um under a cube (docs/translation.md, Twins), and the surface of its default mesh errs
+by 2.3 um (docs/accuracy.md, median). It is at least `MESH_LEAST_M`, the error of the DIGIT's surface by the solver's
+tolerances (docs/accuracy.md, Tolerances).
 
 **Noise of signals** is one step of the instrument and three standard deviations of a difference of two readings.
 """
@@ -130,12 +130,18 @@ def floor_of(
     known, presses = same_input.known, torch.from_numpy(press).to(rows.device)
     places = _places(target, known, gauge)
     parts = []
-    for some in rows.split(ROWS_AT_ONCE):
+    order = torch.cat([_size(target, some) for some in rows.split(BATCH)]).argsort()  # neighbours are of similar size
+    for some in rows[order].split(ROWS_AT_ONCE):
         same = same_input(some) & (presses[some][:, None] != presses[known])
         same |= some[:, None] == known
         parts.append(_floor(same, some, known, target, places))
-    measures = [torch.cat(values).cpu().numpy() for values in zip(*parts, strict=True)]
+    measures = [torch.cat(values)[order.argsort()].cpu().numpy() for values in zip(*parts, strict=True)]
     return Floor(rows.cpu().numpy(), *measures)
+
+
+def _size(target: MeshSamples, rows: Tensor) -> Tensor:
+    """Root mean square (n,) of displacements, m."""
+    return _root_mean_square(target.displacement(rows).flatten(1))
 
 
 def _places(target: MeshSamples, rows: Tensor, gauge: ContactGauge | None) -> Tensor:
