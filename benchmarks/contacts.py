@@ -24,6 +24,7 @@ from torch import Tensor
 
 from simgen.learning.training.chain import make_chain
 from simgen.learning.training.checkpoint import load_network
+from simgen.learning.training.contact import NEAR_MM, ContactGauge
 from simgen.learning.training.data import load_training_data
 from simgen.learning.training.fit import Training, epoch_seed
 from simgen.learning.training.latent_translation import LatentTranslation
@@ -31,8 +32,6 @@ from simgen.learning.training.metrics import mesh_errors
 from simgen.learning.training.network_data import TrainingInputs, encoded_at_rest, latents
 from simgen.learning.training.run import torch_device
 from simgen.learning.training.translator import read_job
-from simgen.learning.translation.accuracy import NEAR_MM
-from simgen.learning.translation.contact import ContactGauge
 
 TESTED = 100
 ONE_IN = 10  # contacts that validate
@@ -60,7 +59,7 @@ class Comparison:
         }
         self.first_tested = int(self.data.dataset["press/trajectory"].max()) + 1 - tested
         self.tested = self.rows(self.data.trajectory >= self.first_tested)
-        self.gauge = ContactGauge.of_dataset(self.data.dataset, self.job.target)
+        self.gauge = ContactGauge.of_dataset(self.data.dataset, self.job.target, self.device)
         self.truth = self.centroids(self.inputs.target.displacement)
 
     def rows(self, chosen: np.ndarray) -> Tensor:
@@ -74,8 +73,7 @@ class Comparison:
     def centroids(self, predict) -> np.ndarray:
         """(tested, 3) m."""
         with torch.no_grad():
-            return np.concatenate([self.gauge.centroid(predict(rows).cpu().numpy())
-                                   for rows in self.tested.split(AT_ONCE)])  # fmt: skip
+            return torch.cat([self.gauge.centroid(predict(rows)) for rows in self.tested.split(AT_ONCE)]).cpu().numpy()
 
     def train(self, name: str, rows: tuple[Tensor, Tensor], power: float | None, folder: Path) -> torch.nn.Module:
         source, target, at_rest, settings = self.pairs[name]

@@ -13,8 +13,8 @@ that a face cuts off stands for its contact. It is larger than the contact, and 
 BioTac. The two twins that are farthest apart are then pressed into both sensors.
 """
 
-
 import numpy as np
+import torch
 from presses import job_scene
 from record import arguments, write
 from scipy.spatial.distance import cdist
@@ -23,8 +23,7 @@ from simgen.config.job import load_job
 from simgen.config.job_schema import Job
 from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.developed_skin import Skin
-from simgen.learning.translation.accuracy import NEAR_MM
-from simgen.learning.translation.contact import ContactGauge
+from simgen.learning.training.contact import NEAR_MM, ContactGauge
 from simgen.pipeline.plan import chosen_sensor, first_contacts, gel_under_indenters, make_plan
 from simgen.sensors.indenter import chosen_indenters, load_indenter
 from simgen.sensors.pairing import Contacts, Room, indenter_poses, unfold
@@ -123,12 +122,12 @@ def pressed(twins: Twins, gauge: ContactGauge, poses: np.ndarray, sensors: np.nd
         if not all(has_values(result.status[step]) for result in (*digit, *biotac)):
             continue
         one, other = (result.displacement[step] for result in biotac)
-        centroids = gauge.centroid(np.stack([result.displacement[step] for result in digit]))
+        centroids = gauge.centroid(torch.from_numpy(np.stack([result.displacement[step] for result in digit])))
         rows.append({
             "depth_mm": 1e3 * float(depth),
             "biotac_um": 1e6 * float(np.sqrt(np.mean(one**2))),
             "biotac_apart_um": 1e6 * float(np.sqrt(np.mean((one - other) ** 2))),
-            "digit_apart_mm": 1e3 * float(np.linalg.norm(centroids[0] - centroids[1])),
+            "digit_apart_mm": 1e3 * float((centroids[0] - centroids[1]).norm()),
         })  # fmt: skip
     return rows
 

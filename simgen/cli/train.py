@@ -17,6 +17,7 @@ from simgen.learning.training.checkpoint import NETWORK, read_sidecar
 from simgen.learning.training.error_tables import ABSENT, PUBLISHED, Entry, best_baseline, by_task, count_samples
 from simgen.learning.training.evaluation import FIGURE, evaluate
 from simgen.learning.training.fit import Epoch
+from simgen.learning.training.floor import Floor
 from simgen.learning.training.run import TrainingRun
 from simgen.learning.training.schema import TrainingJob
 
@@ -125,8 +126,10 @@ def _numbers(means: Mapping[str, float], measures: Sequence[str]) -> list[str]:
     return [ABSENT if math.isnan(mean) else f"{mean:.{digits}f}" for mean, digits in found]
 
 
-def _count(parameters: int) -> str:
+def _count(parameters: int | None) -> str:
     """A count in short form: 642, 81.3k, 1.2M."""
+    if parameters is None:
+        return ABSENT
     for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if parameters >= size:
             return f"{parameters / size:.1f}{letter}"
@@ -134,6 +137,8 @@ def _count(parameters: int) -> str:
 
 
 def _short_note(entry: Entry, best: Entry | None) -> str:
+    if isinstance(entry.errors, Floor):
+        return "bound"
     if best is None or best is entry:
         return "" if best is None else "1.00"
     own, other = entry.main_error, best.main_error

@@ -4,16 +4,19 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from simgen.dataset.atomic_files import put_in_place, write_aside
 from simgen.errors import writing
+from simgen.learning.training.contact import NEAR_MM
 from simgen.learning.training.data import TrainingData
+from simgen.learning.training.floor import Floor
 from simgen.learning.training.metrics import Errors, MeshErrors, SignalErrors, Statistic
 from simgen.learning.training.networks import NETWORKS
 
@@ -28,9 +31,18 @@ COLUMNS = {  # heading, digits
     "p99_um": ("p99, um", 1),
     "worst_um": ("worst, um", 1),
     "overlap": ("patch overlap", 3),
+    "near": (f"within {NEAR_MM:g} mm", 1),
+    "near_allowed": ("of those allowed", 1),
+    "neighbours": ("samples with the same input", 2),
+    "spread_mm": ("their contacts' largest distance, mm", 2),
     "rmse": ("RMSE, normalised", 4),
 }
-DEFINED_IN = {"region_rmse_um": "a deformation region", "overlap": "a contact patch"}
+SHARES = ("near", "near_allowed")  # of samples, shown in %
+FLOOR = "floor"
+DEFINED_IN = {
+    "region_rmse_um": "a deformation region", "overlap": "a contact patch",
+    "near_allowed": "a contact that the floor allows to find",
+}  # fmt: skip
 ABSENT = "-"
 
 
@@ -39,6 +51,7 @@ class Entry:
     """A model and its errors.
 
     task : inputs and outputs, such as "biotac mesh -> digit mesh"; models of one task are compared
+    parameters : count of the numbers that it learned; None if there is none to tell
     baseline : True for models that networks have to beat
     published : the paper's network that it is compared with, a key of `PUBLISHED`
     labels : groups of samples, see `labels_of`
@@ -46,8 +59,8 @@ class Entry:
 
     task: str
     model: str
-    errors: MeshErrors | SignalErrors
-    parameters: int
+    errors: MeshErrors | SignalErrors | Floor
+    parameters: int | None
     baseline: bool = False
     published: str | None = None
     labels: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -91,6 +104,8 @@ def best_baseline(entry: Entry, entries: Sequence[Entry]) -> Entry | None:
 
 def note(entry: Entry, entries: Sequence[Entry]) -> str:
     """Compare a model with the best baseline of its task, in words."""
+    if isinstance(entry.errors, Floor):
+        return "lower bound"
     best = best_baseline(entry, entries)
     if best is None or best is entry:
         return ""
@@ -109,38 +124,40 @@ def count_samples(errors: Errors) -> str:
 
 
 def markdown(entries: Sequence[Entry]) -> str:
-    """A page with a table for each task."""
+    """A page with a table for each task, and with one for each kind of group where there is a floor."""
     lines = ["# Errors on test samples", "", *_explanation(), ""]
     for task, own in by_task(entries).items():
         header, *rows = _cells(own)
         lines += [f"## {task}", "", count_samples(own[0].errors), ""]
         lines += [_row(header), _row(["---", *["---:"] * (len(header) - 2), "---"]), *map(_row, rows), ""]
+        for floor in own:
+            if isinstance(floor.errors, Floor):
+                lines += [*_about(floor.errors), "", *_groups(floor, own)]
     return "\n".join(lines)
 
 
 def metrics_json(entries: Sequence[Entry]) -> str:
     """All measures, over all samples and over each group; null where a measure is not defined."""
-    found = {
-        task: [
-            {
-                "model": entry.model,
-                "parameters": entry.parameters,
-                "baseline": entry.baseline,
-                "bar": entry is best_baseline(entry, own),
-                "published_as": entry.published,
-                "note": note(entry, own),
-                "all": _plain(entry.errors),
-                **{
-                    f"by_{name}": {str(label): _plain(errors) for label, errors in entry.errors.groups(labels).items()}
-                    for name, labels in entry.labels.items()
-                },
-            }
-            for entry in own
-        ]
-        for task, own in by_task(entries).items()
-    }
+    found = {task: [plain_entry(entry, own) for entry in own] for task, own in by_task(entries).items()}
     whole = {"source_of_published": SOURCE, "published": PUBLISHED, "tasks": found}
     return json.dumps(whole, indent=1, allow_nan=False) + "\n"
+
+
+def plain_entry(entry: Entry, entries: Sequence[Entry]) -> dict[str, Any]:
+    """JSON values of an entry among those of its task."""
+    return {
+        "model": entry.model,
+        "parameters": entry.parameters,
+        "baseline": entry.baseline,
+        "bar": entry is best_baseline(entry, entries),
+        "published_as": entry.published,
+        "note": note(entry, entries),
+        "all": _plain(entry.errors),
+        **{
+            f"by_{name}": {str(label): _plain(errors) for label, errors in entry.errors.groups(labels).items()}
+            for name, labels in entry.labels.items()
+        },
+    }
 
 
 def metrics_csv(entries: Sequence[Entry]) -> str:
@@ -174,6 +191,9 @@ def _explanation() -> list[str]:
         "Mean ± standard deviation over samples. RMSE: root of the mean over all coordinates of a sample; MED: mean",
         "distance of its vertices; region: vertices at least 10 um from rest; p99, worst: of the distances of its",
         "vertices; patch overlap: intersection over union of the points within 50 um of the indenter's surface.",
+        f"Within {NEAR_MM:g} mm: share of samples whose predicted contact has its centroid so near to the true one;",
+        "of those allowed: the same among samples whose floor allows it. Floor: a lower bound of the error, and the",
+        "contacts that can be found, where other presses give the same input within noise (docs/training.md).",
         f"Parameters: numbers that were learned. Rows as published: {SOURCE}, on its own data.",
     ]
 
@@ -184,8 +204,8 @@ def _cells(entries: Sequence[Entry]) -> list[list[str]]:
     lines = [["model", *(COLUMNS[measure][0] for measure in measures), "parameters", "note"]]
     for entry in entries:
         summary = entry.errors.summary()
-        numbers = [_number(summary[measure], COLUMNS[measure][1]) for measure in measures]
-        lines.append([entry.model, *numbers, f"{entry.parameters:,}", note(entry, entries)])
+        numbers = [_number(measure, summary[measure]) if measure in summary else ABSENT for measure in measures]
+        lines.append([entry.model, *numbers, _count(entry.parameters), note(entry, entries)])
         if entry.published is not None:
             stated = PUBLISHED[entry.published]
             numbers = [f"{stated[m]:.{COLUMNS[m][1]}f}" if m in stated else ABSENT for m in measures]
@@ -193,9 +213,52 @@ def _cells(entries: Sequence[Entry]) -> list[list[str]]:
     return lines
 
 
-def _number(statistic: Statistic, digits: int) -> str:
+def _count(parameters: int | None) -> str:
+    return ABSENT if parameters is None else f"{parameters:,}"
+
+
+def _about(floor: Floor) -> list[str]:
+    """Lines about the neighbours of samples."""
+    shared = floor.neighbours > 0
+    lines = [f"{np.count_nonzero(shared):,} samples have neighbours: samples of other presses with the same input."]
+    if shared.any():
+        spread = Statistic.of(floor.spread_mm[shared])
+        apart = f", with contacts up to {spread.mean:.2f} mm apart" if spread.samples else ""
+        lines.append(f"They have {floor.neighbours[shared].mean():.1f}{apart} (means).")
+    return lines
+
+
+def _groups(floor: Entry, entries: Sequence[Entry]) -> Iterator[str]:
+    """Lines of a table for each kind of group: the floor beside all models."""
+    models = [floor, *(entry for entry in entries if entry is not floor)]
+    for name, labels in floor.labels.items():
+        yield f"RMSE in um, and contacts within {NEAR_MM:g} mm:"
+        yield ""
+        yield _row([name.replace("_", ", "), "samples", "neighbours", *(entry.model for entry in models)])
+        yield _row(["---", *["---:"] * (len(models) + 2)])
+        groups = [entry.errors.groups(labels) for entry in models]
+        for label, own in groups[0].items():
+            cells = [_short(each[label]) for each in groups]
+            yield _row([str(label), f"{len(own.rows):,}", f"{own.neighbours.mean():.2f}", *cells])
+        yield ""
+
+
+def _short(errors: Errors) -> str:
+    """The main error, and the share of contacts that are found: "24.00, 79.1 %"."""
+    summary = errors.summary()
+    cells = [_number(measure, summary[measure], spread=False) for measure in (errors.MAIN, "near")]
+    return ", ".join(cell for cell in cells if cell != ABSENT)
+
+
+def _number(measure: str, statistic: Statistic, spread: bool = True) -> str:
+    """A mean; with its standard deviation if ``spread``, unless the measure is a share."""
+    digits = COLUMNS[measure][1]
     if not statistic.samples:
         return ABSENT
+    if measure in SHARES:
+        return f"{100.0 * statistic.mean:.{digits}f} %"
+    if not spread:
+        return f"{statistic.mean:.{digits}f}"
     return f"{statistic.mean:.{digits}f} ± {statistic.std:.{digits}f}"
 
 

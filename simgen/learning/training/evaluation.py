@@ -1,18 +1,30 @@
 """Errors of all trained networks, and of the baselines, on test trajectories."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import torch
 from torch import Tensor
 
+from simgen.dataset.splits import SPLITS
+from simgen.errors import InputError
 from simgen.learning.training.baselines import RANK, Baseline, coefficients, mesh_baselines, projection_baselines
 from simgen.learning.training.chain import Chain, make_chain
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import MeshSamples, Track
-from simgen.learning.training.error_tables import Entry, labels_of, write_tables
+from simgen.learning.training.error_tables import FLOOR, Entry, labels_of, write_tables
 from simgen.learning.training.figure import write_figure
-from simgen.learning.training.metrics import Predictor, Touching, contact_of, mesh_errors, signal_errors
+from simgen.learning.training.floor import Floor, SameMeshes, SameSignals, floor_of
+from simgen.learning.training.metrics import (
+    Predictor,
+    Touching,
+    contact_of,
+    mesh_errors,
+    signal_errors,
+    translation_errors,
+)  # fmt: skip
+from simgen.learning.training.network_data import TrainingInputs
 from simgen.learning.training.networks import NETWORKS, SIGNALS, SOURCE, TARGET, TASKS, chains, label_of
 from simgen.learning.training.pca import PCA
 from simgen.learning.training.run import TrainingRun
@@ -22,43 +34,89 @@ FIGURE = "errors.png"
 
 def evaluate(run: TrainingRun, track: Track) -> list[Entry]:
     """Measure all trained networks and write the tables into the run's folder. Tasks without a network are left out."""
-    found = _Evaluation(run)
+    found = Evaluation(run.inputs, run.is_trained)
     entries = [entry for task in track([*TASKS], "measuring") for entry in found.task(*task)]
     write_tables(run.output, entries)
     write_figure(run.output / FIGURE, entries)
     return entries
 
 
-class _Evaluation:
-    """Entries of the tables, task by task."""
+class Evaluation:
+    """Entries of the tables, task by task.
 
-    def __init__(self, run: TrainingRun):
-        self.run, self.inputs = run, run.inputs
-        self.labels = labels_of(run.inputs.data)
+    is_trained : name of a network -> True if it is trained
+    """
+
+    def __init__(self, inputs: TrainingInputs, is_trained: Callable[[str], bool]):
+        self.inputs, self._is_trained = inputs, is_trained
+        self.labels = labels_of(inputs.data)
         self._pcas: dict[str, PCA] = {}
         self._contacts: dict[str, Touching | None] = {}
+        self._floors: dict[str, Floor] = {}
 
     def task(self, inputs: str, outputs: str) -> Iterator[Entry]:
-        """Baselines, then the chains of trained networks from inputs to outputs."""
-        found = [names for names in chains(inputs, outputs) if all(map(self.run.is_trained, names))]
+        """Baselines, the floor, then the chains of trained networks from inputs to outputs."""
+        found = [names for names in chains(inputs, outputs) if all(map(self._is_trained, names))]
         if not found or ((inputs, outputs) == (SIGNALS, TARGET) and not self.inputs.signals_have_target):
             return
-        ends = dict.fromkeys([self._title(inputs), self._title(outputs)])  # one if a network gives back its inputs
-        title = " -> ".join(ends)
-        made = [(names, make_chain(names, self.inputs.trained)) for names in found]
-        if outputs == SIGNALS:
-            for names, chain in made:
-                yield self._signal_entry(title, names, chain)
-            return
-        truth, values = self.inputs.truth(inputs, outputs), self.inputs.values(inputs)
-        for each in self._baselines(inputs, outputs, truth):
-            yield replace(self._mesh_entry(title, each.name, each.predict, each.parameters, truth), baseline=True)
-        for names, chain in made:
-            predict = partial(lambda chain, rows: chain(values(rows)), chain)
-            entry = self._mesh_entry(title, label_of(names), predict, chain.parameters, truth)
-            yield replace(entry, published=self._published(names))
+        if outputs != SIGNALS:
+            yield from self.bars(inputs, outputs)
+        for names in found:
+            chain = make_chain(names, self.inputs.trained)
+            entry = self._signal_entry if outputs == SIGNALS else partial(self._chain_entry, inputs, outputs)
+            yield replace(entry(names, chain), published=self._published(names))
 
-    def _title(self, quantity: str) -> str:
+    def bars(self, inputs: str, outputs: str) -> Iterator[Entry]:
+        """Baselines, and the floor if the target's meshes are predicted from another quantity."""
+        for each in self._baselines(inputs, outputs, self.inputs.truth(inputs, outputs)):
+            entry = self.mesh_entry(inputs, outputs, each.name, each.predict, each.parameters)
+            yield replace(entry, baseline=True)
+        if _is_translation(inputs, outputs):
+            yield Entry(self._title(inputs, outputs), FLOOR, self._floor(inputs), None, labels=self.labels)
+
+    def _chain_entry(self, inputs: str, outputs: str, names: tuple[str, ...], chain: Chain) -> Entry:
+        values = self.inputs.values(inputs)
+        return self.mesh_entry(inputs, outputs, label_of(names), lambda rows: chain(values(rows)), chain.parameters)
+
+    def mesh_entry(self, inputs: str, outputs: str, model: str, predict: Predictor, parameters: int | None) -> Entry:
+        """Errors of a model that predicts meshes from row numbers, on test samples."""
+        truth, title = self.inputs.truth(inputs, outputs), self._title(inputs, outputs)
+        of_dataset = truth is self.inputs.data.meshes.get(truth.sensor)  # not of recordings
+        rows = self.inputs.rows(SOURCE if of_dataset else SIGNALS, "test")
+        touching = self._touching(truth.sensor) if of_dataset else None
+        if _is_translation(inputs, outputs):
+            errors = translation_errors(predict, truth, rows, self._floor(inputs).allows, touching, self._gauge)
+        else:
+            errors = mesh_errors(predict, truth, rows, touching)
+        return Entry(title, model, errors, parameters, labels=self.labels if of_dataset else {})
+
+    def _floor(self, inputs: str) -> Floor:
+        """Floor of the target's meshes, measured once. Neighbours are samples of all splits."""
+        if inputs not in self._floors:
+            data = self.inputs.data
+            known = torch.cat([data.rows(split) for split in SPLITS]).sort().values
+            if inputs == SIGNALS:
+                same = SameSignals(self.inputs.signals.values, self.inputs.job.signals.synthetic, known)
+            else:
+                source = self.inputs.source
+                same = SameMeshes(source, self._pca(source, data.rows("train")), known)
+            self._floors[inputs] = floor_of(same, self.inputs.target, data.rows("test"), data.press, self._gauge)
+        return self._floors[inputs]
+
+    @cached_property
+    def _gauge(self) -> ContactGauge | None:
+        """Finds contacts on the target; None if the dataset does not tell its touchable surface."""
+        target = self.inputs.target
+        try:
+            return ContactGauge.of_dataset(self.inputs.data.dataset, target.sensor, target.rest.device)
+        except InputError:
+            return None
+
+    def _title(self, inputs: str, outputs: str) -> str:
+        ends = dict.fromkeys(map(self._quantity, (inputs, outputs)))  # one if a network gives back its inputs
+        return " -> ".join(ends)
+
+    def _quantity(self, quantity: str) -> str:
         return "electrode signals" if quantity == SIGNALS else f"{self.inputs.meshes(quantity).sensor} mesh"
 
     def _published(self, names: tuple[str, ...]) -> str | None:
@@ -83,21 +141,20 @@ class _Evaluation:
             self._pcas[id(meshes)] = PCA.fit(meshes.displacement, train, RANK)
         return self._pcas[id(meshes)]
 
-    def _signal_entry(self, title: str, names: tuple[str, ...], chain: Chain) -> Entry:
+    def _signal_entry(self, names: tuple[str, ...], chain: Chain) -> Entry:
         signals = self.inputs.signals
         errors = signal_errors(
             lambda rows: signals.normalised(chain(signals.values[rows])),
             signals.normalised(signals.values), signals.rows("test"),
         )  # fmt: skip
-        return Entry(title, label_of(names), errors, chain.parameters, published=self._published(names))
-
-    def _mesh_entry(self, title: str, model: str, predict: Predictor, parameters: int, truth: MeshSamples) -> Entry:
-        of_dataset = truth is self.inputs.data.meshes.get(truth.sensor)  # not of recordings
-        rows = self.inputs.rows(SOURCE if of_dataset else SIGNALS, "test")
-        errors = mesh_errors(predict, truth, rows, self._touching(truth.sensor) if of_dataset else None)
-        return Entry(title, model, errors, parameters, labels=self.labels if of_dataset else {})
+        return Entry(self._title(SIGNALS, SIGNALS), label_of(names), errors, chain.parameters)
 
     def _touching(self, sensor: str) -> Touching | None:
         if sensor not in self._contacts:
             self._contacts[sensor] = contact_of(self.inputs.data, sensor)
         return self._contacts[sensor]
+
+
+def _is_translation(inputs: str, outputs: str) -> bool:
+    """True where the target's mesh is predicted from another quantity."""
+    return outputs == TARGET != inputs

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from simgen.dataset.contact_patch import FACET_M, ContactPatches
 from simgen.errors import InputError
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import MeshSamples, TrainingData
 
 Predictor = Callable[[Tensor], Tensor]  # row numbers (n,) int64 -> (n, vertex, 3) m, or (n, channel)
@@ -90,6 +92,19 @@ class MeshErrors(Errors):
 
 
 @dataclass(frozen=True)
+class TranslationErrors(MeshErrors):
+    """Errors of meshes that are predicted from another sensor.
+
+    near : 1 if the centroid of the predicted contact is within `NEAR_MM` of the true one, else 0; NaN if the true mesh
+        has no contact, or if the dataset lacks the surface
+    near_allowed : the same; NaN also where the floor does not allow it (simgen/learning/training/floor.py)
+    """
+
+    near: np.ndarray
+    near_allowed: np.ndarray
+
+
+@dataclass(frozen=True)
 class SignalErrors(Errors):
     """Errors of normalised electrode signals; infinite where a prediction is not finite.
 
@@ -119,19 +134,42 @@ def contact_of(data: TrainingData, sensor: str) -> Touching | None:
 
 
 @torch.no_grad()
-def mesh_errors(
-    predict: Predictor, truth: MeshSamples, rows: Tensor, touching: Touching | None = None
-) -> MeshErrors:
+def mesh_errors(predict: Predictor, truth: MeshSamples, rows: Tensor, touching: Touching | None = None) -> MeshErrors:
     """Errors of predicted displacements at rows (n,), computed in batches on the device of the truth."""
+    return MeshErrors(rows.cpu().numpy(), *_in_batches(predict, truth, rows, partial(_mesh_errors, touching=touching)))
+
+
+@torch.no_grad()
+def translation_errors(
+    predict: Predictor,
+    truth: MeshSamples,
+    rows: Tensor,
+    allowed: np.ndarray,
+    touching: Touching | None = None,
+    gauge: ContactGauge | None = None,
+) -> TranslationErrors:
+    """Errors of predicted displacements at rows (n,), as `mesh_errors`.
+
+    allowed : (n,) bool, True where the floor allows the contact to be found
+    gauge : finds contacts; None if the dataset lacks the surface
+    """
+
+    def measures(predicted: Tensor, true: Tensor, some: Tensor) -> tuple[Tensor, ...]:
+        near = true.new_full((len(some),), torch.nan) if gauge is None else gauge.near(predicted, true)
+        return *_mesh_errors(predicted, true, some, touching), near
+
+    *errors, near = _in_batches(predict, truth, rows, measures)
+    return TranslationErrors(rows.cpu().numpy(), *errors, near, np.where(allowed, near, np.nan))
+
+
+def _in_batches(predict: Predictor, truth: MeshSamples, rows: Tensor, measures: Callable) -> list[np.ndarray]:
+    """Measures (n,) of predicted and true displacements; ``measures`` takes both and their rows."""
     batch = max(COORDINATES_AT_ONCE // truth.rest.numel(), 1)
-    parts = [_mesh_errors(predict(some), truth.displacement(some), some, touching) for some in rows.split(batch)]
-    measures = [torch.cat(values).cpu().numpy() for values in zip(*parts, strict=True)]
-    return MeshErrors(rows.cpu().numpy(), *measures)
+    parts = [measures(predict(some), truth.displacement(some), some) for some in rows.split(batch)]
+    return [torch.cat(values).cpu().numpy() for values in zip(*parts, strict=True)]
 
 
-def _mesh_errors(
-    predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None
-) -> tuple[Tensor, ...]:
+def _mesh_errors(predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None) -> tuple[Tensor, ...]:
     """Measures of a batch, (n,) each, in the order of `MeshErrors`."""
     squares = _infinite(((predicted.double() - true.double()) * 1e6).square().sum(dim=2))
     distance = squares.sqrt()

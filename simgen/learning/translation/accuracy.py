@@ -10,8 +10,8 @@ import numpy as np
 
 from simgen.dataset.atomic_files import write_whole
 from simgen.errors import InputError
+from simgen.learning.training.contact import NEAR_MM
 
-NEAR_MM = 1.0
 FILE = "contact.json"
 
 

@@ -1,13 +1,13 @@
 """Translated presses of a dataset: images as in `simgen.sensing.camera.images`, of meshes that networks predict.
 
-    <dataset>.translated/
-      render.json                    all that decides the images, with hashes of the networks
-      t0003_sphere_7mm/
-        02_0.3mm.png                 image of depth 2
-        contact.csv                  errors of each sample
-        steps.npz                    optional: signals, latents and both meshes
-      contact.json                   the same over the presses of the last command
-      chain.png                      some samples from the electrodes to the image
+<dataset>.translated/
+  render.json                    all that decides the images, with hashes of the networks
+  t0003_sphere_7mm/
+    02_0.3mm.png                 image of depth 2
+    contact.csv                  errors of each sample
+    steps.npz                    optional: signals, latents and both meshes
+  contact.json                   the same over the presses of the last command
+  chain.png                      some samples from the electrodes to the image
 """
 
 import csv
@@ -17,14 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from simgen.dataset.provenance import source_hash
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import is_valid
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import mesh_hash
 from simgen.learning.training.translator import Translated, Translator, hashes, keep_to_one_core, read_job
-from simgen.learning.translation.contact import ContactGauge
 from simgen.sensing.camera.images import Images
 from simgen.sensing.camera.renderer import Renderer
 from simgen.sensing.electrodes.gaps import checked_gaps, gauge_of
@@ -113,18 +114,24 @@ class TranslatedMeshes:
     def _contact(self, press: int, steps: np.ndarray, guess: np.ndarray) -> bytes:
         """Content of ``contact.csv``: errors of mesh, contact and depth, a line for each sample."""
         truth = self.dataset.displacement(self.job.target, press)[steps]
+        (place, deepest), (true_place, true_deepest) = (self._place_and_depth(meshes) for meshes in (guess, truth))
         columns = {
             "depth_mm": 1e3 * self._depths[steps],
             "rmse_um": 1e6 * np.sqrt(np.square(guess - truth).mean(axis=(1, 2))),
-            "off_mm": 1e3 * np.linalg.norm(self.contact.centroid(guess) - self.contact.centroid(truth), axis=1),
-            "deepest_mm": 1e3 * self.contact.depth(guess),
-            "true_deepest_mm": 1e3 * self.contact.depth(truth),
+            "off_mm": 1e3 * np.linalg.norm(place - true_place, axis=1),
+            "deepest_mm": 1e3 * deepest,
+            "true_deepest_mm": 1e3 * true_deepest,
         }
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows([f"{value:.6g}" for value in line] for line in zip(*columns.values(), strict=True))
         return text.getvalue().encode()
+
+    def _place_and_depth(self, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Centroids (n, 3) and depths (n,) of contacts, m."""
+        meshes = torch.from_numpy(displacement)
+        return self.contact.centroid(meshes).numpy(), self.contact.depth(meshes).numpy()
 
 
 def check_meshes(translator: Translator, dataset: Dataset, source: str, target: str) -> None:

@@ -14,11 +14,13 @@ from simgen.learning.training import error_tables
 from simgen.learning.training.error_tables import (
     COLUMNS,
     PUBLISHED,
+    Entry,
     markdown,
     metrics_csv,
     metrics_json,
 )
-from simgen.learning.training.metrics import MeshErrors, SignalErrors
+from simgen.learning.training.floor import Floor
+from simgen.learning.training.metrics import SignalErrors, TranslationErrors
 from tests.learning.training import model_errors
 from tests.learning.training.model_errors import entry
 
@@ -73,8 +75,61 @@ def test_samples_in_which_a_measure_is_defined_are_counted(entries):
 
 
 def test_every_measure_has_a_column():
-    assert set(MeshErrors.measures()) | set(SignalErrors.measures()) == set(COLUMNS)
+    kinds = (TranslationErrors, SignalErrors, Floor)
+    assert {measure for kind in kinds for measure in kind.measures()} == set(COLUMNS)
     assert all(set(stated) <= set(COLUMNS) for stated in PUBLISHED.values())
+
+
+TRANSLATED = "biotac mesh -> digit mesh"
+
+
+@pytest.fixture
+def translated():
+    """A baseline, the floor and a network. The first two samples are twins, one of which is not to be found."""
+    floor = Floor(np.arange(3), np.array([4.0, 4.0, 0.0]), np.array([1.0, 0.0, 1.0]), np.array([1.0, 1.0, 0.0]),
+                  np.array([2.0, 2.0, 0.0]))  # fmt: skip
+
+    def with_contacts(rmse: float, near: list[float]) -> TranslationErrors:
+        plain, near = vars(model_errors.errors(rmse)), np.array(near)
+        return TranslationErrors(**plain, near=near, near_allowed=np.where(floor.allows, near, np.nan))
+
+    network = Entry(TRANSLATED, "ours", with_contacts(10.0, [1.0, 0.0, 1.0]), 7, labels=model_errors.LABELS)
+    return [
+        Entry(TRANSLATED, "rest", with_contacts(90.0, [0.0] * 3), 0, baseline=True, labels=model_errors.LABELS),
+        Entry(TRANSLATED, "floor", floor, 0, labels=model_errors.LABELS),
+        network,
+    ]
+
+
+def test_the_floor_stands_beside_the_models(translated):
+    text = markdown(translated)
+    found = rows(text.partition("samples have neighbours")[0])
+    header = found["model"]
+    floor, ours = (dict(zip(header, found[name], strict=True)) for name in ("floor", "ours"))
+    assert (floor["RMSE, um"], floor["within 1 mm"], floor["note"]) == ("2.67 ± 1.89", "66.7 %", "lower bound")
+    assert (floor["MED, um"], floor["of those allowed"]) == ("-", "-")
+    assert (ours["within 1 mm"], ours["of those allowed"], ours["note"]) == ("66.7 %", "100.0 %", "0.11 of rest's RMSE")
+    assert "2 with a contact that the floor allows to find." in text
+    assert "2 samples have neighbours" in text and "They have 1.0, with contacts up to 2.00 mm apart (means)." in text
+
+
+def test_groups_have_the_floor_beside_the_models(translated):
+    """The ring is one of the twins."""
+    found = rows(markdown(translated).partition("samples have neighbours")[2])
+    assert found["indenter"] == ["samples", "neighbours", "floor", "rest", "ours"]
+    assert found["ball"] == ["2", "0.50", "2.00, 100.0 %", "90.00, 0.0 %", "10.00, 100.0 %"]
+    assert found["ring"] == ["1", "1.00", "4.00, 0.0 %", "90.00, 0.0 %", "10.00, 0.0 %"]
+    assert found["depth, mm"] == found["indenter"] and found["0.4"][2] == "0.00, 100.0 %"
+
+
+def test_the_floor_is_no_bar(translated):
+    own = json.loads(metrics_json(translated), parse_constant=pytest.fail)["tasks"][TRANSLATED]
+    assert [each["bar"] for each in own] == [True, False, False]
+    assert own[1]["by_indenter"]["ring"]["spread_mm"] == {"mean": 2.0, "std": 0.0, "samples": 1}
+    assert own[2]["by_indenter"]["ring"]["near_allowed"] == {"mean": None, "std": None, "samples": 0}
+    lines = {(line["model"], line["value"]): line for line in csv.DictReader(io.StringIO(metrics_csv(translated)))}
+    assert float(lines["floor", "ball"]["rmse_um_mean"]) == 2.0 and lines["floor", "ball"]["overlap_mean"] == ""
+    assert float(lines["ours", "0.2"]["near_mean"]) == 0.5
 
 
 def test_the_json_holds_every_group_and_no_nan(entries):

@@ -7,7 +7,9 @@ import pytest
 import torch
 
 import simgen
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.evaluation import evaluate
+from simgen.learning.training.floor import Floor
 from simgen.learning.training.run import TrainingRun
 from tests.learning.training import touched
 
@@ -102,10 +104,39 @@ def test_every_task_has_its_bar_and_its_networks(entries):
     assert list(dict.fromkeys(each.task for each in entries)) == TASKS
     for task in TASKS[1:]:
         own = [each for each in entries if each.task == task]
+        assert [each.model for each in own if isinstance(each.errors, Floor)] == ["floor"] * (task in TASKS[4:])
         assert sum(each.baseline for each in own) == 3 and own[0].model == "rest"
         assert own[-1].model.endswith("(ours)")
     published = {each.model: each.published for each in entries if each.published}
     assert published == {name: name for name in ("SVB", "MVB", "MVD", "S2MPN", "M2MPN")}
+
+
+@torch.no_grad()
+def test_contacts_of_the_whole_way_are_those_of_translated_presses(trained, entries, with_electrodes):
+    """By the gauge of `simgen translate`, sample by sample."""
+    networks = {name: simgen.load_network(trained.output / name) for name in ("s2rm", "rm2rm", "rmd")}
+    signals = trained.inputs.signals
+    latent = networks["rm2rm"](networks["s2rm"](signals.values[signals.rows("test")]))
+    true, gauge = torch.from_numpy(truth(with_electrodes, "digit")), ContactGauge.of_dataset(with_electrodes, "digit")
+    off = 1e3 * (gauge.centroid(networks["rmd"].decode(latent)) - gauge.centroid(true)).norm(dim=1)
+    found = entry(entries, "electrode signals -> digit mesh", "S2RM, RM2RM (ours)").errors
+    np.testing.assert_array_equal(found.near, off <= 1.0)
+    allowed = entry(entries, "electrode signals -> digit mesh", "floor").errors.near == 1.0
+    np.testing.assert_array_equal(found.near_allowed, np.where(allowed, found.near, np.nan))
+
+
+def test_floors_are_those_of_brute_force(trained, entries, with_electrodes):
+    """Samples of other presses whose readings differ by a step at most, one by one."""
+    data, signals = trained.inputs.data, trained.inputs.signals.values.double().numpy()
+    found = entry(entries, "electrode signals -> digit mesh", "floor").errors
+    step = 1.001 * 3.3 / 4095
+    expected = [
+        sum(np.abs(signals[row] - signals[other]).max() <= step and data.press[row] != data.press[other]
+            for other in np.flatnonzero(data.split >= 0))
+        for row in found.rows
+    ]  # fmt: skip
+    np.testing.assert_array_equal(found.neighbours, expected)
+    assert not found.rmse_um[found.neighbours == 0].any()
 
 
 def test_groups_are_indenters_and_depths(entries, with_electrodes):

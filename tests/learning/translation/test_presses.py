@@ -17,10 +17,10 @@ from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
 from simgen.learning.training.checkpoint import load_network, save_network
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.translator import Translated, Translator
 from simgen.learning.translation import presses
 from simgen.learning.translation.accuracy import read_contact
-from simgen.learning.translation.contact import ContactGauge
 from simgen.learning.translation.presses import CONTACT, STEPS, TranslatedImages, TranslatedMeshes
 from simgen.sensing.camera.images import Images, render, unmade
 from simgen.sensing.camera.renderer import Look, Renderer
@@ -99,7 +99,7 @@ def test_a_line_says_how_far_a_sample_is_off(with_electrodes, networks, chosen, 
         lines = list(csv.DictReader(io.StringIO(text)))
         truth = with_electrodes.displacement("digit", int(press))[reached]
         assert [line["depth_mm"] for line in lines] == ["0.1", "0.2", "0.3", "0.4"][: len(truth)]
-        for line, mesh, depth in zip(lines, truth, gauge.depth(truth), strict=True):
+        for line, mesh, depth in zip(lines, truth, gauge.depth(torch.from_numpy(truth)), strict=True):
             # Rounding of positions of some 7 mm, which is all that half of the weights can do.
             assert float(line["off_mm"]) == pytest.approx(0.0, abs=1e-12)
             assert float(line["true_deepest_mm"]) == pytest.approx(1e3 * depth, rel=WRITTEN)

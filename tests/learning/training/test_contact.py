@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 
-from simgen.learning.translation.contact import SHARE, ContactGauge
+from simgen.geometry.surface_normals import vertex_normals
+from simgen.learning.training.contact import NEAR_MM, SHARE, ContactGauge
 from simgen.units import MM
 
 SPACING = 0.25 * MM  # of a grid's points
@@ -12,10 +14,23 @@ DEPTH = 0.41 * MM  # no point of the grid lies just where a dent's contact ends
 SPHERE = 5.0 * MM  # radius of what is pressed in: a contact of 2 mm
 
 
-def gauge_of(vertices: np.ndarray, triangles: np.ndarray, touchable: np.ndarray | None = None) -> ContactGauge:
+class PlainGauge:
+    """A gauge of arrays."""
+
+    def __init__(self, gauge: ContactGauge):
+        self.gauge, self.position = gauge, gauge.position.numpy()
+
+    def depth(self, displacement: np.ndarray) -> np.ndarray:
+        return self.gauge.depth(torch.from_numpy(displacement)).numpy()
+
+    def centroid(self, displacement: np.ndarray) -> np.ndarray:
+        return self.gauge.centroid(torch.from_numpy(displacement)).numpy()
+
+
+def gauge_of(vertices: np.ndarray, triangles: np.ndarray, touchable: np.ndarray | None = None) -> PlainGauge:
     own = {"rest_positions": vertices, "surface_triangles": triangles,
            "touchable": np.ones(len(vertices), bool) if touchable is None else touchable}  # fmt: skip
-    return ContactGauge.of_dataset({f"pad/{key}": value for key, value in own.items()}, "pad")
+    return PlainGauge(ContactGauge.of_dataset({f"pad/{key}": value for key, value in own.items()}, "pad"))
 
 
 def grid(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +69,7 @@ def inwards(dent: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def pad() -> ContactGauge:
+def pad() -> PlainGauge:
     return gauge_of(*square())
 
 
@@ -113,7 +128,7 @@ def test_bulges_do_not_count(pad):
 def test_what_slides_is_not_pressed_in(pad):
     """Motion along the surface has no depth, however large."""
     dent = inwards(sphere(pad.position, np.zeros(3)))
-    slide = np.broadcast_to([5.0 * MM, 0.0, 5.0 * MM], dent.shape)
+    slide = np.full(dent.shape, [5.0 * MM, 0.0, 5.0 * MM])
     np.testing.assert_allclose(pad.depth(dent + slide), DEPTH, rtol=1e-12)
     np.testing.assert_allclose(pad.centroid(dent + slide), 0.0, atol=1e-12)
     assert pad.depth(slide) == 0.0
@@ -171,3 +186,33 @@ def test_samples_do_not_know_of_each_other(pad):
     together = np.concatenate(each)
     np.testing.assert_allclose(pad.centroid(together), centres, atol=1e-12)
     np.testing.assert_allclose(pad.depth(together), DEPTH * np.array([1, 2, 3]), rtol=1e-12)
+
+
+def test_near_is_within_a_millimetre_of_the_true_contact(pad):
+    """One contact beside the place, one too far from it, one that is not found, and none to find."""
+    true = inwards(sphere(pad.position, np.zeros(3)))
+    moved = [inwards(sphere(pad.position, np.array([way * NEAR_MM, 0.0, 0.0]) * MM)) for way in (0.9, 1.1)]
+    truth = torch.from_numpy(np.concatenate([true, true, true, 0.0 * true]))
+    guess = torch.from_numpy(np.concatenate([*moved, -true, true]))
+    np.testing.assert_array_equal(pad.gauge.near(guess, truth), [1.0, 0.0, 0.0, np.nan])
+
+
+def by_numpy(gauge: ContactGauge, normals: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """(3,) m of one mesh, point by point as the docstring says."""
+    surface, total, moment = gauge.surface, 0.0, np.zeros(3)
+    inward = [-displacement[point] @ normals[point] for point in surface.points]
+    for point, area, depth in zip(surface.points, surface.areas, inward, strict=True):
+        if depth > 0.0 and depth >= SHARE * max(inward):
+            total, moment = total + depth * area, moment + depth * area * surface.vertices[point]
+    return moment / total
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_the_centroid_is_that_of_a_plain_sum(kind):
+    """Of random fields on a part of a ball."""
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=7.0 * MM)
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    gauge = gauge_of(vertices, triangles, touchable=vertices[:, 1] < 3.0 * MM).gauge
+    fields = np.random.default_rng(0).normal(scale=0.1 * MM, size=(5, len(vertices), 3)).astype(kind)
+    expected = [by_numpy(gauge, vertex_normals(vertices, triangles), field.astype(float)) for field in fields]
+    np.testing.assert_allclose(gauge.centroid(torch.from_numpy(fields)), expected, atol=1e-15)
