@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from simgen.errors import writing
 from simgen.learning.training.error_tables import Entry
+from simgen.learning.training.floor import Floor
 from simgen.learning.training.metrics import MeshErrors
 
 WIDTH_MM, HEIGHT_MM, MARGIN_MM = 86.0, 72.0, 12.0  # of a panel
@@ -18,6 +19,7 @@ COLUMNS = 3
 DEPTH = "depth_mm"
 BASELINE = {"color": "0.55", "linewidth": 1.0}
 STYLES = ("solid", "dotted", "dashed")  # lines of baselines
+FLOOR = {"color": "black", "linewidth": 1.0, "linestyle": "dashdot"}
 NETWORK = {"linewidth": 1.8, "marker": ".", "markersize": 4}
 
 
@@ -33,7 +35,7 @@ def draw(entries: Sequence[Entry]) -> Figure | None:
     """Draw root mean square errors of meshes; None if no entry has them by depth."""
     tasks: dict[str, list[Entry]] = {}
     for entry in entries:
-        if isinstance(entry.errors, MeshErrors) and DEPTH in entry.labels:
+        if isinstance(entry.errors, MeshErrors | Floor) and DEPTH in entry.labels:
             tasks.setdefault(entry.task, []).append(entry)
     if not tasks:
         return None
@@ -49,12 +51,15 @@ def draw(entries: Sequence[Entry]) -> Figure | None:
 
 
 def _panel(axes: Axes, task: str, entries: Sequence[Entry]) -> None:
-    """Draw a line for each model: networks in colour, baselines in grey."""
+    """Draw a line for each model: networks in colour, baselines in grey, the floor in black."""
     styles = cycle(STYLES)
     for entry in entries:
         groups = entry.errors.groups(entry.labels[DEPTH])
-        errors = [each.summary()["rmse_um"].mean for each in groups.values()]
-        style = BASELINE | {"linestyle": next(styles)} if entry.baseline else NETWORK
+        errors = [each.summary()["rmse_um"].mean or math.nan for each in groups.values()]  # 0 has no logarithm
+        if isinstance(entry.errors, Floor):
+            style = FLOOR
+        else:
+            style = BASELINE | {"linestyle": next(styles)} if entry.baseline else NETWORK
         axes.plot(list(groups), errors, label=entry.model, **style)
     axes.set_yscale("log")
     axes.set_title(task, fontsize=9)

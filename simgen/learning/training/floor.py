@@ -6,7 +6,8 @@ meshes it has the least mean error. The best answer for contacts is the member w
 
 **A floor is a lower bound of the true one**: a dataset shows only those neighbours that it contains. It holds for
 networks that cannot see differences below the noise. Data without noise let a network tell inputs apart that are not
-equal to the last digit.
+equal to the last digit. It bounds means over all samples: an answer that favours one indenter can be better for it, and
+is worse for the others.
 
 **Noise of a mesh** is `MESH_SHARE` of its displacement, less than the error of the finite elements: at 0.5 mm, 2 % of
 the BioTac's displacement are 1.5 um under a cube (docs/translation.md, Twins), and the surface of its default mesh errs

@@ -1,13 +1,13 @@
 """Translated presses of a dataset: images as in `simgen.sensing.camera.images`, of meshes that networks predict.
 
-<dataset>.translated/
-  render.json                    all that decides the images, with hashes of the networks
-  t0003_sphere_7mm/
-    02_0.3mm.png                 image of depth 2
-    contact.csv                  errors of each sample
-    steps.npz                    optional: signals, latents and both meshes
-  contact.json                   the same over the presses of the last command
-  chain.png                      some samples from the electrodes to the image
+    <dataset>.translated/
+      render.json                    all that decides the images, with hashes of the networks
+      t0003_sphere_7mm/
+        02_0.3mm.png                 image of depth 2
+        contact.csv                  errors of each sample
+        steps.npz                    optional: signals, latents and both meshes
+      contact.json                   the same over the presses of the last command
+      chain.png                      some samples from the electrodes to the image
 """
 
 import csv

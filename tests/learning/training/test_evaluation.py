@@ -8,8 +8,9 @@ import torch
 
 import simgen
 from simgen.learning.training.contact import ContactGauge
-from simgen.learning.training.evaluation import evaluate
+from simgen.learning.training.evaluation import Evaluation, evaluate
 from simgen.learning.training.floor import Floor
+from simgen.learning.training.network_data import TrainingInputs
 from simgen.learning.training.run import TrainingRun
 from tests.learning.training import touched
 
@@ -125,18 +126,21 @@ def test_contacts_of_the_whole_way_are_those_of_translated_presses(trained, entr
     np.testing.assert_array_equal(found.near_allowed, np.where(allowed, found.near, np.nan))
 
 
-def test_floors_are_those_of_brute_force(trained, entries, with_electrodes):
-    """Samples of other presses whose readings differ by a step at most, one by one."""
-    data, signals = trained.inputs.data, trained.inputs.signals.values.double().numpy()
-    found = entry(entries, "electrode signals -> digit mesh", "floor").errors
-    step = 1.001 * 3.3 / 4095
+def test_floors_are_those_of_brute_force(trained, with_electrodes):
+    """Of a coarse instrument: samples of other presses whose readings differ by a step at most, one by one."""
+    job = touched.job(with_electrodes.path, signals={"synthetic": {"bits": 6}})
+    data = trained.inputs.data
+    coarse = Evaluation(TrainingInputs(job, data, trained.trained), lambda name: False)
+    readings = np.rint(coarse.inputs.signals.values.double().numpy() * 63 / 3.3)
+    (found,) = [each.errors for each in coarse.bars("signals", "target") if each.model == "floor"]
     expected = [
-        sum(np.abs(signals[row] - signals[other]).max() <= step and data.press[row] != data.press[other]
+        sum(np.abs(readings[row] - readings[other]).max() <= 1 and data.press[row] != data.press[other]
             for other in np.flatnonzero(data.split >= 0))
         for row in found.rows
     ]  # fmt: skip
     np.testing.assert_array_equal(found.neighbours, expected)
-    assert not found.rmse_um[found.neighbours == 0].any()
+    assert 0 < np.count_nonzero(expected) < len(expected)
+    np.testing.assert_array_equal(found.rmse_um > 0.0, found.neighbours > 0)
 
 
 def test_groups_are_indenters_and_depths(entries, with_electrodes):

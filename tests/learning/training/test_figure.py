@@ -8,6 +8,7 @@ import pytest
 from simgen.errors import InputError
 from simgen.learning.training.error_tables import Entry
 from simgen.learning.training.figure import draw, write_figure
+from simgen.learning.training.floor import Floor
 from simgen.learning.training.metrics import MeshErrors, SignalErrors
 
 DEPTHS = np.array([0.2, 0.2, 0.4])
@@ -37,6 +38,14 @@ def test_a_panel_for_each_task_and_a_line_for_each_model(entries):
     assert list(lines) == ["PCA-128", "MVD"]
     np.testing.assert_allclose(lines["MVD"].get_xydata(), [[0.2, 2.0], [0.4, 7.0]])  # the mean of 1 and 3
     assert lines["PCA-128"].get_color() != lines["MVD"].get_color()
+
+
+def test_the_floor_is_a_line_where_it_is_not_zero(entries):
+    floor = Floor(np.arange(3), np.array([0.5, 1.5, 0.0]), *[np.ones(3)] * 3)
+    panel, _ = draw([*entries, Entry("digit mesh", "floor", floor, None, labels={"depth_mm": DEPTHS})]).axes
+    line = panel.lines[-1]
+    np.testing.assert_array_equal(line.get_xydata(), [[0.2, 1.0], [0.4, np.nan]])
+    assert line.get_label() == "floor" and line.get_color() not in {other.get_color() for other in panel.lines[:-1]}
 
 
 def test_signals_alone_make_no_picture(entries, tmp_path):

@@ -1,5 +1,7 @@
 """Errors of planted predictions, by hand."""
 
+from types import SimpleNamespace
+
 import fake
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import torch
 from simgen.dataset.reader import Dataset
 from simgen.learning.training import metrics
 from simgen.learning.training.data import load_training_data
-from simgen.learning.training.metrics import SignalErrors, contact_of, mesh_errors, signal_errors
+from simgen.learning.training.metrics import SignalErrors, contact_of, mesh_errors, signal_errors, translation_errors
 from simgen.pipeline.run import run
 from tests.learning.training import plain
 
@@ -177,3 +179,15 @@ def test_a_sample_in_which_nothing_touches_has_no_overlap(data):
 def test_a_dataset_that_cannot_say_has_no_patches(data, monkeypatch):
     monkeypatch.setattr(Dataset, "imported", True)
     assert contact_of(data, "digit") is None
+
+
+def test_contacts_are_counted_where_the_floor_allows_it():
+    """Of a dataset whose surface is not known, none is."""
+    truth = plain.random_meshes(3)
+    gauge = SimpleNamespace(near=lambda predicted, true: torch.tensor([1.0, 0.0, 1.0]))
+    allowed = np.array([True, True, False])
+    found = translation_errors(truth.displacement, truth, whole(truth), allowed, None, gauge)
+    assert found.near.tolist() == [1.0, 0.0, 1.0] and not found.rmse_um.any()
+    np.testing.assert_array_equal(found.near_allowed, [1.0, 0.0, np.nan])
+    without = translation_errors(truth.displacement, truth, whole(truth), allowed)
+    assert np.isnan(without.near).all() and np.isnan(without.near_allowed).all()

@@ -76,7 +76,7 @@ def test_the_page_s_file_and_entry_add_a_network(job, tmp_path):
         error = network(run.inputs.signals.values[rows]) - run.inputs.target.displacement(rows)
     evaluate(run, lambda items, about: items)
     tasks = json.loads((tmp_path / "networks/metrics.json").read_text())["tasks"]
-    *baselines, own = tasks["electrode signals -> digit mesh"]
-    assert [each["baseline"] for each in baselines] == [True] * 3 and own["model"] == "Linear map"
+    *bars, own = tasks["electrode signals -> digit mesh"]
+    assert [each["baseline"] for each in bars] == [True] * 3 + [False] and own["model"] == "Linear map"
     expected = 1e6 * error.double().square().mean(dim=(1, 2)).sqrt().mean().item()
     assert own["all"]["rmse_um"]["mean"] == pytest.approx(expected, rel=1e-5)

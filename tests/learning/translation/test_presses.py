@@ -99,7 +99,7 @@ def test_a_line_says_how_far_a_sample_is_off(with_electrodes, networks, chosen, 
         lines = list(csv.DictReader(io.StringIO(text)))
         truth = with_electrodes.displacement("digit", int(press))[reached]
         assert [line["depth_mm"] for line in lines] == ["0.1", "0.2", "0.3", "0.4"][: len(truth)]
-        for line, mesh, depth in zip(lines, truth, gauge.depth(torch.from_numpy(truth)), strict=True):
+        for line, mesh, depth in zip(lines, truth, gauge.depth(torch.from_numpy(truth)).numpy(), strict=True):
             # Rounding of positions of some 7 mm, which is all that half of the weights can do.
             assert float(line["off_mm"]) == pytest.approx(0.0, abs=1e-12)
             assert float(line["true_deepest_mm"]) == pytest.approx(1e3 * depth, rel=WRITTEN)
