@@ -3,14 +3,19 @@
 Inputs keep their common unit. Divided by its own deviation, each of the many small latents would count as much as the
 large ones that locate the contact, and new contacts come out worse. Noise on predicted inputs stands for the errors
 that they will have (Bishop, Neural Computation 7, 1995).
+
+Synthetic signals are taken as thicknesses of the fluid's film. In volts, an electrode whose film is almost closed would
+drown the others.
 """
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from simgen.learning.training.film import FilmThickness
 from simgen.learning.training.network import Network, Terms
 from simgen.learning.training.network_data import NetworkData
 
@@ -25,15 +30,20 @@ class LatentTranslation(Network):
 
     with inputs x_0 and latents y_0 at rest. The norm is a root mean square over inputs, 1 over all training.
 
+    circuit : settings of `FilmThickness`, which signals pass first; None for other inputs, and for recordings
     noise : standard deviation of the noise that training adds to each input, relative to the sample's own s
     power : see `terms`
     """
 
     kind: ClassVar[str] = "translation"
 
-    def __init__(self, inputs: int, outputs: int, width: int, blocks: int, noise: float, power: float):
+    def __init__(
+        self, inputs: int, outputs: int, width: int, blocks: int, noise: float, power: float,
+        circuit: Mapping[str, Any] | None = None,
+    ):  # fmt: skip
         super().__init__()
-        self.noise, self.power = noise, power
+        self.noise, self.power, self.circuit = noise, power, circuit
+        self.film = nn.Identity() if circuit is None else FilmThickness(circuit)
         self.register_buffer("source_rest", torch.zeros(inputs))
         self.register_buffer("source_size", torch.ones(()))  # root mean square of all training inputs
         self.register_buffer("target_rest", torch.zeros(outputs))
@@ -48,6 +58,7 @@ class LatentTranslation(Network):
         network = cls.of_samples(
             data.inputs(data.train), data.outputs(data.train), data.inputs_at_rest, data.outputs_at_rest,
             width=settings.width, blocks=settings.blocks, noise=settings.noise, power=settings.power,
+            circuit=data.circuit,
         )  # fmt: skip
         return network, lambda rows: network.terms(data.inputs(rows), data.outputs(rows))
 
@@ -60,10 +71,10 @@ class LatentTranslation(Network):
         source_rest, target_rest : (inputs,) and (outputs,) of the undeformed sensor
         """
         network = cls(source.shape[1], target.shape[1], **settings).to(source.device)
-        network.source_rest.copy_(source_rest)
+        network.source_rest.copy_(network.film(source_rest))
         network.target_rest.copy_(target_rest)
         for size, found in (
-            (network.source_size, (source - source_rest).square().mean().sqrt()),
+            (network.source_size, (network.film(source) - network.source_rest).square().mean().sqrt()),
             (network.target_size, (target - target_rest).square().sum(dim=1).mean().sqrt()),
         ):
             size.copy_(torch.where(found > 0.0, found, 1.0))
@@ -77,11 +88,12 @@ class LatentTranslation(Network):
             "blocks": len(self.blocks),
             "noise": self.noise,
             "power": self.power,
+            "circuit": self.circuit,
         }
 
     def forward(self, source: Tensor) -> Tensor:
         """Latents (n, outputs) of inputs (n, inputs)."""
-        x = (source - self.source_rest) / self.source_size
+        x = (self.film(source) - self.source_rest) / self.source_size
         size = (x.square().mean(dim=1, keepdim=True) + LEAST_SIZE**2).sqrt()
         x = x / size
         if self.training:

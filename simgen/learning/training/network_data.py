@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from simgen.dataset.splits import SPLITS
 from simgen.dataset.touchable import touchable_points, touchable_surface
 from simgen.errors import InputError
+from simgen.learning.training.chain import make_chain
 from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
 from simgen.learning.training.metrics import contact_of
 from simgen.learning.training.networks import NETWORKS, SIGNALS, SOURCE, NetworkSpec
@@ -108,6 +109,14 @@ class NetworkData:
         return self._training.signals
 
     @property
+    def circuit(self) -> dict[str, Any] | None:
+        """`ElectrodeSettings` of the signals that the network takes; None for recordings, and if it takes meshes."""
+        signals = self._training.job.signals
+        if self._spec.inputs != SIGNALS or signals.recordings is not None:
+            return None
+        return signals.synthetic.model_dump(mode="json")
+
+    @property
     def meshes(self) -> MeshSamples:
         """Meshes that the network predicts, or that its outputs are decoded to."""
         return self._training.truth(self._spec.inputs, self._spec.outputs)
@@ -116,6 +125,19 @@ class NetworkData:
     def sources(self) -> MeshSamples:
         """Meshes that the network takes, or that its inputs are encoded from."""
         return self._training.meshes(self._spec.inputs)
+
+    @cached_property
+    def predicted_inputs(self) -> Values | None:
+        """Row numbers (n,) -> inputs as the network that feeds this one predicts them; None for recordings."""
+        if self._spec.fed_by is None or not self._training.signals_have_target:
+            return None
+        chain, values = make_chain((self._spec.fed_by,), self._training.trained), self._training.values(SIGNALS)
+
+        @torch.no_grad()
+        def predicted(rows: Tensor) -> Tensor:
+            return chain(values(rows))
+
+        return predicted
 
     def touchable(self, meshes: MeshSamples) -> np.ndarray:
         """Mask (vertex,) of a sensor's vertices that can touch an indenter; of an import without it, of all."""

@@ -28,6 +28,7 @@ class NetworkSpec:
     network : import path of its class
     encoder : network whose latents it takes in place of ``inputs``
     decoder : network whose latents it predicts in place of ``outputs``
+    fed_by : network whose predictions of the inputs, decoded, it also learns from, as it will follow this network
     published : mean errors that the ACROSS paper reports for it, by measure of `simgen.learning.training.metrics`
     """
 
@@ -39,12 +40,18 @@ class NetworkSpec:
     network: str
     encoder: str | None = None
     decoder: str | None = None
+    fed_by: str | None = None
     published: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Names of the networks that are trained before this one."""
+        """Names of the networks whose latents it takes or predicts."""
         return tuple(name for name in (self.encoder, self.decoder) if name)
+
+    @property
+    def feeding(self) -> tuple[str, ...]:
+        """Names of the networks that predict its inputs."""
+        return (self.fed_by, *NETWORKS[self.fed_by].needs) if self.fed_by else ()
 
 
 # A network stands after those that it needs.
@@ -76,7 +83,7 @@ NETWORKS: dict[str, NetworkSpec] = {
         NetworkSpec("rm2rm", "RM2RM (ours)", "mesh_translation", SOURCE, TARGET,
                     "simgen.learning.training.latent_translation.LatentTranslation", encoder="rmb", decoder="rmd"),
         NetworkSpec("pt", "PT (ours)", "point_translation", SOURCE, TARGET,
-                    "simgen.learning.training.point_translator.PointTranslator"),
+                    "simgen.learning.training.point_translator.PointTranslator", fed_by="s2rm"),
     )
 }  # fmt: skip
 

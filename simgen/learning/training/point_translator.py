@@ -23,14 +23,12 @@ from simgen.learning.training.data import BATCH, MeshSamples
 from simgen.learning.training.network import Network, Terms
 from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.skin_grid import PixelGrid, SkinOnGrid, reach_along_arc
+from simgen.learning.training.skin_points import NUMBERS, SkinPoints
 from simgen.learning.training.skin_unet import SkinUNet
 from simgen.units import MM
 
 MOVING = 4  # channels of a sample: displacement over its size, and the logarithm of the size
 STILL = 14  # channels of the skins alone: mask, normal and position of each
-WAVES = 4  # sines and cosines of a point's depth
-POINT = 3 + 2 * WAVES + 4  # numbers of a point beside the features at its place
-LONGEST_M = 8e-3  # wavelength of the first of these; the next ones are half as long each
 MARGIN_M = 4e-3  # the grid shows as much of the source's skin beyond the target's
 LEAST_SIZE = 1e-2  # least size of a press, relative to its root mean square over training
 ROUNDING = 1e-7  # m: keeps the slope of the root finite
@@ -71,7 +69,7 @@ class PointTranslator(Network):
         self.shape, self.power = (rows, columns), power
         self.network = SkinUNet(MOVING + STILL, features, width, levels, blocks, NOISE)
         self.head = nn.Sequential(
-            nn.Linear(features + POINT, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, 4)
+            nn.Linear(features + NUMBERS, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, 4)
         )
         pixels = rows * columns
         self.register_buffer("x", torch.zeros(rows, dtype=torch.float64))  # m, middles of the pixels
@@ -82,9 +80,7 @@ class PointTranslator(Network):
         self.register_buffer("still", torch.zeros(STILL, rows, columns))
         self.register_buffer("target_rest", torch.zeros(vertices, 3, dtype=torch.float64))  # m
         self.register_buffer("target_triangles", torch.zeros(triangles, 3, dtype=torch.int64))
-        self.register_buffer("place", torch.zeros(vertices, 2))  # see `places`
-        self.register_buffer("offset", torch.zeros(vertices, 3))
-        self.register_buffer("frames", torch.zeros(vertices, 3, 3))
+        self.points = SkinPoints(vertices, pixels)
         self.register_buffer("share", torch.zeros(vertices))  # of the touchable area
         self.register_buffer("noise", torch.randn(DRAWS // 2, NOISE))  # the draws of predictions
         self.register_buffer("source_size", torch.ones(()))  # m, root mean square of the skin's displacements
@@ -100,10 +96,15 @@ class PointTranslator(Network):
         )  # fmt: skip
         network.share.copy_(torch.from_numpy(data.touchable_share(target)))
         network.set_sizes(source, target, data.train)
-        touching = data.touching()
-        return network, lambda rows: network.terms(
-            data.inputs(rows), data.outputs(rows), None if touching is None else touching[rows]
-        )
+        touching, predicted = data.touching(), data.predicted_inputs
+
+        def terms(rows: Tensor) -> dict[str, Tensor]:
+            inputs = data.inputs(rows)
+            if predicted is not None:
+                inputs = network.mixed(inputs, predicted(rows), settings.predicted)
+            return network.terms(inputs, data.outputs(rows), None if touching is None else touching[rows])
+
+        return network, terms
 
     @classmethod
     def of_meshes(
@@ -132,16 +133,13 @@ class PointTranslator(Network):
             (network.target_triangles, triangles[1]),
         ):
             buffer.copy_(torch.from_numpy(np.ascontiguousarray(values)))
-        for buffer, values in zip(
-            (network.place, network.offset, network.frames), network.places(rest[1]), strict=True
-        ):
-            buffer.copy_(values)
+        network.points = network.places(rest[1])
         return network.to(target.rest.device)
 
     @torch.no_grad()
     def set_sizes(self, source: MeshSamples, target: MeshSamples, rows: Tensor) -> None:
         """Set both root mean squares over training rows."""
-        found = torch.zeros(2, dtype=torch.float64, device=self.place.device)
+        found = torch.zeros(2, dtype=torch.float64, device=self.share.device)
         for some in rows.split(BATCH):
             skin, u = self.skin(source.displacement(some)), target.displacement(some)
             found += torch.stack([self._mean_square(skin).double().sum(), u.double().square().mean(dim=(1, 2)).sum()])
@@ -151,7 +149,7 @@ class PointTranslator(Network):
 
     @property
     def vertices(self) -> int:
-        return len(self.place)
+        return len(self.points)
 
     def settings(self) -> dict[str, Any]:
         return dict(self._settings)
@@ -160,28 +158,27 @@ class PointTranslator(Network):
         """Displacements (n, vertex, 3), m, of the target's mesh: the mean over `draws`."""
         return self.draws(displacement)[0].mean(dim=1)
 
-    def draws(
-        self, displacement: Tensor, places: tuple[Tensor, Tensor, Tensor] | None = None
-    ) -> tuple[Tensor, Tensor]:
+    def draws(self, displacement: Tensor, points: SkinPoints | None = None) -> tuple[Tensor, Tensor]:
         """Equally likely answers: displacements (n, draw, point, 3), m, and logits of contact (n, draw, point).
 
-        places : points of the target by `places`; None for its vertices
+        points : any points of the target, see `places`; None for its vertices
         """
         noise = self.noise.expand(len(displacement), -1, -1)
-        found = [self._one_way(displacement, noise, sign, places) for sign in displacement.new_tensor([1.0, -1.0])]
+        found = [self._one_way(displacement, noise, sign, points) for sign in displacement.new_tensor([1.0, -1.0])]
         return tuple(torch.cat(both, dim=1) for both in zip(*found, strict=True))
 
-    def places(self, points: np.ndarray) -> tuple[Tensor, Tensor, Tensor]:
-        """Where the target's points (v, 3), m at rest, are: what `draws` takes. It takes about a second.
-
-        Returns places (v, 2) on the grid, column and row from -1 to 1; offsets (v, 3) from the skin, m; and frames
-        (v, 3, 3), see `simgen.learning.training.skin_grid.Places`.
-        """
+    def places(self, points: np.ndarray) -> SkinPoints:
+        """Find where the target's points (v, 3), m at rest, are: what `draws` takes. It takes about a second."""
         grid = PixelGrid(self.x.cpu().numpy(), self.arc.cpu().numpy())
         rest, triangles = self.target_rest.cpu().numpy(), self.target_triangles.cpu().numpy()
-        found = SkinOnGrid(rest, triangles, np.ones(len(rest), bool), grid).places(np.asarray(points, np.float64))
-        values = grid.relative(found.x, found.arc), found.offset, found.frames
-        return tuple(torch.from_numpy(each).float().to(self.place.device) for each in values)
+        skin = SkinOnGrid(rest, triangles, np.ones(len(rest), bool), grid)
+        return SkinPoints.of_places(grid, skin.places(np.asarray(points, np.float64))).to(self.share.device)
+
+    def mixed(self, true: Tensor, predicted: Tensor, share: float) -> Tensor:
+        """Replace some of the true source meshes (n, vertex, 3): by chance in training, else the first of n."""
+        n = len(true)
+        chance = torch.rand(n, device=true.device) if self.training else torch.arange(n, device=true.device) / n
+        return torch.where((chance < share)[:, None, None], predicted, true)
 
     def terms(self, source: Tensor, target: Tensor, touching: Tensor | None = None) -> dict[str, Tensor]:
         """Loss and root mean square error of single draws, m; both are means over samples.
@@ -220,40 +217,31 @@ class PointTranslator(Network):
         return skin.square().sum(dim=(1, 2)) / (3 * known.sum())
 
     def _one_way(
-        self, displacement: Tensor, noise: Tensor, sign: Tensor, places: tuple[Tensor, Tensor, Tensor] | None = None
+        self, displacement: Tensor, noise: Tensor, sign: Tensor, points: SkinPoints | None = None
     ) -> tuple[Tensor, Tensor]:
         """As `draws`, for noise (n, draw, noise), by one of two ways.
 
         sign : (n,), or one for all: 1 for the sample itself, -1 for its mirror image
         """
-        draws = noise.shape[1]
-        place, offset, frames = (self.place, self.offset, self.frames) if places is None else places
+        points, draws = self.points if points is None else points, noise.shape[1]
         sign = sign.expand(len(displacement))[:, None, None]  # (n, 1, 1)
+        mirrored = sign < 0.0
         skin = self.skin(displacement)
         size = (self._mean_square(skin) / self.source_size**2 + LEAST_SIZE**2).sqrt()[:, None, None]
         turned = torch.cat([torch.ones_like(sign), torch.ones_like(sign), sign], dim=2)  # of vectors in a frame
         image = (skin / (size * self.source_size)).transpose(1, 2).unflatten(2, self.shape)
-        image = torch.where(sign[..., None] < 0.0, image.flip(3), image) * turned.transpose(1, 2)[..., None]
+        image = torch.where(mirrored[..., None], image.flip(3), image) * turned.transpose(1, 2)[..., None]
         same = size.log()[..., None].expand(-1, 1, *self.shape), self.still.expand(len(size), -1, -1, -1)
+        mirrored, turned, size = (each.repeat_interleave(draws, 0) for each in (mirrored, turned, size))
         # Rounding to 8 bits in training is like noise. Autocast keeps the weights themselves in float32.
         with torch.autocast(image.device.type, torch.bfloat16, enabled=self.training and image.is_cuda):
             features = self.network(torch.cat([image, *same], dim=1), noise)
-        sign, turned, size = (each.repeat_interleave(draws, 0) for each in (sign, turned, size))
-        on_grid = place * torch.cat([sign, torch.ones_like(sign)], dim=2)
-        near = F.grid_sample(features.float(), on_grid[:, None], align_corners=True, padding_mode="border")[:, :, 0]
-        found = self.head(torch.cat([near.transpose(1, 2), *self._about(on_grid, offset * turned)], dim=2))
+            features = torch.where(mirrored[..., None], features.flip(3), features)
+            numbers = points.numbers[mirrored.flatten().long()].transpose(0, 1)
+            found = self.head(torch.cat([points.features(features), numbers], dim=2)).float().transpose(0, 1)
         local = found[..., :3] * turned * size * self.target_size
-        moved = torch.einsum("vij,nvi->nvj", frames, local)
+        moved = torch.einsum("vij,nvi->nvj", points.frames, local)
         return tuple(each.unflatten(0, (-1, draws)) for each in (moved, found[..., 3]))
-
-    def _about(self, place: Tensor, offset: Tensor) -> tuple[Tensor, ...]:
-        """Numbers (n, point, .) of points: offset from the skin, waves of the depth, place within a pixel."""
-        wave = 2.0 * torch.pi / LONGEST_M * 2.0 ** torch.arange(WAVES, device=place.device)
-        ends = torch.stack([(self.arc[-1] - self.arc[0]), (self.x[-1] - self.x[0])]).float() / 2.0
-        pixel = (self.x[1] - self.x[0]).float()
-        within = 2.0 * torch.pi * place * ends / pixel
-        angle = offset[..., :1] * wave
-        return offset / MM, angle.sin(), angle.cos(), within.sin(), within.cos()
 
 
 def _energy(found: Tensor, truth: Tensor, norm: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:

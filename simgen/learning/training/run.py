@@ -73,7 +73,7 @@ class TrainingRun:
 
     def _check_needed(self) -> None:
         for name in self.job.in_order():
-            for needed in NETWORKS[name].needs:
+            for needed in self.job.needs(name):
                 if needed not in self.job.networks and not self.is_trained(needed):
                     raise InputError(
                         f"networks: {name} needs {needed}, which {self.output} does not hold; allowed: both"

@@ -170,6 +170,11 @@ class PointTranslationSettings(Fit):
     features: Width = Field(48, description="Channels of the U-Net's output")
     hidden: Width = Field(96, description="Width of the perceptron that takes them to displacements")
     power: float = power()
+    predicted: Share = Field(
+        0.5,
+        description="Share of the samples whose mesh of the source is the one that S2RM and RMB predict from the "
+        "signals, in place of the true one; for recordings all are true",
+    )
 
 
 class RecordingFiles(StrictSection):
@@ -269,6 +274,11 @@ class TrainingJob(StrictSection):
     def in_order(self) -> list[str]:
         """Names of the networks to train, each after those that it needs."""
         return [name for name in NETWORKS if name in self.networks]
+
+    def needs(self, name: str) -> tuple[str, ...]:
+        """Names of the networks to train before one. Recordings have no target, so that no network is fed by them."""
+        spec = NETWORKS[name]
+        return spec.needs + (spec.feeding if self.signals.recordings is None else ())
 
     def fit_of(self, name: str) -> Fit:
         """Settings of a network."""

@@ -40,6 +40,27 @@ def multiply(matrix: SparseMatrix, dense: Tensor, out: Tensor, add: bool = False
     torch.addmm(out, csr, dense, beta=1.0 if add else 0.0, out=out)
 
 
+def product(matrix: SparseMatrix, transposed: SparseMatrix, dense: Tensor) -> Tensor:
+    """Compute matrix @ dense, (rows, n), with a gradient."""
+    return _Product.apply(dense, matrix, transposed)
+
+
+class _Product(torch.autograd.Function):
+    @staticmethod
+    def forward(context, dense: Tensor, matrix: SparseMatrix, transposed: SparseMatrix) -> Tensor:
+        context.transposed = transposed
+        out = dense.new_empty(matrix.shape[0], dense.shape[1])
+        multiply(matrix, dense, out)
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(context, gradient: Tensor):
+        of_dense = gradient.new_empty(context.transposed.shape[0], gradient.shape[1])
+        multiply(context.transposed, gradient.contiguous(), of_dense)
+        return of_dense, None, None
+
+
 def interpolate(x: Tensor, matrix: SparseMatrix, transposed: SparseMatrix) -> Tensor:
     """Append matrix @ x to x (vertex, feature, sample): from values on a level to values on the finer level."""
     return _Interpolation.apply(x, matrix, transposed)

@@ -4,6 +4,7 @@ import safetensors.torch
 import torch
 
 from simgen.learning.training.latent_translation import LEAST, LEAST_SIZE, LatentTranslation
+from simgen.sensing.electrodes.model import ElectrodeSettings, voltage
 
 
 def curve(count: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -114,3 +115,24 @@ def test_a_file_holds_all_of_it(tmp_path):
     loaded.load_state_dict(safetensors.torch.load_file(tmp_path / "network.safetensors"))
     assert loaded.settings() == network.settings()
     assert torch.equal(loaded(source), network(source))
+
+
+def test_synthetic_signals_are_taken_as_film_thickness():
+    """Films in m, and their readings in V, give the same network."""
+    torch.manual_seed(0)
+    thickness, target = curve(20)
+    thickness = 1e-4 * thickness  # 0.3 mm
+    settings = ElectrodeSettings(bits=None)
+    volts = torch.from_numpy(voltage(thickness.double().numpy(), settings))
+    made = []
+    for source, circuit in ((thickness, None), (volts.float(), settings.model_dump(mode="json"))):
+        torch.manual_seed(1)
+        at_rest = source[0], target.mean(dim=0)
+        made.append(LatentTranslation.of_samples(
+            source, target, *at_rest, width=16, blocks=1, noise=0.0, power=0.5, circuit=circuit
+        ))  # fmt: skip
+    torch.testing.assert_close(made[1].source_size, made[0].source_size, rtol=1e-2, atol=0.0)
+    torch.testing.assert_close(made[1](volts.float()), made[0](thickness), rtol=0.0, atol=2e-2)
+    again = LatentTranslation.empty(made[1].settings())
+    again.load_state_dict(made[1].state_dict())
+    assert torch.equal(again(volts.float()), made[1](volts.float()))

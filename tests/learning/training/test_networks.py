@@ -21,7 +21,7 @@ from tests.learning.training import touched
 def test_a_network_stands_after_those_that_it_needs():
     order = list(NETWORKS)
     for name, spec in NETWORKS.items():
-        assert all(order.index(needed) < order.index(name) for needed in spec.needs)
+        assert all(order.index(needed) < order.index(name) for needed in (*spec.needs, *spec.feeding))
         assert (spec.inputs, spec.outputs) in TASKS and name == spec.name
 
 

@@ -4,6 +4,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
+from simgen.learning.training.chain import make_chain
 from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.point_translator import (
@@ -24,6 +25,7 @@ def made(trained):
     """A network whose outputs are not small, and its data."""
     torch.manual_seed(0)
     data = NetworkData(NETWORKS["pt"], trained.inputs)
+    data.settings = data.settings.model_copy(update={"predicted": 0.0})
     network, terms = PointTranslator.for_training(data)
     return network, terms, data
 
@@ -111,6 +113,19 @@ def test_the_energy_score_is_least_for_the_true_distribution():
     scores = [_energy(each, truth, lambda x: x.abs().mean(dim=-1))[0].mean().item()
               for each in (draws, torch.zeros_like(draws), torch.ones_like(draws), 0.5 * draws)]  # fmt: skip
     assert scores[0] < 0.52 and min(scores[1:]) > 0.7
+
+
+def test_a_share_of_the_inputs_is_predicted(trained):
+    torch.manual_seed(0)
+    data = NetworkData(NETWORKS["pt"], trained.inputs)
+    network, _ = PointTranslator.for_training(data)
+    chain = make_chain(("s2rm",), trained.trained)
+    with torch.no_grad():
+        assert torch.equal(data.predicted_inputs(data.train), chain(data.signals.values[data.train]))
+    true, predicted = torch.zeros(2000, 1, 3), torch.ones(2000, 1, 3)
+    assert network.train().mixed(true, predicted, 0.3).mean() == pytest.approx(0.3, abs=0.03)
+    found = network.eval().mixed(true, predicted, 0.3)[:, 0, 0]
+    assert found.tolist() == [1.0] * 600 + [0.0] * 1400, "validation does not depend on chance"
 
 
 def test_sizes_are_root_mean_squares_of_training(made):

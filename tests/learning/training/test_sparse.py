@@ -1,11 +1,11 @@
-"""Sparse products against scipy's, and the gradient of interpolation against finite differences."""
+"""Sparse products against scipy's, and gradients against finite differences."""
 
 import numpy as np
 import pytest
 import scipy.sparse
 import torch
 
-from simgen.learning.training.sparse import SparseMatrix, interpolate, multiply
+from simgen.learning.training.sparse import SparseMatrix, interpolate, multiply, product
 
 
 def random(rows: int, columns: int, seed: int = 0) -> scipy.sparse.csr_array:
@@ -47,3 +47,11 @@ def test_interpolated_values_stand_below_their_sources():
     assert torch.equal(y[:6], x)
     np.testing.assert_allclose(y[6:].flatten(1), matrix @ x.detach().flatten(1).numpy(), rtol=1e-12)
     assert torch.autograd.gradcheck(lambda values: interpolate(values, *own), x)
+
+
+def test_a_product_has_a_gradient():
+    matrix = random(4, 6)
+    x = torch.randn(6, 3, dtype=torch.float64, requires_grad=True)
+    own = filled(matrix), filled(matrix.T.tocsr())
+    np.testing.assert_allclose(product(*own, x).detach(), matrix @ x.detach().numpy(), rtol=1e-12)
+    assert torch.autograd.gradcheck(lambda values: product(*own, values), x)
