@@ -113,7 +113,8 @@ class Training:
         rate = self.settings.learning_rate_in(number)
         order = torch.randperm(len(self.train_rows)).to(self.train_rows.device)
         self.network.train()
-        means = self.step.over(self.train_rows[order[: self.samples]], rate)
+        done = number * (self.samples // self.batch)
+        means = self.step.over(self.train_rows[order[: self.samples]], rate, done)
         found = {f"train_{name}": value for name, value in means.items()}
         self.network.eval()
         found |= {f"validation_{name}": value for name, value in self._validate().items()}

@@ -34,6 +34,12 @@ schedule = partial(
 )
 decay = partial(Field, gt=0.0, le=1.0, description="Factor of the exponential schedule")
 weight_decay = partial(Field, ge=0.0, le=1.0, description="Weight decay of AdamW; with 0 it is Adam")
+warm_up = partial(
+    Field, ge=0, le=1_000_000, description="Steps in which the learning rate grows from 0 in proportion to their number"
+)
+clip = partial(
+    Field, ge=0.0, le=1e6, description="Largest Euclidean norm of a step's gradient; a longer one is shortened; 0: any"
+)
 patience = partial(
     Field, ge=1, le=100_000, description="Training ends after this many epochs without a new lowest validation loss"
 )
@@ -65,6 +71,8 @@ class Fit(StrictSection):
     schedule: Literal["exponential", "cosine"] = schedule("exponential")
     decay: float = decay(1.0)
     weight_decay: float = weight_decay(0.0)
+    warm_up: int = warm_up(0)
+    clip: float = clip(0.0)
     patience: int = patience(50)
 
     def learning_rate_in(self, epoch: int) -> float:
@@ -160,6 +168,8 @@ class PointTranslationSettings(Fit):
     learning_rate: float = learning_rate(1.5e-3)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
     weight_decay: float = weight_decay(0.02)
+    warm_up: int = warm_up(300)
+    clip: float = clip(1.0)
     pixel_mm: float = Field(0.5, ge=0.1, le=10.0, description="Pixel of the unrolled skin")
     width: int = Field(
         32, ge=8, le=1024, multiple_of=8, description="Channels of the U-Net's finest level; each coarser level has "

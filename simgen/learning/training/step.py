@@ -37,6 +37,7 @@ class TrainingStep:
         device: torch.device, tf32: bool = False,
     ):  # fmt: skip
         self.products = tf32_products if tf32 else nullcontext
+        self.settings = settings
         self.network, self.terms = network, terms
         self.on_gpu = device.type == "cuda"
         self.parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
@@ -49,19 +50,21 @@ class TrainingStep:
         self.sums: Tensor | None = None
         self.graph: torch.cuda.CUDAGraph | None = None
 
-    def over(self, rows: Tensor, rate: float) -> dict[str, float]:
-        """Step through rows, a whole number of batches, in their order. Returns the means of the terms."""
-        group = self.optimizer.param_groups[0]
-        if self.on_gpu:
-            group["lr"].fill_(rate)
-            if self.graph is None:
-                self._record(rows[: len(self.rows)])
-        else:
-            group["lr"] = rate
+    def over(self, rows: Tensor, rate: float, done: int = 0) -> dict[str, float]:
+        """Step through rows, a whole number of batches, in their order. Returns the means of the terms.
+
+        rate : learning rate
+        done : steps of earlier calls; the first ``warm_up`` steps of all have a smaller rate
+        """
+        self._set_rate(rate)
+        if self.on_gpu and self.graph is None:
+            self._record(rows[: len(self.rows)])
         if self.sums is not None:
             self.sums.zero_()
         batches = rows.split(len(self.rows))
-        for batch in batches:
+        for number, batch in enumerate(batches, start=done + 1):
+            if number <= self.settings.warm_up:
+                self._set_rate(rate * number / self.settings.warm_up)
             self.rows.copy_(batch)
             if self.graph is None:
                 self._step()
@@ -69,10 +72,19 @@ class TrainingStep:
                 self.graph.replay()
         return dict(zip(self.names, (self.sums / len(batches)).tolist(), strict=True))
 
+    def _set_rate(self, rate: float) -> None:
+        group = self.optimizer.param_groups[0]
+        if self.on_gpu:
+            group["lr"].fill_(rate)
+        else:
+            group["lr"] = rate
+
     def _step(self) -> None:
         self.optimizer.zero_grad(set_to_none=True)
         terms = self.terms(self.rows)
         next(iter(terms.values())).backward()
+        if self.settings.clip:
+            nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
         self.optimizer.step()
         if self.sums is None:
             self.names = list(terms)

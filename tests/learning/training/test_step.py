@@ -50,6 +50,29 @@ def test_it_is_adamw_by_its_formula(decay):
     assert list(found) == ["loss", "bias"]
 
 
+def test_the_rate_grows_in_the_first_steps():
+    """As by calls of one step each, with the rates of the warm-up; it goes on in a later call."""
+    one, other = Line(), Line()
+    warm, plain = one.step(warm_up=4), other.step()
+    warm.over(torch.tensor([0, 1, 2, 3]), 0.1)
+    warm.over(torch.tensor([4, 5, 0, 1, 2, 3]), 0.2, done=2)
+    for rows, rate in (([0, 1], 0.025), ([2, 3], 0.05), ([4, 5], 0.15), ([0, 1], 0.2), ([2, 3], 0.2)):
+        plain.over(torch.tensor(rows), rate)
+    assert one.w.item() == pytest.approx(other.w.item(), rel=1e-12)
+
+
+def test_long_gradients_are_shortened():
+    """The moments of Adam then are those of a gradient of this length; a short one stays as it is."""
+    line = Line()
+    step = line.step(clip=0.5)
+    step.over(torch.tensor([4, 5]), 0.1)
+    assert step.optimizer_state()["0.exp_avg"].item() == pytest.approx((1 - BETA1) * 0.5, rel=1e-5)
+    line = Line()
+    step = line.step(clip=1e3)
+    step.over(torch.tensor([0, 1]), 0.1)
+    assert step.optimizer_state()["0.exp_avg"].item() == pytest.approx((1 - BETA1) * 7.0, rel=1e-12)  # 2 x (2 x - 1)
+
+
 def test_means_are_of_one_call():
     line = Line()
     step = line.step()
