@@ -5,7 +5,8 @@ large ones that locate the contact, and new contacts come out worse. Noise on pr
 that they will have (Bishop, Neural Computation 7, 1995).
 
 Synthetic signals are taken as thicknesses of the fluid's film. In volts, an electrode whose film is almost closed would
-drown the others.
+drown the others. If the sensor is its own mirror image, training also shows mirror images of samples, and a prediction
+is the mean of both ways.
 """
 
 from collections.abc import Mapping
@@ -31,6 +32,7 @@ class LatentTranslation(Network):
     with inputs x_0 and latents y_0 at rest. The norm is a root mean square over inputs, 1 over all training.
 
     circuit : settings of `FilmThickness`, which signals pass first; None for other inputs, and for recordings
+    mirrored : True for a sensor that is its own mirror image, see `learn_mirror`
     noise : standard deviation of the noise that training adds to each input, relative to the sample's own s
     power : see `terms`
     """
@@ -39,15 +41,18 @@ class LatentTranslation(Network):
 
     def __init__(
         self, inputs: int, outputs: int, width: int, blocks: int, noise: float, power: float,
-        circuit: Mapping[str, Any] | None = None,
+        circuit: Mapping[str, Any] | None = None, mirrored: bool = False,
     ):  # fmt: skip
         super().__init__()
-        self.noise, self.power, self.circuit = noise, power, circuit
+        self.noise, self.power, self.circuit, self.mirrored = noise, power, circuit, mirrored
         self.film = nn.Identity() if circuit is None else FilmThickness(circuit)
         self.register_buffer("source_rest", torch.zeros(inputs))
         self.register_buffer("source_size", torch.ones(()))  # root mean square of all training inputs
         self.register_buffer("target_rest", torch.zeros(outputs))
         self.register_buffer("target_size", torch.ones(()))  # root mean square of the norms of training outputs
+        if mirrored:
+            self.register_buffer("partner", torch.arange(inputs))  # channel at each channel's mirrored place
+            self.register_buffer("mirror", torch.eye(outputs))  # of outputs from rest, to those of the mirror image
         self.first = nn.Linear(inputs + 1, width)
         self.blocks = nn.ModuleList(Block(width) for _ in range(blocks))
         self.last = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, outputs))
@@ -58,9 +63,13 @@ class LatentTranslation(Network):
         network = cls.of_samples(
             data.inputs(data.train), data.outputs(data.train), data.inputs_at_rest, data.outputs_at_rest,
             width=settings.width, blocks=settings.blocks, noise=settings.noise, power=settings.power,
-            circuit=data.circuit,
+            circuit=data.circuit, mirrored=data.mirrored is not None,
         )  # fmt: skip
-        return network, lambda rows: network.terms(data.inputs(rows), data.outputs(rows))
+        if data.mirrored is None:
+            return network, lambda rows: network.terms(data.inputs(rows), data.outputs(rows))
+        partner, outputs = data.mirrored
+        network.learn_mirror(partner, data.outputs(data.train), outputs[data.train])
+        return network, lambda rows: network.terms(data.inputs(rows), data.outputs(rows), outputs[rows])
 
     @classmethod
     def of_samples(
@@ -89,11 +98,29 @@ class LatentTranslation(Network):
             "noise": self.noise,
             "power": self.power,
             "circuit": self.circuit,
+            "mirrored": self.mirrored,
         }
+
+    def learn_mirror(self, partner: Tensor, outputs: Tensor, mirrored: Tensor) -> None:
+        """Set the partners (inputs,), and the linear map between outputs (sample, outputs) and those of mirror images.
+
+        The map is the one of least squares.
+        """
+        self.partner.copy_(partner)
+        a, b = ((each - self.target_rest).double() for each in (outputs, mirrored))
+        self.mirror.copy_((torch.linalg.pinv(a.T @ a, hermitian=True) @ (a.T @ b)).T)
 
     def forward(self, source: Tensor) -> Tensor:
         """Latents (n, outputs) of inputs (n, inputs)."""
-        x = (self.film(source) - self.source_rest) / self.source_size
+        x = self.film(source) - self.source_rest
+        found = self._from_rest(x)
+        if self.mirrored:
+            found = 0.5 * (found + self._from_rest(x[:, self.partner]) @ self.mirror.T)
+        return self.target_rest + found
+
+    def _from_rest(self, x: Tensor) -> Tensor:
+        """Latents (n, outputs) from rest, of inputs (n, inputs) from rest."""
+        x = x / self.source_size
         size = (x.square().mean(dim=1, keepdim=True) + LEAST_SIZE**2).sqrt()
         x = x / size
         if self.training:
@@ -101,16 +128,25 @@ class LatentTranslation(Network):
         x = self.first(torch.cat([x, size.log()], dim=1))
         for block in self.blocks:
             x = block(x)
-        return self.target_rest + size * self.last(x)
+        return size * self.last(x)
 
-    def terms(self, source: Tensor, target: Tensor) -> dict[str, Tensor]:
+    def terms(self, source: Tensor, target: Tensor, mirrored: Tensor | None = None) -> dict[str, Tensor]:
         """Loss and error: means over samples of the Euclidean norm of latent errors.
 
         For latents of a reduced model, the norm is the root mean square error of the coarse mesh over its amplitude.
         The loss divides it by the sample's distance from rest to the ``power``: 0 gives the error itself, in which
         shallow presses count for little; 1 gives the relative error.
+
+        mirrored : (n, outputs) of the mirror images, which training shows by chance; None without mirror images
         """
-        error = ((self(source) - target).square().sum(dim=1) + LEAST**2).sqrt()
+        if mirrored is None or not self.training:
+            found = self(source)
+        else:
+            chance = torch.rand(len(source), 1, device=source.device) < 0.5
+            x = self.film(source) - self.source_rest
+            found = self.target_rest + self._from_rest(torch.where(chance, x[:, self.partner], x))
+            target = torch.where(chance, mirrored, target)
+        error = ((found - target).square().sum(dim=1) + LEAST**2).sqrt()
         size = (target - self.target_rest).norm(dim=1) / self.target_size
         return {"loss": (error * size.clamp(min=LEAST_SIZE) ** -self.power).mean(), "error": error.mean()}
 

@@ -15,10 +15,12 @@ from simgen.errors import InputError
 from simgen.learning.training.chain import make_chain
 from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
 from simgen.learning.training.metrics import contact_of
+from simgen.learning.training.mirror import Mirror
 from simgen.learning.training.networks import NETWORKS, SIGNALS, SOURCE, NetworkSpec
 from simgen.learning.training.pca import Values
 from simgen.learning.training.schema import TrainingJob
 from simgen.learning.training.signals import SignalData, read_signals
+from simgen.sensing.electrodes.gaps import electrodes_of
 
 
 @dataclass
@@ -115,6 +117,24 @@ class NetworkData:
         if self._spec.inputs != SIGNALS or signals.recordings is not None:
             return None
         return signals.synthetic.model_dump(mode="json")
+
+    @cached_property
+    def mirrored(self) -> tuple[Tensor, Tensor] | None:
+        """Partners (channel,) of the electrodes, and outputs (sample, latent) of the samples' mirror images.
+
+        None for recordings, other inputs, and sensors that are not symmetric.
+        """
+        if self.circuit is None or self._spec.decoder is None or self.meshes is not self._training.source:
+            return None
+        meshes = self.meshes
+        electrodes, _ = electrodes_of(self._training.data.dataset, meshes.sensor)
+        mirror = Mirror.of_sensor(meshes.rest.double().cpu().numpy(), meshes.tetrahedra, electrodes, meshes.rest.device)
+        if mirror is None:
+            return None
+        decoder = self._training.trained(self._spec.decoder)
+        return mirror.partner, latents(
+            decoder, lambda rows: mirror.displacements(meshes.displacement(rows)), len(self._training.data)
+        )
 
     @property
     def meshes(self) -> MeshSamples:

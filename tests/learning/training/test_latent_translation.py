@@ -136,3 +136,44 @@ def test_synthetic_signals_are_taken_as_film_thickness():
     again = LatentTranslation.empty(made[1].settings())
     again.load_state_dict(made[1].state_dict())
     assert torch.equal(again(volts.float()), made[1](volts.float()))
+
+
+def mirrored_network() -> tuple[LatentTranslation, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """A network, inputs and outputs, and a mirror that swaps the first two inputs and changes an output's sign."""
+    torch.manual_seed(0)
+    source, target = curve(400)
+    at_rest = torch.zeros(6), torch.zeros(4)
+    network = LatentTranslation.of_samples(
+        source, target, *at_rest, width=16, blocks=1, noise=0.0, power=0.5, mirrored=True
+    )
+    image = torch.tensor([1.0, -1.0, 1.0, 1.0])
+    network.learn_mirror(torch.tensor([1, 0, 2, 3, 4, 5]), target, target * image)
+    return network, source, target, image
+
+
+def test_the_mirror_of_outputs_is_learned():
+    network, _, _, image = mirrored_network()
+    torch.testing.assert_close(network.mirror, image.diag(), rtol=0.0, atol=1e-4)
+
+
+@torch.no_grad()
+def test_the_mirror_image_of_inputs_gives_that_of_outputs():
+    network, source, _, image = mirrored_network()
+    found = network(source)
+    torch.testing.assert_close(network(source[:, network.partner]), found * image, rtol=1e-3, atol=1e-3)
+    again = LatentTranslation.empty(network.settings())
+    again.load_state_dict(network.state_dict())
+    assert torch.equal(again(source), found)
+
+
+def test_training_shows_mirror_images_by_chance():
+    """Their loss is that of the swapped inputs and the mirrored outputs; validation shows none."""
+    network, source, target, image = mirrored_network()
+    with torch.no_grad():
+        ways = [network._from_rest(source) - target, network._from_rest(source[:, network.partner]) - target * image]
+        errors = torch.stack([way.square().sum(dim=1).add(LEAST**2).sqrt() for way in ways])
+        losses = torch.stack([network.terms(source, target, target * image)["error"] for _ in range(50)])
+    expected = errors.mean()
+    assert abs(losses.mean() - expected) < 0.02 * expected and losses.std() > 0.0
+    network.eval()
+    assert network.terms(source, target, target * image) == network.terms(source, target)

@@ -73,3 +73,21 @@ def test_missing_meshes_stop_only_networks_that_need_them(inputs):
             recorded.check([name])
     with pytest.raises(InputError, match="recordings: hold no meshes of the target; allowed: synthetic signals"):
         recorded.truth("signals", "target")
+
+
+def test_mirror_images_have_the_latents_of_mirrored_meshes(trained):
+    """The tiny BioTac is a ball, whose electrodes are symmetric, too."""
+    data = NetworkData(NETWORKS["s2rm"], trained.inputs)
+    partner, outputs = data.mirrored
+    assert torch.equal(partner[partner], torch.arange(19)) and not torch.equal(partner, torch.arange(19))
+    rest, u = data.meshes.rest, data.meshes.displacement(data.train[:4])
+    nearest = torch.cdist(rest * torch.tensor([1.0, 1.0, -1.0]), rest).argmin(dim=1)  # vertices are symmetric here
+    image = u[:, nearest] * torch.tensor([1.0, 1.0, -1.0])
+    torch.testing.assert_close(outputs[data.train[:4]], trained.trained("rmb").encode(image)[0], rtol=0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["rm2rm", "s2mpn", "pt"])
+def test_only_signals_of_reduced_models_have_mirror_images(trained, name):
+    data = NetworkData(NETWORKS[name], trained.inputs)
+    assert (data.circuit is None) == (name != "s2mpn")
+    assert name == "s2mpn" or data.mirrored is None

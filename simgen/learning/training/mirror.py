@@ -1,0 +1,67 @@
+"""Mirror images of samples of a sensor that is its own mirror image in z = 0: as many more samples to learn from."""
+
+from typing import Self
+
+import numpy as np
+import torch
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from simgen.learning.training.sparse import SparseMatrix, multiply
+
+IMAGE = np.array([1.0, 1.0, -1.0])
+TRIED = 32  # tetrahedra nearest to a point, by their centroids, in which it is sought
+# A sensor is symmetric if mirrored vertices are no farther outside of its mesh, and mirrored electrodes no farther from
+# an electrode. On facets of the BioTac's mesh mirrored vertices are 0.09 mm outside.
+SAME_M = 0.2e-3
+
+
+class Mirror:
+    """Mirror images of one sensor's displacements and electrode signals.
+
+    matrix : (vertex, vertex) interpolates displacements of the mesh at the mirrored vertices
+    partner : (electrode,) the electrode at each electrode's mirrored place
+    """
+
+    def __init__(self, matrix: csr_array, partner: np.ndarray, device: torch.device):
+        self._matrix = SparseMatrix(*matrix.shape, matrix.nnz).to(device)
+        self._matrix.fill(matrix)
+        self.partner = torch.from_numpy(partner).to(device)
+
+    @classmethod
+    def of_sensor(
+        cls, rest: np.ndarray, tetrahedra: np.ndarray, electrodes: np.ndarray, device: torch.device
+    ) -> Self | None:
+        """Make the mirror of a mesh (v, 3), (t, 4) with electrodes (e, 3), m; None if they are not symmetric."""
+        away, partner = cKDTree(electrodes).query(electrodes * IMAGE)
+        matrix, outside = interpolation(rest, tetrahedra, rest * IMAGE)
+        paired = np.array_equal(partner[partner], np.arange(len(partner)))
+        return cls(matrix, partner, device) if paired and max(away.max(), outside.max()) <= SAME_M else None
+
+    def displacements(self, u: Tensor) -> Tensor:
+        """Mirror images (n, vertex, 3), m, of displacements."""
+        by_vertex = u.permute(1, 2, 0).flatten(1).contiguous()
+        out = torch.empty_like(by_vertex)
+        multiply(self._matrix, by_vertex, out)
+        return out.unflatten(1, (3, -1)).permute(2, 0, 1) * u.new_tensor(IMAGE)
+
+
+def interpolation(rest: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray) -> tuple[csr_array, np.ndarray]:
+    """Linear interpolation (point, vertex) in a mesh, and the distances (point,), m, of points outside of it.
+
+    A point outside takes the values of a near point on a tetrahedron.
+    """
+    corners = rest[tetrahedra]
+    tried = cKDTree(corners.mean(axis=1)).query(points, min(TRIED, len(tetrahedra)))[1].reshape(len(points), -1)
+    edges = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2))
+    others = np.einsum("ptij,ptj->pti", edges[tried], points[:, None] - corners[tried][:, :, 0])
+    weights = np.concatenate([1.0 - others.sum(axis=2, keepdims=True), others], axis=2)
+    best = weights.min(axis=2).argmax(axis=1)
+    each = np.arange(len(points))
+    inside = np.clip(weights[each, best], 0.0, None)
+    inside /= inside.sum(axis=1, keepdims=True)
+    own = tetrahedra[tried[each, best]]
+    count = 4 * np.arange(len(points) + 1)
+    matrix = csr_array((inside.ravel(), own.ravel(), count), (len(points), len(rest)))
+    return matrix, np.linalg.norm(matrix @ rest - points, axis=1)
