@@ -148,8 +148,8 @@ class NetworkData:
 
     @cached_property
     def predicted_inputs(self) -> Values | None:
-        """Row numbers (n,) -> inputs as the network that feeds this one predicts them; None for recordings."""
-        if self._spec.fed_by is None or not self._training.signals_have_target:
+        """Row numbers (n,) -> inputs as the network that feeds this one predicts them; None if the job wants none."""
+        if not self._training.job.is_fed(self._spec.name):
             return None
         chain, values = make_chain((self._spec.fed_by,), self._training.trained), self._training.values(SIGNALS)
 

@@ -95,15 +95,16 @@ WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn"), "points": ("s2rm
 def chains(inputs: str, outputs: str) -> Iterator[tuple[str, ...]]:
     """Names of networks that lead from inputs to outputs: each that does so alone, then each pair.
 
-    The second network of a pair continues from the latents that the first one predicts, or from the decoded mesh.
+    The second network of a pair continues from the latents that the first one predicts. One that is fed by the first
+    continues from the decoded mesh.
     """
     alone = [spec for spec in NETWORKS.values() if (spec.inputs, spec.outputs) == (inputs, outputs)]
     yield from ((spec.name,) for spec in alone)
     steps = [spec for spec in NETWORKS.values() if spec.inputs != spec.outputs]
     for first in steps:
         for second in steps:
-            joined = first.outputs == second.inputs and second.encoder in (first.decoder, None)
-            if joined and (first.inputs, second.outputs) == (inputs, outputs):
+            joined = first.name == second.fed_by if second.fed_by else second.encoder == first.decoder
+            if joined and (first.inputs, first.outputs, second.outputs) == (inputs, second.inputs, outputs):
                 yield first.name, second.name
 
 

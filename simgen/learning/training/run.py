@@ -75,8 +75,10 @@ class TrainingRun:
         for name in self.job.in_order():
             for needed in self.job.needs(name):
                 if needed not in self.job.networks and not self.is_trained(needed):
+                    spec = NETWORKS[name]
+                    without = f", or {spec.settings}.predicted=0" if needed in spec.feeding else ""
                     raise InputError(
-                        f"networks: {name} needs {needed}, which {self.output} does not hold; allowed: both"
+                        f"networks: {name} needs {needed}, which {self.output} does not hold; allowed: both{without}"
                     )
 
     def is_trained(self, name: str) -> bool:

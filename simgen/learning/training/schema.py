@@ -183,7 +183,7 @@ class PointTranslationSettings(Fit):
     predicted: Share = Field(
         0.5,
         description="Share of the samples whose mesh of the source is the one that S2RM and RMB predict from the "
-        "signals, in place of the true one; for recordings all are true",
+        "signals, in place of the true one; 0 for a source without electrodes; for recordings all are true",
     )
 
 
@@ -286,9 +286,13 @@ class TrainingJob(StrictSection):
         return [name for name in NETWORKS if name in self.networks]
 
     def needs(self, name: str) -> tuple[str, ...]:
-        """Names of the networks to train before one. Recordings have no target, so that no network is fed by them."""
+        """Names of the networks to train before one."""
         spec = NETWORKS[name]
-        return spec.needs + (spec.feeding if self.signals.recordings is None else ())
+        return spec.needs + (spec.feeding if self.is_fed(name) else ())
+
+    def is_fed(self, name: str) -> bool:
+        """Return True if a network also learns from predicted inputs. Recordings do not belong to samples with both."""
+        return bool(NETWORKS[name].fed_by and self.fit_of(name).predicted and self.signals.recordings is None)
 
     def fit_of(self, name: str) -> Fit:
         """Settings of a network."""

@@ -21,7 +21,8 @@ def folder(learnable, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     (folder / "paired.zarr").symlink_to(learnable.path)
     once = {"epochs": 1}
-    short = {"reduced_model": once | {"latent": 4}, "mesh_translation": once, "point_translation": once}
+    short = {"reduced_model": once | {"latent": 4}, "mesh_translation": once,
+             "point_translation": once | {"predicted": 0.0}}  # fmt: skip
     plain = {"name": "training", "dataset": str(learnable.path), "networks": ["rmb", "rmd", "rm2rm", "pt"]}
     job = section_from_dict(TrainingJob, plain | short, "page")
     run = TrainingRun(job, folder / "training.networks", "cpu")
@@ -40,7 +41,7 @@ def test_code_that_uses_a_network_runs(folder, monkeypatch):
     assert names["digit"].shape == names["truth"].shape
     assert torch.isfinite(names["rmse_um"]).all()
     assert torch.equal(names["same"], names["digit"])
-    assert names["displacement"].shape == (8, 100, 3) and names["logit"].shape == (8, 100)
+    assert names["displacement"].shape == (8, 16, 100, 3) and names["logit"].shape == (8, 16, 100)
 
 
 def test_files_of_a_network_are_all_explained(folder):

@@ -258,3 +258,10 @@ def test_a_gpu_has_a_number_that_it_can_be_chosen_by(monkeypatch):
         torch.cuda.set_device(torch_device(name))
     assert chosen == [0, 0, 1]
     assert torch_device("cpu") == torch.device("cpu")
+
+
+def test_a_source_without_electrodes_trains_from_true_meshes(with_electrodes, tmp_path):
+    """PT alone, with no predicted inputs: signals are never made."""
+    point = touched.FITS["point_translation"] | {"predicted": 0.0, "epochs": 1}
+    run = touched.train(touched.job(with_electrodes.path, networks=["pt"], point_translation=point), tmp_path / "alone")
+    assert run.trained_names() == ["pt"] and "signals" not in run.inputs.__dict__
