@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from simgen.dataset.splits import SPLITS
 from simgen.dataset.touchable import touchable_points, touchable_surface
 from simgen.errors import InputError
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
 from simgen.learning.training.metrics import contact_of
 from simgen.learning.training.networks import NETWORKS, SIGNALS, SOURCE, NetworkSpec
@@ -44,6 +45,15 @@ class TrainingInputs:
     @property
     def target(self) -> MeshSamples:
         return self.data.meshes[self.job.target]
+
+    @cached_property
+    def gauge(self) -> ContactGauge | None:
+        """Finds contacts on the target; None if the dataset does not tell its touchable surface."""
+        target = self.target
+        try:
+            return ContactGauge.of_dataset(self.data.dataset, target.sensor, target.rest.device)
+        except InputError:
+            return None
 
     def check(self, networks: Collection[str]) -> None:
         """Raise `InputError` if samples are missing that these networks, or their tests, need."""
@@ -116,6 +126,27 @@ class NetworkData:
     def sources(self) -> MeshSamples:
         """Meshes that the network takes, or that its inputs are encoded from."""
         return self._training.meshes(self._spec.inputs)
+
+    @property
+    def predicted_inputs(self) -> Values | None:
+        """Row numbers (n,) -> source meshes that S2RM and RMB predict from signals.
+
+        None if they are not trained, or where signals do not belong to the dataset's samples.
+        """
+        training = self._training
+        try:
+            s2rm, rmb = (training.trained(name) for name in ("s2rm", "rmb"))
+        except InputError:
+            return None
+        if not training.signals_have_target:
+            return None
+        signals = training.values(SIGNALS)
+        return lambda rows: rmb.decode(s2rm(signals(rows)))
+
+    @property
+    def gauge(self) -> ContactGauge | None:
+        """Finds contacts on the target; None if the dataset does not tell its touchable surface."""
+        return self._training.gauge
 
     def touchable(self, meshes: MeshSamples) -> np.ndarray:
         """Mask (vertex,) of a sensor's vertices that can touch an indenter; of an import without it, of all."""
