@@ -3,9 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from torch import Tensor
+from torch import Tensor, nn
 
-from simgen.learning.training.network import Network
 from simgen.learning.training.networks import NETWORKS
 
 Step = Callable[[Tensor], Tensor]
@@ -16,7 +15,7 @@ class Chain:
     """Steps that values pass through, and the networks that they belong to, each listed once."""
 
     steps: tuple[Step, ...]
-    networks: tuple[Network, ...]
+    networks: tuple[nn.Module, ...]
 
     def __call__(self, values: Tensor) -> Tensor:
         for step in self.steps:
@@ -39,7 +38,7 @@ class Chain:
         return sum(network.count_parameters() for network in self.networks)
 
 
-def make_chain(names: tuple[str, ...], trained: Callable[[str], Network]) -> Chain:
+def make_chain(names: tuple[str, ...], trained: Callable[[str], nn.Module]) -> Chain:
     """Chain networks, from the inputs of the first (signals, or displacements in m) to the outputs of the last.
 
     trained : name -> network, on one device

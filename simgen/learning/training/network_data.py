@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from simgen.dataset.splits import SPLITS
 from simgen.dataset.touchable import touchable_points, touchable_surface
 from simgen.errors import InputError
+from simgen.learning.training.chain import make_chain
 from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
 from simgen.learning.training.metrics import contact_of
@@ -127,21 +128,20 @@ class NetworkData:
         """Meshes that the network takes, or that its inputs are encoded from."""
         return self._training.meshes(self._spec.inputs)
 
-    @property
+    @cached_property
     def predicted_inputs(self) -> Values | None:
         """Row numbers (n,) -> source meshes that S2RM and RMB predict from signals.
 
         None if they are not trained, or where signals do not belong to the dataset's samples.
         """
-        training = self._training
         try:
-            s2rm, rmb = (training.trained(name) for name in ("s2rm", "rmb"))
+            chain = make_chain(("s2rm",), self._training.trained)
         except InputError:
             return None
-        if not training.signals_have_target:
+        if not self._training.signals_have_target:
             return None
-        signals = training.values(SIGNALS)
-        return lambda rows: rmb.decode(s2rm(signals(rows)))
+        values = self._training.values(SIGNALS)
+        return torch.no_grad()(lambda rows: chain(values(rows)))
 
     @property
     def gauge(self) -> ContactGauge | None:
