@@ -23,6 +23,17 @@ class Chain:
         return values
 
     @property
+    def several(self) -> bool:
+        """True if the last network gives several answers."""
+        return hasattr(self.steps[-1], "draws")
+
+    def draws(self, values: Tensor) -> tuple[Tensor, Tensor]:
+        """Give the last network's several answers, see `PointTranslator.draws`."""
+        for step in self.steps[:-1]:
+            values = step(values)
+        return self.steps[-1].draws(values)
+
+    @property
     def parameters(self) -> int:
         return sum(network.count_parameters() for network in self.networks)
 

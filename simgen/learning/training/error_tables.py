@@ -16,6 +16,7 @@ from simgen.dataset.atomic_files import put_in_place, write_aside
 from simgen.errors import writing
 from simgen.learning.training.contact import NEAR_MM
 from simgen.learning.training.data import TrainingData
+from simgen.learning.training.doubt import LEVEL, Answers
 from simgen.learning.training.floor import Floor
 from simgen.learning.training.metrics import Errors, MeshErrors, SignalErrors, Statistic
 from simgen.learning.training.networks import NETWORKS
@@ -37,7 +38,18 @@ COLUMNS = {  # heading, digits
     "spread_mm": ("their contacts' largest distance, mm", 2),
     "rmse": ("RMSE, normalised", 4),
 }
-SHARES = ("near", "near_allowed")  # of samples, shown in %
+ANSWERS = {
+    "covered": (f"in the {LEVEL} % set", 1),
+    "radius_mm": ("its radius, mm", 2),
+    "energy_um": ("energy score, um", 2),
+    "rmse_um": ("RMSE of the mean, um", 2),
+    "likeliest_rmse_um": ("RMSE of the likeliest, um", 2),
+    "near": (f"likeliest within {NEAR_MM:g} mm", 1),
+    "near_of_2": ("best of 2", 1),
+    "near_of_4": ("best of 4", 1),
+    "contact_overlap": ("contact overlap", 3),
+}
+SHARES = ("near", "near_allowed", "covered", "near_of_2", "near_of_4")  # of samples, shown in %
 FLOOR = "floor"
 DEFINED_IN = {
     "region_rmse_um": "a deformation region", "overlap": "a contact patch",
@@ -55,6 +67,7 @@ class Entry:
     baseline : True for models that networks have to beat
     published : the paper's network that it is compared with, a key of `PUBLISHED`
     labels : groups of samples, see `labels_of`
+    answers : measures of its several answers; None for a model that gives one
     """
 
     task: str
@@ -64,6 +77,7 @@ class Entry:
     baseline: bool = False
     published: str | None = None
     labels: Mapping[str, np.ndarray] = field(default_factory=dict)
+    answers: Answers | None = None
 
     @property
     def main_error(self) -> float:
@@ -133,6 +147,11 @@ def markdown(entries: Sequence[Entry]) -> str:
         for floor in own:
             if isinstance(floor.errors, Floor):
                 lines += [*_about(floor.errors), "", *_groups(floor, own)]
+    several = [entry for entry in entries if entry.answers is not None]
+    if several:
+        lines += ["## Several answers", "", *_explanation_of_answers(), ""]
+    for entry in several:
+        lines += [f"### {entry.task}: {entry.model}", "", *_answers(entry), ""]
     return "\n".join(lines)
 
 
@@ -152,11 +171,8 @@ def plain_entry(entry: Entry, entries: Sequence[Entry]) -> dict[str, Any]:
         "bar": entry is best_baseline(entry, entries),
         "published_as": entry.published,
         "note": note(entry, entries),
-        "all": _plain(entry.errors),
-        **{
-            f"by_{name}": {str(label): _plain(errors) for label, errors in entry.errors.groups(labels).items()}
-            for name, labels in entry.labels.items()
-        },
+        **_plain_groups(entry.errors, entry.labels),
+        "answers": None if entry.answers is None else _plain_groups(entry.answers, entry.labels),
     }
 
 
@@ -178,6 +194,13 @@ def metrics_csv(entries: Sequence[Entry]) -> str:
     return text.getvalue()
 
 
+def _plain_groups(errors: Errors, labels: Mapping[str, np.ndarray]) -> dict[str, dict]:
+    """JSON values over all samples and over each group."""
+    groups = {f"by_{name}": errors.groups(own) for name, own in labels.items()}
+    plain = {name: {str(label): _plain(each) for label, each in own.items()} for name, own in groups.items()}
+    return {"all": _plain(errors), **plain}
+
+
 def _plain(errors: Errors) -> dict[str, dict[str, float | int | None]]:
     """JSON values: measure -> mean, std, samples."""
     return {
@@ -196,6 +219,29 @@ def _explanation() -> list[str]:
         "contacts that can be found, where other presses give the same input within noise (docs/training.md).",
         f"Parameters: numbers that were learned. Rows as published: {SOURCE}, on its own data.",
     ]
+
+
+def _explanation_of_answers() -> list[str]:
+    return [
+        f"Means over samples. In the {LEVEL} % set: share of samples whose set of places holds the true contact's",
+        "centroid. Energy score: of all draws; that of a single answer is its RMSE. The mean: of all draws. Likeliest,",
+        f"best of 2, best of 4: hypotheses, which are draws with contacts within {NEAR_MM:g} mm. Contact overlap:",
+        "intersection over union of the likeliest's contact and the true one (docs/training.md).",
+    ]
+
+
+def _answers(entry: Entry) -> Iterator[str]:
+    """Lines of the table of several answers."""
+    yield _row(["", "samples", *(heading for heading, _ in ANSWERS.values())])
+    yield _row(["---", *["---:"] * (len(ANSWERS) + 1)])
+    groups = {"all": entry.answers}
+    for name, labels in entry.labels.items():
+        unit = name.partition("_")[2]
+        groups |= {f"{label} {unit}".strip(): own for label, own in entry.answers.groups(labels).items()}
+    for label, own in groups.items():
+        summary = own.summary()
+        cells = [_number(measure, summary[measure], spread=False) for measure in ANSWERS]
+        yield _row([label, f"{len(own.rows):,}", *cells])
 
 
 def _cells(entries: Sequence[Entry]) -> list[list[str]]:
@@ -252,7 +298,7 @@ def _short(errors: Errors) -> str:
 
 def _number(measure: str, statistic: Statistic, spread: bool = True) -> str:
     """A mean; with its standard deviation if ``spread``, unless the measure is a share."""
-    digits = COLUMNS[measure][1]
+    digits = (COLUMNS | ANSWERS)[measure][1]
     if not statistic.samples:
         return ABSENT
     if measure in SHARES:

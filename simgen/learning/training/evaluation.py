@@ -2,17 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 
 import torch
 from torch import Tensor
 
 from simgen.dataset.splits import SPLITS
-from simgen.errors import InputError
 from simgen.learning.training.baselines import RANK, Baseline, coefficients, mesh_baselines, projection_baselines
 from simgen.learning.training.chain import Chain, make_chain
-from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import MeshSamples, Track
+from simgen.learning.training.doubt import Answers, measure_answers
 from simgen.learning.training.error_tables import FLOOR, Entry, labels_of, write_tables
 from simgen.learning.training.figure import write_figure
 from simgen.learning.training.floor import Floor, SameMeshes, SameSignals, floor_of
@@ -76,7 +75,17 @@ class Evaluation:
 
     def _chain_entry(self, inputs: str, outputs: str, names: tuple[str, ...], chain: Chain) -> Entry:
         values = self.inputs.values(inputs)
-        return self.mesh_entry(inputs, outputs, label_of(names), lambda rows: chain(values(rows)), chain.parameters)
+        entry = self.mesh_entry(inputs, outputs, label_of(names), lambda rows: chain(values(rows)), chain.parameters)
+        return replace(entry, answers=self._answers(inputs, chain))
+
+    def _answers(self, inputs: str, chain: Chain) -> Answers | None:
+        """Measures of a chain's several answers, meshes of the target; None if it gives one answer."""
+        gauge, values, target = self.inputs.gauge, self.inputs.values(inputs), self.inputs.target
+        if not chain.several or gauge is None:
+            return None
+        reach = chain.steps[-1].reach[int(inputs == SIGNALS)].item()
+        rows, touching = self.inputs.data.rows("test"), self._touching(target.sensor)
+        return measure_answers(lambda some: chain.draws(values(some)), target, rows, gauge, reach, touching)
 
     def mesh_entry(self, inputs: str, outputs: str, model: str, predict: Predictor, parameters: int | None) -> Entry:
         """Errors of a model that predicts meshes from row numbers, on test samples."""
@@ -85,7 +94,7 @@ class Evaluation:
         rows = self.inputs.rows(SOURCE if of_dataset else SIGNALS, "test")
         touching = self._touching(truth.sensor) if of_dataset else None
         if _is_translation(inputs, outputs):
-            errors = translation_errors(predict, truth, rows, self._floor(inputs).allows, touching, self._gauge)
+            errors = translation_errors(predict, truth, rows, self._floor(inputs).allows, touching, self.inputs.gauge)
         else:
             errors = mesh_errors(predict, truth, rows, touching)
         return Entry(title, model, errors, parameters, labels=self.labels if of_dataset else {})
@@ -100,17 +109,8 @@ class Evaluation:
             else:
                 source = self.inputs.source
                 same = SameMeshes(source, self._pca(source, data.rows("train")), known)
-            self._floors[inputs] = floor_of(same, self.inputs.target, data.rows("test"), data.press, self._gauge)
+            self._floors[inputs] = floor_of(same, self.inputs.target, data.rows("test"), data.press, self.inputs.gauge)
         return self._floors[inputs]
-
-    @cached_property
-    def _gauge(self) -> ContactGauge | None:
-        """Finds contacts on the target; None if the dataset does not tell its touchable surface."""
-        target = self.inputs.target
-        try:
-            return ContactGauge.of_dataset(self.inputs.data.dataset, target.sensor, target.rest.device)
-        except InputError:
-            return None
 
     def _title(self, inputs: str, outputs: str) -> str:
         ends = dict.fromkeys(map(self._quantity, (inputs, outputs)))  # one if a network gives back its inputs

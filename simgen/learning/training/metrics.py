@@ -171,7 +171,7 @@ def _in_batches(predict: Predictor, truth: MeshSamples, rows: Tensor, measures: 
 
 def _mesh_errors(predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None) -> tuple[Tensor, ...]:
     """Measures of a batch, (n,) each, in the order of `MeshErrors`."""
-    squares = _infinite(((predicted.double() - true.double()) * 1e6).square().sum(dim=2))
+    squares = infinite(((predicted.double() - true.double()) * 1e6).square().sum(dim=2))
     distance = squares.sqrt()
     region = true.double().square().sum(dim=2) >= REGION_M**2
     size = region.sum(dim=1)  # 0 / 0 is NaN
@@ -180,13 +180,13 @@ def _mesh_errors(predicted: Tensor, true: Tensor, rows: Tensor, touching: Touchi
         distance.mean(dim=1),
         (squares.where(region, 0.0).sum(dim=1) / (3 * size)).sqrt(),
         distance.where(region, 0.0).sum(dim=1) / size,
-        _infinite(distance.quantile(WORST_SHARE, dim=1)),
+        infinite(distance.quantile(WORST_SHARE, dim=1)),
         distance.amax(dim=1),
         torch.from_numpy(_overlap(predicted, true, rows, touching)),
     )
 
 
-def _infinite(values: Tensor) -> Tensor:
+def infinite(values: Tensor) -> Tensor:
     """Replace NaN by infinity, so that no mean leaves out a failed prediction."""
     return values.nan_to_num(nan=torch.inf, posinf=torch.inf)
 
@@ -194,7 +194,11 @@ def _infinite(values: Tensor) -> Tensor:
 def _overlap(predicted: Tensor, true: Tensor, rows: Tensor, touching: Touching | None) -> np.ndarray:
     if touching is None:
         return np.full(len(rows), np.nan)
-    found, expected = touching(rows, predicted), touching(rows, true)
+    return intersection_over_union(touching(rows, predicted), touching(rows, true))
+
+
+def intersection_over_union(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """(n,) of masks (n, point); NaN if both are empty."""
     either = (found | expected).sum(axis=1)
     return np.where(either > 0, (found & expected).sum(axis=1) / np.maximum(either, 1), np.nan)
 
@@ -204,4 +208,4 @@ def signal_errors(predict: Predictor, truth: Tensor, rows: Tensor) -> SignalErro
     """Errors of predicted signals at rows (n,); prediction and truth (sample, channel) are normalised."""
     batches = rows.split(max(COORDINATES_AT_ONCE // truth.shape[1], 1))
     squares = [(predict(some).double() - truth[some].double()).square().mean(dim=1) for some in batches]
-    return SignalErrors(rows.cpu().numpy(), _infinite(torch.cat(squares)).sqrt().cpu().numpy())
+    return SignalErrors(rows.cpu().numpy(), infinite(torch.cat(squares)).sqrt().cpu().numpy())

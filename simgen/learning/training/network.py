@@ -17,7 +17,8 @@ class Network(nn.Module):
 
     Inputs and outputs are signals (n, channel), displacements (n, vertex, 3) in m, or latents (n, latent). A network
     whose latents another one uses also has ``encode`` (to means and log-variances of the latents) and ``decode``. One
-    that decodes meshes has ``vertices``, their number.
+    that decodes meshes has ``vertices``, their number. One that gives several answers has ``draws`` and ``reach``, as
+    `simgen.learning.training.point_translator.PointTranslator`.
 
     kind : names the class in ``network.json``
     tf32 : True if a GPU may multiply matrices in TF32: 1 um of rounding in 2 mm
@@ -30,6 +31,9 @@ class Network(nn.Module):
     def for_training(cls, data: NetworkData) -> tuple[Self, Terms]:
         """Make an untrained network and its loss. Random weights come from torch's own generator, seeded before."""
         raise NotImplementedError
+
+    def finish(self, data: NetworkData) -> None:
+        """Set what validation samples decide, after training."""
 
     def settings(self) -> dict[str, Any]:
         """JSON values from which `empty` makes a network of the same shapes."""

@@ -13,6 +13,7 @@ from simgen.dataset.splits import SPLITS
 from simgen.dataset.touchable import touchable_points, touchable_surface
 from simgen.errors import InputError
 from simgen.learning.training.chain import make_chain
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
 from simgen.learning.training.metrics import contact_of
 from simgen.learning.training.mirror import Mirror
@@ -47,6 +48,15 @@ class TrainingInputs:
     @property
     def target(self) -> MeshSamples:
         return self.data.meshes[self.job.target]
+
+    @cached_property
+    def gauge(self) -> ContactGauge | None:
+        """Finds contacts on the target; None if the dataset does not tell its touchable surface."""
+        target = self.target
+        try:
+            return ContactGauge.of_dataset(self.data.dataset, target.sensor, target.rest.device)
+        except InputError:
+            return None
 
     def check(self, networks: Collection[str]) -> None:
         """Raise `InputError` if samples are missing that these networks, or their tests, need."""
@@ -158,6 +168,11 @@ class NetworkData:
             return chain(values(rows))
 
         return predicted
+
+    @property
+    def gauge(self) -> ContactGauge | None:
+        """Finds contacts on the target; None if the dataset does not tell its touchable surface."""
+        return self._training.gauge
 
     def touchable(self, meshes: MeshSamples) -> np.ndarray:
         """Mask (vertex,) of a sensor's vertices that can touch an indenter; of an import without it, of all."""

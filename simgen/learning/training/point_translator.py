@@ -20,8 +20,10 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from simgen.learning.training.data import BATCH, MeshSamples
+from simgen.learning.training.doubt import calibrated_reach
 from simgen.learning.training.network import Network, Terms
 from simgen.learning.training.network_data import NetworkData
+from simgen.learning.training.pca import Values
 from simgen.learning.training.skin_grid import PixelGrid, SkinOnGrid, reach_along_arc
 from simgen.learning.training.skin_points import NUMBERS, SkinPoints
 from simgen.learning.training.skin_unet import SkinUNet
@@ -83,6 +85,8 @@ class PointTranslator(Network):
         self.points = SkinPoints(vertices, pixels)
         self.register_buffer("share", torch.zeros(vertices))  # of the touchable area
         self.register_buffer("noise", torch.randn(DRAWS // 2, NOISE))  # the draws of predictions
+        # Of sets of contacts, from true source meshes and from predicted ones: see simgen/learning/training/doubt.py.
+        self.register_buffer("reach", torch.full((2,), torch.nan, dtype=torch.float64))
         self.register_buffer("source_size", torch.ones(()))  # m, root mean square of the skin's displacements
         self.register_buffer("target_size", torch.ones(()))  # m, root mean square of the target's displacements
 
@@ -146,6 +150,18 @@ class PointTranslator(Network):
         found = (found / len(rows)).sqrt().clamp_min(ROUNDING)
         self.source_size.copy_(found[0])
         self.target_size.copy_(found[1])
+
+    def finish(self, data: NetworkData) -> None:
+        """Set the `reach`; it stays NaN if the dataset does not tell the touchable surface."""
+        if data.gauge is None:
+            return
+
+        def reach(inputs: Values) -> float:
+            return calibrated_reach(lambda rows: self.draws(inputs(rows)), data.meshes, data.validation, data.gauge)
+
+        self.reach.fill_(reach(data.inputs))
+        if data.predicted_inputs is not None:
+            self.reach[1] = reach(data.predicted_inputs)
 
     @property
     def vertices(self) -> int:

@@ -133,6 +133,7 @@ class TrainingRun:
             "code": code_version(),
             "packages": {package: metadata.version(package) for package in PACKAGES},
         }
+        network.finish(data)
         save_network(folder / NETWORK, network, about)
 
 

@@ -21,6 +21,16 @@ def test_a_network_of_meshes_continues_from_the_decoded_mesh(trained):
     assert torch.equal(make_chain(("pt",), trained.inputs.trained)(rmb.decode(s2rm(signals))), chain(signals))
 
 
+@torch.no_grad()
+def test_a_chain_gives_the_several_answers_of_its_last_network(trained):
+    signals = trained.inputs.signals.values[trained.inputs.data.rows("test")]
+    chain = make_chain(("s2rm", "pt"), trained.inputs.trained)
+    found, logits = chain.draws(signals)
+    assert chain.several and found.shape[:3] == logits.shape
+    torch.testing.assert_close(found.mean(dim=1), chain(signals))
+    assert not any(make_chain(names, trained.inputs.trained).several for names, *_ in CHAINS)
+
+
 @pytest.mark.parametrize(("names", "encoder", "decoder"), CHAINS)
 @torch.no_grad()
 def test_a_chain_is_its_networks_one_after_the_other(trained, names, encoder, decoder):

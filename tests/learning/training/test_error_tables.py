@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 from simgen.dataset import atomic_files
 from simgen.errors import InputError
 from simgen.learning.training import error_tables
+from simgen.learning.training.doubt import Answers
 from simgen.learning.training.error_tables import (
+    ANSWERS,
     COLUMNS,
     PUBLISHED,
     Entry,
@@ -78,6 +81,7 @@ def test_every_measure_has_a_column():
     kinds = (TranslationErrors, SignalErrors, Floor)
     assert {measure for kind in kinds for measure in kind.measures()} == set(COLUMNS)
     assert all(set(stated) <= set(COLUMNS) for stated in PUBLISHED.values())
+    assert tuple(ANSWERS) == Answers.measures()
 
 
 TRANSLATED = "biotac mesh -> digit mesh"
@@ -130,6 +134,37 @@ def test_the_floor_is_no_bar(translated):
     lines = {(line["model"], line["value"]): line for line in csv.DictReader(io.StringIO(metrics_csv(translated)))}
     assert float(lines["floor", "ball"]["rmse_um_mean"]) == 2.0 and lines["floor", "ball"]["overlap_mean"] == ""
     assert float(lines["ours", "0.2"]["near_mean"]) == 0.5
+
+
+@pytest.fixture
+def several(translated):
+    """The network gives several answers; one of its samples has no contact, and the ring's one no overlap."""
+    own = {name: np.array([1.0, 0.0, 1.0]) for name in Answers.measures()}
+    own |= {"covered": np.array([1.0, 0.0, np.nan]), "radius_mm": np.array([0.5, 1.5, np.nan]),
+            "contact_overlap": np.array([0.5, np.nan, 0.25])}  # fmt: skip
+    return [*translated[:2], replace(translated[2], answers=Answers(np.arange(3), **own))]
+
+
+def test_several_answers_have_a_table_of_their_own(several, translated):
+    text = markdown(several)
+    before, _, after = text.partition("## Several answers")
+    assert before.strip() == markdown(translated).strip(), "the other tables are the same"
+    assert f"### {TRANSLATED}: ours" in after and "rest" not in after
+    found = rows(after)
+    cells = {group: dict(zip(found[""], found[group], strict=True)) for group in ("all", "ball", "ring", "0.4 mm")}
+    assert [cells[group]["samples"] for group in cells] == ["3", "2", "1", "1"]
+    assert [cells[group]["in the 90 % set"] for group in cells] == ["50.0 %", "100.0 %", "0.0 %", "-"]
+    assert [cells[group]["its radius, mm"] for group in cells] == ["1.00", "0.50", "1.50", "-"]
+    assert [cells[group]["best of 2"] for group in cells] == ["66.7 %", "100.0 %", "0.0 %", "100.0 %"]
+    assert [cells[group]["contact overlap"] for group in cells] == ["0.375", "0.375", "-", "0.250"]
+
+
+def test_the_json_holds_several_answers(several):
+    own = json.loads(metrics_json(several), parse_constant=pytest.fail)["tasks"][TRANSLATED]
+    assert [each["answers"] is None for each in own] == [True, True, False]
+    assert own[2]["answers"]["all"]["covered"] == {"mean": 0.5, "std": 0.5, "samples": 2}
+    assert own[2]["answers"]["by_depth_mm"]["0.4"]["covered"] == {"mean": None, "std": None, "samples": 0}
+    assert metrics_csv(several).count("\n") == 1 + 3 * 5, "the CSV has errors alone"
 
 
 def test_the_json_holds_every_group_and_no_nan(entries):

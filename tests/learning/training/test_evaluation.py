@@ -143,6 +143,52 @@ def test_floors_are_those_of_brute_force(trained, with_electrodes):
     np.testing.assert_array_equal(found.rmse_um > 0.0, found.neighbours > 0)
 
 
+@pytest.mark.parametrize(("inputs", "model"), [("biotac mesh", "PT (ours)"), ("electrode signals", "S2RM, PT (ours)")])
+@torch.no_grad()
+def test_several_answers_are_those_by_numpy(trained, entries, with_electrodes, inputs, model):
+    """By the networks on disk and the gauge, sample by sample."""
+    networks = {name: simgen.load_network(trained.output / name) for name in ("s2rm", "rmb", "pt")}
+    rows, of_signals = trained.inputs.data.rows("test"), inputs == "electrode signals"
+    source = trained.inputs.source.displacement(rows)
+    if of_signals:
+        source = networks["rmb"].decode(networks["s2rm"](trained.inputs.signals.values[rows]))
+    found, true = networks["pt"].draws(source)[0], torch.from_numpy(truth(with_electrodes, "digit"))
+    gauge = ContactGauge.of_dataset(with_electrodes, "digit")
+    own, places = gauge.centroid(true).numpy(), np.array([gauge.centroid(each).numpy() for each in found])
+    spread = np.sqrt(((places - places.mean(axis=1, keepdims=True)) ** 2).sum(axis=2).mean(axis=1))
+    radius = networks["pt"].reach[int(of_signals)].item() * (spread + 0.05e-3)
+    away = np.linalg.norm(places - own[:, None], axis=2).min(axis=1)
+    answers = entry(entries, f"{inputs} -> digit mesh", model).answers
+    np.testing.assert_allclose(answers.radius_mm, 1e3 * radius, rtol=1e-3)  # float32, in batches
+    np.testing.assert_array_equal(answers.covered, away <= radius)
+    mean = found.mean(dim=1).numpy()
+    np.testing.assert_allclose(answers.rmse_um, by_numpy(mean, true.numpy())["rmse_um"], rtol=1e-4)
+    assert (answers.energy_um < answers.rmse_um + 1e-3).all(), "the norm is convex"
+
+
+def test_the_page_has_a_table_for_each_network_with_several_answers(trained, entries):
+    own = [each for each in entries if each.answers is not None]
+    assert [(each.task, each.model) for each in own] == [
+        ("biotac mesh -> digit mesh", "PT (ours)"),
+        ("electrode signals -> digit mesh", "S2MPN, PT (ours)"),
+        ("electrode signals -> digit mesh", "S2RM, PT (ours)"),
+    ]  # fmt: skip
+    _, heading, text = (trained.output / "table.md").read_text().partition("## Several answers")
+    assert heading and all(f"### {each.task}: {each.model}" in text for each in own)
+    stored = json.loads((trained.output / "metrics.json").read_text())["tasks"]
+    for each in own:
+        (plain,) = [found["answers"] for found in stored[each.task] if found["model"] == each.model]
+        assert plain["all"]["energy_um"]["mean"] == pytest.approx(each.answers.energy_um.mean())
+        assert plain["by_indenter"].keys() == each.answers.groups(each.labels["indenter"]).keys()
+
+
+def test_without_a_touchable_surface_there_are_no_several_answers(trained):
+    inputs = TrainingInputs(trained.job, trained.inputs.data, trained.trained)
+    inputs.__dict__["gauge"] = None
+    found = list(Evaluation(inputs, lambda name: name == "pt").task("source", "target"))
+    assert found[-1].model == "PT (ours)" and found[-1].answers is None
+
+
 def test_groups_are_indenters_and_depths(entries, with_electrodes):
     found = entry(entries, "digit mesh", "MVD")
     assert set(found.errors.groups(found.labels["indenter"])) == set(with_electrodes.indenters)

@@ -1,10 +1,13 @@
 """Data of each network: the right quantity, the right rows, latents of the right networks."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 from simgen.errors import InputError
 from simgen.learning.training import network_data
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.network_data import NetworkData, TrainingInputs, encoded_at_rest, latents
 from simgen.learning.training.networks import NETWORKS
 
@@ -58,6 +61,38 @@ def test_rest_is_no_displacement_and_the_signals_without_contact(inputs):
     torch.testing.assert_close(of_meshes.inputs_at_rest, at_rest[0])
     torch.testing.assert_close(of_meshes.outputs_at_rest, encoded_at_rest(rmd, torch.zeros(rmd.vertices, 3)))
     torch.testing.assert_close(of_meshes.outputs_at_rest, at_rest[1])
+
+
+@torch.no_grad()
+def test_source_meshes_are_predicted_from_signals(inputs):
+    rows = torch.tensor([3, 77, 20])
+    s2rm, rmb = (inputs.trained(name) for name in ("s2rm", "rmb"))
+    expected = rmb.decode(s2rm(inputs.signals.values[rows]))
+    torch.testing.assert_close(NetworkData(NETWORKS["pt"], inputs).predicted_inputs(rows), expected)
+
+
+def test_nothing_is_predicted_without_networks_or_from_signals_of_other_samples(inputs):
+    def untrained(name):
+        raise InputError("not trained")
+
+    of_others = TrainingInputs(inputs.job, inputs.data, inputs.trained)
+    of_others.__dict__["signals"] = type("OfOthers", (), {"meshes": None})
+    for each in (TrainingInputs(inputs.job, inputs.data, untrained), of_others):
+        assert NetworkData(NETWORKS["pt"], each).predicted_inputs is None
+
+
+def test_contacts_are_found_where_the_surface_is_known(inputs):
+    arrays = {f"digit/{name}": inputs.data.dataset[f"digit/{name}"] for name in ("rest_positions", "surface_triangles")}
+
+    class Imported(dict):
+        def __missing__(self, name):
+            raise InputError(f"no array {name}")
+
+    imported = replace(inputs.data, dataset=Imported(arrays))
+    assert TrainingInputs(inputs.job, imported, inputs.trained).gauge is None
+    u = inputs.target.displacement(torch.tensor([3, 77]))
+    expected = ContactGauge.of_dataset(inputs.data.dataset, "digit").centroid(u)
+    torch.testing.assert_close(NetworkData(NETWORKS["pt"], inputs).gauge.centroid(u), expected)
 
 
 def test_missing_meshes_stop_only_networks_that_need_them(inputs):

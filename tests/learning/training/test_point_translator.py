@@ -5,6 +5,7 @@ import torch
 import torch.nn.functional as F
 
 from simgen.learning.training.chain import make_chain
+from simgen.learning.training.doubt import reach_of
 from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.point_translator import (
@@ -136,6 +137,35 @@ def test_sizes_are_root_mean_squares_of_training(made):
         skin = network.skin(data.inputs(data.train))[:, known].square().mean().sqrt()
     torch.testing.assert_close(network.target_size, target, rtol=1e-4, atol=0.0)
     torch.testing.assert_close(network.source_size, skin, rtol=1e-4, atol=0.0)
+
+
+def test_the_reach_is_set_on_validation_samples(made, trained):
+    """From true source meshes first, then from those of S2RM and RMB."""
+    network, _, data = made
+    assert network.eval().reach.isnan().all()
+    network.finish(data)
+    s2rm, rmb = (trained.trained(name) for name in ("s2rm", "rmb"))
+    gauge, rows = trained.inputs.gauge, data.validation
+    with torch.no_grad():
+        given = data.inputs(rows), rmb.decode(s2rm(trained.inputs.signals.values[rows]))
+        for source, reach in zip(given, network.reach.tolist(), strict=True):
+            found = torch.stack([gauge.centroid(each) for each in network.draws(source)[0]])
+            assert reach == pytest.approx(reach_of(found, gauge.centroid(data.outputs(rows))), rel=1e-3)
+    assert network.reach[0] != network.reach[1]
+
+
+def test_without_signals_both_reaches_are_the_same(made):
+    network, _, data = made
+    data.__dict__["predicted_inputs"] = None
+    network.eval().finish(data)
+    assert network.reach.isfinite().all() and network.reach[0] == network.reach[1]
+
+
+def test_without_a_touchable_surface_the_reach_is_not_known(made, monkeypatch):
+    network, _, data = made
+    monkeypatch.setattr(NetworkData, "gauge", None)
+    network.eval().finish(data)
+    assert network.reach.isnan().all()
 
 
 def test_it_learns(made):
