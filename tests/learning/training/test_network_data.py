@@ -5,11 +5,13 @@ from dataclasses import replace
 import pytest
 import torch
 
+from simgen.config.strict_section import section_from_dict
 from simgen.errors import InputError
 from simgen.learning.training import network_data
 from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.network_data import NetworkData, TrainingInputs, encoded_at_rest, latents
 from simgen.learning.training.networks import NETWORKS
+from simgen.learning.training.schema import TrainingJob
 
 
 @pytest.fixture
@@ -71,14 +73,14 @@ def test_source_meshes_are_predicted_from_signals(inputs):
     torch.testing.assert_close(NetworkData(NETWORKS["pt"], inputs).predicted_inputs(rows), expected)
 
 
-def test_nothing_is_predicted_without_networks_or_from_signals_of_other_samples(inputs):
-    def untrained(name):
-        raise InputError("not trained")
-
-    of_others = TrainingInputs(inputs.job, inputs.data, inputs.trained)
-    of_others.__dict__["signals"] = type("OfOthers", (), {"meshes": None})
-    for each in (TrainingInputs(inputs.job, inputs.data, untrained), of_others):
-        assert NetworkData(NETWORKS["pt"], each).predicted_inputs is None
+@pytest.mark.parametrize(
+    "changes",
+    [{"point_translation": {"predicted": 0.0}}, {"signals": {"recordings": {"files": ["monday.hdf5"]}}}],
+)
+def test_nothing_is_predicted_if_the_job_wants_none_or_has_recordings(inputs, changes):
+    job = section_from_dict(TrainingJob, {"name": "other", "dataset": inputs.job.dataset} | changes, "job")
+    data = NetworkData(NETWORKS["pt"], TrainingInputs(job, inputs.data, inputs.trained))
+    assert data.predicted_inputs is None and NetworkData(NETWORKS["rm2rm"], inputs).predicted_inputs is None
 
 
 def test_contacts_are_found_where_the_surface_is_known(inputs):
