@@ -19,6 +19,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from simgen.dataset.touchable import TouchableSurface
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import BATCH, MeshSamples
 from simgen.learning.training.network import Network, Terms
 from simgen.learning.training.network_data import NetworkData
@@ -182,6 +184,13 @@ class PointTranslator(Network):
         found = SkinOnGrid(rest, triangles, np.ones(len(rest), bool), grid).places(np.asarray(points, np.float64))
         values = grid.relative(found.x, found.arc), found.offset, found.frames
         return tuple(torch.from_numpy(each).float().to(self.place.device) for each in values)
+
+    def gauge(self) -> ContactGauge:
+        """Make the gauge of contacts on the target; its areas are shares of the touchable area."""
+        share = self.share.double().cpu().numpy()
+        points = np.flatnonzero(share)
+        rest, triangles = self.target_rest.cpu().numpy(), self.target_triangles.cpu().numpy()
+        return ContactGauge(TouchableSurface(rest, triangles, points, share[points]), self.share.device)
 
     def terms(self, source: Tensor, target: Tensor, touching: Tensor | None = None) -> dict[str, Tensor]:
         """Loss and root mean square error of single draws, m; both are means over samples.

@@ -20,8 +20,9 @@ FRAME_MS, HOLD_MS = 180, 1200  # duration of a frame, and of the last one
 TIP_ABOVE = camera(np.array([-0.35, -1.0, 0.0]), up=np.array([-1.0, 0.0, 0.0]))
 MARGIN_MM = 1.0  # around the gel, for its bulge
 COLUMN_INCHES = 1.75
-HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3  # of the stages, inches
-WIDTHS = 1.25, 1.25, 0.95, 0.95, 0.95  # of the stages of a frame, in columns
+HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3, 2.3  # of the stages, inches
+WIDTHS = 1.25, 1.25, 0.95, 0.95, 0.95, 0.95  # of the stages of a frame, in columns
+ON_IMAGE = {"fontsize": 8, "va": "top", "color": "white", "bbox": {"facecolor": "black", "alpha": 0.6, "pad": 1.5}}
 ON_PAPER = COLOURS.with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
 
 
@@ -33,6 +34,8 @@ class ChainSample:
     source, target : displacements (vertex, 3), m
     image : (height, width, 3) uint8
     truth : image of the target's true mesh; None if unknown
+    probability : of both likeliest hypotheses; empty if there is one alone
+    second : image of the second hypothesis; None if it has no draw
     """
 
     title: str
@@ -41,6 +44,8 @@ class ChainSample:
     target: np.ndarray
     image: np.ndarray
     truth: np.ndarray | None = None
+    probability: tuple[float, ...] = ()
+    second: np.ndarray | None = None
 
 
 class ChainPainter:
@@ -60,7 +65,9 @@ class ChainPainter:
         self._electrodes = self._skin.place(electrodes + SKIN_M * normals)
 
     def figure(self, steps: Sequence[ChainSample]) -> Figure:
-        """Draw a column for each sample: electrodes, source, target, image, and the true image if it is known."""
+        """Draw a column for each sample: electrodes, source, target, image; image of the second hypothesis if there may
+        be several; true image if it is known.
+        """
         labels = self._labels(steps[0])
         heights = HEIGHTS[: len(labels)]
         figure = Figure(figsize=(COLUMN_INCHES * len(steps) + 0.9, sum(heights) + 0.3), layout="constrained")
@@ -100,7 +107,8 @@ class ChainPainter:
         source, target = self.names
         seen = f"{target} image\nfrom within: mirrored"
         made = [f"{source}\nelectrodes", f"{source}\nskin, unfolded", f"{target}\ngel", seen]
-        return made if step.truth is None else [*made, f"{target}\ntrue image"]
+        second = [f"{target} image\nsecond hypothesis"] if step.probability else []
+        return made + second + ([] if step.truth is None else [f"{target}\ntrue image"])
 
     def _limits(self, steps: Iterable[ChainSample]) -> tuple[float, float]:
         """Limits of the colours: largest change of a signal, and displacement in mm."""
@@ -117,9 +125,13 @@ class ChainPainter:
             length = np.linalg.norm(step.target, axis=1) * 1e3
             draw_surface(axes[2], rest + step.target, triangles, length, largest=moved, view=TIP_ABOVE)
             axes[2].set(xlim=self._box[:, 0], ylim=self._box[:, 1])  # same in all frames and columns
-            for own, image in zip(axes[3:], (step.image, step.truth), strict=False):
-                own.imshow(image)
+            guesses = (step.image, step.second) if step.probability else (step.image,)
+            for own, image in zip(axes[3:], (*guesses, step.truth), strict=False):
                 own.set_axis_off()
+                if image is not None:
+                    own.imshow(image)
+            for own, share in zip(axes[3:], step.probability, strict=False):
+                own.text(0.05, 0.97, f"{share:.0%}", transform=own.transAxes, **ON_IMAGE)
         return [felt, skin]
 
     def _draw_skin(self, axes: Axes, values: np.ndarray, largest: float):
