@@ -31,7 +31,7 @@ def stored(file) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def translator(networks) -> Translator:
-    return Translator.load(networks)
+    return Translator.load(networks, "ours")
 
 
 @pytest.fixture(scope="module")
