@@ -32,8 +32,8 @@ def test_shares_of_all_samples():
     """Of seven: 0.2, 1.0, 0.4 and 0.8 are near, and 1.0 lies in the middle; 0.9 is near of another hypothesis; of four
     that follow another in a press, two are deeper than that.
     """
-    found = Accuracy.of([ONE, OTHER, ALONE])
-    assert found == Accuracy(samples=7, near=4 / 7, any_near=5 / 7, off_mm=1.0, followed=4, in_order=2 / 4, rmse_um=30 / 7)
+    expected = {"samples": 7, "near": 4 / 7, "any_near": 5 / 7, "off_mm": 1.0, "followed": 4, "in_order": 2 / 4}
+    assert Accuracy.of([ONE, OTHER, ALONE]) == Accuracy(**expected, rmse_um=30 / 7)
 
 
 def test_a_contact_that_is_not_found_is_not_near():
