@@ -4,7 +4,6 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.point_translator import (
@@ -52,15 +51,6 @@ def test_draws_differ_and_a_prediction_is_their_mean(made):
     size = found.square().mean(dim=(1, 2, 3)).sqrt()[:, None]
     assert (away[:, ~torch.eye(DRAWS, dtype=bool)] > 1e-3 * size).all()
     assert torch.equal(found, network.draws(u)[0]), "predictions draw no new numbers"
-
-
-@torch.no_grad()
-def test_its_gauge_is_that_of_the_dataset(made, trained):
-    network, _, data = made
-    own, expected = network.gauge(), ContactGauge.of_dataset(trained.inputs.data.dataset, "digit")
-    meshes = data.outputs(data.train)
-    torch.testing.assert_close(own.centroid(meshes), expected.centroid(meshes), rtol=1e-5, atol=1e-8)
-    assert own.surface.areas.sum() == pytest.approx(1.0, rel=1e-5)
 
 
 @torch.no_grad()
