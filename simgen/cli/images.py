@@ -133,7 +133,7 @@ def translate(
     hypotheses: Annotated[
         int,
         typer.Option(metavar="N", min=1, max=8,
-                     help="Most images of a sample. The first shows the likeliest contact; others need the way points."),
+                     help="Most images of a sample: the likeliest contact first. Others need the way points."),
     ] = 1,
     steps: Annotated[
         bool, typer.Option("--steps", help="Also write the intermediate results: signals, latents, both meshes.")
