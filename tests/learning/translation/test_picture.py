@@ -78,6 +78,13 @@ def test_a_second_hypothesis_has_a_row_and_both_their_probability(painter, truth
         assert gif.width > plain.width
 
 
+def test_without_a_second_hypothesis_there_is_no_row(painter):
+    steps = [replace(step, probability=(1.0, 0.0)) for step in steps_of(painter, 2, truth=True)]
+    grid = np.array(drawn(painter.figure(steps))).reshape(len(ROWS), 2)
+    assert [line[0].texts[-1].get_text() for line in grid] == ROWS
+    assert [axes.texts[0].get_text() for axes in grid[3]] == ["100%", "100%"] and not grid[4, 1].texts
+
+
 def test_colour_bars_say_what_and_in_which_unit(painter):
     figure = painter.figure(steps_of(painter, 1, truth=False))
     bars = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
