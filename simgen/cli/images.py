@@ -128,8 +128,13 @@ def translate(
     ] = None,
     way: Annotated[
         str | None,
-        typer.Option(help="Networks to use: ours, paper or points.", show_default="the first of these that is trained"),
+        typer.Option(help="Networks to use: points, ours or paper.", show_default="the first of these that is trained"),
     ] = None,
+    hypotheses: Annotated[
+        int,
+        typer.Option(metavar="N", min=1, max=8,
+                     help="Most images of a sample: the likeliest contact first. Others need the way points."),
+    ] = 1,
     steps: Annotated[
         bool, typer.Option("--steps", help="Also write the intermediate results: signals, latents, both meshes.")
     ] = False,
@@ -189,8 +194,9 @@ def translate(
     folder = output or named_after(dataset, ".translated")
     look = Look(calibration, background, *height_and_width(size), smoothing(blur, no_blur), shadows, camera)
     images = TranslatedImages(
-        dataset, job.target, folder, look, device, networks=networks, way=choose_way(networks, way), keep=steps
-    )
+        dataset, job.target, folder, look, device, networks=networks, way=choose_way(networks, way), keep=steps,
+        hypotheses=hypotheses,
+    )  # fmt: skip
     both = job.source, job.target
     with interruptible(folder):
         if recordings:

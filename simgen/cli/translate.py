@@ -13,12 +13,13 @@ from simgen.dataset.atomic_files import write_whole
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.training.translator import Translator, read_job
 from simgen.learning.translation.accuracy import NEAR_MM, Accuracy, summarise, write_summary
 from simgen.learning.translation.picture import ChainPainter
 from simgen.learning.translation.presses import CONTACT, TranslatedImages, check_meshes
-from simgen.learning.translation.recordings import Recording, translate_recordings
+from simgen.learning.translation.recordings import Recording, Several, translate_recordings
 from simgen.learning.translation.shown_samples import (
     COLUMNS,
     FRAMES,
@@ -43,7 +44,7 @@ def translate_presses(images: TranslatedImages, selection: PressSelection, worke
     made, missing = render(images, selection, renderer, workers, meshes), len(unmade(images, selection))
     print_made(images.folder, made, missing, int(selection.paired.sum()), "translating")
     summary = summarise(_contact_files(images, selection))
-    console.print(accuracy_table(summary))
+    console.print(accuracy_table(summary, images.hypotheses > 1))
     files = [write_summary(images.folder, summary, images.way)]
     painter = ChainPainter(dataset, meshes.job.source, meshes.job.target, meshes.signals_at_rest)
     shown = shown_presses(selection)
@@ -77,27 +78,36 @@ def translate_files(
     painter = ChainPainter(dataset, job.source, job.target, first.at_rest, "as recorded")
     claim(images.folder, images.record(dataset, renderer) | own)
     blocks = sum(len(recording.blocks(images.folder)) for recording in recordings)
-    made = translate_recordings(recordings, images.folder, translator, renderer, images.keep)
+    several = None
+    if images.hypotheses > 1:
+        several = Several(images.hypotheses, ContactGauge.of_dataset(dataset, job.target))
+    made = translate_recordings(recordings, images.folder, translator, renderer, images.keep, several)
     print_made(images.folder, made, blocks, sum(len(recording.samples) for recording in recordings), "translating")
     rows = spread(len(first.samples), COLUMNS)
-    files = [_write_figure(painter, list(recording_steps(first, rows, translator, renderer)), images.folder)]
+    found = recording_steps(first, rows, translator, renderer, images.hypotheses)
+    files = [_write_figure(painter, list(found), images.folder)]
     for recording in tracked(recordings if gif else [], "in motion"):
-        steps = recording_steps(recording, spread(len(recording.samples), FRAMES), translator, renderer)
-        files.append(_write(images.folder / recording.path.stem / "motion.gif", painter.motion(list(steps))))
+        rows = spread(len(recording.samples), FRAMES)
+        steps = list(recording_steps(recording, rows, translator, renderer, images.hypotheses))
+        files.append(_write(images.folder / recording.path.stem / "motion.gif", painter.motion(steps)))
     for file in files:
         console.print(f"wrote {file}")
 
 
-def accuracy_table(summary: Mapping[str, Accuracy]) -> Table:
-    """A table with a row for each indenter and one for all."""
+def accuracy_table(summary: Mapping[str, Accuracy], several: bool = False) -> Table:
+    """A table with a row for each indenter and one for all; several: True to count all hypotheses of a sample, too."""
     table = Table("indenter", title="translated against true contacts", box=box.SIMPLE_HEAD, pad_edge=False,
                   padding=(0, 1, 0, 0))  # fmt: skip
-    for heading in ("samples", f"within {NEAR_MM:g} mm", "median, mm", "in order", "RMSE, um"):
+    any_near = ["any"] if several else []
+    for heading in ("samples", f"within {NEAR_MM:g} mm", *any_near, "median, mm", "in order", "RMSE, um"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, each in summary.items():
-        shares = f"{each.near:.1%}", f"{each.off_mm:.2f}", f"{each.in_order:.1%}" if each.followed else "-"
-        table.add_row(name, f"{each.samples:,}", *shares, f"{each.rmse_um:.1f}", style="bold" if name == "all" else "")
+        near = [f"{each.near:.1%}", *([f"{each.any_near:.1%}"] if several else [])]
+        other = f"{each.off_mm:.2f}", f"{each.in_order:.1%}" if each.followed else "-", f"{each.rmse_um:.1f}"
+        table.add_row(name, f"{each.samples:,}", *near, *other, style="bold" if name == "all" else "")
     table.caption = "Within: distance of the contact's centroids. In order: deeper than the sample before."
+    if several:
+        table.caption += " Any: some hypothesis is within."
     return table
 
 

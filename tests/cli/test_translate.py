@@ -27,7 +27,7 @@ BAD = [
     ("a network for networks", "translate networks/rmd d.zarr", "networks/rmd: no folder of networks; allowed: one"),
     ("no dataset", "translate networks gone.zarr", "gone.zarr: not a dataset"),
     ("networks for a dataset", "translate networks networks", "networks: not a dataset"),
-    ("unknown way", f"{TRANSLATE} --way theirs", "--way 'theirs': allowed: ours, paper"),
+    ("unknown way", f"{TRANSLATE} --way theirs", "--way 'theirs': allowed: points, ours, paper"),
     ("a way that is not trained", "translate ours d.zarr --way paper",
      "ours: not all networks of a way are trained: paper"),
     ("neither way", "translate none d.zarr",
@@ -68,7 +68,7 @@ BAD = [
     ("nothing to render", "render stalled.zarr", "stalled.zarr: no selected sample is valid on digit"),
     ("trained on recordings", "translate recorded d.zarr",
      "recorded: was trained on recordings, in their unit; allowed: "),
-    ("a damaged network", "translate damaged d.zarr",
+    ("a damaged network", "translate damaged d.zarr --way ours",
      "network.safetensors: not the weights that damaged/rm2rm/network"),
 ]  # fmt: skip
 
@@ -140,7 +140,7 @@ def test_an_imported_dataset_is_one_line(folder, monkeypatch, capfd):
 
 def test_presses_from_end_to_end(folder, with_electrodes, monkeypatch, capfd):
     """10 samples of 3 presses: images, intermediate results, GIFs, accuracy and the figure."""
-    command = f"{TRANSLATE} {SMALL} --trajectories 3 --steps --workers 1"
+    command = f"{TRANSLATE} {SMALL} --way ours --trajectories 3 --steps --workers 1"
     code, said, errors = simgen(command, monkeypatch, capfd)
     assert code == 0, errors
     made = folder / "d.translated"
@@ -177,6 +177,30 @@ def test_by_default_the_test_split_is_translated(folder, with_electrodes, monkey
     of_test = with_electrodes["press/trajectory"][with_electrodes["press/split"] == 2]
     assert {int(path.name[1:5]) for path in (folder / "out").glob("t*")} == set(of_test.tolist())
     assert json.loads((folder / "out" / "render.json").read_text())["way"] == "paper"
+
+
+def test_hypotheses_from_end_to_end(folder, networks, monkeypatch, capfd):
+    """The likeliest is drawn without the option, too."""
+    touched.spread(networks, folder / "spread")
+    command = f"translate spread d.zarr {SMALL} --trajectories 3 --workers 1"
+    monkeypatch.setattr(view, "shown_presses", lambda selection: [10])  # the ring alone: less to draw
+    for options in ("-o one", "-o three --hypotheses 3"):
+        code, said, errors = simgen(f"{command} {options}", monkeypatch, capfd)
+        assert code == 0 and "10 images made" in said, errors
+        assert (" any " in said) == ("3" in options)
+    one, three = ({file.name for file in (folder / name / "t0003_ring_7mm").iterdir()} for name in ("one", "three"))
+    assert {"00_0.1mm.png", "01_0.2mm.png", "contact.csv"} == one < three
+    assert {"hypotheses.csv", "00_0.1mm.hypothesis2.png", "01_0.2mm.hypothesis2.png"} <= three - one
+    for name in one - {"contact.csv"}:
+        both = [(folder / output / "t0003_ring_7mm" / name).read_bytes() for output in ("one", "three")]
+        assert both[0] == both[1]
+    assert json.loads((folder / "one" / "render.json").read_text())["way"] == "points"
+    words = "three: holds other images: hypotheses: 3 -> 2; choose another --output"
+    check_refusal(*simgen(f"{command} -o three --hypotheses 2", monkeypatch, capfd), words)
+    command = f"translate spread d.zarr --recordings a.h5 {SMALL} --samples 0:10 --hypotheses 2 -o recorded.out"
+    code, said, errors = simgen(command, monkeypatch, capfd)
+    assert code == 0 and "8 images made" in said, errors
+    assert list((folder / "recorded.out" / "a" / "000000").glob("*.hypothesis2.png"))
 
 
 def test_recordings_from_end_to_end(folder, networks, monkeypatch, capfd):

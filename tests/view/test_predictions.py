@@ -23,7 +23,7 @@ def found(predictions):
 
 @pytest.fixture(scope="module")
 def translated(with_electrodes, trained):
-    return TranslatedMeshes(with_electrodes, trained.output, "ours").translated(PRESS, np.array([STEP]))
+    return TranslatedMeshes(with_electrodes, trained.output, "points").translated(PRESS, np.array([STEP]))
 
 
 def test_signals_and_electrodes(predictions, found, translated):

@@ -89,7 +89,7 @@ NETWORKS: dict[str, NetworkSpec] = {
 
 # Choices of `simgen translate --way`; the first is the default. Each names two networks: from signals to the source's
 # latents, and from these to the target's latents, or from the source's mesh to the target's.
-WAYS = {"ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn"), "points": ("s2rm", "pt")}
+WAYS = {"points": ("s2rm", "pt"), "ours": ("s2rm", "rm2rm"), "paper": ("s2mpn", "m2mpn")}
 
 
 def chains(inputs: str, outputs: str) -> Iterator[tuple[str, ...]]:

@@ -19,6 +19,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from simgen.dataset.touchable import TouchableSurface
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import BATCH, MeshSamples
 from simgen.learning.training.doubt import calibrated_reach
 from simgen.learning.training.network import Network, Terms
@@ -195,6 +197,13 @@ class PointTranslator(Network):
         n = len(true)
         chance = torch.rand(n, device=true.device) if self.training else torch.arange(n, device=true.device) / n
         return torch.where((chance < share)[:, None, None], predicted, true)
+
+    def gauge(self) -> ContactGauge:
+        """Make the gauge of contacts on the target; its areas are shares of the touchable area."""
+        share = self.share.double().cpu().numpy()
+        points = np.flatnonzero(share)
+        rest, triangles = self.target_rest.cpu().numpy(), self.target_triangles.cpu().numpy()
+        return ContactGauge(TouchableSurface(rest, triangles, points, share[points]), self.share.device)
 
     def terms(self, source: Tensor, target: Tensor, touching: Tensor | None = None) -> dict[str, Tensor]:
         """Loss and root mean square error of single draws, m; both are means over samples.

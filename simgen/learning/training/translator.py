@@ -1,43 +1,75 @@
 """Translation of electrode signals to the meshes of two sensors, by networks that `simgen train` wrote."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from simgen.config.strict_section import section_from_dict
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
 from simgen.learning.training.checkpoint import NETWORK, load_network, read_sidecar
+from simgen.learning.training.hypotheses import Hypotheses
 from simgen.learning.training.network import Network
 from simgen.learning.training.networks import NETWORKS, WAYS
+from simgen.learning.training.point_translator import DRAWS, PointTranslator
 from simgen.learning.training.run import RECORD, is_trained, torch_device
 from simgen.learning.training.schema import TrainingJob
 
-MESHES_AT_ONCE = 128
+MESHES_AT_ONCE = 128  # each draw of a sample is a mesh
 
 
 @dataclass(frozen=True)
 class Translated:
     """Translated samples.
 
+    A way without draws has one hypothesis, of probability 1.
+
     signals : (n, channel) as given
     latents : (n, latent) by network, in order, such as ``s2rm``; the paper's begin with ``svb``
-    source, target : (n, vertex, 3) float32, displacements, m
+    source : (n, vertex, 3) float32, displacements, m
+    hypotheses : (n, hypothesis, vertex, 3) float32, displacements of the target, m, the likeliest first; NaN where the
+        probability is 0
+    probability : (n, hypothesis), the share of the draws
+    contact : (n, hypothesis, vertex) float32, probability that a vertex of the target touches the indenter, 0 where it
+        cannot; None for a way without draws
     """
 
     signals: np.ndarray
     latents: dict[str, np.ndarray]
     source: np.ndarray
-    target: np.ndarray
+    hypotheses: np.ndarray
+    probability: np.ndarray
+    contact: np.ndarray | None = None
+
+    @property
+    def target(self) -> np.ndarray:
+        """Displacements (n, vertex, 3) float32, m, of the target by the likeliest hypothesis."""
+        return self.hypotheses[:, 0]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Join samples that were translated in parts."""
+        first, *_ = parts
+
+        def join(values: Iterable[np.ndarray]) -> np.ndarray:
+            return np.concatenate(list(values))
+
+        return cls(
+            join(each.signals for each in parts),
+            {name: join(each.latents[name] for each in parts) for name in first.latents},
+            *(join(getattr(each, name) for each in parts) for name in ("source", "hypotheses", "probability")),
+            contact=None if first.contact is None else join(each.contact for each in parts),
+        )
 
 
 class Translator:
-    """Chain of trained networks. Called with signals (n, channel), it gives `Translated`.
+    """Chain of trained networks.
 
     networks : all `networks_of` a way, by name
     way : one of `simgen.learning.training.networks.WAYS`
@@ -54,10 +86,12 @@ class Translator:
         self._encoder = (encoder, networks[encoder]) if encoder else None
         self._projections = [(name, networks[name]) for name in (first, second)]
         self._decoders = tuple(networks.get(NETWORKS[name].decoder) for name in (first, second))
+        last = networks[second]
+        self._drawing = (last, last.gauge()) if isinstance(last, PointTranslator) else None
 
     @classmethod
     def load(cls, folder: str | Path, way: str | None = None, device: str = "cpu") -> Self:
-        """Load a folder of networks; by default ours if they are trained, else the paper's. Raises `InputError`."""
+        """Load a folder of networks; by default the first way that is trained. Raises `InputError`."""
         folder, found = Path(folder), torch_device(device)
         way = choose_way(folder, way)
         networks = {name: load_network(folder / name, found) for name in networks_of(way)}
@@ -71,28 +105,41 @@ class Translator:
         return source, target
 
     @torch.no_grad()
-    def __call__(self, signals: np.ndarray) -> Translated:
-        parts = [self._translate(signals[i : i + MESHES_AT_ONCE]) for i in range(0, len(signals), MESHES_AT_ONCE)]
-        latents, source, target = zip(*parts, strict=True)
-        joined = {name: np.concatenate([each[name] for each in latents]) for name in latents[0]}
-        return Translated(signals, joined, np.concatenate(source), np.concatenate(target))
+    def __call__(self, signals: np.ndarray, hypotheses: int = 1) -> Translated:
+        """Translate signals (n, channel), to at most ``hypotheses`` meshes of the target for each."""
+        many = MESHES_AT_ONCE // DRAWS if self._drawing else MESHES_AT_ONCE
+        parts = [self._translate(signals[i : i + many], hypotheses) for i in range(0, len(signals), many)]
+        return replace(Translated.joined(parts), signals=signals)
 
-    def _translate(self, signals: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    def _translate(self, signals: np.ndarray, hypotheses: int) -> Translated:
         values = torch.from_numpy(np.asarray(signals, np.float32)).to(self.device)
         latents: dict[str, np.ndarray] = {}
         if self._encoder:
             name, network = self._encoder
             values = network.encode(values)[0]
             latents[name] = values.cpu().numpy()
-        meshes = []
-        for (name, projection), decoder in zip(self._projections, self._decoders, strict=True):
-            if meshes and NETWORKS[name].encoder is None:
-                values = meshes[-1]
-            values = projection(values)
-            if decoder is not None:
-                latents[name] = values.cpu().numpy()
-            meshes.append(values if decoder is None else decoder.decode(values))
-        return latents, *(mesh.cpu().numpy() for mesh in meshes)
+        source, values = self._project(0, values, latents)
+        if self._drawing:
+            target, probability, contact = (each.cpu().numpy() for each in self._draw(source, hypotheses))
+        else:
+            mesh, _ = self._project(1, values, latents)
+            target, probability, contact = mesh[:, None].cpu().numpy(), np.ones((len(mesh), 1)), None
+        return Translated(signals, latents, source.cpu().numpy(), target, probability, contact)
+
+    def _project(self, which: int, values: Tensor, latents: dict[str, np.ndarray]) -> tuple[Tensor, Tensor]:
+        """Pass values to one of both projections: its mesh, and its own outputs."""
+        name, projection = self._projections[which]
+        values = projection(values)
+        latents[name] = values.cpu().numpy()
+        return self._decoders[which].decode(values), values
+
+    def _draw(self, source: Tensor, hypotheses: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Hypotheses, probability and contact, see `Translated`, of the source's meshes (n, vertex, 3)."""
+        network, gauge = self._drawing
+        drawn, logits = network.draws(source)
+        centroids = gauge.centroid(drawn.flatten(0, 1)).unflatten(0, drawn.shape[:2])
+        found = Hypotheses.of_centroids(centroids, hypotheses)
+        return found.means(drawn), found.probability, found.means(logits.sigmoid() * (network.share > 0.0))
 
 
 def networks_of(way: str) -> list[str]:

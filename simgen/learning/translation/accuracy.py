@@ -21,6 +21,7 @@ class Accuracy:
 
     samples : number of samples
     near : share of samples whose contact has its centroid within `NEAR_MM` of the true one
+    any_near : share of samples with such a contact among their hypotheses
     off_mm : median distance of both centroids; infinite for a contact that is not found
     followed : number of samples whose indenter is deeper than at the previous sample of the press
     in_order : share of these whose predicted contact is deeper, too; NaN if there are none
@@ -29,6 +30,7 @@ class Accuracy:
 
     samples: int
     near: float
+    any_near: float
     off_mm: float
     followed: int
     in_order: float
@@ -38,13 +40,14 @@ class Accuracy:
     def of(cls, presses: Iterable[Mapping[str, np.ndarray]]) -> "Accuracy":
         """Sum up presses, given as columns (sample,) of their ``contact.csv`` in the order of the path."""
         presses = list(presses)
-        off = np.concatenate([press["off_mm"] for press in presses])
+        off, best = (np.concatenate([press[name] for press in presses]) for name in ("off_mm", "best_off_mm"))
         deeper = np.concatenate([
             (np.diff(press["deepest_mm"]) > 0.0)[np.diff(press["depth_mm"]) > 0.0] for press in presses
         ])  # fmt: skip
         return cls(
             samples=len(off),
             near=float(np.mean(off <= NEAR_MM)),  # a contact that is not found is not near
+            any_near=float(np.mean(best <= NEAR_MM)),
             off_mm=float(np.median(np.where(np.isnan(off), np.inf, off))),
             followed=len(deeper),
             in_order=float(deeper.mean()) if len(deeper) else np.nan,
@@ -59,7 +62,7 @@ def read_contact(file: Path) -> dict[str, np.ndarray]:
             header, *lines = csv.reader(text)
         values = np.array(lines, dtype=float).reshape(-1, len(header)).T
         found = dict(zip(header, values, strict=True))
-        found["off_mm"][0], found["depth_mm"], found["deepest_mm"], found["rmse_um"]
+        found["off_mm"][0], found["best_off_mm"], found["depth_mm"], found["deepest_mm"], found["rmse_um"]
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}; remove its folder to make it again") from None
     except (ValueError, LookupError, csv.Error) as error:

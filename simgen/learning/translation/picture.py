@@ -20,8 +20,9 @@ FRAME_MS, HOLD_MS = 180, 1200  # duration of a frame, and of the last one
 TIP_ABOVE = camera(np.array([-0.35, -1.0, 0.0]), up=np.array([-1.0, 0.0, 0.0]))
 MARGIN_MM = 1.0  # around the gel, for its bulge
 COLUMN_INCHES = 1.75
-HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3  # of the stages, inches
-WIDTHS = 1.25, 1.25, 0.95, 0.95, 0.95  # of the stages of a frame, in columns
+HEIGHTS = 1.2, 1.2, 1.9, 2.3, 2.3, 2.3  # of the stages, inches
+WIDTHS = 1.25, 1.25, 0.95, 0.95, 0.95, 0.95  # of the stages of a frame, in columns
+ON_IMAGE = {"fontsize": 8, "va": "top", "color": "white", "bbox": {"facecolor": "black", "alpha": 0.6, "pad": 1.5}}
 ON_PAPER = COLOURS.with_extremes(bad=(0.0, 0.0, 0.0, 0.0))
 
 
@@ -33,6 +34,8 @@ class ChainSample:
     source, target : displacements (vertex, 3), m
     image : (height, width, 3) uint8
     truth : image of the target's true mesh; None if unknown
+    probability : of both likeliest hypotheses; empty if there is one alone
+    second : image of the second hypothesis; None if it has no draw
     """
 
     title: str
@@ -41,6 +44,8 @@ class ChainSample:
     target: np.ndarray
     image: np.ndarray
     truth: np.ndarray | None = None
+    probability: tuple[float, ...] = ()
+    second: np.ndarray | None = None
 
 
 class ChainPainter:
@@ -60,12 +65,14 @@ class ChainPainter:
         self._electrodes = self._skin.place(electrodes + SKIN_M * normals)
 
     def figure(self, steps: Sequence[ChainSample]) -> Figure:
-        """Draw a column for each sample: electrodes, source, target, image, and the true image if it is known."""
-        labels = self._labels(steps[0])
+        """Draw a column for each sample: electrodes, source, target, image; image of the second hypothesis if a
+        sample has one; true image if it is known.
+        """
+        labels, several = self._labels(steps), _several(steps)
         heights = HEIGHTS[: len(labels)]
         figure = Figure(figsize=(COLUMN_INCHES * len(steps) + 0.9, sum(heights) + 0.3), layout="constrained")
         grid = figure.subplots(len(labels), len(steps), squeeze=False, height_ratios=heights)
-        scales = self._draw(grid.T, steps, *self._limits(steps))
+        scales = self._draw(grid.T, steps, several, *self._limits(steps))
         for line, label in zip(grid, labels, strict=True):
             beside = {"rotation": 90, "ha": "right", "va": "center", "transform": line[0].transAxes}
             line[0].text(-0.08, 0.5, label, fontsize=9, **beside)
@@ -76,7 +83,7 @@ class ChainPainter:
 
     def motion(self, steps: Sequence[ChainSample]) -> bytes:
         """Make a GIF with a frame for each sample, its stages side by side."""
-        labels, limits = self._labels(steps[0]), self._limits(steps)
+        labels, several, limits = self._labels(steps), _several(steps), self._limits(steps)
         widths = WIDTHS[: len(labels)]
         figure = Figure(figsize=(COLUMN_INCHES * sum(widths), 3.3), dpi=100, layout="constrained")
         canvas, frames = FigureCanvasAgg(figure), []
@@ -84,7 +91,7 @@ class ChainPainter:
         for step in steps:
             for axes in grid[0]:
                 axes.clear()
-            scales = self._draw(grid, [step], *limits)
+            scales = self._draw(grid, [step], several, *limits)
             for axes, label in zip(grid[0], labels, strict=True):
                 axes.set_title(label, fontsize=9)
             figure.suptitle(step.title.replace("\n", ", "), fontsize=10, x=0.01, ha="left")
@@ -96,11 +103,12 @@ class ChainPainter:
             frames.append(np.array(canvas.buffer_rgba()))
         return gif(frames, FRAME_MS, HOLD_MS)
 
-    def _labels(self, step: ChainSample) -> list[str]:
+    def _labels(self, steps: Sequence[ChainSample]) -> list[str]:
         source, target = self.names
         seen = f"{target} image\nfrom within: mirrored"
         made = [f"{source}\nelectrodes", f"{source}\nskin, unfolded", f"{target}\ngel", seen]
-        return made if step.truth is None else [*made, f"{target}\ntrue image"]
+        second = [f"{target} image\nsecond hypothesis"] if _several(steps) else []
+        return made + second + ([] if steps[0].truth is None else [f"{target}\ntrue image"])
 
     def _limits(self, steps: Iterable[ChainSample]) -> tuple[float, float]:
         """Limits of the colours: largest change of a signal, and displacement in mm."""
@@ -108,8 +116,13 @@ class ChainPainter:
         moved = max(np.linalg.norm(mesh, axis=1).max() for step in steps for mesh in (step.source, step.target))
         return float(change) or 1.0, 1e3 * float(moved) or 1.0
 
-    def _draw(self, columns: np.ndarray, steps: Iterable[ChainSample], change: float, moved: float) -> list:
-        """Draw each sample into a column of axes; returns the artists with a colour scale, electrodes and skin."""
+    def _draw(
+        self, columns: np.ndarray, steps: Iterable[ChainSample], several: bool, change: float, moved: float
+    ) -> list:  # fmt: skip
+        """Draw each sample into a column of axes; returns the artists with a colour scale, electrodes and skin.
+
+        several : True if the columns have axes for the second hypothesis
+        """
         for axes, step in zip(columns, steps, strict=True):
             felt = self._draw_electrodes(axes[0], step.signals, change)
             skin = self._draw_skin(axes[1], np.linalg.norm(step.source, axis=1) * 1e3, moved)
@@ -117,9 +130,13 @@ class ChainPainter:
             length = np.linalg.norm(step.target, axis=1) * 1e3
             draw_surface(axes[2], rest + step.target, triangles, length, largest=moved, view=TIP_ABOVE)
             axes[2].set(xlim=self._box[:, 0], ylim=self._box[:, 1])  # same in all frames and columns
-            for own, image in zip(axes[3:], (step.image, step.truth), strict=False):
-                own.imshow(image)
+            guesses = (step.image, step.second) if several else (step.image,)
+            for own, image in zip(axes[3:], (*guesses, step.truth), strict=False):
                 own.set_axis_off()
+                if image is not None:
+                    own.imshow(image)
+            for own, share in zip(axes[3 : 3 + len(guesses)], step.probability, strict=False):
+                own.text(0.05, 0.97, f"{share:.0%}", transform=own.transAxes, **ON_IMAGE)
         return [felt, skin]
 
     def _draw_skin(self, axes: Axes, values: np.ndarray, largest: float):
@@ -145,3 +162,8 @@ class ChainPainter:
             bar = figure.colorbar(drawn, ax=list(axes), orientation=orientation, shrink=0.6, aspect=14)
             bar.set_label(label, fontsize=8)
             bar.ax.tick_params(labelsize=7)
+
+
+def _several(steps: Iterable[ChainSample]) -> bool:
+    """Tell whether any sample has a second hypothesis."""
+    return any(step.second is not None for step in steps)

@@ -5,12 +5,12 @@
       t0003_sphere_7mm/
         02_0.3mm.png                 image of depth 2
         contact.csv                  errors of each sample
+        hypotheses.csv               optional, with an image of each: see `simgen.learning.translation.hypothesis_files`
         steps.npz                    optional: signals, latents and both meshes
       contact.json                   the same over the presses of the last command
       chain.png                      some samples from the electrodes to the image
 """
 
-import csv
 import io
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +26,8 @@ from simgen.fem.nonlinear.status import is_valid
 from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import mesh_hash
 from simgen.learning.training.translator import Translated, Translator, hashes, keep_to_one_core, read_job
+from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
+from simgen.learning.translation.hypothesis_files import centroids, csv_of, drawn, image_name, off_mm, table
 from simgen.sensing.camera.images import Images
 from simgen.sensing.camera.renderer import Renderer
 from simgen.sensing.electrodes.gaps import checked_gaps, gauge_of
@@ -41,11 +43,13 @@ class TranslatedImages(Images):
     networks : folder that `simgen train` wrote
     way : one of `simgen.learning.training.networks.WAYS`
     keep : True to write ``steps.npz``, too
+    hypotheses : most images of a sample
     """
 
     networks: Path
     way: str
     keep: bool = False
+    hypotheses: int = 1
 
     def record(self, dataset: Dataset, renderer: Renderer) -> dict[str, Any]:
         record = super().record(dataset, renderer)
@@ -55,11 +59,18 @@ class TranslatedImages(Images):
             "networks": hashes(self.networks, self.way),
             "synthetic": read_job(self.networks).signals.synthetic.model_dump(mode="json"),
             "steps": self.keep,
+            "hypotheses": self.hypotheses,
             "code": source_hash(),
         }
 
     def meshes(self, dataset: Dataset) -> "TranslatedMeshes":
-        return TranslatedMeshes(dataset, self.networks, self.way, self.device, self.keep)
+        return TranslatedMeshes(dataset, self.networks, self.way, self.device, self.keep, self.hypotheses)
+
+    def names(self, steps: np.ndarray, depths_mm: np.ndarray) -> list[str]:
+        """Name the images of hypotheses, those of one depth in a row."""
+        which = np.arange(len(steps)) - np.searchsorted(steps, steps)
+        plain = super().names(steps, depths_mm)
+        return [image_name(name.removesuffix(".png"), k) for name, k in zip(plain, which, strict=True)]
 
     def keep_to_one_core(self) -> None:
         super().keep_to_one_core()
@@ -69,11 +80,15 @@ class TranslatedImages(Images):
 class TranslatedMeshes:
     """Meshes that networks predict from synthetic signals of a dataset's presses.
 
+    keep, hypotheses : see `TranslatedImages`
+
     Raises `InputError` if networks and dataset do not fit each other.
     """
 
-    def __init__(self, dataset: Dataset, networks: Path, way: str, device: str = "cpu", keep: bool = False):
-        self.job, self.dataset, self.keep = read_job(networks), dataset, keep
+    def __init__(
+        self, dataset: Dataset, networks: Path, way: str, device: str = "cpu", keep: bool = False, hypotheses: int = 1
+    ):  # fmt: skip
+        self.job, self.dataset, self.keep, self.hypotheses = read_job(networks), dataset, keep, hypotheses
         if self.job.signals.recordings is not None:
             raise InputError(f"{networks}: was trained on recordings, in their unit; allowed: --recordings FILE")
         self.translator = Translator.load(networks, way, device)
@@ -103,35 +118,32 @@ class TranslatedMeshes:
 
     def translated(self, press: int, steps: np.ndarray) -> Translated:
         """Translate depths (n,) of a press."""
-        return self.translator(self.signals(press, steps))
+        return self.translator(self.signals(press, steps), self.hypotheses)
 
     def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
         steps = self.steps(press)
         found = self.translated(press, steps)
-        files = {CONTACT: self._contact(press, steps, found.target)}
-        return steps, found.target, files | ({STEPS: stages(found)} if self.keep else {})
+        rows, which = drawn(found.probability)
+        files = self._tables(press, steps, found) | ({STEPS: stages(found)} if self.keep else {})
+        return steps[rows], found.hypotheses[rows, which], files
 
-    def _contact(self, press: int, steps: np.ndarray, guess: np.ndarray) -> bytes:
-        """Content of ``contact.csv``: errors of mesh, contact and depth, a line for each sample."""
+    def _tables(self, press: int, steps: np.ndarray, found: Translated) -> dict[str, bytes]:
+        """``contact.csv``, with a line for each sample, and ``hypotheses.csv`` if there may be several."""
         truth = self.dataset.displacement(self.job.target, press)[steps]
-        (place, deepest), (true_place, true_deepest) = (self._place_and_depth(meshes) for meshes in (guess, truth))
-        columns = {
+        places, (true_places,) = centroids(self.contact, found.hypotheses), centroids(self.contact, truth[None])
+        off = off_mm(places, true_places)
+        deepest, true_deepest = (self.contact.depth(torch.from_numpy(mesh)).numpy() for mesh in (found.target, truth))
+        contact = {
             "depth_mm": 1e3 * self._depths[steps],
-            "rmse_um": 1e6 * np.sqrt(np.square(guess - truth).mean(axis=(1, 2))),
-            "off_mm": 1e3 * np.linalg.norm(place - true_place, axis=1),
+            "rmse_um": 1e6 * np.sqrt(np.square(found.target - truth).mean(axis=(1, 2))),
+            "off_mm": off[:, 0],
             "deepest_mm": 1e3 * deepest,
             "true_deepest_mm": 1e3 * true_deepest,
+            "probability": found.probability[:, 0],
+            "best_off_mm": np.fmin.reduce(off, axis=1),
         }
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([f"{value:.6g}" for value in line] for line in zip(*columns.values(), strict=True))
-        return text.getvalue().encode()
-
-    def _place_and_depth(self, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Centroids (n, 3) and depths (n,) of contacts, m."""
-        meshes = torch.from_numpy(displacement)
-        return self.contact.centroid(meshes).numpy(), self.contact.depth(meshes).numpy()
+        tables = {CONTACT: csv_of(contact)}
+        return tables | ({HYPOTHESES: table(steps, found.probability, places, off)} if self.hypotheses > 1 else {})
 
 
 def check_meshes(translator: Translator, dataset: Dataset, source: str, target: str) -> None:
@@ -156,9 +168,19 @@ def check_sensors(dataset: Dataset, source: str, target: str) -> None:
 
 
 def stages(translated: Translated) -> bytes:
-    """Content of ``steps.npz``: signals, latent_<network>, source_displacement and target_displacement (m)."""
-    latents = {f"latent_{name}": values for name, values in translated.latents.items()}
-    meshes = {"source_displacement": translated.source, "target_displacement": translated.target}
+    """Content of ``steps.npz``.
+
+    signals, latent_<network>, source_displacement and target_displacement (m), the latter of the likeliest hypothesis,
+    and probability; hypotheses (m) if there may be several, and contact if the networks give it: see `Translated`.
+    """
+    content = {"signals": translated.signals}
+    content |= {f"latent_{name}": values for name, values in translated.latents.items()}
+    content |= {"source_displacement": translated.source, "target_displacement": translated.target}
+    content |= {"probability": translated.probability}
+    if translated.hypotheses.shape[1] > 1:
+        content["hypotheses"] = translated.hypotheses
+    if translated.contact is not None:
+        content["contact"] = translated.contact
     data = io.BytesIO()
-    np.savez(data, signals=translated.signals, **latents, **meshes)
+    np.savez(data, **content)
     return data.getvalue()

@@ -4,6 +4,7 @@
       render.json                all that decides the images
       monday/000100/             samples 100 to 199 of monday.hdf5, whole or missing
         000112.png               image of sample 112; samples without contact have none
+        hypotheses.csv           optional, with an image of each: see `simgen.learning.translation.hypothesis_files`
         steps.npz                optional: signals, latents and both meshes
       chain.png                  some samples from the electrodes to the image
 """
@@ -17,9 +18,12 @@ import numpy as np
 from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LOCK
 from simgen.errors import InputError, writing
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.training.signals import contact_signals
 from simgen.learning.training.translator import Translator
+from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
+from simgen.learning.translation.hypothesis_files import centroids, drawn, image_name, table
 from simgen.learning.translation.presses import STEPS, stages
 from simgen.sensing.camera.image_files import write_image
 from simgen.sensing.camera.images import written_by_one
@@ -65,18 +69,34 @@ class Recording:
         return {folder / self.path.stem / name: own for name, own in zip(names, rows, strict=True)}
 
 
+@dataclass(frozen=True)
+class Several:
+    """Several hypotheses for a sample: how many at most, and the gauge of the target, which finds their places."""
+
+    most: int
+    contact: ContactGauge
+
+
 def translate_block(
-    recording: Recording, rows: np.ndarray, folder: Path, translator: Translator, renderer: Renderer, keep: bool
-) -> int:
-    """Write one of `Recording.blocks`. Returns the number of images, 0 if it exists. Raises `InputError`."""
+    recording: Recording, rows: np.ndarray, folder: Path, translator: Translator, renderer: Renderer, keep: bool,
+    several: Several | None = None,
+) -> int:  # fmt: skip
+    """Write one of `Recording.blocks`. Returns the number of samples, 0 if it exists. Raises `InputError`.
+
+    several : None for the likeliest hypothesis alone
+    """
     if folder.exists():
         return 0
-    found = translator(recording.signals[rows])
+    samples, found = recording.samples[rows], translator(recording.signals[rows], several.most if several else 1)
+    of, which = drawn(found.probability)
     with writing(folder):
         folder.parent.mkdir(exist_ok=True)
         with whole_folder(folder) as aside:
-            for sample, image in zip(recording.samples[rows], renderer(found.target), strict=True):
-                write_image(aside / f"{sample:06d}.png", image)
+            for sample, k, image in zip(samples[of], which, renderer(found.hypotheses[of, which]), strict=True):
+                write_image(aside / image_name(f"{sample:06d}", k), image)
+            if several:
+                places = centroids(several.contact, found.hypotheses)
+                (aside / HYPOTHESES).write_bytes(table(samples, found.probability, places))
             if keep:
                 (aside / STEPS).write_bytes(stages(found))
     (folder / LOCK).unlink(missing_ok=True)
@@ -84,10 +104,11 @@ def translate_block(
 
 
 def translate_recordings(
-    recordings: list[Recording], folder: Path, translator: Translator, renderer: Renderer, keep: bool
-) -> Iterator[int]:
-    """Write missing images, and yield the number in each block. Raises `InputError`."""
+    recordings: list[Recording], folder: Path, translator: Translator, renderer: Renderer, keep: bool,
+    several: Several | None = None,
+) -> Iterator[int]:  # fmt: skip
+    """Write missing images, and yield the number of samples in each block. Raises `InputError`."""
     with written_by_one(folder):
         for recording in recordings:
             for block, rows in recording.blocks(folder).items():
-                yield translate_block(recording, rows, block, translator, renderer, keep)
+                yield translate_block(recording, rows, block, translator, renderer, keep, several)

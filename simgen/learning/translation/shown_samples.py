@@ -6,7 +6,7 @@ from itertools import zip_longest
 import numpy as np
 
 from simgen.dataset.exchange.selection import PressSelection
-from simgen.learning.training.translator import Translator
+from simgen.learning.training.translator import Translated, Translator
 from simgen.learning.translation.picture import ChainSample
 from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.learning.translation.recordings import Recording
@@ -44,23 +44,33 @@ def press_steps(meshes: TranslatedMeshes, renderer: Renderer, press: int, last_o
     """Translate a press, with true images: all depths, or the deepest alone."""
     dataset, steps = meshes.dataset, meshes.steps(press)[-1 if last_only else 0 :]
     found = meshes.translated(press, steps)
-    images = renderer(found.target)
     truth = renderer(dataset.displacement(meshes.job.target, press)[steps])
     name = dataset.indenters[dataset["press/indenter"][press]]
     titles = [f"{name}\n{dataset.indenter_path.label(step)}" for step in steps]
-    samples = zip(titles, found.signals, found.source, found.target, images, truth, strict=True)
-    return [ChainSample(*sample) for sample in samples]
+    return list(_samples(titles, found, renderer, truth))
 
 
 def recording_steps(
-    recording: Recording, rows: np.ndarray, translator: Translator, renderer: Renderer
+    recording: Recording, rows: np.ndarray, translator: Translator, renderer: Renderer, hypotheses: int = 1
 ) -> Iterator[ChainSample]:
-    """Translate rows (n,) of a recording."""
-    found = translator(recording.signals[rows])
-    images = renderer(found.target)
-    for i, row in enumerate(rows):
-        name = f"{recording.path.stem}\n{recording.samples[row]}"
-        yield ChainSample(name, found.signals[i], found.source[i], found.target[i], images[i])
+    """Translate rows (n,) of a recording, to at most ``hypotheses`` meshes for each."""
+    titles = [f"{recording.path.stem}\n{recording.samples[row]}" for row in rows]
+    yield from _samples(titles, translator(recording.signals[rows], hypotheses), renderer)
+
+
+def _samples(
+    titles: list[str], found: Translated, renderer: Renderer, truth: np.ndarray | None = None
+) -> Iterator[ChainSample]:
+    """Stages of samples, with the two likeliest hypotheses if there may be several; truth: true images (n, ...)."""
+    images, second = renderer(found.target), {}
+    shares = [()] * len(titles)
+    if found.probability.shape[1] > 1:
+        shares = found.probability[:, :2].tolist()
+        rows = np.flatnonzero(found.probability[:, 1])
+        second = dict(zip(rows.tolist(), renderer(found.hypotheses[rows, 1]) if len(rows) else (), strict=True))
+    for i, title in enumerate(titles):
+        stages = found.signals[i], found.source[i], found.target[i], images[i]
+        yield ChainSample(title, *stages, None if truth is None else truth[i], tuple(shares[i]), second.get(i))
 
 
 def spread(count: int, most: int) -> np.ndarray:

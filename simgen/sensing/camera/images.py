@@ -82,6 +82,10 @@ class Images:
         untouched = {REST: png(renderer.untouched)} if isinstance(renderer, Renderer) else {}
         return {MARKER_TABLE: renderer.dots.table(), **untouched}
 
+    def names(self, steps: np.ndarray, depths_mm: np.ndarray) -> list[str]:
+        """Name the images of depths (n,) of a press."""
+        return [f"{step:02d}_{depth:.4g}mm.png" for step, depth in zip(steps, depths_mm[steps], strict=True)]
+
     def meshes(self, dataset: Dataset) -> "SurfaceSource":
         """Make the source of the surfaces, once in each process."""
         return StoredSurfaces(dataset, self.sensor, self.look.heights)
@@ -110,7 +114,7 @@ class SurfaceSource(Protocol):
     """Surfaces of the sensor for the renderer, press by press."""
 
     def of_press(self, press: int) -> tuple[np.ndarray, np.ndarray, dict[str, bytes]]:
-        """Indices (n,) of the depths that get an image, their displacements (n, vertex, 3) or height maps (n, row,
+        """Indices (n,) of the depths, one for each image, their displacements (n, vertex, 3) or height maps (n, row,
         column), m, and other files of the press's folder by name.
         """
 
@@ -166,7 +170,7 @@ def render(
     images: Images, selection: PressSelection, renderer: Renderer | VariedRenderer, workers: int,
     meshes: SurfaceSource | None = None,
 ) -> Iterator[int]:  # fmt: skip
-    """Make the missing images and yield the number of images of each press. Raises `InputError`.
+    """Make the missing images and yield the number of samples of each press. Raises `InputError`.
 
     ``meshes`` is the source of displacements, if this process has made it already.
     """
@@ -211,14 +215,14 @@ class _Worker:
         else:
             pictures = renderer(surfaces)
         folder = self.images.of_press(self.dataset, press)
-        files = [f"{step:02d}_{self.depths_mm[step]:.4g}mm.png" for step in steps]
+        files = self.images.names(steps, self.depths_mm)
         with writing(folder), whole_folder(folder) as aside, ThreadPoolExecutor(self.threads) as threads:
             for _ in threads.map(write_image, [aside / file for file in files], pictures):
                 pass
             for name, data in more.items():
                 (aside / name).write_bytes(data)
         (folder / LOCK).unlink(missing_ok=True)
-        return len(steps)
+        return len(np.unique(steps))
 
 
 def _start(images: Images) -> None:

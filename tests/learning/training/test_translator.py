@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 import torch
 
+from learning.training import touched
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
 from simgen.learning.training import translator
 from simgen.learning.training.chain import make_chain
+from simgen.learning.training.checkpoint import load_network
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import mesh_hash
+from simgen.learning.training.hypotheses import Hypotheses
 from simgen.learning.training.networks import NETWORKS, WAYS
+from simgen.learning.training.point_translator import DRAWS
 from simgen.learning.training.translator import (
     MESHES_AT_ONCE,
     Translator,
@@ -24,6 +29,7 @@ from simgen.learning.training.translator import (
 )
 
 BOTH = pytest.mark.parametrize("way", WAYS)
+AT_ONCE = MESHES_AT_ONCE // DRAWS  # samples that are drawn at once
 ROUNDING = 1e-5  # relative, of float32 sums of a few hundred terms in another order: some eps each
 NEEDED = {"ours": ["s2rm", "rmb", "rm2rm", "rmd"], "paper": ["svb", "s2mpn", "mvb", "m2mpn", "mvd"],
           "points": ["s2rm", "rmb", "pt"]}  # fmt: skip
@@ -42,12 +48,56 @@ def translated(request, trained, signals):
     return request.param, Translator.load(trained.output, request.param)(signals)
 
 
-def test_the_target_is_what_a_chain_of_the_networks_gives(trained, signals, translated):
+@torch.no_grad()
+def test_meshes_are_what_a_chain_of_the_networks_gives(trained, signals, translated):
     way, found = translated
-    with torch.no_grad():
-        whole = make_chain(WAYS[way], trained.inputs.trained)(torch.from_numpy(signals))
-        source = make_chain(WAYS[way][:1], trained.inputs.trained)(torch.from_numpy(signals))
-    assert np.array_equal(found.target, whole.numpy()) and np.array_equal(found.source, source.numpy())
+    source, whole = (make_chain(chain, trained.inputs.trained) for chain in (WAYS[way][:1], WAYS[way]))
+    parts = torch.from_numpy(signals).split(AT_ONCE if way == "points" else len(signals))
+    assert np.array_equal(found.source, np.concatenate([source(each).numpy() for each in parts]))
+    if way != "points":  # it has several answers, and a chain gives their mean
+        assert np.array_equal(found.target, np.concatenate([whole(each).numpy() for each in parts]))
+
+
+@pytest.mark.parametrize("way", ["ours", "paper"])
+def test_a_way_without_draws_has_one_hypothesis(trained, signals, way):
+    found = Translator.load(trained.output, way)(signals[:5], 4)
+    assert found.hypotheses.shape == (5, 1, *found.target.shape[1:])
+    assert np.shares_memory(found.hypotheses, found.target)
+    assert (found.probability == np.ones((5, 1))).all() and found.contact is None
+
+
+@pytest.fixture(scope="module")
+def spread(trained, tmp_path_factory):
+    """Networks whose draws differ in place."""
+    return touched.spread(trained.output, tmp_path_factory.mktemp("spread") / "networks")
+
+
+@torch.no_grad()
+def test_hypotheses_are_groups_of_draws(trained, signals, spread):
+    """Their places by the dataset's own surface. Each draw is in one of 16 hypotheses."""
+    found = Translator.load(spread, "points")(signals[:AT_ONCE], DRAWS)
+    network, gauge = load_network(spread / "pt"), ContactGauge.of_dataset(trained.inputs.data.dataset, "digit")
+    drawn, logits = network.draws(torch.from_numpy(found.source))
+    places = torch.stack([gauge.centroid(each) for each in drawn])
+    expected = Hypotheses.of_centroids(places, DRAWS)
+    assert np.array_equal(found.probability, expected.probability.numpy())
+    assert (found.probability[:, :2] > 0.0).all() and (found.probability < 1.0).all()
+    np.testing.assert_allclose(found.probability.sum(axis=1), 1.0)
+    assert np.array_equal(np.isnan(found.hypotheses).all(axis=(2, 3)), found.probability == 0.0)
+    np.testing.assert_allclose(found.hypotheses, expected.means(drawn).numpy(), rtol=1e-5)
+    likeliest = [draws[members[0]].mean(dim=0) for draws, members in zip(drawn, expected.members, strict=True)]
+    np.testing.assert_allclose(found.target, torch.stack(likeliest).numpy(), atol=1e-5 * np.abs(found.target).max())
+    touchable = trained.inputs.data.dataset["digit/touchable"]
+    assert (found.contact[..., ~touchable][found.probability > 0.0] == 0.0).all()
+    chances = expected.means(logits.sigmoid()).numpy()[..., touchable]
+    np.testing.assert_allclose(found.contact[..., touchable], chances, rtol=1e-5)
+
+
+def test_fewer_hypotheses_are_the_first_of_more(signals, spread):
+    translator = Translator.load(spread, "points")
+    one, three = translator(signals[:20]), translator(signals[:20], 3)
+    assert one.hypotheses.shape[:2] == (20, 1) and three.hypotheses.shape[:2] == (20, 3)
+    assert np.array_equal(one.target, three.target) and np.array_equal(one.probability, three.probability[:, :1])
 
 
 @torch.no_grad()
@@ -107,7 +157,7 @@ def test_many_samples_are_translated_as_few(trained, signals, way, monkeypatch):
     found = loaded(many)
     blocks = [loaded(many[i : i + MESHES_AT_ONCE]) for i in range(0, len(many), MESHES_AT_ONCE)]
     single = [loaded(many[[i]]) for i in (0, MESHES_AT_ONCE - 1, MESHES_AT_ONCE, len(many) - 1)]
-    monkeypatch.setattr(translator, "MESHES_AT_ONCE", len(many))
+    monkeypatch.setattr(translator, "MESHES_AT_ONCE", len(many) * DRAWS)
     at_once = loaded(many)
     for name in ("source", "target"):
         mesh = getattr(found, name)
@@ -136,12 +186,12 @@ def part_of(output: Path, folder: Path, names: list[str]) -> Path:
 @pytest.mark.parametrize(
     ("names", "asked", "chosen"),
     [
-        (NETWORKS, None, "ours"), (NETWORKS, "ours", "ours"), (NETWORKS, "paper", "paper"),
+        (NETWORKS, None, "points"), (NETWORKS, "ours", "ours"), (NETWORKS, "paper", "paper"),
         (NEEDED["ours"], None, "ours"), (NEEDED["paper"], None, "paper"), (NEEDED["points"], None, "points"),
-        ([*NEEDED["paper"], "s2rm", "rmb", "rmd"], None, "paper"),
+        ([*NEEDED["paper"], "s2rm", "rmb", "rmd"], None, "paper"), ([*NEEDED["paper"], *NEEDED["ours"]], None, "ours"),
     ],
 )  # fmt: skip
-def test_ours_is_chosen_where_it_is_trained(trained, tmp_path, names, asked, chosen):
+def test_the_first_way_is_chosen_that_is_trained(trained, tmp_path, names, asked, chosen):
     folder = part_of(trained.output, tmp_path, names)
     assert choose_way(folder, asked) == chosen
     assert Translator.load(folder, asked).way == chosen
@@ -152,9 +202,9 @@ def test_ours_is_chosen_where_it_is_trained(trained, tmp_path, names, asked, cho
     [
         (NEEDED["paper"], "ours", "not all networks of a way are trained: ours lacks s2rm, rmb, rm2rm, rmd; allowed: "),
         (["s2rm", "rmb", "rm2rm"], "ours", "ours lacks rmd; allowed: simgen train"),
-        (["rmb", "rmd", "svb"], None, "ours lacks s2rm, rm2rm; paper lacks s2mpn, mvb, m2mpn, mvd; "
-         "points lacks s2rm, pt; allowed: simgen"),
-        (NETWORKS, "theirs", "--way 'theirs': allowed: ours, paper"),
+        (["rmb", "rmd", "svb"], None, "points lacks s2rm, pt; ours lacks s2rm, rm2rm; "
+         "paper lacks s2mpn, mvb, m2mpn, mvd; allowed: simgen"),
+        (NETWORKS, "theirs", "--way 'theirs': allowed: points, ours, paper"),
     ],
 )
 def test_a_way_that_is_not_there_is_one_line(trained, tmp_path, names, asked, words):
@@ -167,10 +217,10 @@ def test_a_way_that_is_not_there_is_one_line(trained, tmp_path, names, asked, wo
 def test_a_network_that_was_stopped_half_way_is_not_trained(trained, tmp_path):
     """Its description is written last."""
     folder = part_of(trained.output, tmp_path, NETWORKS)
-    (folder / "rm2rm" / "network.json").unlink()
-    assert choose_way(folder, None) == "paper"
-    with pytest.raises(InputError, match="ours lacks rm2rm"):
-        choose_way(folder, "ours")
+    (folder / "pt" / "network.json").unlink()
+    assert choose_way(folder, None) == "ours"
+    with pytest.raises(InputError, match="points lacks pt"):
+        choose_way(folder, "points")
 
 
 @pytest.mark.parametrize(

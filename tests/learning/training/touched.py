@@ -1,5 +1,6 @@
 """A dataset whose BioTac has a skin around its electrodes: all that `simgen train` can train, on few vertices."""
 
+import shutil
 from pathlib import Path
 
 import fake
@@ -10,6 +11,7 @@ from scipy.spatial import Delaunay
 
 from simgen.config.strict_section import section_from_dict
 from simgen.dataset.reader import Dataset
+from simgen.learning.training.checkpoint import load_network, save_network
 from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.run import TrainingRun
 from simgen.learning.training.schema import TrainingJob
@@ -94,6 +96,15 @@ def train(job: TrainingJob, output: Path) -> TrainingRun:
     for name in job.in_order():
         list(run.train(name))
     return run
+
+
+def spread(networks: Path, folder: Path) -> Path:
+    """Copy networks as if they had learned that a sample can belong to several contacts."""
+    shutil.copytree(networks, folder)
+    network = load_network(folder / "pt")
+    network.noise.mul_(100.0)
+    save_network(folder / "pt" / "network.safetensors", network, {})
+    return folder
 
 
 def weights(output: Path) -> dict[str, bytes]:

@@ -10,28 +10,30 @@ from simgen.errors import InputError
 from simgen.learning.translation.accuracy import FILE, Accuracy, read_contact, summarise, write_summary
 
 NAN = float("nan")
-HEADER = b"depth_mm,off_mm,deepest_mm,rmse_um\n"
+HEADER = b"depth_mm,off_mm,best_off_mm,deepest_mm,rmse_um\n"
 
 
 def press(
-    off: list[float], deepest: list[float], rmse: list[float], depth: list[float] | None = None
-) -> dict[str, np.ndarray]:
+    off: list[float], deepest: list[float], rmse: list[float], depth: list[float] | None = None,
+    best: list[float] | None = None,
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Columns of a press whose indenter goes deeper and deeper, unless its depths are given."""
     columns = {"depth_mm": depth or np.arange(len(off)), "off_mm": off, "deepest_mm": deepest, "rmse_um": rmse}
+    columns["best_off_mm"] = best or off
     return {name: np.array(values) for name, values in columns.items()}
 
 
-ONE = press([0.2, 1.0, 1.5, 0.4], [0.1, 0.3, 0.2, 0.4], [1.0, 2.0, 3.0, 4.0])
+ONE = press([0.2, 1.0, 1.5, 0.4], [0.1, 0.3, 0.2, 0.4], [1.0, 2.0, 3.0, 4.0], best=[0.2, 0.5, 0.9, 0.4])
 OTHER = press([NAN, 0.8], [0.0, 0.0], [5.0, 9.0])
 ALONE = press([3.0], [0.5], [6.0])
 
 
 def test_shares_of_all_samples():
-    """Of seven: 0.2, 1.0, 0.4 and 0.8 are near, and 1.0 lies in the middle; of four that follow another in a press, two
-    are deeper than that.
+    """Of seven: 0.2, 1.0, 0.4 and 0.8 are near, and 1.0 lies in the middle; 0.9 is near of another hypothesis; of four
+    that follow another in a press, two are deeper than that.
     """
-    found = Accuracy.of([ONE, OTHER, ALONE])
-    assert found == Accuracy(samples=7, near=4 / 7, off_mm=1.0, followed=4, in_order=2 / 4, rmse_um=30 / 7)
+    expected = {"samples": 7, "near": 4 / 7, "any_near": 5 / 7, "off_mm": 1.0, "followed": 4, "in_order": 2 / 4}
+    assert Accuracy.of([ONE, OTHER, ALONE]) == Accuracy(**expected, rmse_um=30 / 7)
 
 
 def test_a_contact_that_is_not_found_is_not_near():
@@ -68,14 +70,15 @@ def write(file, lines) -> None:
 @pytest.fixture
 def files(tmp_path):
     """Of two indenters, one of which has no press."""
-    write(tmp_path / "a.csv", ["depth_mm,rmse_um,off_mm,deepest_mm", "0.1,2,0.5,0.1", "0.2,4,nan,0.05"])
-    write(tmp_path / "b.csv", ["off_mm,deepest_mm,rmse_um,depth_mm", "2,0.1,6,0.1"])
+    write(tmp_path / "a.csv", ["depth_mm,rmse_um,off_mm,deepest_mm,best_off_mm", "0.1,2,0.5,0.1,0.5",
+                              "0.2,4,nan,0.05,0.9"])
+    write(tmp_path / "b.csv", ["off_mm,best_off_mm,deepest_mm,rmse_um,depth_mm", "2,1.5,0.1,6,0.1"])
     return {"ring": [tmp_path / "a.csv"], "sphere": [tmp_path / "b.csv"], "edge": []}
 
 
 def test_a_file_is_its_columns(files):
     found = read_contact(files["ring"][0])
-    assert list(found) == ["depth_mm", "rmse_um", "off_mm", "deepest_mm"]
+    assert list(found) == ["depth_mm", "rmse_um", "off_mm", "deepest_mm", "best_off_mm"]
     np.testing.assert_array_equal(found["off_mm"], [0.5, NAN])
     np.testing.assert_array_equal(found["rmse_um"], [2.0, 4.0])
 
@@ -83,12 +86,12 @@ def test_a_file_is_its_columns(files):
 def test_each_indenter_and_all(files):
     found = summarise(files)
     assert list(found) == ["ring", "sphere", "all"]
-    assert found["ring"] == Accuracy(2, 1 / 2, np.inf, 1, 0.0, 3.0)
+    assert found["ring"] == Accuracy(2, 1 / 2, 1.0, np.inf, 1, 0.0, 3.0)
     assert {**asdict(found["sphere"]), "in_order": None} == {
-        **asdict(Accuracy(1, 0.0, 2.0, 0, 0.0, 6.0)),
+        **asdict(Accuracy(1, 0.0, 0.0, 2.0, 0, 0.0, 6.0)),
         "in_order": None,
     }
-    assert found["all"] == Accuracy(3, 1 / 3, 2.0, 1, 0.0, 4.0)
+    assert found["all"] == Accuracy(3, 1 / 3, 2 / 3, 2.0, 1, 0.0, 4.0)
 
 
 def test_the_summary_says_null_where_nothing_is_known(files, tmp_path):
@@ -96,7 +99,7 @@ def test_the_summary_says_null_where_nothing_is_known(files, tmp_path):
     assert file == tmp_path / FILE
     about = json.loads(file.read_text(), parse_constant=pytest.fail)  # NaN is no JSON
     assert (about["way"], about["near_mm"]) == ("paper", 1.0)
-    assert about["groups"]["ring"] == {**asdict(Accuracy(2, 1 / 2, 0.0, 1, 0.0, 3.0)), "off_mm": None}
+    assert about["groups"]["ring"] == {**asdict(Accuracy(2, 1 / 2, 1.0, 0.0, 1, 0.0, 3.0)), "off_mm": None}
     assert about["groups"]["sphere"]["in_order"] is None and about["groups"]["sphere"]["off_mm"] == 2.0
 
 
@@ -108,8 +111,8 @@ def test_a_summary_that_cannot_be_written_is_one_line(files, tmp_path):
 @pytest.mark.parametrize(
     "content",
     [
-        b"", b"\n", b"off_mm,deepest_mm\n1,2\n", HEADER + b"1,2\n", HEADER + b"1,2,x\n", b"\xff\xfe\x00", HEADER,
-        HEADER + 200_000 * b"1" + b",2,3\n",
+        b"", b"\n", b"off_mm,deepest_mm\n1,2\n", HEADER + b"1,2\n", HEADER + b"1,2,3,4,x\n", b"\xff\xfe\x00", HEADER,
+        HEADER + 200_000 * b"1" + b",2,3,4,5\n",
     ],
     ids=["empty", "no header", "a column too few", "a value too few", "no number", "no text", "no sample", "too long"],
 )  # fmt: skip

@@ -1,6 +1,7 @@
 """The way from electrodes to image as figure and GIF: what stands where, and that it is what it should be."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,6 +59,30 @@ def test_each_column_shows_its_own_sample(painter):
         assert gel.get_clim() == (0.0, moved)
         for axes, image in zip(column[3:], (step.image, step.truth), strict=True):
             assert np.array_equal(axes.images[0].get_array(), image)
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_second_hypothesis_has_a_row_and_both_their_probability(painter, truth):
+    """The second sample has none."""
+    one, other = steps_of(painter, 2, truth)
+    steps = [replace(one, probability=(0.625, 0.25), second=255 - one.image), replace(other, probability=(1.0, 0.0))]
+    rows = [*ROWS[:4], "digit image\nsecond hypothesis", *ROWS[4:][:truth]]
+    grid = np.array(drawn(painter.figure(steps))).reshape(len(rows), 2)
+    assert [line[0].texts[-1].get_text() for line in grid] == rows
+    assert np.array_equal(grid[3, 0].images[0].get_array(), one.image)
+    assert np.array_equal(grid[4, 0].images[0].get_array(), 255 - one.image) and not grid[4, 1].images
+    assert [[axes.texts[0].get_text() for axes in line] for line in grid[3:5]] == [["62%", "100%"], ["25%", "0%"]]
+    if truth:
+        assert np.array_equal(grid[5, 1].images[0].get_array(), other.truth)
+    with Image.open(io.BytesIO(painter.motion(steps))) as gif, Image.open(io.BytesIO(painter.motion([one]))) as plain:
+        assert gif.width > plain.width
+
+
+def test_without_a_second_hypothesis_there_is_no_row(painter):
+    steps = [replace(step, probability=(1.0, 0.0)) for step in steps_of(painter, 2, truth=True)]
+    grid = np.array(drawn(painter.figure(steps))).reshape(len(ROWS), 2)
+    assert [line[0].texts[-1].get_text() for line in grid] == ROWS
+    assert [axes.texts[0].get_text() for axes in grid[3]] == ["100%", "100%"] and not grid[4, 1].texts
 
 
 def test_colour_bars_say_what_and_in_which_unit(painter):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from learning.training import touched
 from simgen.dataset.exchange.selection import PressSelection, select
 from simgen.dataset.provenance import file_hash, source_hash
 from simgen.dataset.reader import Dataset
@@ -21,31 +22,38 @@ from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.translator import Translated, Translator
 from simgen.learning.translation import presses
 from simgen.learning.translation.accuracy import read_contact
+from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
 from simgen.learning.translation.presses import CONTACT, STEPS, TranslatedImages, TranslatedMeshes
+from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.images import Images, render, unmade
 from simgen.sensing.camera.renderer import Look, Renderer
 from simgen.sensing.electrodes.model import ElectrodeSettings, synthetic_signals
 from tests.learning.translation.conftest import SMALL
 
 BOTH = ("biotac", "digit")
+NOWHERE_MM = 1e-12  # rounding of float64 sums in another order
 WRITTEN = 1e-5  # relative: a contact.csv has six digits
 
 
 class Oracle:
-    """Knows the truth of a dataset by its signals, and answers with ``share`` of the target's."""
+    """Knows the truth of a dataset by its signals, and answers with shares of the target's, each with a probability."""
 
-    def __init__(self, dataset: Dataset, selection: PressSelection, share: float):
+    def __init__(self, dataset: Dataset, selection: PressSelection, share: float, others: dict[float, float]):
+        self.probability = np.array([1.0 - sum(others.values()), *others.values()])
+        self.shares = np.array([share, *others])
         self.vertices = tuple(len(dataset[f"{sensor}/rest_positions"]) for sensor in BOTH)
-        self.meshes, self.share, self.known = {}, share, {}
+        self.meshes, self.known = {}, {}
         for press, reached in zip(selection.presses, selection.paired, strict=True):
             steps = np.flatnonzero(reached)
             signals = synthetic_signals(dataset, "biotac", np.full(len(steps), press), steps)
             truth = [dataset.displacement(sensor, int(press))[steps] for sensor in BOTH]
             self.known |= {each.tobytes(): meshes for each, *meshes in zip(signals, *truth, strict=True)}
 
-    def __call__(self, signals: np.ndarray) -> Translated:
+    def __call__(self, signals: np.ndarray, hypotheses: int) -> Translated:
         source, target = zip(*(self.known[each.tobytes()] for each in signals), strict=True)
-        return Translated(signals, {"s2rm": signals[:, :3]}, np.array(source), self.share * np.array(target))
+        several = self.shares[:hypotheses, None, None] * np.array(target)[:, None]
+        probability = np.tile(self.probability[:hypotheses], (len(signals), 1))
+        return Translated(signals, {"s2rm": signals[:, :3]}, np.array(source), several, probability)
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +66,8 @@ def images_in(folder, dataset, networks, way="ours", **options) -> TranslatedIma
     return TranslatedImages(dataset.path, "digit", folder, SMALL, networks=networks, way=way, **options)
 
 
-def knowing(monkeypatch, dataset, selection, share=1.0) -> None:
-    oracle = Oracle(dataset, selection, share)
+def knowing(monkeypatch, dataset, selection, share=1.0, **others) -> None:
+    oracle = Oracle(dataset, selection, share, **{"others": {}} | others)
     monkeypatch.setattr(presses, "Translator", SimpleNamespace(load=lambda *arguments: oracle))
 
 
@@ -115,6 +123,60 @@ def test_a_mesh_at_rest_has_no_place(with_electrodes, networks, chosen, renderer
     assert np.isnan(found["off_mm"]).all() and (found["deepest_mm"] == 0.0).all()
 
 
+def test_a_sample_has_an_image_of_each_hypothesis(with_electrodes, networks, chosen, renderer, tmp_path, monkeypatch):
+    """The likeliest is at rest and has no place; the second is the truth; the third has no draw."""
+    knowing(monkeypatch, with_electrodes, chosen, share=0.0, others={1.0: 0.25, np.nan: 0.0})
+    images = images_in(tmp_path / "d.translated", with_electrodes, networks, hypotheses=3)
+    assert list(render(images, chosen, renderer, 1)) == chosen.paired.sum(axis=1).tolist()
+    gauge = ContactGauge.of_dataset(with_electrodes, "digit")
+    for press, reached in zip(chosen.presses, chosen.paired, strict=True):
+        folder, truth = images.of_press(with_electrodes, press), with_electrodes.displacement("digit", int(press))
+        names = [f"{step:02d}_0.{step + 1}mm" for step in np.flatnonzero(reached)]
+        both = [f"{name}{end}" for name in names for end in (".hypothesis2.png", ".png")]
+        assert sorted(file.name for file in folder.glob("*.png")) == both
+        for name, image in zip(names, renderer(truth[reached]), strict=True):
+            assert np.array_equal(read_image(folder / f"{name}.hypothesis2.png"), image)
+            assert np.array_equal(read_image(folder / f"{name}.png"), renderer(0.0 * truth[:1])[0])
+        found = read_contact(folder / CONTACT)
+        assert np.isnan(found["off_mm"]).all()
+        np.testing.assert_allclose(found["best_off_mm"], 0.0, atol=NOWHERE_MM)
+        assert (found["probability"] == 0.75).all()
+        lines = list(csv.DictReader((folder / HYPOTHESES).open()))
+        assert [line["hypothesis"] for line in lines] == ["1", "2"] * len(names)
+        assert [int(line["sample"]) for line in lines] == np.flatnonzero(reached).repeat(2).tolist()
+        assert [line["probability"] for line in lines] == ["0.75", "0.25"] * len(names)
+        assert {line["x_mm"] for line in lines[::2]} == {line["off_mm"] for line in lines[::2]} == {"nan"}
+        places = [[float(line[axis]) for axis in ("x_mm", "y_mm", "z_mm")] for line in lines[1::2]]
+        np.testing.assert_allclose(places, 1e3 * gauge.centroid(torch.from_numpy(truth[reached])), atol=1e-4)
+        np.testing.assert_allclose([float(line["off_mm"]) for line in lines[1::2]], 0.0, atol=NOWHERE_MM)
+
+
+def test_hypotheses_of_networks(with_electrodes, networks, chosen, renderer, tmp_path):
+    """Stopped and continued, with one process or two: all files are the same. Steps have all hypotheses."""
+    several = touched.spread(networks, tmp_path / "networks")
+    options = {"way": "points", "keep": True, "hypotheses": 3}
+    images = images_in(tmp_path / "d.translated", with_electrodes, several, **options)
+    some = render(images, chosen, renderer, 1)
+    next(some)
+    some.close()  # stopped
+    assert sum(render(images, chosen, renderer, 1)) == 16
+    other = images_in(tmp_path / "again.translated", with_electrodes, several, **options)
+    assert sum(render(other, chosen, renderer, 1)) == 20
+    assert fake.contents(other.folder) == fake.contents(images.folder)
+    press = int(chosen.presses[0])
+    meshes = images.meshes(with_electrodes)
+    expected = meshes.translated(press, meshes.steps(press))
+    with np.load(images.of_press(with_electrodes, press) / STEPS) as found:
+        for name in ("hypotheses", "probability", "contact"):
+            assert np.array_equal(found[name], getattr(expected, name), equal_nan=True)
+        assert np.array_equal(found["target_displacement"], expected.target)
+    folder = images.of_press(with_electrodes, press)
+    assert len(list(folder.glob("*.png"))) == np.count_nonzero(expected.probability) > 4
+    alone = images_in(images.folder, with_electrodes, several, **options | {"hypotheses": 1})
+    with pytest.raises(InputError, match="holds other images: hypotheses: 3 -> 1; choose another --output"):
+        list(render(alone, chosen, renderer, 1))
+
+
 def test_what_lies_between_is_what_the_networks_said(with_electrodes, networks, chosen, made):
     images, counts = made
     assert counts == chosen.paired.sum(axis=1).tolist()
@@ -125,7 +187,7 @@ def test_what_lies_between_is_what_the_networks_said(with_electrodes, networks, 
         expected = translator(signals)
         with np.load(images.of_press(with_electrodes, press) / STEPS) as found:
             assert set(found) == {
-                "signals", "latent_s2rm", "latent_rm2rm", "source_displacement", "target_displacement"
+                "signals", "latent_s2rm", "latent_rm2rm", "source_displacement", "target_displacement", "probability"
             }  # fmt: skip
             assert np.array_equal(found["signals"], signals)
             for name, latent in expected.latents.items():

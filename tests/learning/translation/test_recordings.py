@@ -7,10 +7,18 @@ import pytest
 from learning.training import touched
 from simgen.dataset.folder_lock import locked
 from simgen.errors import InputError
+from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.training.translator import Translator
+from simgen.learning.translation.hypothesis_files import FILE, centroids, table
 from simgen.learning.translation.presses import STEPS
-from simgen.learning.translation.recordings import AT_ONCE, Recording, translate_block, translate_recordings
+from simgen.learning.translation.recordings import (
+    AT_ONCE,
+    Recording,
+    Several,
+    translate_block,
+    translate_recordings,
+)
 from simgen.sensing.camera.image_files import read_image
 
 PLAIN = RecordingFiles(files=("any",))
@@ -31,7 +39,7 @@ def stored(file) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def translator(networks) -> Translator:
-    return Translator.load(networks)
+    return Translator.load(networks, "ours")
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +135,23 @@ def test_steps_are_written_if_they_are_asked_for(file, translator, renderer, tmp
     recording = Recording.read(file, PLAIN, range(0, 10))
     assert list(translate_recordings([recording], tmp_path, translator, renderer, False)) == [8]
     assert not list(tmp_path.rglob(STEPS)) and len(list(tmp_path.rglob("*.png"))) == 8
+
+
+def test_a_sample_has_an_image_of_each_hypothesis(file, with_electrodes, networks, renderer, tmp_path):
+    several = Several(3, ContactGauge.of_dataset(with_electrodes, "digit"))
+    translator = Translator.load(touched.spread(networks, tmp_path / "networks"), "points")
+    recording = Recording.read(file, PLAIN, range(0, 10))
+    assert list(translate_recordings([recording], tmp_path, translator, renderer, True, several)) == [8]
+    folder, found = tmp_path / "monday" / "000000", translator(recording.signals, 3)
+    assert len(list(folder.glob("*.png"))) == np.count_nonzero(found.probability) > 8
+    row = int(found.probability[:, 1].argmax())
+    for k, end in enumerate((".png", ".hypothesis2.png")):
+        image = read_image(folder / f"{recording.samples[row]:06d}{end}")
+        assert np.array_equal(image, renderer(found.hypotheses[[row], k])[0])
+    expected = table(recording.samples, found.probability, centroids(several.contact, found.hypotheses))
+    assert (folder / FILE).read_bytes() == expected
+    with np.load(folder / STEPS) as steps:
+        assert np.array_equal(steps["hypotheses"], found.hypotheses, equal_nan=True)
 
 
 def test_blocks_that_are_there_are_not_made_again(file, translator, renderer, tmp_path):

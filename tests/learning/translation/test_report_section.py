@@ -53,7 +53,7 @@ def test_a_press_that_nobody_has_trained_with_goes_furthest(with_electrodes, sho
     assert with_electrodes["press/split"][press] == 2
     assert (with_electrodes["biotac/status"][press] == 0).all()  # others of the test stall
     name = with_electrodes.indenters[with_electrodes["press/indenter"][press]]
-    assert name in lines[0] and "split test" in lines[0] and "through s2rm, rmb, rm2rm, rmd to" in lines[0]
+    assert name in lines[0] and "split test" in lines[0] and "through s2rm, rmb, pt to" in lines[0]
 
 
 def test_it_is_shown_in_motion_and_by_depth(shown):

@@ -6,6 +6,7 @@ import pytest
 from learning.training import touched
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.learning.training.schema import RecordingFiles
+from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.learning.translation.recordings import Recording
 from simgen.learning.translation.shown_samples import (
     COLUMNS,
@@ -73,11 +74,28 @@ def test_steps_of_a_press_stand_beside_the_truth(with_electrodes, meshes, render
     found = meshes.translated(ring, np.array([0, 1]))
     truth = renderer(with_electrodes.displacement("digit", ring)[:2])
     assert [step.title for step in steps] == ["ring_7mm\n0.1 mm", "ring_7mm\n0.2 mm"]
+    assert [(step.probability, step.second) for step in steps] == [((), None)] * 2
     for i, (step, image) in enumerate(zip(steps, renderer(found.target), strict=True)):
         assert np.array_equal(step.signals, found.signals[i])
         assert np.array_equal(step.source, found.source[i]) and np.array_equal(step.target, found.target[i])
         assert np.array_equal(step.image, image) and np.array_equal(step.truth, truth[i])
     assert not np.array_equal(steps[0].truth, steps[1].truth)
+
+
+def test_steps_have_the_two_likeliest_hypotheses(with_electrodes, networks, renderer, tmp_path):
+    several = TranslatedMeshes(with_electrodes, touched.spread(networks, tmp_path / "n"), "points", hypotheses=3)
+    found = several.translated(0, several.steps(0))
+    for i, step in enumerate(press_steps(several, renderer, 0)):
+        assert step.probability == tuple(found.probability[i, :2]) and step.probability[1] > 0.0
+        assert np.array_equal(step.target, found.target[i])
+        assert np.array_equal(step.second, renderer(found.hypotheses[[i], 1])[0])
+
+
+def test_a_hypothesis_without_draws_has_no_image(with_electrodes, networks, renderer):
+    """Networks that were hardly trained are sure."""
+    sure = TranslatedMeshes(with_electrodes, networks, "points", hypotheses=3)
+    steps = press_steps(sure, renderer, 0)
+    assert [(step.probability, step.second) for step in steps] == [((1.0, 0.0), None)] * 4
 
 
 def test_the_last_step_is_the_deepest_that_there_is(meshes, renderer):
