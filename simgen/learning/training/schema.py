@@ -163,7 +163,7 @@ class MeshTranslationSettings(TranslationSettings):
 class PointTranslationSettings(Fit):
     """PT, ours."""
 
-    epochs: int = epochs(30)
+    epochs: int = epochs(16)
     batch: int = batch(256)
     learning_rate: float = learning_rate(1.5e-3)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
