@@ -54,7 +54,7 @@ class TestSamples:
         job, where = read_job(networks), torch_device(device)
         if job.signals.recordings is not None:
             raise InputError(f"{networks}: was trained on recordings, which hold no target; allowed: synthetic signals")
-        data = load_training_data(dataset, (job.source, job.target), where, lambda each, _: each)
+        data = load_training_data(dataset, (job.source, job.target), where, lambda each, _: each, job.leave_out)
         self.inputs = TrainingInputs(job, data, cache(lambda name: load_network(networks / name, where)))
         self.evaluation = Evaluation(self.inputs, partial(is_trained, networks))
         self.rows = data.rows("test")

@@ -43,28 +43,37 @@ def load_dataset(
     for key, value, allowed in (
         *(("sensor", name, dataset.sensors) for name in names),
         *([("split", split, tuple(SPLITS))] if split is not None else []),
-        *([("left_out", left_out, dataset.indenters)] if left_out is not None else []),
     ):
         if value not in allowed:
             raise InputError(f"{path}: {key} {value!r}: allowed: {', '.join(allowed)}")
     if not names:
         raise InputError(f"{path}: no sensor is asked for; allowed: {', '.join(dataset.sensors)}")
-    stored = dataset.job.dataset.leave_out
-    if left_out is not None and stored not in (None, left_out):
-        raise InputError(f"{path}: left_out {left_out!r}: allowed: {stored}, which the dataset leaves out itself")
+    split_of_press = splits_without(dataset, left_out, "left_out")
     is_chosen = has_values if include_inside_out else is_valid
     there = np.all([is_chosen(dataset[f"{name}/status"]) for name in names], axis=0)
     if max_error_um is not None:
         there &= np.all([_error_um(dataset, name) <= max_error_um for name in names], axis=0)
-    split_of_press = dataset["press/split"]
-    if left_out is not None and stored is None:
-        split_of_press = leave_out(split_of_press, dataset["press/indenter"], dataset.indenters.index(left_out))
     chosen = split_of_press != IN_NONE if split is None else split_of_press == list(SPLITS).index(split)
     if not (there & chosen[:, None]).any():
         counts = ", ".join(f"{name} {np.count_nonzero(split_of_press == code)}" for code, name in enumerate(SPLITS))
         limit = "" if max_error_um is None else f", with an estimated error of at most {max_error_um:g} um"
         raise InputError(f"{path}: no sample of split {split!r} is valid{limit}; presses: {counts}")
     return Samples(dataset.path, names, np.argwhere(there & chosen[:, None]))
+
+
+def splits_without(dataset: Dataset, left_out: str | None, key: str) -> np.ndarray:
+    """Splits (press,) that test an indenter alone, and use it nowhere else; None: those that are stored.
+
+    key : names the choice in errors. Raises `InputError` for an unknown indenter, and if the dataset leaves out another
+    """
+    stored, split = dataset.job.dataset.leave_out, dataset["press/split"]
+    if left_out is None:
+        return split
+    if left_out not in dataset.indenters:
+        raise InputError(f"{dataset.path}: {key} {left_out!r}: allowed: {', '.join(dataset.indenters)}")
+    if stored not in (None, left_out):
+        raise InputError(f"{dataset.path}: {key} {left_out!r}: allowed: {stored}, which the dataset leaves out itself")
+    return split if stored else leave_out(split, dataset["press/indenter"], dataset.indenters.index(left_out))
 
 
 def _error_um(dataset: Dataset, sensor: str) -> np.ndarray:

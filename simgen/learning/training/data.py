@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from simgen.dataset.layout import checked
+from simgen.dataset.loading import splits_without
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
@@ -74,8 +75,15 @@ class TrainingData:
         return torch.from_numpy(rows).to(device)
 
 
-def load_training_data(path: str | Path, sensors: tuple[str, ...], device: torch.device, track: Track) -> TrainingData:
-    """Read a dataset onto a device. Raises `InputError` for a missing sensor, or without a valid sample."""
+def load_training_data(
+    path: str | Path, sensors: tuple[str, ...], device: torch.device, track: Track, leave_out: str | None = None
+) -> TrainingData:
+    """Read a dataset onto a device.
+
+    leave_out : an indenter that is tested alone, and not trained; None: splits as the dataset has them
+
+    Raises `InputError` for a missing sensor or indenter, or without a valid sample.
+    """
     dataset = checked(Dataset(path))
     for sensor in sensors:
         if sensor not in dataset.sensors:
@@ -84,7 +92,8 @@ def load_training_data(path: str | Path, sensors: tuple[str, ...], device: torch
     if not valid.any():
         raise InputError(f"{path}: no sample is valid on {' and '.join(sensors)}")
     press, step = np.nonzero(valid)
-    columns = {name: dataset[f"press/{name}"][press] for name in ("trajectory", "indenter", "split")}
+    columns = {name: dataset[f"press/{name}"][press] for name in ("trajectory", "indenter")}
+    columns["split"] = splits_without(dataset, leave_out, "leave_out")[press]
     meshes = {sensor: _load_meshes(dataset, sensor, valid, device, track) for sensor in sensors}
     return TrainingData(dataset, meshes, press, step, depth=dataset["depth"][step], **columns)
 

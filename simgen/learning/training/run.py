@@ -52,7 +52,8 @@ class TrainingRun:
         if self.device.type == "cuda":
             torch.cuda.set_device(self.device)  # CUDA graphs run on the current device
         self._check_needed()
-        data = load_training_data(job.dataset_folder(), (job.source, job.target), self.device, track)
+        sensors = job.source, job.target
+        data = load_training_data(job.dataset_folder(), sensors, self.device, track, job.leave_out)
         record = {
             "job": job.resolved(),
             "job_hash": job.hash,

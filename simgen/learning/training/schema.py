@@ -238,6 +238,12 @@ class TrainingJob(StrictSection):
         description="The sensor that is translated to",
         **allowed("another sensor of the dataset"),
     )
+    leave_out: str | None = Field(
+        None,
+        description="An indenter that the networks do not see. The test then has this one alone, at contacts that are "
+        "new, too, and training and validation have all others",
+        **allowed("the name of one of the dataset's indenters"),
+    )
     networks: tuple[Literal[tuple(NETWORKS)], ...] = Field(
         tuple(NETWORKS),
         min_length=1,

@@ -71,3 +71,17 @@ def test_a_split_without_samples_is_one_line(tmp_path):
 def test_a_sensor_that_is_not_there_is_one_line(learnable):
     with pytest.raises(InputError, match="sensor 'finger': allowed: digit, biotac"):
         load_training_data(learnable.path, ("finger",), CPU, plain)
+
+
+def test_an_indenter_that_is_left_out_is_tested_alone(learnable, data):
+    name = learnable.indenters[1]
+    without = load_training_data(learnable.path, ("digit", "biotac"), CPU, plain, leave_out=name)
+    tested = without.indenter[without.rows("test").numpy()]
+    trained = np.concatenate([without.indenter[without.rows(split).numpy()] for split in ("train", "validation")])
+    assert set(tested) == {1} and set(trained) == set(range(len(learnable.indenters))) - {1}
+    assert torch.equal(without.rows("test"), data.rows("test")[data.indenter[data.rows("test")] == 1])
+
+
+def test_an_indenter_that_is_not_there_is_one_line(learnable):
+    with pytest.raises(InputError, match="leave_out 'spoon': allowed: "):
+        load_training_data(learnable.path, ("digit",), CPU, plain, leave_out="spoon")
