@@ -5,8 +5,8 @@ large ones that locate the contact, and new contacts come out worse. Noise on pr
 that they will have (Bishop, Neural Computation 7, 1995).
 
 Synthetic signals are taken as thicknesses of the fluid's film. In volts, an electrode whose film is almost closed would
-drown the others. If the sensor is its own mirror image, training also shows mirror images of samples, and a prediction
-is the mean of both ways.
+drown the others. If the sensor is its own mirror image, training also shows mirror images of samples. A prediction is
+then the mean of the sample's and its mirror image's.
 """
 
 from collections.abc import Mapping
@@ -104,10 +104,11 @@ class LatentTranslation(Network):
     def learn_mirror(self, partner: Tensor, outputs: Tensor, mirrored: Tensor) -> None:
         """Set the partners (inputs,), and the linear map between outputs (sample, outputs) and those of mirror images.
 
-        The map is the one of least squares.
+        The map is the one of least squares over the samples and their mirror images.
         """
         self.partner.copy_(partner)
-        a, b = ((each - self.target_rest).double() for each in (outputs, mirrored))
+        a, b = (torch.cat([x, y]) for x, y in ((outputs, mirrored), (mirrored, outputs)))
+        a, b = ((each - self.target_rest).double() for each in (a, b))
         self.mirror.copy_((torch.linalg.pinv(a.T @ a, hermitian=True) @ (a.T @ b)).T)
 
     def forward(self, source: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Mirror images of samples of a sensor that is its own mirror image in z = 0: as many more samples to learn from."""
+"""Mirror images of samples, of a sensor that is its own mirror image in z = 0. Networks learn from them, too."""
 
 from typing import Self
 
@@ -35,9 +35,10 @@ class Mirror:
     ) -> Self | None:
         """Make the mirror of a mesh (v, 3), (t, 4) with electrodes (e, 3), m; None if they are not symmetric."""
         away, partner = cKDTree(electrodes).query(electrodes * IMAGE)
-        matrix, outside = interpolation(rest, tetrahedra, rest * IMAGE)
-        paired = np.array_equal(partner[partner], np.arange(len(partner)))
-        return cls(matrix, partner, device) if paired and max(away.max(), outside.max()) <= SAME_M else None
+        paired = away.max() <= SAME_M and np.array_equal(partner[partner], np.arange(len(partner)))
+        if not paired or not is_symmetric(rest, tetrahedra):
+            return None
+        return cls(interpolation(rest, tetrahedra, rest * IMAGE)[0], partner, device)
 
     def displacements(self, u: Tensor) -> Tensor:
         """Mirror images (n, vertex, 3), m, of displacements."""
@@ -45,6 +46,11 @@ class Mirror:
         out = torch.empty_like(by_vertex)
         multiply(self._matrix, by_vertex, out)
         return out.unflatten(1, (3, -1)).permute(2, 0, 1) * u.new_tensor(IMAGE)
+
+
+def is_symmetric(rest: np.ndarray, tetrahedra: np.ndarray) -> bool:
+    """Return True if the mirror images of a mesh's vertices (v, 3), m, lie within the mesh (t, 4)."""
+    return bool(interpolation(rest, tetrahedra, rest * IMAGE)[1].max() <= SAME_M)
 
 
 def interpolation(rest: np.ndarray, tetrahedra: np.ndarray, points: np.ndarray) -> tuple[csr_array, np.ndarray]:

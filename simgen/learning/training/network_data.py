@@ -61,7 +61,7 @@ class TrainingInputs:
     def check(self, networks: Collection[str]) -> None:
         """Raise `InputError` if samples are missing that these networks, or their tests, need."""
         specs = [NETWORKS[name] for name in networks]
-        with_signals = [spec for spec in specs if spec.inputs == SIGNALS]
+        with_signals = [spec for spec in specs if spec.inputs == SIGNALS or self.job.is_fed(spec.name)]
         for split in SPLITS:
             self.data.rows(split)
             if with_signals:

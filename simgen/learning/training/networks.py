@@ -28,7 +28,7 @@ class NetworkSpec:
     network : import path of its class
     encoder : network whose latents it takes in place of ``inputs``
     decoder : network whose latents it predicts in place of ``outputs``
-    fed_by : network whose predictions of the inputs, decoded, it also learns from, as it will follow this network
+    fed_by : network that stands before it in a chain; it also learns from this network's decoded predictions
     published : mean errors that the ACROSS paper reports for it, by measure of `simgen.learning.training.metrics`
     """
 

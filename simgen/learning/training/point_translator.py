@@ -23,6 +23,7 @@ from simgen.dataset.touchable import TouchableSurface
 from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import BATCH, MeshSamples
 from simgen.learning.training.doubt import calibrated_reach
+from simgen.learning.training.mirror import is_symmetric
 from simgen.learning.training.network import Network, Terms
 from simgen.learning.training.network_data import NetworkData
 from simgen.learning.training.pca import Values
@@ -38,6 +39,8 @@ LEAST_SIZE = 1e-2  # least size of a press, relative to its root mean square ove
 ROUNDING = 1e-7  # m: keeps the slope of the root finite
 NOISE = 8  # random numbers of a draw
 DRAWS = 16  # answers for a sample, half of them by its mirror image
+SAMPLES_AT_ONCE = 16  # of a prediction: all draws of these take 1 GB
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # multiples of it, without their whole parts, are spread evenly
 # Weights in the loss: displacements of the touchable surface, contact of its points, cross entropy of the contact.
 SURFACE, CONTACT, ENTROPY = 0.2, 0.1, 0.05
 LEAST_CONTACT = 1e-3  # least root mean square difference of contacts: keeps the slope of the root finite
@@ -49,16 +52,17 @@ class PointTranslator(Network):
         u = s f(x / s, log s, z),   s^2 = |x|^2 + 0.01^2
 
     with displacements x of the source's skin and random numbers z. The norm is a root mean square over the skin, 1 over
-    all training. Called with displacements, the network gives the mean over its `draws`.
+    all training.
 
-    Both sensors are mirror images of themselves in z = 0. So training shows each sample as it is, or its mirror image,
-    and half of the draws go by the mirror image. The mirror image of the unrolled skin is a flip of its columns.
+    If both sensors are mirror images of themselves in z = 0, training shows each sample as it is, or its mirror image,
+    and half of the draws are those of the mirror image. A mirror image of the unrolled skin is a flip of its columns.
 
     rows, columns : pixels of the unrolled skin
     vertices, triangles : numbers of the target's
     width, levels, blocks : see `SkinUNet`
     features, hidden : channels of the U-Net's output, and width of the perceptron
     power : see `terms`
+    mirrored : True if both sensors are symmetric
     """
 
     kind: ClassVar[str] = "point_translator"
@@ -66,11 +70,11 @@ class PointTranslator(Network):
 
     def __init__(
         self, rows: int, columns: int, vertices: int, triangles: int, width: int, levels: int, blocks: int,
-        features: int, hidden: int, power: float,
+        features: int, hidden: int, power: float, mirrored: bool,
     ):  # fmt: skip
         super().__init__()
         self._settings = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
-        self.shape, self.power = (rows, columns), power
+        self.shape, self.power, self.mirrored = (rows, columns), power, mirrored
         self.network = SkinUNet(MOVING + STILL, features, width, levels, blocks, NOISE)
         self.head = nn.Sequential(
             nn.Linear(features + NUMBERS, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, 4)
@@ -86,7 +90,7 @@ class PointTranslator(Network):
         self.register_buffer("target_triangles", torch.zeros(triangles, 3, dtype=torch.int64))
         self.points = SkinPoints(vertices, pixels)
         self.register_buffer("share", torch.zeros(vertices))  # of the touchable area
-        self.register_buffer("noise", torch.randn(DRAWS // 2, NOISE))  # the draws of predictions
+        self.register_buffer("noise", torch.randn(DRAWS, NOISE))  # the draws of predictions
         # Of sets of contacts, from true source meshes and from predicted ones: see simgen/learning/training/doubt.py.
         self.register_buffer("reach", torch.full((2,), torch.nan, dtype=torch.float64))
         self.register_buffer("source_size", torch.ones(()))  # m, root mean square of the skin's displacements
@@ -127,7 +131,8 @@ class PointTranslator(Network):
         reach = reach_along_arc(rest[1], triangles[1], target_touchable, pixel) + MARGIN_M
         grid = PixelGrid.over(ends.min(), ends.max(), reach, pixel, 1 << settings["levels"])
         skins = [SkinOnGrid(*each, grid) for each in zip(rest, triangles, touchable, strict=True)]
-        network = cls(*grid.shape, len(rest[1]), len(triangles[1]), **settings)
+        mirrored = all(is_symmetric(*each) for each in zip(rest, (source.tetrahedra, target.tetrahedra), strict=True))
+        network = cls(*grid.shape, len(rest[1]), len(triangles[1]), mirrored=mirrored, **settings)
         for buffer, values in (
             (network.x, grid.x),
             (network.arc, grid.arc),
@@ -154,14 +159,14 @@ class PointTranslator(Network):
         self.target_size.copy_(found[1])
 
     def finish(self, data: NetworkData) -> None:
-        """Set the `reach`; it stays NaN if the dataset does not tell the touchable surface."""
+        """Set each `reach`. It stays NaN without a touchable surface, and the second one without predicted inputs."""
         if data.gauge is None:
             return
 
         def reach(inputs: Values) -> float:
             return calibrated_reach(lambda rows: self.draws(inputs(rows)), data.meshes, data.validation, data.gauge)
 
-        self.reach.fill_(reach(data.inputs))
+        self.reach[0] = reach(data.inputs)
         if data.predicted_inputs is not None:
             self.reach[1] = reach(data.predicted_inputs)
 
@@ -174,28 +179,31 @@ class PointTranslator(Network):
 
     def forward(self, displacement: Tensor) -> Tensor:
         """Displacements (n, vertex, 3), m, of the target's mesh: the mean over `draws`."""
-        return self.draws(displacement)[0].mean(dim=1)
+        return torch.cat([self.draws(some)[0].mean(dim=1) for some in displacement.split(SAMPLES_AT_ONCE)])
 
     def draws(self, displacement: Tensor, points: SkinPoints | None = None) -> tuple[Tensor, Tensor]:
         """Equally likely answers: displacements (n, draw, point, 3), m, and logits of contact (n, draw, point).
 
         points : any points of the target, see `places`; None for its vertices
         """
-        noise = self.noise.expand(len(displacement), -1, -1)
-        found = [self._one_way(displacement, noise, sign, points) for sign in displacement.new_tensor([1.0, -1.0])]
+        noise, same = self.noise.expand(len(displacement), -1, -1), displacement.new_ones(())
+        if not self.mirrored:
+            return self._drawn(displacement, noise, same, points)
+        halves = zip(noise.chunk(2, dim=1), (same, -same), strict=True)
+        found = [self._drawn(displacement, half, sign, points) for half, sign in halves]
         return tuple(torch.cat(both, dim=1) for both in zip(*found, strict=True))
 
     def places(self, points: np.ndarray) -> SkinPoints:
-        """Find where the target's points (v, 3), m at rest, are: what `draws` takes. It takes about a second."""
+        """Find where the target's points (v, 3), m at rest, are: what `draws` takes."""
         grid = PixelGrid(self.x.cpu().numpy(), self.arc.cpu().numpy())
         rest, triangles = self.target_rest.cpu().numpy(), self.target_triangles.cpu().numpy()
         skin = SkinOnGrid(rest, triangles, np.ones(len(rest), bool), grid)
         return SkinPoints.of_places(grid, skin.places(np.asarray(points, np.float64))).to(self.share.device)
 
     def mixed(self, true: Tensor, predicted: Tensor, share: float) -> Tensor:
-        """Replace some of the true source meshes (n, vertex, 3): by chance in training, else the first of n."""
-        n = len(true)
-        chance = torch.rand(n, device=true.device) if self.training else torch.arange(n, device=true.device) / n
+        """Replace a share of the true source meshes (n, vertex, 3): by chance in training, else evenly."""
+        n, device = len(true), true.device
+        chance = torch.rand(n, device=device) if self.training else GOLDEN * torch.arange(n, device=device) % 1.0
         return torch.where((chance < share)[:, None, None], predicted, true)
 
     def gauge(self) -> ContactGauge:
@@ -216,9 +224,10 @@ class PointTranslator(Network):
         """
         n, sign, noise = len(source), source.new_ones(()), self.noise[:2].expand(len(source), -1, -1)
         if self.training:
-            sign = 1.0 - 2.0 * (torch.rand(n, device=source.device) < 0.5)
+            if self.mirrored:
+                sign = 1.0 - 2.0 * (torch.rand(n, device=source.device) < 0.5)
             noise = torch.randn(n, 2, NOISE, device=source.device)
-        found, logits = self._one_way(source, noise, sign)
+        found, logits = self._drawn(source, noise, sign)
         size = target.square().mean(dim=(1, 2)).sqrt() / self.target_size
         unit = size.clamp_min(LEAST_SIZE) ** -self.power / self.target_size
         score, error = _energy(found, target, lambda x: (x.square().mean(dim=(-1, -2)) + ROUNDING**2).sqrt())
@@ -241,10 +250,10 @@ class PointTranslator(Network):
         known = self.weights.sum(dim=1) > 0.5
         return skin.square().sum(dim=(1, 2)) / (3 * known.sum())
 
-    def _one_way(
+    def _drawn(
         self, displacement: Tensor, noise: Tensor, sign: Tensor, points: SkinPoints | None = None
     ) -> tuple[Tensor, Tensor]:
-        """As `draws`, for noise (n, draw, noise), by one of two ways.
+        """As `draws`, for noise (n, draw, noise).
 
         sign : (n,), or one for all: 1 for the sample itself, -1 for its mirror image
         """

@@ -22,6 +22,7 @@ from typing import Any
 
 import torch
 
+from simgen.config.strict_section import section_from_dict
 from simgen.config.warp_device import check_device_name
 from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LockedError, locked
@@ -192,8 +193,9 @@ def _check_begun(output: Path, record: dict[str, Any]) -> None:
         raise InputError(f"{output}: exists already and is no training; remove it, or choose another --output")
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
+        found["job"] = section_from_dict(TrainingJob, found["job"] | {"dataset": "unknown"}, str(file)).resolved()
         changes = difference({key: found[key] for key in record}, record)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, InputError) as error:
         raise InputError(f"{file}: not what `simgen train` wrote ({error})") from None
     changes = [line for line in changes if not line.startswith("job_hash")]
     if changes:

@@ -35,7 +35,7 @@ schedule = partial(
 decay = partial(Field, gt=0.0, le=1.0, description="Factor of the exponential schedule")
 weight_decay = partial(Field, ge=0.0, le=1.0, description="Weight decay of AdamW; with 0 it is Adam")
 warm_up = partial(
-    Field, ge=0, le=1_000_000, description="Steps in which the learning rate grows from 0 in proportion to their number"
+    Field, ge=0, le=1_000_000, description="First steps, in which the learning rate grows in proportion to their number"
 )
 clip = partial(
     Field, ge=0.0, le=1e6, description="Largest Euclidean norm of a step's gradient; a longer one is shortened; 0: any"
@@ -297,7 +297,7 @@ class TrainingJob(StrictSection):
         return spec.needs + (spec.feeding if self.is_fed(name) else ())
 
     def is_fed(self, name: str) -> bool:
-        """Return True if a network also learns from predicted inputs. Recordings do not belong to samples with both."""
+        """Return True if a network also learns from predicted inputs. Recordings have no meshes of the target."""
         return bool(NETWORKS[name].fed_by and self.fit_of(name).predicted and self.signals.recordings is None)
 
     def fit_of(self, name: str) -> Fit:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from simgen.geometry.developed_skin import Skin
 from simgen.geometry.surface import ClosestPoint
 
+LEAST_PIXELS = 2  # along each axis: values are interpolated between them
 FINER = 4  # samples of the skin per pixel, along each axis, among which the place of a point is sought
 STEPS = 3  # of Gauss and Newton from there towards the foot of the perpendicular
 
@@ -30,7 +31,8 @@ class PixelGrid:
     def over(cls, first_x: float, last_x: float, largest_arc: float, pixel: float, multiple: int) -> Self:
         """Cover a box (m) with pixels; their numbers are multiples of ``multiple``."""
         rows, columns = (
-            multiple * -(-int(np.ceil(length / pixel)) // multiple) for length in (last_x - first_x, 2 * largest_arc)
+            multiple * -(-max(int(np.ceil(length / pixel)), LEAST_PIXELS) // multiple)
+            for length in (last_x - first_x, 2 * largest_arc)
         )
         middle = 0.5 * (first_x + last_x)
         return cls(middle + pixel * (np.arange(rows) - 0.5 * (rows - 1)),
@@ -39,11 +41,6 @@ class PixelGrid:
     @property
     def shape(self) -> tuple[int, int]:
         return len(self.x), len(self.arc)
-
-    def relative(self, x: np.ndarray, arc: np.ndarray) -> np.ndarray:
-        """Places (..., 2) of x and arc (...): column, then row, from -1 at the first middle to 1 at the last."""
-        ends = (self.arc[[0, -1]], arc), (self.x[[0, -1]], x)
-        return np.stack([2.0 * (at - first) / (last - first) - 1.0 for (first, last), at in ends], axis=-1)
 
 
 @dataclass(frozen=True)

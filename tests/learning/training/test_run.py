@@ -26,7 +26,7 @@ from simgen.errors import InputError
 from simgen.learning.training import fit
 from simgen.learning.training import run as runs
 from simgen.learning.training.networks import NETWORKS
-from simgen.learning.training.run import STATE, TrainingRun, torch_device
+from simgen.learning.training.run import RECORD, STATE, TrainingRun, torch_device
 from simgen.learning.training.step import TrainingStep
 from tests.learning.training import touched
 
@@ -258,6 +258,18 @@ def test_a_gpu_has_a_number_that_it_can_be_chosen_by(monkeypatch):
         torch.cuda.set_device(torch_device(name))
     assert chosen == [0, 0, 1]
     assert torch_device("cpu") == torch.device("cpu")
+
+
+def test_a_folder_of_an_older_version_goes_on(with_electrodes, tmp_path):
+    """Its record lacks keys that a later version has; their defaults count."""
+    job = touched.job(with_electrodes.path, networks=["rmb"])
+    touched.train(job, tmp_path / "older")
+    record = json.loads((tmp_path / "older" / RECORD).read_text())
+    del record["job"]["leave_out"], record["job"]["reduced_model"]["clip"]
+    (tmp_path / "older" / RECORD).write_text(json.dumps(record))
+    assert TrainingRun(job, tmp_path / "older", "cpu").trained_names() == ["rmb"]
+    with pytest.raises(InputError, match="was begun with another job: job.leave_out"):
+        TrainingRun(touched.job(with_electrodes.path, leave_out="ring_7mm"), tmp_path / "older", "cpu")
 
 
 def test_a_source_without_electrodes_trains_from_true_meshes(with_electrodes, tmp_path):

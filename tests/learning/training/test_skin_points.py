@@ -24,7 +24,8 @@ def test_features_are_interpolated(beyond_m):
     """As by torch's own sampling of images, with the edge's value beyond it."""
     where, images = places(beyond_m=beyond_m), torch.randn(3, 4, 6, 8, generator=torch.Generator().manual_seed(0))
     found = SkinPoints.of_places(GRID, where).features(images)
-    at = torch.from_numpy(GRID.relative(where.x, where.arc)).float().expand(3, -1, -1)[:, None]
+    at = np.stack([where.arc / 3.5e-3, where.x / 2.5e-3 - 1.0], axis=1)  # -1 to 1 between the outer pixels' middles
+    at = torch.from_numpy(at).float().expand(3, -1, -1)[:, None]
     expected = F.grid_sample(images, at, align_corners=True, padding_mode="border")[:, :, 0]
     torch.testing.assert_close(found, expected.permute(2, 0, 1))
 
