@@ -268,7 +268,7 @@ def test_a_folder_of_an_older_version_goes_on(with_electrodes, tmp_path):
     del record["job"]["leave_out"], record["job"]["reduced_model"]["clip"]
     (tmp_path / "older" / RECORD).write_text(json.dumps(record))
     assert TrainingRun(job, tmp_path / "older", "cpu").trained_names() == ["rmb"]
-    with pytest.raises(InputError, match="was begun with another job: job.leave_out"):
+    with pytest.raises(InputError, match=r"was begun with another job: job\.leave_out"):
         TrainingRun(touched.job(with_electrodes.path, leave_out="ring_7mm"), tmp_path / "older", "cpu")
 
 
