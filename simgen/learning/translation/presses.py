@@ -6,7 +6,7 @@
         02_0.3mm.png                 image of depth 2
         contact.csv                  errors of each sample
         hypotheses.csv               optional, with an image of each: see `simgen.learning.translation.hypothesis_files`
-        steps.npz                    optional: signals, latents and both meshes
+        steps.npz                    optional: signals, latents, meshes and probabilities, see `stages`
       contact.json                   the same over the presses of the last command
       chain.png                      some samples from the electrodes to the image
 """
@@ -43,7 +43,7 @@ class TranslatedImages(Images):
     networks : folder that `simgen train` wrote
     way : one of `simgen.learning.training.networks.WAYS`
     keep : True to write ``steps.npz``, too
-    hypotheses : most images of a sample
+    hypotheses : at most so many images of a sample
     """
 
     networks: Path

@@ -5,7 +5,7 @@
       monday/000100/             samples 100 to 199 of monday.hdf5, whole or missing
         000112.png               image of sample 112; samples without contact have none
         hypotheses.csv           optional, with an image of each: see `simgen.learning.translation.hypothesis_files`
-        steps.npz                optional: signals, latents and both meshes
+        steps.npz                optional: signals, latents, meshes and probabilities
       chain.png                  some samples from the electrodes to the image
 """
 
