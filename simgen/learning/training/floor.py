@@ -10,12 +10,8 @@ networks that cannot see differences below the noise. Data without noise let a n
 equal to the last digit. It bounds means over all samples: an answer that favours one indenter can be better for it, and
 is worse for the others.
 
-**Noise of a mesh** is `MESH_SHARE` of its displacement, less than the error of the finite elements: at 0.5 mm, 2 % of
-the BioTac's displacement are 1.5 um under a cube (docs/translation.md, Twins), and the surface of its default mesh errs
-by 2.3 um (docs/accuracy.md, median). It is at least `MESH_LEAST_M`, the error of the DIGIT's surface by the solver's
-tolerances (docs/accuracy.md, Tolerances).
-
-**Noise of signals** is one step of the instrument and three standard deviations of a difference of two readings.
+**Noise of a mesh** is `MESH_SHARE` of its displacement, at least `MESH_LEAST_M`. Noise of signals is `signal_noise`.
+docs/training.md (The floor) says why.
 """
 
 from dataclasses import dataclass
@@ -117,7 +113,7 @@ class SameSignals:
 
 
 def signal_noise(settings: ElectrodeSettings) -> float:
-    """Largest difference, V, of two readings of one voltage."""
+    """Largest difference, V, of two readings of one voltage: a step, and `DEVIATIONS` of the difference's noise."""
     bits = FINEST_BITS if settings.bits is None else settings.bits
     return settings.supply_v / (2**bits - 1) + DEVIATIONS * 2**0.5 * settings.noise_v
 
