@@ -1,8 +1,8 @@
 """Hypotheses: a few answers with probabilities, from many equally likely ones.
 
 Answers whose contacts lie near each other are one hypothesis. The first is the answer with the most others near it, and
-all of these. The next ones are found among the rest. So of all draws, the first hypothesis has the one whose contact is
-the best guess if a contact counts as found within `NEAR_MM`. A place between draws can have more of them near it.
+all of these. The next ones are found among the rest. If a contact counts as found within `NEAR_MM`, no answer is a
+better guess than this one. A place between answers can be.
 """
 
 from dataclasses import dataclass
