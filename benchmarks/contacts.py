@@ -4,9 +4,10 @@
     python benchmarks/contacts.py training.networks many.zarr --device cuda --contacts 215 430 860 1720 2480
 
 The mesh models RMB and RMD of a trained folder stay as they are. S2RM and RM2RM are trained again with the first
-contacts of a dataset; every tenth contact validates. They are tested on the last contacts, which the mesh models must
-not have seen. Contacts are a sequence: a dataset with the networks' seed begins with their training contacts. The first
-row has the networks' own S2RM and RM2RM, and the target's mesh encoded and decoded.
+contacts of a dataset, as the networks' job says; every tenth contact validates. They are tested on the last contacts,
+which the mesh models must not have seen. Contacts are a sequence: a dataset with the networks' seed begins with their
+training contacts. The first row has the networks' own S2RM and RM2RM, and the target's mesh encoded and decoded. An
+indenter that the job leaves out is tested with the others, and not trained.
 
 The training weights errors as the networks' job says, or by each of --powers (`power` in docs/training_job.md).
 """
@@ -29,7 +30,8 @@ from simgen.learning.training.data import load_training_data
 from simgen.learning.training.fit import Training, epoch_seed
 from simgen.learning.training.latent_translation import LatentTranslation
 from simgen.learning.training.metrics import mesh_errors
-from simgen.learning.training.network_data import TrainingInputs, encoded_at_rest, latents
+from simgen.learning.training.network_data import NetworkData, TrainingInputs
+from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.run import torch_device
 from simgen.learning.training.translator import read_job
 
@@ -45,18 +47,10 @@ class Comparison:
     def __init__(self, networks: Path, dataset: Path, tested: int, device: str):
         self.job, self.device = read_job(networks), torch_device(device)
         self.trained = cache(lambda name: load_network(networks / name, self.device))
-        self.data = load_training_data(dataset, (self.job.source, self.job.target), self.device, lambda each, _: each)
+        sensors = self.job.source, self.job.target
+        self.data = load_training_data(dataset, sensors, self.device, lambda each, _: each, self.job.leave_out)
         self.inputs = TrainingInputs(self.job, self.data, self.trained)
-        models = {"rmb": self.inputs.source, "rmd": self.inputs.target}
-        source, target = (latents(self.trained(name), meshes.displacement, len(self.data))
-                          for name, meshes in models.items())  # fmt: skip
-        source_rest, target_rest = (encoded_at_rest(self.trained(name), torch.zeros_like(meshes.rest))
-                                    for name, meshes in models.items())  # fmt: skip
-        signals = self.inputs.signals
-        self.pairs = {
-            "s2rm": (signals.values, source, (signals.rest, source_rest), self.job.signal_translation),
-            "rm2rm": (source, target, (source_rest, target_rest), self.job.mesh_translation),
-        }
+        self.learned = {name: NetworkData(NETWORKS[name], self.inputs) for name in ("s2rm", "rm2rm")}
         self.first_tested = int(self.data.dataset["press/trajectory"].max()) + 1 - tested
         self.tested = self.rows(self.data.trajectory >= self.first_tested)
         self.gauge = ContactGauge.of_dataset(self.data.dataset, self.job.target, self.device)
@@ -66,8 +60,11 @@ class Comparison:
         return torch.from_numpy(np.flatnonzero(chosen)).to(self.device)
 
     def of_first(self, contacts: int) -> tuple[Tensor, Tensor]:
-        """Rows for training and for validation."""
-        own, validates = self.data.trajectory < contacts, self.data.trajectory % ONE_IN == 0
+        """Rows for training and for validation; without the indenter that the networks' job leaves out."""
+        data, left_out = self.data, self.job.leave_out
+        own, validates = data.trajectory < contacts, data.trajectory % ONE_IN == 0
+        if left_out is not None:
+            own &= data.indenter != data.dataset.indenters.index(left_out)
         return self.rows(own & ~validates), self.rows(own & validates)
 
     def centroids(self, predict) -> np.ndarray:
@@ -76,19 +73,14 @@ class Comparison:
             return torch.cat([self.gauge.centroid(predict(rows)) for rows in self.tested.split(AT_ONCE)]).cpu().numpy()
 
     def train(self, name: str, rows: tuple[Tensor, Tensor], power: float | None, folder: Path) -> torch.nn.Module:
-        source, target, at_rest, settings = self.pairs[name]
+        data = self.learned[name]
+        data.train, data.validation = rows
+        data.settings = self.job.fit_of(name)
         if power is not None:
-            settings = settings.model_copy(update={"power": power})
+            data.settings = data.settings.model_copy(update={"power": power})
         torch.manual_seed(epoch_seed(self.job.seed, name, -1))
-        network = LatentTranslation.of_samples(
-            source[rows[0]], target[rows[0]], *at_rest, width=settings.width, blocks=settings.blocks,
-            noise=settings.noise, power=settings.power,
-        )  # fmt: skip
-
-        def terms(batch: Tensor) -> dict[str, Tensor]:
-            return network.terms(source[batch], target[batch])
-
-        for _ in Training(name, network, terms, rows, settings, self.job.seed, folder / name):
+        network, terms = LatentTranslation.for_training(data)
+        for _ in Training(name, network, terms, rows, data.settings, self.job.seed, folder / name):
             pass
         return network
 
@@ -108,7 +100,7 @@ class Comparison:
     def after_training(self, contacts: int, power: float | None) -> dict:
         rows, begin = self.of_first(contacts), time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
-            networks = {name: self.train(name, rows, power, Path(folder)) for name in self.pairs}
+            networks = {name: self.train(name, rows, power, Path(folder)) for name in self.learned}
         seconds = time.perf_counter() - begin
         about = {"contacts": contacts, "power": power, "samples": len(rows[0]), "seconds": seconds}
         return about | self.measured(networks)
@@ -116,7 +108,7 @@ class Comparison:
     def as_trained(self) -> dict:
         model, target = self.trained("rmd"), self.inputs.target
         there_and_back = self.measure(lambda rows: model(target.displacement(rows)))
-        own = self.measured({name: self.trained(name) for name in self.pairs})
+        own = self.measured({name: self.trained(name) for name in self.learned})
         return {"contacts": "as trained", **own, "target": there_and_back}
 
     def measured(self, networks: dict[str, torch.nn.Module]) -> dict:

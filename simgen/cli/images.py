@@ -133,10 +133,10 @@ def translate(
     hypotheses: Annotated[
         int,
         typer.Option(metavar="N", min=1, max=8,
-                     help="Most images of a sample: the likeliest contact first. Others need the way points."),
+                     help="At most N images of a sample: the likeliest contact first. Others need the way points."),
     ] = 1,
     steps: Annotated[
-        bool, typer.Option("--steps", help="Also write the intermediate results: signals, latents, both meshes.")
+        bool, typer.Option("--steps", help="Also write intermediate results: signals, latents, meshes, probabilities.")
     ] = False,
     output: Annotated[
         Path | None,

@@ -48,6 +48,10 @@ class ContactGauge:
         weight = inward.where((inward >= SHARE * deepest) & (deepest > 0.0), 0.0) * self._areas
         return weight @ self.position / weight.sum(dim=1, keepdim=True)  # 0 / 0 is NaN
 
+    def centroids(self, displacement: Tensor) -> Tensor:
+        """Centroids (n, draw, 3), m, of several displacements (n, draw, vertex, 3) of each sample, as `centroid`."""
+        return self.centroid(displacement.flatten(0, 1)).unflatten(0, displacement.shape[:2])
+
     def near(self, predicted: Tensor, true: Tensor) -> Tensor:
         """1 where the predicted centroid is within `NEAR_MM` of the true one, else 0; NaN without a true contact."""
         expected = self.centroid(true)

@@ -137,7 +137,7 @@ def best_of(centroids: Tensor, true: Tensor, tries: Sequence[int] = TRIES) -> li
 def calibrated_reach(draws: Draws, truth: MeshSamples, rows: Tensor, gauge: ContactGauge) -> float:
     """Find the reach on samples at rows (n,), in batches on the device of the truth."""
     places = [
-        (_centroids(draws(some)[0], gauge), gauge.centroid(truth.displacement(some))) for some in _batches(truth, rows)
+        (gauge.centroids(draws(some)[0]), gauge.centroid(truth.displacement(some))) for some in _batches(truth, rows)
     ]
     return reach_of(*(torch.cat(each) for each in zip(*places, strict=True)))
 
@@ -155,7 +155,7 @@ def measure_answers(
     def measures(some: Tensor) -> tuple[Tensor, ...]:
         """Of a batch, (n,) each, in the order of `Answers`."""
         true, (found, logits) = truth.displacement(some), draws(some)
-        centroids, own = _centroids(found, gauge), gauge.centroid(true)
+        centroids, own = gauge.centroids(found), gauge.centroid(true)
         hypotheses = Hypotheses.of_centroids(centroids, max(TRIES))
         meshes = hypotheses.means(found)
         radius = (reach * unit_radius(centroids)).where(own.isfinite().all(dim=1), torch.nan)
@@ -166,7 +166,7 @@ def measure_answers(
             1e6 * energy_score(found, true),
             1e6 * _root_mean_square(found.mean(dim=1) - true),
             1e6 * _root_mean_square(meshes[:, 0] - true),
-            *best_of(_centroids(meshes, gauge), own),
+            *best_of(gauge.centroids(meshes), own),
             _overlap(contact, true, some, touching),
         )
 
@@ -176,11 +176,6 @@ def measure_answers(
 
 def _batches(truth: MeshSamples, rows: Tensor) -> Sequence[Tensor]:
     return rows.split(max(COORDINATES_AT_ONCE // (MESHES_OF_A_SAMPLE * truth.rest.numel()), 1))
-
-
-def _centroids(meshes: Tensor, gauge: ContactGauge) -> Tensor:
-    """Centroids (n, draw, 3) of contacts, m, of displacements (n, draw, vertex, 3)."""
-    return gauge.centroid(meshes.flatten(0, 1)).unflatten(0, meshes.shape[:2])
 
 
 def _root_mean_square(difference: Tensor) -> Tensor:

@@ -1,8 +1,8 @@
 """Hypotheses: a few answers with probabilities, from many equally likely ones.
 
 Answers whose contacts lie near each other are one hypothesis. The first is the answer with the most others near it, and
-all of these. The next ones are found among the rest. So the first is the best guess if a contact counts as found within
-`NEAR_MM`.
+all of these. The next ones are found among the rest. If a contact counts as found within `NEAR_MM`, no answer is a
+better guess than this one. A place between answers can be.
 """
 
 from dataclasses import dataclass

@@ -10,9 +10,7 @@ import io
 from collections.abc import Mapping
 
 import numpy as np
-import torch
 
-from simgen.learning.training.contact import ContactGauge
 from simgen.units import MM_PER_M
 
 FILE = "hypotheses.csv"
@@ -26,12 +24,6 @@ def drawn(probability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def image_name(sample: str, hypothesis: int) -> str:
     """Name the image of a hypothesis; the likeliest is 0."""
     return f"{sample}.hypothesis{hypothesis + 1}.png" if hypothesis else f"{sample}.png"
-
-
-def centroids(gauge: ContactGauge, displacement: np.ndarray) -> np.ndarray:
-    """Centroids (n, hypothesis, 3) of the contacts of meshes (n, hypothesis, vertex, 3), m; NaN without contact."""
-    meshes = torch.from_numpy(displacement)
-    return gauge.centroid(meshes.flatten(0, 1)).unflatten(0, meshes.shape[:2]).numpy()
 
 
 def off_mm(places: np.ndarray, truth: np.ndarray) -> np.ndarray:

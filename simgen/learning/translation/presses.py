@@ -6,7 +6,7 @@
         02_0.3mm.png                 image of depth 2
         contact.csv                  errors of each sample
         hypotheses.csv               optional, with an image of each: see `simgen.learning.translation.hypothesis_files`
-        steps.npz                    optional: signals, latents and both meshes
+        steps.npz                    optional: signals, latents, meshes and probabilities, see `stages`
       contact.json                   the same over the presses of the last command
       chain.png                      some samples from the electrodes to the image
 """
@@ -27,7 +27,7 @@ from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.data import mesh_hash
 from simgen.learning.training.translator import Translated, Translator, hashes, keep_to_one_core, read_job
 from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
-from simgen.learning.translation.hypothesis_files import centroids, csv_of, drawn, image_name, off_mm, table
+from simgen.learning.translation.hypothesis_files import csv_of, drawn, image_name, off_mm, table
 from simgen.sensing.camera.images import Images
 from simgen.sensing.camera.renderer import Renderer
 from simgen.sensing.electrodes.gaps import checked_gaps, gauge_of
@@ -43,7 +43,7 @@ class TranslatedImages(Images):
     networks : folder that `simgen train` wrote
     way : one of `simgen.learning.training.networks.WAYS`
     keep : True to write ``steps.npz``, too
-    hypotheses : most images of a sample
+    hypotheses : at most so many images of a sample
     """
 
     networks: Path
@@ -130,8 +130,8 @@ class TranslatedMeshes:
     def _tables(self, press: int, steps: np.ndarray, found: Translated) -> dict[str, bytes]:
         """``contact.csv``, with a line for each sample, and ``hypotheses.csv`` if there may be several."""
         truth = self.dataset.displacement(self.job.target, press)[steps]
-        places, (true_places,) = centroids(self.contact, found.hypotheses), centroids(self.contact, truth[None])
-        off = off_mm(places, true_places)
+        places = self.contact.centroids(torch.from_numpy(found.hypotheses)).numpy()
+        off = off_mm(places, self.contact.centroid(torch.from_numpy(truth)).numpy())
         deepest, true_deepest = (self.contact.depth(torch.from_numpy(mesh)).numpy() for mesh in (found.target, truth))
         contact = {
             "depth_mm": 1e3 * self._depths[steps],

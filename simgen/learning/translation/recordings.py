@@ -5,7 +5,7 @@
       monday/000100/             samples 100 to 199 of monday.hdf5, whole or missing
         000112.png               image of sample 112; samples without contact have none
         hypotheses.csv           optional, with an image of each: see `simgen.learning.translation.hypothesis_files`
-        steps.npz                optional: signals, latents and both meshes
+        steps.npz                optional: signals, latents, meshes and probabilities
       chain.png                  some samples from the electrodes to the image
 """
 
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LOCK
@@ -23,7 +24,7 @@ from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.training.signals import contact_signals
 from simgen.learning.training.translator import Translator
 from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
-from simgen.learning.translation.hypothesis_files import centroids, drawn, image_name, table
+from simgen.learning.translation.hypothesis_files import drawn, image_name, table
 from simgen.learning.translation.presses import STEPS, stages
 from simgen.sensing.camera.image_files import write_image
 from simgen.sensing.camera.images import written_by_one
@@ -95,7 +96,7 @@ def translate_block(
             for sample, k, image in zip(samples[of], which, renderer(found.hypotheses[of, which]), strict=True):
                 write_image(aside / image_name(f"{sample:06d}", k), image)
             if several:
-                places = centroids(several.contact, found.hypotheses)
+                places = several.contact.centroids(torch.from_numpy(found.hypotheses)).numpy()
                 (aside / HYPOTHESES).write_bytes(table(samples, found.probability, places))
             if keep:
                 (aside / STEPS).write_bytes(stages(found))

@@ -207,6 +207,16 @@ def by_numpy(gauge: ContactGauge, normals: np.ndarray, displacement: np.ndarray)
     return moment / total
 
 
+def test_centroids_of_several_meshes_are_those_of_each(pad):
+    """Three meshes of each of two samples, one of them without contact."""
+    dents = [inwards(sphere(pad.position, np.array([x, 0.0, 0.0]) * MM)) for x in (-4, -2, 0, 2, 4)]
+    meshes = torch.from_numpy(np.concatenate([*dents, 0.0 * dents[0]])).unflatten(0, (2, 3))
+    found = pad.gauge.centroids(meshes)
+    assert found.shape == (2, 3, 3) and found[1, 2].isnan().all()
+    for k in range(3):
+        np.testing.assert_allclose(found[:, k], pad.gauge.centroid(meshes[:, k]), rtol=1e-9)
+
+
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_the_centroid_is_that_of_a_plain_sum(kind):
     """Of random fields on a part of a ball."""

@@ -88,6 +88,45 @@ def test_the_place_with_most_members_near_it_is_the_guess(gauge):
     np.testing.assert_array_equal(found.near, [0, 1, 1, 1, 0, 1])
 
 
+def test_the_best_place_need_not_be_a_member():
+    """Of three members on a circle of 0.87 mm none is near another: 1.51 mm lie between them. Their middle is near."""
+    angle = np.radians([10.0, 130.0, 250.0])
+    places = 0.87 * MM * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    near, apart = floors._most_near(torch.from_numpy(places))
+    assert near.all() and apart.item() == pytest.approx(np.sqrt(3) * 0.87 * MM)
+    near, _ = floors._most_near(torch.from_numpy(places / 0.87 * 1.001))
+    assert near.tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_place_has_more_members_near_it(seed, monkeypatch):
+    """Random places on a plane that is tilted in space, some of them twice, one without contact."""
+    monkeypatch.setattr(floors, "PAIRS_AT_ONCE", 50)
+    random = np.random.default_rng(seed)
+    flat = random.uniform(-2.0, 2.0, (4 + 3 * seed, 2))
+    flat = np.concatenate([flat, flat[:3]])
+    tilt, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    places = MM * (flat @ tilt[:2] + 5.0)
+    near, _ = floors._most_near(torch.from_numpy(np.concatenate([places, np.full((1, 3), np.nan)])))
+    x = np.arange(-3.0, 3.0, 0.02)
+    tried = np.stack(np.meshgrid(x, x), axis=2).reshape(-1, 1, 2)
+    most = np.count_nonzero(np.linalg.norm(tried - flat, axis=2) <= 1.0, axis=1).max()
+    assert most <= np.count_nonzero(near) <= most + 1 and not near[-1]  # the grid misses small places
+    enclosed = flat[near[:-1]]
+    assert min(np.linalg.norm(place - enclosed, axis=1).max() for place in tried) <= 1.0 + 0.02
+
+
+def test_curved_places_have_a_bound_too():
+    """No ball about random places in space holds more than the bound, on a sphere of 8 mm."""
+    random = np.random.default_rng(0)
+    places = random.normal(size=(60, 3)) * [0.15, 0.15, 0.0] + [0.0, 0.0, 1.0]
+    places *= 8.0 / np.linalg.norm(places, axis=1, keepdims=True)
+    near, _ = floors._most_near(torch.from_numpy(MM * places))
+    tried = places[random.integers(60, size=20_000)] + random.normal(scale=0.5, size=(20_000, 3))
+    most = np.count_nonzero(np.linalg.norm(tried[:, None] - places, axis=2) <= 1.0, axis=1).max()
+    assert most <= np.count_nonzero(near) <= most + 2
+
+
 def test_a_tie_does_not_depend_on_the_split(gauge):
     """Either twin may be the one that is tested: the guess is the same."""
     same, target = classes(0, 0, 1, 2, 3, 4), dents(gauge, -3, 3, 0, 0, 0, 0)
@@ -191,7 +230,7 @@ def test_readings_without_steps_are_the_same_if_they_are_equal():
 def test_batches_do_not_matter(gauge, monkeypatch):
     same, target = classes(0, 1, 0, 1, 0, 2), dents(gauge, -6, 0, -5.5, 0.5, 6, 3)
     whole = measured(gauge, same, target)
-    for name in ("ROWS_AT_ONCE", "MEMBERS_AT_ONCE", "BATCH"):
+    for name in ("ROWS_AT_ONCE", "PAIRS_AT_ONCE", "BATCH"):
         monkeypatch.setattr(floors, name, 2)
     for name, rows in (("all", EVERY), ("some", torch.tensor([4, 1]))):
         found = measured(gauge, same, target, rows=rows)

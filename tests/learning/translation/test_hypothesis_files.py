@@ -1,10 +1,8 @@
 """Names and tables of hypotheses."""
 
 import numpy as np
-import torch
 
-from simgen.learning.training.contact import ContactGauge
-from simgen.learning.translation.hypothesis_files import centroids, csv_of, drawn, image_name, off_mm, table
+from simgen.learning.translation.hypothesis_files import csv_of, drawn, image_name, off_mm, table
 
 PROBABILITY = np.array([[0.75, 0.25], [1.0, 0.0]])
 
@@ -18,16 +16,6 @@ def test_the_likeliest_has_the_plain_name():
     assert [image_name("02_0.3mm", k) for k in (0, 1, 7)] == [
         "02_0.3mm.png", "02_0.3mm.hypothesis2.png", "02_0.3mm.hypothesis8.png"
     ]  # fmt: skip
-
-
-def test_places_are_those_of_the_gauge(with_electrodes):
-    gauge = ContactGauge.of_dataset(with_electrodes, "digit")
-    meshes = np.stack([with_electrodes.displacement("digit", press)[:2] for press in (0, 2, 3)], axis=1)
-    found = centroids(gauge, meshes)
-    assert found.shape == (2, 3, 3)
-    for k in range(3):
-        np.testing.assert_allclose(found[:, k], gauge.centroid(torch.from_numpy(meshes[:, k])), rtol=1e-9)
-    assert np.isnan(centroids(gauge, np.nan * meshes)).all()
 
 
 def test_distances_are_from_the_truth_of_the_sample():

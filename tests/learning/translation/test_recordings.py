@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+import torch
 
 from learning.training import touched
 from simgen.dataset.folder_lock import locked
@@ -10,7 +11,7 @@ from simgen.errors import InputError
 from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.training.translator import Translator
-from simgen.learning.translation.hypothesis_files import FILE, centroids, table
+from simgen.learning.translation.hypothesis_files import FILE, table
 from simgen.learning.translation.presses import STEPS
 from simgen.learning.translation.recordings import (
     AT_ONCE,
@@ -148,7 +149,8 @@ def test_a_sample_has_an_image_of_each_hypothesis(file, with_electrodes, network
     for k, end in enumerate((".png", ".hypothesis2.png")):
         image = read_image(folder / f"{recording.samples[row]:06d}{end}")
         assert np.array_equal(image, renderer(found.hypotheses[[row], k])[0])
-    expected = table(recording.samples, found.probability, centroids(several.contact, found.hypotheses))
+    places = several.contact.centroids(torch.from_numpy(found.hypotheses)).numpy()
+    expected = table(recording.samples, found.probability, places)
     assert (folder / FILE).read_bytes() == expected
     with np.load(folder / STEPS) as steps:
         assert np.array_equal(steps["hypotheses"], found.hypotheses, equal_nan=True)
