@@ -60,7 +60,7 @@ class TestSamples:
         self.rows = data.rows("test")
 
     def given(self, rows: Tensor) -> dict[str, Tensor]:
-        """What a network may know of samples (n,)."""
+        """Inputs that a network may use, of samples (n,)."""
         data, at = self.inputs.data, rows.cpu().numpy()
         press, step = (torch.from_numpy(each[at]).to(rows.device) for each in (data.press, data.step))
         return {"press": press, "step": step, "signals": self.inputs.signals.values[rows],

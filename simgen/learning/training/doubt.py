@@ -153,7 +153,7 @@ def measure_answers(
     points = torch.from_numpy(gauge.surface.points).to(rows.device)
 
     def measures(some: Tensor) -> tuple[Tensor, ...]:
-        """Of a batch, (n,) each, in the order of `Answers`."""
+        """Measures of a batch, (n,) each, in the order of `Answers`."""
         true, (found, logits) = truth.displacement(some), draws(some)
         centroids, own = gauge.centroids(found), gauge.centroid(true)
         hypotheses = Hypotheses.of_centroids(centroids, max(TRIES))

@@ -4,7 +4,7 @@ A reading depends on the inverse of the film's thickness. So an electrode whose 
 where the others change by millivolts. The thickness itself is close to linear in the deformation of the skin.
 
 Noise of the reading makes an error of the thickness that grows with its square. So films count as no thicker than where
-this error is a tenth of the thickness. It was measured without noise alone.
+this error is a tenth of the thickness. Networks have been trained on signals without noise only.
 """
 
 from collections.abc import Mapping

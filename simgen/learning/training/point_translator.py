@@ -253,7 +253,7 @@ class PointTranslator(Network):
     def _drawn(
         self, displacement: Tensor, noise: Tensor, sign: Tensor, points: SkinPoints | None = None
     ) -> tuple[Tensor, Tensor]:
-        """As `draws`, for noise (n, draw, noise).
+        """Answers for noise (n, draw, noise), as `draws` gives them.
 
         sign : (n,), or one for all: 1 for the sample itself, -1 for its mirror image
         """

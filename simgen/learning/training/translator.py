@@ -137,8 +137,7 @@ class Translator:
         """Hypotheses, probability and contact, see `Translated`, of the source's meshes (n, vertex, 3)."""
         network, gauge = self._drawing
         drawn, logits = network.draws(source)
-        centroids = gauge.centroid(drawn.flatten(0, 1)).unflatten(0, drawn.shape[:2])
-        found = Hypotheses.of_centroids(centroids, hypotheses)
+        found = Hypotheses.of_centroids(gauge.centroids(drawn), hypotheses)
         return found.means(drawn), found.probability, found.means(logits.sigmoid() * (network.share > 0.0))
 
 

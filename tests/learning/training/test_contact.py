@@ -219,7 +219,7 @@ def test_centroids_of_several_meshes_are_those_of_each(pad):
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_the_centroid_is_that_of_a_plain_sum(kind):
-    """Of random fields on a part of a ball."""
+    """Random fields on a part of a ball."""
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=7.0 * MM)
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     gauge = gauge_of(vertices, triangles, touchable=vertices[:, 1] < 3.0 * MM).gauge

@@ -121,7 +121,7 @@ def test_the_energy_score_of_two_places():
 
 
 def test_the_energy_score_is_that_pair_by_pair():
-    """Of meshes in float32 whose draws differ by a ten-thousandth of their size."""
+    """Meshes in float32, whose draws differ by a ten-thousandth of their size."""
     random = torch.Generator().manual_seed(0)
     true = torch.randn(3, 50, 3, generator=random)
     found = true[:, None] + 1e-4 * torch.randn(3, 6, 50, 3, generator=random)

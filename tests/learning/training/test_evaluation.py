@@ -127,7 +127,7 @@ def test_contacts_of_the_whole_way_are_those_of_translated_presses(trained, entr
 
 
 def test_floors_are_those_of_brute_force(trained, with_electrodes):
-    """Of a coarse instrument: samples of other presses whose readings differ by a step at most, one by one."""
+    """A coarse instrument: samples of other presses count whose readings differ by a step at most, one by one."""
     job = touched.job(with_electrodes.path, signals={"synthetic": {"bits": 6}})
     data = trained.inputs.data
     coarse = Evaluation(TrainingInputs(job, data, trained.trained), lambda name: False)

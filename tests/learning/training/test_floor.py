@@ -83,7 +83,7 @@ def test_twins_beside_each_other_are_both_found(gauge):
 
 
 def test_the_place_with_most_members_near_it_is_the_guess(gauge):
-    """Of five twins three lie within 1 mm of the third."""
+    """Three of five twins lie within 1 mm of the third."""
     found = measured(gauge, classes(0, 0, 0, 0, 0, 1), dents(gauge, -6, 4.5, 5, 5.5, 0, 3))
     np.testing.assert_array_equal(found.near, [0, 1, 1, 1, 0, 1])
 

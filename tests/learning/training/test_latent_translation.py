@@ -177,3 +177,13 @@ def test_training_shows_mirror_images_by_chance():
     assert abs(losses.mean() - expected) < 0.02 * expected and losses.std() > 0.0
     network.eval()
     assert network.terms(source, target, target * image) == network.terms(source, target)
+
+
+def test_networks_of_earlier_versions_load():
+    """Their settings know neither film nor mirror images."""
+    source, target = curve(20)
+    network = new(source, target)
+    older = {key: value for key, value in network.settings().items() if key not in ("circuit", "mirrored")}
+    again = LatentTranslation.empty(older)
+    again.load_state_dict(network.state_dict())
+    assert torch.equal(again.eval()(source), network.eval()(source))
