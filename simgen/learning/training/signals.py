@@ -10,10 +10,11 @@ from torch import Tensor
 
 from simgen.dataset.splits import SPLITS, split_by_trajectory
 from simgen.errors import InputError
-from simgen.learning.training.data import MeshSamples, TrainingData
+from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
 from simgen.learning.training.networks import SIGNALS, SOURCE, chains
 from simgen.learning.training.schema import RecordingFiles, Signals
-from simgen.sensing.electrodes.model import signals_at_rest, synthetic_signals
+from simgen.sensing.electrodes.gaps import checked_gaps, gauge_of
+from simgen.sensing.electrodes.model import measured, voltage
 from simgen.sensing.electrodes.recordings import Recordings, read_recordings
 from simgen.sensing.electrodes.signals import Scaling, in_contact, without_drift
 
@@ -72,12 +73,19 @@ def read_signals(data: TrainingData, sensor: str, settings: Signals, folder: Pat
 
 
 def synthetic(data: TrainingData, sensor: str, settings: Signals) -> SignalData:
-    """Make signals of every sample of a dataset by the electrode model, with the dataset's splits."""
-    meshes = data.meshes[sensor]
+    """Make signals of every sample of a dataset by the electrode model, with the dataset's splits.
+
+    They are those of `simgen.sensing.electrodes.model.synthetic_signals`, from the meshes that are already here.
+    """
+    dataset, meshes, circuit = data.dataset, data.meshes[sensor], settings.synthetic
     device = meshes.steps.device
-    volts = synthetic_signals(data.dataset, sensor, data.press, data.step, settings.synthetic, str(device))
-    rest = signals_at_rest(data.dataset, sensor, settings.synthetic, str(device))
-    values, rest = (torch.from_numpy(each).float().to(device) for each in (volts, rest))
+    gauge = gauge_of(dataset, sensor, str(device))
+    inner, batches = torch.from_numpy(gauge.used).to(device), torch.arange(len(data), device=device).split(BATCH)
+    moved = (meshes.scale * meshes.steps[rows].unflatten(1, (-1, 3))[:, inner].double() for rows in batches)
+    gap = np.concatenate([gauge.of_inner_surface(each.cpu().numpy()) for each in moved])
+    checked_gaps(gap, f"{dataset.path}/{sensor}", data.press, data.step)
+    volts = measured(voltage(gap, circuit), data.press, data.step, len(dataset["depth"]), circuit)
+    values, rest = (torch.from_numpy(each).float().to(device) for each in (volts, voltage(gauge.rest_gap, circuit)))
     return SignalData(values, data.split, meshes, rest)
 
 

@@ -75,6 +75,7 @@ class GapGauge:
     rest, triangles : (vertex, 3) m and (triangle, 3), the inner surface of the skin, which faces the core
     electrodes, normals : (electrode, 3) m on the core, and the core's outward unit normals there
     rest_gap : (electrode,) m, the gaps at rest
+    used : numbers of the vertices of the inner surface
 
     Raises `InputError` if there is no skin above an electrode at rest.
     """
@@ -106,9 +107,12 @@ class GapGauge:
 
         Negative where skin overlaps the core, infinite where the ray misses the skin, NaN where a displacement is NaN.
         """
-        moved = np.asarray(displacement, dtype=np.float64)[:, self.used]
-        gap = self._measure(moved)
-        gap[~np.isfinite(moved).all(axis=(1, 2))] = np.nan
+        return self.of_inner_surface(np.asarray(displacement, dtype=np.float64)[:, self.used])
+
+    def of_inner_surface(self, displacement: np.ndarray) -> np.ndarray:
+        """The same gaps from float64 displacements (sample, vertex, 3), m, of the vertices `used` alone."""
+        gap = self._measure(displacement)
+        gap[~np.isfinite(displacement).all(axis=(1, 2))] = np.nan
         return gap
 
     def _set_triangles(self, triangles: np.ndarray, counts: np.ndarray) -> None:

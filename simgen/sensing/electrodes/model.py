@@ -24,7 +24,7 @@ from pydantic import Field, model_validator
 from simgen.config.allowed_values import allowed
 from simgen.config.strict_section import StrictSection
 from simgen.dataset.reader import Dataset
-from simgen.sensing.electrodes.gaps import gaps, gauge_of
+from simgen.sensing.electrodes.gaps import gaps
 
 DRIFT_KEY, NOISE_KEY = 1, 2  # follow the seed, so that drift and noise have their own random numbers
 
@@ -123,16 +123,6 @@ def measured(
         unit = settings.supply_v / (2**settings.bits - 1)
         read = unit * np.rint(read / unit)
     return read
-
-
-def signals_at_rest(
-    dataset: Dataset, sensor: str, settings: ElectrodeSettings | None = None, device: str = "cpu"
-) -> np.ndarray:
-    """Voltages (electrode,), V, of the untouched sensor, without noise, drift and quantization.
-
-    Raises `InputError` as `simgen.sensing.electrodes.gaps.gauge_of` does.
-    """
-    return voltage(gauge_of(dataset, sensor, device).rest_gap, settings or ElectrodeSettings())
 
 
 def synthetic_signals(
