@@ -1,12 +1,20 @@
 """Constant sparse matrices of a network, stored as dense buffers, so that any file of tensors holds them."""
 
 import warnings
+from functools import cache
+from importlib import import_module, util
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 import torch
 from scipy.sparse import csr_array
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
+
+from simgen.learning.training.sparse_blocks import SparseBlocks
+
+KERNELS = "simgen.learning.training.tf32_kernels"
 
 for known in ("Sparse CSR tensor support is in beta", "Sparse invariant checks are implicitly disabled"):
     warnings.filterwarnings("ignore", message=known, category=UserWarning)
@@ -21,6 +29,7 @@ class SparseMatrix(nn.Module):
         self.register_buffer("row_starts", torch.zeros(rows + 1, dtype=torch.int32))
         self.register_buffer("columns", torch.zeros(entries, dtype=torch.int32))
         self.register_buffer("values", torch.zeros(entries))
+        self._blocks: SparseBlocks | None = None
 
     def fill(self, matrix: csr_array) -> None:
         """Copy a matrix of the same shape and number of entries."""
@@ -28,13 +37,48 @@ class SparseMatrix(nn.Module):
         for buffer, array in ((self.row_starts, matrix.indptr), (self.columns, matrix.indices),
                               (self.values, matrix.data)):  # fmt: skip
             buffer.copy_(torch.from_numpy(np.asarray(array)))
+        self._blocks = None
+
+    @property
+    def blocks(self) -> SparseBlocks:
+        """Blocks of the matrix, made when first needed, which may not be while a CUDA graph is recorded."""
+        if self._blocks is None:
+            entries = (each.cpu().numpy() for each in (self.values, self.columns, self.row_starts))
+            self._blocks = SparseBlocks.of_matrix(csr_array(tuple(entries), self.shape), self.values.device)
+        return self._blocks
+
+    def _apply(self, *arguments: Any, **named: Any) -> nn.Module:
+        self._blocks = None  # they are made anew on the next device
+        return super()._apply(*arguments, **named)
+
+    def _load_from_state_dict(self, *arguments: Any, **named: Any) -> None:
+        self._blocks = None
+        super()._load_from_state_dict(*arguments, **named)
+
+
+def tf32_kernels(x: Tensor) -> ModuleType | None:
+    """Return `simgen.learning.training.tf32_kernels` if products with x may have TF32's precision and Triton is there.
+
+    As for torch's own products, `torch.set_float32_matmul_precision` allows it, see
+    `simgen.learning.training.step.tf32_products`.
+    """
+    allowed = x.is_cuda and x.dtype == torch.float32 and torch.get_float32_matmul_precision() != "highest"
+    return _kernels() if allowed else None
+
+
+@cache
+def _kernels() -> ModuleType | None:
+    return import_module(KERNELS) if util.find_spec("triton") else None
 
 
 def multiply(matrix: SparseMatrix, dense: Tensor, out: Tensor, add: bool = False) -> None:
     """Compute ``out`` = matrix @ dense, or ``out`` += matrix @ dense, for (., n) tensors with contiguous rows.
 
-    Records no gradient, does not synchronise, and may be part of a CUDA graph.
+    Records no gradient and may be part of a CUDA graph, if it ran once before.
     """
+    if kernels := tf32_kernels(dense):
+        kernels.multiply_blocks(matrix.blocks, matrix.shape[0], dense, out, add)
+        return
     arrays = (matrix.row_starts, matrix.columns, matrix.values)
     csr = torch.sparse_csr_tensor(*arrays, size=matrix.shape, check_invariants=False)
     torch.addmm(out, csr, dense, beta=1.0 if add else 0.0, out=out)
