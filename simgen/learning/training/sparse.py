@@ -12,9 +12,11 @@ from scipy.sparse import csr_array
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
+from simgen.errors import shown
 from simgen.learning.training.sparse_blocks import SparseBlocks
 
-KERNELS = "simgen.learning.training.tf32_kernels"
+KERNELS = "simgen.learning.training.tf32_kernels"  # imports Triton
+FIRST_TF32 = (8, 0)  # compute capability: Ampere
 
 for known in ("Sparse CSR tensor support is in beta", "Sparse invariant checks are implicitly disabled"):
     warnings.filterwarnings("ignore", message=known, category=UserWarning)
@@ -57,9 +59,9 @@ class SparseMatrix(nn.Module):
 
 
 def tf32_kernels(x: Tensor) -> ModuleType | None:
-    """Return `simgen.learning.training.tf32_kernels` if products with x may have TF32's precision and Triton is there.
+    """Return `simgen.learning.training.tf32_kernels` if it runs here and products with x may have TF32's precision.
 
-    As for torch's own products, `torch.set_float32_matmul_precision` allows it, see
+    As for torch's own products, `torch.set_float32_matmul_precision` allows that, see
     `simgen.learning.training.step.tf32_products`.
     """
     allowed = x.is_cuda and x.dtype == torch.float32 and torch.get_float32_matmul_precision() != "highest"
@@ -68,7 +70,15 @@ def tf32_kernels(x: Tensor) -> ModuleType | None:
 
 @cache
 def _kernels() -> ModuleType | None:
-    return import_module(KERNELS) if util.find_spec("triton") else None
+    if torch.version.cuda is None or torch.cuda.get_device_capability() < FIRST_TF32 or not util.find_spec("triton"):
+        return None
+    kernels = import_module(KERNELS)
+    try:
+        kernels.filtered(*(torch.zeros(shape, device="cuda") for shape in ((1, 1, 1), (1, 1, 1, 1), (2, 1, 1))), 1)
+    except Exception as error:  # Triton needs a C compiler and Python's headers, and says so in many ways
+        warnings.warn(f"Triton does not run here, training takes longer: {shown(str(error), 200)}", stacklevel=2)
+        return None
+    return kernels
 
 
 def multiply(matrix: SparseMatrix, dense: Tensor, out: Tensor, add: bool = False) -> None:

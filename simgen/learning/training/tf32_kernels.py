@@ -13,7 +13,7 @@ from simgen.learning.training.sparse_blocks import SparseBlocks
 SAMPLES = 128  # of a program
 LEAST = 16  # rows and columns of the smallest matrices that `tl.dot` takes
 OUTPUTS = 32  # of a program of `filtered`
-SUMMED = 32  # samples that a program of `correlated` reads at a time
+SUMMED = 32  # samples that a program of `correlated` reads at a time; two such stages fit all GPUs
 PARTS = 528  # partial sums of `correlated`: four for each multiprocessor of an H200
 
 
@@ -25,7 +25,8 @@ def multiply_blocks(blocks: SparseBlocks, count: int, dense: Tensor, out: Tensor
                     dense.stride(0), out.stride(0), add, rows, columns, SAMPLES)  # fmt: skip
 
 
-def filtered(x: Tensor, powers: Tensor, weight: Tensor, rows: int, bias: Tensor | None, relu: bool) -> Tensor:
+def filtered(x: Tensor, powers: Tensor, weight: Tensor, rows: int, bias: Tensor | None = None,
+             relu: bool = False) -> Tensor:  # fmt: skip
     """See `simgen.learning.training.chebyshev.filtered`."""
     (_, inputs, samples), (count, outputs, _) = x.shape, weight.shape
     y = x.new_empty(rows, outputs, samples)
@@ -43,7 +44,7 @@ def correlated(x: Tensor, powers: Tensor, other: Tensor) -> tuple[Tensor, Tensor
     products = x.new_empty(PARTS, features + further, others)
     sums = x.new_empty(PARTS, features)
     _correlate[(PARTS,)](x, powers, other, products, sums, vertices, samples, features, further, others,
-                         _padded(features), _padded(further), _padded(others), SUMMED)  # fmt: skip
+                         _padded(features), _padded(further), _padded(others), SUMMED, num_stages=2)  # fmt: skip
     return products.sum(dim=0).view(-1, features, others), sums.sum(dim=0)
 
 
