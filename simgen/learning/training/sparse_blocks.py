@@ -22,7 +22,7 @@ class SparseBlocks:
     rows : (block, `ROWS`) row numbers; m fills the last block up
     starts : (block + 1,) first chunk of each block
     columns : (chunk, `COLUMNS`) column numbers; a repeated last one fills a chunk up, with zeros
-    values : (chunk, `ROWS`, `COLUMNS`) entries, rounded to TF32: the GPU would cut them off
+    values : (chunk, `ROWS`, `COLUMNS`) entries, rounded to TF32
     """
 
     rows: Tensor
