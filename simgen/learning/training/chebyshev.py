@@ -110,8 +110,8 @@ def horner(x: Tensor, weight: Tensor, laplacian: SparseMatrix) -> Tensor:
     """Horner's rule W_0 x + L (W_1 x + L (W_2 x + ...)), with ``weight`` (power, output, input)."""
     vertices, inputs, samples = x.shape
     count, outputs, _ = weight.shape
-    terms = torch.bmm(weight.reshape(1, -1, inputs).expand(vertices, -1, -1), x)
-    terms = terms.view(vertices, count, outputs * samples)
+    none = x.new_empty(vertices, 0, inputs, samples)
+    terms = filtered(x, none, weight.reshape(1, -1, inputs), vertices).view(vertices, count, outputs * samples)
     for p in reversed(range(count - 1)):
         multiply(laplacian, terms[:, p + 1], out=terms[:, p], add=True)
     return terms[:, 0].view(vertices, outputs, samples)

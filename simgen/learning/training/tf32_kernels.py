@@ -41,11 +41,12 @@ def correlated(x: Tensor, powers: Tensor, other: Tensor) -> tuple[Tensor, Tensor
     """See `simgen.learning.training.chebyshev.correlated`."""
     (vertices, features, samples), others = other.shape[:1] + x.shape[1:], other.shape[1]
     further = powers.shape[1] * features
-    products = x.new_empty(PARTS, features + further, others)
-    sums = x.new_empty(PARTS, features)
-    _correlate[(PARTS,)](x, powers, other, products, sums, vertices, samples, features, further, others,
+    size = (features + further) * others
+    parts = x.new_empty(PARTS, size + features)
+    _correlate[(PARTS,)](x, powers, other, parts, vertices, samples, features, further, others,
                          _padded(features), _padded(further), _padded(others), SUMMED, num_stages=2)  # fmt: skip
-    return products.sum(dim=0).view(-1, features, others), sums.sum(dim=0)
+    products, sums = parts.sum(dim=0).split([size, features])
+    return products.view(-1, features, others), sums
 
 
 def _padded(size: int) -> int:
@@ -112,7 +113,7 @@ def _filter(
 
 @triton.jit
 def _correlate(
-    x, powers, other, products, sums, vertices, samples,
+    x, powers, other, parts, vertices, samples,
     FEATURES: tl.constexpr, FURTHER: tl.constexpr, OTHERS: tl.constexpr,
     F: tl.constexpr, P: tl.constexpr, G: tl.constexpr, S: tl.constexpr,
 ):  # fmt: skip
@@ -130,7 +131,8 @@ def _correlate(
         of_x = tl.dot(a, c, of_x, input_precision="tf32")
         of_powers = tl.dot(b, c, of_powers, input_precision="tf32")
         total += a
-    to = products + part * (FEATURES + FURTHER) * OTHERS + g.T
-    tl.store(to + f * OTHERS, of_x, mask=(f < FEATURES) & (g.T < OTHERS))
-    tl.store(to + (FEATURES + p) * OTHERS, of_powers, mask=(p < FURTHER) & (g.T < OTHERS))
-    tl.store(sums + part * FEATURES + tl.arange(0, F), tl.sum(total, 1), mask=tl.arange(0, F) < FEATURES)
+    size = (FEATURES + FURTHER) * OTHERS
+    to = parts + part * (size + FEATURES)
+    tl.store(to + f * OTHERS + g.T, of_x, mask=(f < FEATURES) & (g.T < OTHERS))
+    tl.store(to + (FEATURES + p) * OTHERS + g.T, of_powers, mask=(p < FURTHER) & (g.T < OTHERS))
+    tl.store(to + size + tl.arange(0, F), tl.sum(total, 1), mask=tl.arange(0, F) < FEATURES)

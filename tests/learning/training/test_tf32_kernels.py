@@ -1,4 +1,4 @@
-"""Kernels against the same sums by torch. Without a GPU, Triton's interpreter runs them. Its products are in float32."""
+"""Kernels against the same sums by torch. Without a GPU, Triton's interpreter runs them, in float32."""
 
 import os
 
@@ -64,6 +64,11 @@ def test_a_filter_is_a_sum_of_products(plain, widths, samples, activation):
     bias = random(widths[1]) if activation[0] else None
     found = kernels.filtered(x, powers, weight, 5, bias, activation[1])
     assert_near(found, chebyshev.filtered(x, powers, weight, 5, bias, activation[1]))
+
+
+def test_a_filter_without_powers_is_one_product():
+    x, weight = random(9, 16, 7), random(1, 40, 16)
+    assert_near(kernels.filtered(x, x.new_empty(9, 0, 16, 7), weight, 9), weight[0] @ x)
 
 
 @pytest.mark.parametrize("widths", [(3, 16), (16, 16), (32, 20)])
