@@ -64,7 +64,7 @@ class _Convolution(torch.autograd.Function):
     def forward(
         context, x: Tensor, weight: Tensor, bias: Tensor | None, laplacian: SparseMatrix, rows: int, relu: bool
     ) -> Tensor:
-        context.laplacian, context.relu, context.biased = laplacian, relu, bias is not None
+        context.laplacian, context.biased = laplacian, bias is not None
         context.widens = weight.shape[2] < weight.shape[1]
         x, powers = x.contiguous(), None
         if weight.shape[2] > weight.shape[1]:
@@ -153,6 +153,6 @@ def correlated(x: Tensor, powers: Tensor, other: Tensor) -> tuple[Tensor, Tensor
     """
     if kernels := tf32_kernels(x):
         return kernels.correlated(x, powers, other)
-    vertices, by_sample = len(other), other.transpose(1, 2)
-    products = [torch.bmm(each[:vertices].flatten(1, -2), by_sample).sum(dim=0) for each in (x, powers)]
+    x, powers, by_sample = x[: len(other)], powers[: len(other)], other.transpose(1, 2)
+    products = [torch.bmm(each.flatten(1, -2), by_sample).sum(dim=0) for each in (x, powers)]
     return torch.cat(products).view(-1, x.shape[1], other.shape[1]), x.sum(dim=(0, 2))

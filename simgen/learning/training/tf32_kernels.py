@@ -1,7 +1,7 @@
 """Triton kernels of graph convolutions in TF32. Torch's builds for GPUs on Linux bring Triton along.
 
 Features are tensors (vertex, feature, sample), as in `simgen.learning.training.chebyshev`. Kernels read each of them
-once, and neither allocate nor synchronise beside their results, so that a CUDA graph may hold them.
+once, or from a cache. A CUDA graph may hold them, if they ran once before: their first run compiles them.
 """
 
 import triton
@@ -55,7 +55,7 @@ def _padded(size: int) -> int:
 
 @triton.jit
 def _rounded(x):
-    """x to the nearest value of TF32. `tl.dot` would cut bits off, and shrink L^5 x by 0.4 %."""
+    """x to the nearest value of TF32. `tl.dot` would cut bits off, which makes all products too small."""
     return ((x.to(tl.int32, bitcast=True) + 0x1000) & -0x2000).to(tl.float32, bitcast=True)
 
 
