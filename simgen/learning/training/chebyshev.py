@@ -12,7 +12,7 @@ from scipy.sparse import csr_array, diags_array
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
-from simgen.learning.training.sparse import SparseMatrix, multiply
+from simgen.learning.training.sparse import SparseMatrix, multiply, tf32_kernels
 
 INITIAL = 0.1  # standard deviation of new weights and biases, as published with CoMA
 
@@ -43,15 +43,17 @@ class ChebyshevConvolution(nn.Module):
         for parameter in self.parameters():
             nn.init.normal_(parameter, 0.0, INITIAL)
 
-    def forward(self, x: Tensor, laplacian: SparseMatrix, rows: int | None = None) -> Tensor:
-        """Convolve x, and return y at the first ``rows`` vertices, all by default: down-sampling drops the others."""
+    def forward(self, x: Tensor, laplacian: SparseMatrix, rows: int | None = None, relu: bool = False) -> Tensor:
+        """Convolve x, and return y at the first ``rows`` vertices, all by default: down-sampling drops the others.
+
+        relu : return max(y, 0)
+        """
         weight = torch.einsum("kp,koi->poi", self.powers, self.weight)
-        y = _Convolution.apply(x, weight, laplacian, len(x) if rows is None else rows)
-        return y if self.bias is None else y.add_(self.bias[:, None])
+        return _Convolution.apply(x, weight, self.bias, laplacian, len(x) if rows is None else rows, relu)
 
 
 class _Convolution(torch.autograd.Function):
-    """sum over p of W_p L^p x, with few sparse products and little memory.
+    """sum over p of W_p L^p x plus bias, with few sparse products and little memory.
 
     Sparse products act on the side with fewer features: on inputs as powers, on outputs by Horner's rule. As L is
     symmetric, powers of the gradient of y give the gradients of both x and W. Powers of x are kept for the backward
@@ -59,61 +61,98 @@ class _Convolution(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(context, x: Tensor, weight: Tensor, laplacian: SparseMatrix, rows: int) -> Tensor:
-        context.laplacian, context.widens = laplacian, weight.shape[2] < weight.shape[1]
+    def forward(
+        context, x: Tensor, weight: Tensor, bias: Tensor | None, laplacian: SparseMatrix, rows: int, relu: bool
+    ) -> Tensor:
+        context.laplacian, context.biased = laplacian, bias is not None
+        context.widens = weight.shape[2] < weight.shape[1]
+        x, powers = x.contiguous(), None
         if weight.shape[2] > weight.shape[1]:
-            y = horner(x, weight, laplacian)[:rows].clone()
+            y = activated(horner(x, weight, laplacian)[:rows].clone(), bias, relu)
         else:
             powers = powers_of(x, laplacian, len(weight))
-            y = filtered(powers[:rows], weight)
-        context.save_for_backward(powers if context.widens else x, weight)
+            y = filtered(x, powers, weight, rows, bias, relu)
+        context.save_for_backward(x, weight, powers if context.widens else None, y if relu else None)
         return y
 
     @staticmethod
     @once_differentiable
     def backward(context, gradient: Tensor):
-        kept, weight = context.saved_tensors
-        missing = len(kept) - len(gradient)
-        gradient = F.pad(gradient, (0, 0, 0, 0, 0, missing)) if missing else gradient.contiguous()
-        to_inputs = weight.transpose(1, 2)
+        x, weight, powers, y = context.saved_tensors
+        to_inputs, of_x, kept = weight.transpose(1, 2), None, len(gradient)
+        needs_all = context.needs_input_grad[0] or not context.widens
+        gradient = masked(gradient, y, len(x) if needs_all else kept)
         if context.widens:
-            of_weight = correlated(kept, gradient).transpose(1, 2)
-            of_x = horner(gradient, to_inputs, context.laplacian) if context.needs_input_grad[0] else None
+            of_weight = correlated(x, powers, gradient[:kept])[0].transpose(1, 2)
+            of_bias = gradient.sum(dim=(0, 2)) if context.biased else None
+            if context.needs_input_grad[0]:
+                of_x = horner(gradient, to_inputs, context.laplacian)
         else:
             powers = powers_of(gradient, context.laplacian, len(weight))
-            of_weight = correlated(powers, kept)
-            of_x = filtered(powers, to_inputs) if context.needs_input_grad[0] else None
-        return of_x, of_weight, None, None
+            of_weight, of_bias = correlated(gradient, powers, x)
+            if context.needs_input_grad[0]:
+                of_x = filtered(gradient, powers, to_inputs, len(x))
+        return of_x, of_weight, of_bias if context.biased else None, None, None, None
 
 
 def powers_of(x: Tensor, laplacian: SparseMatrix, count: int) -> Tensor:
-    """Powers x, L x, L^2 x, ... of x (vertex, feature, sample): (vertex, power, feature, sample)."""
+    """Powers L x, L^2 x, ... of x (vertex, feature, sample): (vertex, count - 1, feature, sample), without x."""
     vertices, features, samples = x.shape
-    powers = x.new_empty(vertices, count, features * samples)
-    powers[:, 0] = x.reshape(vertices, -1)
-    for p in range(1, count):
-        multiply(laplacian, powers[:, p - 1], out=powers[:, p])
-    return powers.view(vertices, count, features, samples)
+    powers = x.new_empty(vertices, count - 1, features * samples)
+    before = x.reshape(vertices, -1)
+    for p in range(count - 1):
+        multiply(laplacian, before, out=powers[:, p])
+        before = powers[:, p]
+    return powers.view(vertices, count - 1, features, samples)
 
 
 def horner(x: Tensor, weight: Tensor, laplacian: SparseMatrix) -> Tensor:
     """Horner's rule W_0 x + L (W_1 x + L (W_2 x + ...)), with ``weight`` (power, output, input)."""
     vertices, inputs, samples = x.shape
     count, outputs, _ = weight.shape
-    terms = torch.bmm(weight.reshape(1, -1, inputs).expand(vertices, -1, -1), x)
-    terms = terms.view(vertices, count, outputs * samples)
+    none = x.new_empty(vertices, 0, inputs, samples)
+    terms = filtered(x, none, weight.reshape(1, -1, inputs), vertices).view(vertices, count, outputs * samples)
     for p in reversed(range(count - 1)):
         multiply(laplacian, terms[:, p + 1], out=terms[:, p], add=True)
     return terms[:, 0].view(vertices, outputs, samples)
 
 
-def filtered(powers: Tensor, weight: Tensor) -> Tensor:
-    """Sum of W_p times power p: (vertex, output, sample)."""
-    flat = weight.transpose(0, 1).flatten(1)
-    return torch.bmm(flat.expand(len(powers), -1, -1), powers.flatten(1, 2))
+def filtered(
+    x: Tensor, powers: Tensor, weight: Tensor, rows: int, bias: Tensor | None = None, relu: bool = False
+) -> Tensor:
+    """Sum of W_p times power p at the first ``rows`` vertices, `activated`: (vertex, output, sample)."""
+    if kernels := tf32_kernels(x):
+        return kernels.filtered(x, powers, weight, rows, bias, relu)
+    of_powers = weight[1:].transpose(0, 1).flatten(1).expand(rows, -1, -1)
+    y = torch.bmm(weight[0].expand(rows, -1, -1), x[:rows])
+    return activated(y.baddbmm_(of_powers, powers[:rows].flatten(1, 2)), bias, relu)
 
 
-def correlated(powers: Tensor, x: Tensor) -> Tensor:
-    """Sum of products over vertices and samples: (power, feature of ``powers``, feature of ``x``)."""
-    products = torch.bmm(powers.flatten(1, 2), x.transpose(1, 2)).sum(dim=0)
-    return products.view(powers.shape[1], powers.shape[2], x.shape[1])
+def activated(y: Tensor, bias: Tensor | None, relu: bool) -> Tensor:
+    """Add ``bias`` (output,) to y (vertex, output, sample), then take its positive part, in place."""
+    if bias is not None:
+        y.add_(bias[:, None])
+    return y.relu_() if relu else y
+
+
+def masked(gradient: Tensor, y: Tensor | None, rows: int) -> Tensor:
+    """Gradient before a ReLU of values y, if any, at ``rows`` vertices: 0 where y is 0, and at those that y lacks."""
+    missing = rows - len(gradient)
+    if y is None:
+        return F.pad(gradient, (0, 0, 0, 0, 0, missing)) if missing else gradient.contiguous()
+    whole = gradient.new_empty(rows, *gradient.shape[1:])
+    whole[len(gradient) :] = 0.0
+    torch.ops.aten.threshold_backward.grad_input(gradient, y, 0, grad_input=whole[: len(gradient)])
+    return whole
+
+
+def correlated(x: Tensor, powers: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
+    """Sums of products of x and its powers with ``other`` over vertices and samples, and sums of x (feature,).
+
+    Products are (power, feature of x, feature of ``other``). Vertices are those of ``other``.
+    """
+    if kernels := tf32_kernels(x):
+        return kernels.correlated(x, powers, other)
+    x, powers, by_sample = x[: len(other)], powers[: len(other)], other.transpose(1, 2)
+    products = [torch.bmm(each.flatten(1, -2), by_sample).sum(dim=0) for each in (x, powers)]
+    return torch.cat(products).view(-1, x.shape[1], other.shape[1]), x.sum(dim=(0, 2))

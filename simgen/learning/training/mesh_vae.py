@@ -131,7 +131,7 @@ class MeshVAE(Network):
 
     def _encode(self, x: Tensor) -> tuple[Tensor, Tensor]:
         for level, convolution in enumerate(self.down_convolutions):
-            x = F.relu(convolution(x, self.laplacians[level], rows=self.sizes[level + 1]), inplace=True)
+            x = convolution(x, self.laplacians[level], rows=self.sizes[level + 1], relu=True)
         hidden = F.relu(self.to_hidden(x.flatten(0, 1).T))
         return self.to_mean(hidden), self.to_log_variance(hidden)
 
@@ -140,7 +140,7 @@ class MeshVAE(Network):
         x = hidden.T.contiguous().view(self.sizes[-1], DECODER[0], -1)
         for level, convolution in zip(reversed(range(len(self.up))), self.up_convolutions, strict=True):
             x = interpolate(x, self.up[level], self.up_transposed[level])
-            x = F.relu(convolution(x, self.laplacians[level]), inplace=True)
+            x = convolution(x, self.laplacians[level], relu=True)
         return self.last(x, self.laplacians[0])
 
 

@@ -78,13 +78,14 @@ def test_values_and_gradients_are_those_of_torch_geometric(adjacency, laplacian,
 
 @pytest.mark.parametrize("rows", [VERTICES, 11])
 @pytest.mark.parametrize("widths", WIDTHS)
-def test_gradients_are_those_of_finite_differences(laplacian, widths, rows):
+@pytest.mark.parametrize("relu", [False, True])
+def test_gradients_are_those_of_finite_differences(laplacian, widths, rows, relu):
     convolution = ChebyshevConvolution(*widths, 4).double()
     x = torch.randn(VERTICES, widths[0], 2, dtype=torch.float64, requires_grad=True)
     laplacian = laplacian.double()
 
     def output(x, weight, bias):
-        return torch.func.functional_call(convolution, {"weight": weight, "bias": bias}, (x, laplacian, rows))
+        return torch.func.functional_call(convolution, {"weight": weight, "bias": bias}, (x, laplacian, rows, relu))
 
     leaves = (x, convolution.weight.detach().requires_grad_(), convolution.bias.detach().requires_grad_())
     assert torch.autograd.gradcheck(output, leaves, fast_mode=True)
@@ -95,6 +96,27 @@ def test_the_first_rows_are_those_of_the_whole(laplacian, widths):
     convolution = ChebyshevConvolution(*widths)
     x = torch.randn(VERTICES, widths[0], SAMPLES)
     torch.testing.assert_close(convolution(x, laplacian, rows=11), convolution(x, laplacian)[:11])
+
+
+@pytest.mark.parametrize("widths", WIDTHS)
+def test_a_relu_keeps_what_is_positive(laplacian, widths):
+    convolution = ChebyshevConvolution(*widths)
+    x = torch.randn(VERTICES, widths[0], SAMPLES)
+    assert torch.equal(convolution(x, laplacian, relu=True), convolution(x, laplacian).clamp_min(0.0))
+
+
+@pytest.mark.parametrize("widths", WIDTHS)
+@pytest.mark.parametrize("relu", [False, True])
+def test_weights_alone_have_the_same_gradients(laplacian, widths, relu):
+    """Where x needs no gradient, as the first layer's displacements, fewer vertices are read."""
+    convolution, x = ChebyshevConvolution(*widths), torch.randn(VERTICES, widths[0], SAMPLES)
+    found = []
+    for needs in (False, True):
+        convolution.zero_grad()
+        convolution(x.clone().requires_grad_(needs), laplacian, 11, relu).square().sum().backward()
+        found.append([each.grad.clone() for each in convolution.parameters()])
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one, other)
 
 
 def test_a_filter_of_order_k_reaches_k_less_one_edges_far():

@@ -1,11 +1,14 @@
 """Sparse products against scipy's, and gradients against finite differences."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.sparse
 import torch
 
-from simgen.learning.training.sparse import SparseMatrix, interpolate, multiply, product
+from simgen.learning.training import sparse
+from simgen.learning.training.sparse import SparseMatrix, interpolate, multiply, product, tf32_kernels
 
 
 def random(rows: int, columns: int, seed: int = 0) -> scipy.sparse.csr_array:
@@ -55,3 +58,41 @@ def test_a_product_has_a_gradient():
     own = filled(matrix), filled(matrix.T.tocsr())
     np.testing.assert_allclose(product(*own, x).detach(), matrix @ x.detach().numpy(), rtol=1e-12)
     assert torch.autograd.gradcheck(lambda values: product(*own, values), x)
+
+
+def test_blocks_follow_the_matrix_and_are_no_state():
+    """They are kept, until the matrix is filled anew, read from a file or moved."""
+    matrix, other = random(5, 7), 2.0 * random(5, 7)
+    found = SparseMatrix(5, 7, matrix.nnz)
+    assert not found.blocks.values.numel()
+    found.fill(matrix)
+    first = found.blocks
+    assert first is found.blocks
+    for change in (lambda: found.fill(other), lambda: found.load_state_dict(found.state_dict()), found.float):
+        change()
+        assert found.blocks is not first
+        torch.testing.assert_close(found.blocks.values, 2.0 * first.values)
+    assert set(found.state_dict()) == {"row_starts", "columns", "values"}
+
+
+def test_a_cpu_has_no_kernels(monkeypatch):
+    monkeypatch.setattr(torch, "get_float32_matmul_precision", lambda: "high")
+    assert tf32_kernels(torch.ones(2, 2)) is None
+
+
+def test_kernels_that_fail_are_not_used(monkeypatch):
+    """As on a machine without a C compiler."""
+
+    def filtered(*_):
+        raise RuntimeError("Failed to find C compiler")
+
+    zeros = torch.zeros
+    monkeypatch.setattr(torch, "zeros", lambda shape, device: zeros(shape))
+    monkeypatch.setattr(torch.version, "cuda", "13.0")
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: (9, 0))
+    monkeypatch.setattr(sparse.util, "find_spec", lambda name: name == "triton")
+    monkeypatch.setattr(sparse, "import_module", lambda name: SimpleNamespace(filtered=filtered))
+    with pytest.warns(UserWarning, match="Triton does not run here, training takes longer: Failed to find C compiler"):
+        assert sparse._kernels.__wrapped__() is None
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: (7, 5))  # Turing has no TF32
+    assert sparse._kernels.__wrapped__() is None
