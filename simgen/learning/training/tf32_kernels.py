@@ -13,16 +13,16 @@ from simgen.learning.training.sparse_blocks import SparseBlocks
 SAMPLES = 128  # of a program
 LEAST = 16  # rows and columns of the smallest matrices that `tl.dot` takes
 OUTPUTS = 32  # of a program of `filtered`
-SUMMED = 32  # samples that a program of `correlated` reads at a time; two such stages fit all GPUs
+SUMMED = 32  # samples that a program of `correlated` reads at a time
 PARTS = 528  # partial sums of `correlated`: four for each multiprocessor of an H200
 
 
 def multiply_blocks(blocks: SparseBlocks, count: int, dense: Tensor, out: Tensor, add: bool = False) -> None:
     """Compute out = matrix @ dense, or out += matrix @ dense, for a matrix of ``count`` rows."""
     (number, rows), columns, n = blocks.rows.shape, blocks.columns.shape[1], dense.shape[1]
-    grid = (triton.cdiv(n, SAMPLES), number)
+    grid = (number, triton.cdiv(n, SAMPLES))  # all rows of some samples one after another: these samples stay in caches
     _multiply[grid](blocks.rows, blocks.starts, blocks.columns, blocks.values, dense, out, count, n,
-                    dense.stride(0), out.stride(0), add, rows, columns, SAMPLES)  # fmt: skip
+                    dense.stride(0), out.stride(0), add, rows, columns, SAMPLES, num_warps=2)  # fmt: skip
 
 
 def filtered(x: Tensor, powers: Tensor, weight: Tensor, rows: int, bias: Tensor | None = None,
@@ -44,7 +44,7 @@ def correlated(x: Tensor, powers: Tensor, other: Tensor) -> tuple[Tensor, Tensor
     size = (features + further) * others
     parts = x.new_empty(PARTS, size + features)
     _correlate[(PARTS,)](x, powers, other, parts, vertices, samples, features, further, others,
-                         _padded(features), _padded(further), _padded(others), SUMMED, num_stages=2)  # fmt: skip
+                         _padded(features), _padded(further), _padded(others), SUMMED, num_stages=3)  # fmt: skip
     products, sums = parts.sum(dim=0).split([size, features])
     return products.view(-1, features, others), sums
 
@@ -65,8 +65,8 @@ def _multiply(
     ADD: tl.constexpr, ROWS: tl.constexpr, COLUMNS: tl.constexpr, N: tl.constexpr,
 ):  # fmt: skip
     """One block of rows times N columns of ``dense``."""
-    block = tl.program_id(1)
-    at = tl.program_id(0) * N + tl.arange(0, N)[None, :]
+    block = tl.program_id(0)
+    at = tl.program_id(1) * N + tl.arange(0, N)[None, :]
     in_block, in_chunk = tl.arange(0, ROWS), tl.arange(0, COLUMNS)
     row = tl.load(rows + block * ROWS + in_block)[:, None]
     to = out + row.to(tl.int64) * out_stride + at
