@@ -138,7 +138,7 @@ class Translator:
         network, gauge = self._drawing
         drawn, logits = network.draws(source)
         found = Hypotheses.of_centroids(gauge.centroids(drawn), hypotheses)
-        return found.means(drawn), found.probability, found.means(logits.sigmoid() * (network.share > 0.0))
+        return found.central(drawn), found.probability, found.means(logits.sigmoid() * (network.share > 0.0))
 
 
 def networks_of(way: str) -> list[str]:

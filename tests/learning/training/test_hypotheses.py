@@ -48,3 +48,9 @@ def test_means_are_those_of_the_members():
     found = Hypotheses.of_centroids(centroids(0.0, 5.0, 5.2), 3)
     values = torch.tensor([[[1.0], [2.0], [4.0]]])
     torch.testing.assert_close(found.means(values), torch.tensor([[[3.0], [1.0], [torch.nan]]]), equal_nan=True)
+
+
+def test_the_central_draw_is_the_member_nearest_to_the_mean():
+    found = Hypotheses.of_centroids(centroids(0.0, 5.0, 5.2, 5.4), 3)
+    values = torch.tensor([[[4.0], [1.0], [2.0], [9.0]]])  # those of the first hypothesis have a mean of 4
+    torch.testing.assert_close(found.central(values), torch.tensor([[[2.0], [4.0], [torch.nan]]]), equal_nan=True)
