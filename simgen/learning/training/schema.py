@@ -144,7 +144,7 @@ class TranslationSettings(Fit):
     epochs: int = epochs(300)
     batch: int = batch(1024)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
-    weight_decay: float = weight_decay(0.01)
+    weight_decay: float = weight_decay(0.1)
     patience: int = patience(300)
     width: Width = block_width(1024)
     blocks: int = blocks(3)
@@ -155,6 +155,7 @@ class TranslationSettings(Fit):
 class MeshTranslationSettings(TranslationSettings):
     """RM2RM, ours."""
 
+    weight_decay: float = weight_decay(0.01)
     width: Width = block_width(512)
     blocks: int = blocks(4)
     noise: float = noise(0.03)
@@ -163,7 +164,7 @@ class MeshTranslationSettings(TranslationSettings):
 class PointTranslationSettings(Fit):
     """PT, ours."""
 
-    epochs: int = epochs(16)
+    epochs: int = epochs(24)
     batch: int = batch(256)
     learning_rate: float = learning_rate(1.5e-3)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
