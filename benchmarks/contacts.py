@@ -23,17 +23,17 @@ import torch
 from record import arguments, write
 from torch import Tensor
 
-from simgen.learning.training.chain import make_chain
-from simgen.learning.training.checkpoint import load_network
-from simgen.learning.training.contact import NEAR_MM, ContactGauge
+from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
+from simgen.learning.evaluation.metrics import mesh_errors
+from simgen.learning.networks.chain import make_chain
+from simgen.learning.networks.checkpoint import load_network
+from simgen.learning.networks.latent_translation import LatentTranslation
+from simgen.learning.networks.registry import NETWORKS
 from simgen.learning.training.data import load_training_data
 from simgen.learning.training.fit import Training, epoch_seed
-from simgen.learning.training.latent_translation import LatentTranslation
-from simgen.learning.training.metrics import mesh_errors
 from simgen.learning.training.network_data import NetworkData, TrainingInputs
-from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.run import torch_device
-from simgen.learning.training.translator import read_job
+from simgen.learning.translation.translator import read_job
 
 TESTED = 100
 ONE_IN = 10  # contacts that validate

@@ -25,9 +25,9 @@ from torch import Tensor, nn
 from torch_geometric.nn import ChebConv
 
 from simgen.config.resources import resource
-from simgen.learning.training.chebyshev import ChebyshevConvolution, scaled_laplacian
-from simgen.learning.training.hierarchy import Hierarchy, build_hierarchy
-from simgen.learning.training.mesh_vae import DECODER, ENCODER, HIDDEN, LATENT, ORDER, MeshVAE
+from simgen.learning.networks.chebyshev import ChebyshevConvolution, scaled_laplacian
+from simgen.learning.networks.hierarchy import Hierarchy, build_hierarchy
+from simgen.learning.networks.mesh_vae import DECODER, ENCODER, HIDDEN, LATENT, ORDER, MeshVAE
 from simgen.learning.training.step import tf32_products
 
 SAMPLES = 123_000  # samples of an epoch: the training split of jobs/paired.yaml

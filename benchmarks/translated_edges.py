@@ -17,9 +17,9 @@ from record import arguments, write
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
-from simgen.learning.training.translator import choose_way
 from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.learning.translation.shown_samples import spread
+from simgen.learning.translation.translator import choose_way
 from simgen.sensing.camera.renderer import Look, Renderer
 
 LEAST, MOST = 0.9, 1.1  # ratios of images whose edges count as true

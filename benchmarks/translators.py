@@ -32,15 +32,15 @@ from record import arguments, write
 from torch import Tensor
 
 from simgen.errors import InputError
-from simgen.learning.training.checkpoint import load_network
+from simgen.learning.evaluation.error_tables import Entry, markdown, plain_entry
+from simgen.learning.evaluation.evaluate import Evaluation
+from simgen.learning.evaluation.metrics import Predictor
+from simgen.learning.networks.checkpoint import load_network
+from simgen.learning.networks.registry import SIGNALS, SOURCE, TARGET
 from simgen.learning.training.data import BATCH, load_training_data
-from simgen.learning.training.error_tables import Entry, markdown, plain_entry
-from simgen.learning.training.evaluation import Evaluation
-from simgen.learning.training.metrics import Predictor
 from simgen.learning.training.network_data import TrainingInputs
-from simgen.learning.training.networks import SIGNALS, SOURCE, TARGET
 from simgen.learning.training.run import is_trained, torch_device
-from simgen.learning.training.translator import read_job
+from simgen.learning.translation.translator import read_job
 
 KEYS = ("press", "step", "displacement")
 

@@ -23,7 +23,7 @@ from simgen.config.job import load_job
 from simgen.config.job_schema import Job
 from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.developed_skin import Skin
-from simgen.learning.training.contact import NEAR_MM, ContactGauge
+from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
 from simgen.pipeline.plan import chosen_sensor, first_contacts, gel_under_indenters, make_plan
 from simgen.sensors.indenter import chosen_indenters, load_indenter
 from simgen.sensors.pairing import Contacts, Room, indenter_poses, unfold

@@ -16,7 +16,7 @@ def __getattr__(name: str) -> Any:
 
         return load_dataset
     if name == "load_network":
-        from simgen.learning.training.checkpoint import load_network
+        from simgen.learning.networks.checkpoint import load_network
 
         return load_network
     raise AttributeError(f"module 'simgen' has no attribute {name!r}")

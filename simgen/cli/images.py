@@ -177,8 +177,8 @@ def translate(
     from simgen.dataset.layout import checked
     from simgen.dataset.reader import Dataset
     from simgen.dataset.splits import split_names
-    from simgen.learning.training.translator import choose_way, read_job
     from simgen.learning.translation.presses import TranslatedImages, check_sensors
+    from simgen.learning.translation.translator import choose_way, read_job
     from simgen.sensing.camera.renderer import Look
 
     job, opened = read_job(networks), checked(Dataset(dataset))

@@ -13,9 +13,8 @@ from simgen.dataset.atomic_files import write_whole
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
-from simgen.learning.training.contact import ContactGauge
+from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.training.schema import RecordingFiles
-from simgen.learning.training.translator import Translator, read_job
 from simgen.learning.translation.accuracy import NEAR_MM, Accuracy, summarise, write_summary
 from simgen.learning.translation.picture import ChainPainter
 from simgen.learning.translation.presses import CONTACT, TranslatedImages, check_meshes
@@ -28,6 +27,7 @@ from simgen.learning.translation.shown_samples import (
     shown_presses,
     spread,
 )
+from simgen.learning.translation.translator import Translator, read_job
 from simgen.sensing.camera.images import claim, render, unmade
 from simgen.sensing.camera.montages import PRESS_GIF
 from simgen.sensing.camera.renderer import Renderer

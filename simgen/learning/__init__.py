@@ -1,1 +1,4 @@
-"""Networks between two sensors: training, and translation of electrode signals to images."""
+"""Networks between two sensors: training, errors, and translation of electrode signals to images.
+
+Needs PyTorch: ``pip install simgen[training]``.
+"""

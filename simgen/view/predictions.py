@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from simgen.dataset.reader import Dataset
-from simgen.learning.training.translator import choose_way, networks_of
 from simgen.learning.translation.picture import SKIN_M
 from simgen.learning.translation.presses import TranslatedMeshes
+from simgen.learning.translation.translator import choose_way, networks_of
 from simgen.sensing.electrodes.gaps import electrodes_of
 from simgen.units import MM_PER_M, UM_PER_M
 from simgen.view.camera_picture import CameraPictures

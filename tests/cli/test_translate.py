@@ -8,7 +8,7 @@ import fake
 import h5py
 import numpy as np
 import pytest
-from learning.training import touched
+from learning import touched
 from PIL import Image
 from refusal import check_refusal, contents, rows, simgen
 

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor, nn
 
 from simgen.errors import InputError, shown
-from simgen.learning.training.checkpoint import read_state, write_state
-from simgen.learning.training.network import Terms
+from simgen.learning.networks.checkpoint import read_state, write_state
+from simgen.learning.networks.network import Terms
 from simgen.learning.training.schema import Fit
 from simgen.learning.training.step import TrainingStep
 

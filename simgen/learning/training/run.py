@@ -28,12 +28,12 @@ from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LockedError, locked
 from simgen.dataset.provenance import code_version, difference, file_hash
 from simgen.errors import InputError, writing
-from simgen.learning.training.checkpoint import NETWORK, load_network, save_network
+from simgen.learning.networks.checkpoint import NETWORK, load_network, save_network
+from simgen.learning.networks.network import Network, network_class
+from simgen.learning.networks.registry import NETWORKS
 from simgen.learning.training.data import Track, load_training_data, mesh_hash
 from simgen.learning.training.fit import Epoch, Training, epoch_seed
-from simgen.learning.training.network import Network, network_class
 from simgen.learning.training.network_data import NetworkData, TrainingInputs
-from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.schema import TrainingJob
 from simgen.learning.training.signals import recording_paths
 

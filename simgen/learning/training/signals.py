@@ -10,8 +10,8 @@ from torch import Tensor
 
 from simgen.dataset.splits import SPLITS, split_by_trajectory
 from simgen.errors import InputError
+from simgen.learning.networks.registry import SIGNALS, SOURCE, chains
 from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
-from simgen.learning.training.networks import SIGNALS, SOURCE, chains
 from simgen.learning.training.schema import RecordingFiles, Signals
 from simgen.sensing.electrodes.gaps import checked_gaps, gauge_of
 from simgen.sensing.electrodes.model import measured, voltage

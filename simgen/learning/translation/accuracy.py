@@ -10,7 +10,7 @@ import numpy as np
 
 from simgen.dataset.atomic_files import write_whole
 from simgen.errors import InputError
-from simgen.learning.training.contact import NEAR_MM
+from simgen.learning.evaluation.contact import NEAR_MM
 
 FILE = "contact.json"
 

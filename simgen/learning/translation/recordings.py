@@ -19,13 +19,13 @@ import torch
 from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LOCK
 from simgen.errors import InputError, writing
-from simgen.learning.training.contact import ContactGauge
+from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.training.signals import contact_signals
-from simgen.learning.training.translator import Translator
 from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
 from simgen.learning.translation.hypothesis_files import drawn, image_name, table
 from simgen.learning.translation.presses import STEPS, stages
+from simgen.learning.translation.translator import Translator
 from simgen.sensing.camera.image_files import write_image
 from simgen.sensing.camera.images import written_by_one
 from simgen.sensing.camera.renderer import Renderer

@@ -9,10 +9,10 @@ import numpy as np
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import split_names
-from simgen.learning.training.translator import choose_way, networks_of, read_job
 from simgen.learning.translation.picture import ChainPainter
 from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.learning.translation.shown_samples import furthest_press, press_steps, spread
+from simgen.learning.translation.translator import choose_way, networks_of, read_job
 from simgen.plotting.html import image, picture
 from simgen.sensing.camera.renderer import Look, Renderer
 

@@ -6,10 +6,10 @@ from itertools import zip_longest
 import numpy as np
 
 from simgen.dataset.exchange.selection import PressSelection
-from simgen.learning.training.translator import Translated, Translator
 from simgen.learning.translation.picture import ChainSample
 from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.learning.translation.recordings import Recording
+from simgen.learning.translation.translator import Translated, Translator
 from simgen.sensing.camera.renderer import Renderer
 
 COLUMNS = 6

@@ -14,11 +14,11 @@ import yaml
 from refusal import check_refusal, contents, rows, simgen
 
 from simgen.cli import train as view
+from simgen.learning.networks.checkpoint import read_state, write_state
 from simgen.learning.training import fit
-from simgen.learning.training.checkpoint import read_state, write_state
 from simgen.learning.training.run import TrainingRun
 from simgen.pipeline.run import run
-from tests.learning.training import touched
+from tests.learning import touched
 
 JOB = "job.yaml"
 MVD = f"{JOB} networks=[mvd]"

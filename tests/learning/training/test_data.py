@@ -10,7 +10,7 @@ from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
 from simgen.learning.training.data import load_training_data
-from tests.learning.training.conftest import make_dataset
+from tests.learning.conftest import make_dataset
 
 CPU = torch.device("cpu")
 

@@ -5,8 +5,8 @@ import torch
 from torch import nn
 
 from simgen.errors import InputError
+from simgen.learning.networks.checkpoint import read_state, write_state
 from simgen.learning.training import fit
-from simgen.learning.training.checkpoint import read_state, write_state
 from simgen.learning.training.fit import Training, epoch_seed
 from simgen.learning.training.schema import Fit
 

@@ -9,11 +9,11 @@ import pytest
 
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
-from simgen.learning.training.evaluation import evaluate
-from simgen.learning.training.floor import Floor
-from simgen.learning.training.networks import NETWORKS
+from simgen.learning.evaluation.evaluate import evaluate
+from simgen.learning.evaluation.floor import Floor
+from simgen.learning.networks.registry import NETWORKS
 from simgen.learning.training.run import TrainingRun
-from tests.learning.training import touched
+from tests.learning import touched
 
 EARLY = {name: settings | {"epochs": 5, "patience": 1} for name, settings in touched.FITS.items()}
 

@@ -7,10 +7,10 @@ import torch
 
 from simgen.config.strict_section import section_from_dict
 from simgen.errors import InputError
+from simgen.learning.evaluation.contact import ContactGauge
+from simgen.learning.networks.registry import NETWORKS
 from simgen.learning.training import network_data
-from simgen.learning.training.contact import ContactGauge
 from simgen.learning.training.network_data import NetworkData, TrainingInputs, encoded_at_rest, latents
-from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.schema import TrainingJob
 
 

@@ -6,9 +6,9 @@ import pytest
 
 from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
-from simgen.learning.training.evaluation import evaluate
+from simgen.learning.evaluation.evaluate import evaluate
 from simgen.learning.training.run import TrainingRun
-from tests.learning.training import touched
+from tests.learning import touched
 
 
 def job(dataset, *files, networks=("svb", "mvb", "rmb", "s2mpn", "s2rm")):

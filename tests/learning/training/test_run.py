@@ -23,12 +23,12 @@ from simgen.dataset.folder_lock import locked
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS
 from simgen.errors import InputError
+from simgen.learning.networks.registry import NETWORKS
 from simgen.learning.training import fit
 from simgen.learning.training import run as runs
-from simgen.learning.training.networks import NETWORKS
 from simgen.learning.training.run import RECORD, STATE, TrainingRun, torch_device
 from simgen.learning.training.step import TrainingStep
-from tests.learning.training import touched
+from tests.learning import touched
 
 STEPS_AN_EPOCH = 2  # of 90 training samples, 32 a step
 JOB = {"networks": ["mvd"], "mesh_vae": {"epochs": 4, "batch": 32, "latent": 3}}

@@ -4,7 +4,7 @@ import pytest
 
 from simgen.config.strict_section import section_from_dict
 from simgen.errors import InputError
-from simgen.learning.training.networks import NETWORKS
+from simgen.learning.networks.registry import NETWORKS
 from simgen.learning.training.schema import Fit, TrainingJob, load_training_job
 
 PLAIN = {"name": "a", "dataset": "d.zarr"}

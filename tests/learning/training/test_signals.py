@@ -15,7 +15,7 @@ from simgen.learning.training.signals import BLOCKS, SignalData, read_signals, r
 from simgen.sensing.electrodes.gaps import gauge_of
 from simgen.sensing.electrodes.model import ElectrodeSettings, synthetic_signals, voltage
 from simgen.sensing.electrodes.signals import in_contact, without_drift
-from tests.learning.training import plain, touched
+from tests.learning import plain, touched
 
 
 @pytest.fixture

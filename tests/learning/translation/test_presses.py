@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 import torch
 
-from learning.training import touched
+from learning import touched
 from simgen.dataset.exchange.selection import PressSelection, select
 from simgen.dataset.provenance import file_hash, source_hash
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
-from simgen.learning.training.checkpoint import load_network, save_network
-from simgen.learning.training.contact import ContactGauge
-from simgen.learning.training.translator import Translated, Translator
+from simgen.learning.evaluation.contact import ContactGauge
+from simgen.learning.networks.checkpoint import load_network, save_network
 from simgen.learning.translation import presses
 from simgen.learning.translation.accuracy import read_contact
 from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
 from simgen.learning.translation.presses import CONTACT, STEPS, TranslatedImages, TranslatedMeshes
+from simgen.learning.translation.translator import Translated, Translator
 from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.images import Images, render, unmade
 from simgen.sensing.camera.renderer import Look, Renderer

@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 import torch
 
-from learning.training import touched
+from learning import touched
 from simgen.dataset.folder_lock import locked
 from simgen.errors import InputError
-from simgen.learning.training.contact import ContactGauge
+from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.training.schema import RecordingFiles
-from simgen.learning.training.translator import Translator
 from simgen.learning.translation.hypothesis_files import FILE, table
 from simgen.learning.translation.presses import STEPS
 from simgen.learning.translation.recordings import (
@@ -20,6 +19,7 @@ from simgen.learning.translation.recordings import (
     translate_block,
     translate_recordings,
 )
+from simgen.learning.translation.translator import Translator
 from simgen.sensing.camera.image_files import read_image
 
 PLAIN = RecordingFiles(files=("any",))

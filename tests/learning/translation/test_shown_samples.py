@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from learning.training import touched
+from learning import touched
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.translation.presses import TranslatedMeshes

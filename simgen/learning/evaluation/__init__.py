@@ -1,0 +1,1 @@
+"""Errors of networks on test samples, beside baselines and floors."""

@@ -1,0 +1,1 @@
+"""The networks: those of the ACROSS paper, and ours."""
