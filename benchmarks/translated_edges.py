@@ -19,10 +19,17 @@ from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
 from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.learning.translation.shown_samples import spread
-from simgen.learning.translation.translator import choose_way
+from simgen.learning.translation.translator import Translated, choose_way
 from simgen.sensing.camera.renderer import Look, Renderer
 
 LEAST, MOST = 0.9, 1.1  # ratios of images whose edges count as true
+
+
+class OfTrueMeshes(TranslatedMeshes):
+    """Translates the source's true meshes."""
+
+    def translated(self, press: int, steps: np.ndarray) -> Translated:
+        return self.translator.of_meshes(self.dataset.displacement(self.job.source, press)[steps], self.hypotheses)
 
 
 def gradient_energy(images: np.ndarray, untouched: np.ndarray) -> np.ndarray:
@@ -36,6 +43,7 @@ def main() -> None:
     parser.add_argument("networks", type=Path)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--way")
+    parser.add_argument("--true-meshes", action="store_true", help="of the source, in place of signals")
     parser.add_argument("--presses", type=int, default=20, help="of each indenter")
     parser.add_argument("--depths", type=int, default=4, help="of each press")
     parser.add_argument("--height", type=int, default=320, help="px; images are three quarters as wide")
@@ -49,7 +57,7 @@ def main() -> None:
 
 def compare(asked: argparse.Namespace) -> None:
     dataset, way = Dataset(asked.dataset), choose_way(asked.networks, asked.way)
-    meshes = TranslatedMeshes(dataset, asked.networks, way, asked.device)
+    meshes = (OfTrueMeshes if asked.true_meshes else TranslatedMeshes)(dataset, asked.networks, way, asked.device)
     look = Look(height=asked.height, width=3 * asked.height // 4)
     renderer = Renderer.of_dataset(dataset, meshes.job.target, look, asked.device)
     energies = {name: of_indenter(number, meshes, renderer, asked) for number, name in enumerate(dataset.indenters)}

@@ -55,6 +55,13 @@ def test_rows_are_those_of_indenters_and_of_all(run, with_electrodes):
     assert both["images"] == sum(row["images"] for row in own) == 2 * len(own)
 
 
+def test_true_meshes_of_the_source_take_the_place_of_signals(run):
+    from_signals, from_meshes = (run("--presses", "1", "--depths", "2", "--height", "40", *more)["rows"]
+                                 for more in ((), ("--true-meshes",)))  # fmt: skip
+    assert [row["images"] for row in from_meshes] == [row["images"] for row in from_signals]
+    assert from_meshes != from_signals
+
+
 def test_a_dataset_without_test_presses_is_one_line(edges, run, capsys, monkeypatch):
     monkeypatch.setattr(edges.TranslatedMeshes, "steps", lambda self, press: np.arange(0))
     assert_refused(run, capsys, "no press of the test split converged")

@@ -1,7 +1,7 @@
 """Translation of electrode signals to the meshes of two sensors, by networks that `simgen train` wrote."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
@@ -104,27 +104,49 @@ class Translator:
         source, target = ((decoder or projection).vertices for (_, projection), decoder in ends)
         return source, target
 
-    @torch.no_grad()
     def __call__(self, signals: np.ndarray, hypotheses: int = 1) -> Translated:
         """Translate signals (n, channel), to at most ``hypotheses`` meshes of the target for each."""
-        many = MESHES_AT_ONCE // DRAWS if self._drawing else MESHES_AT_ONCE
-        parts = [self._translate(signals[i : i + many], hypotheses) for i in range(0, len(signals), many)]
-        return replace(Translated.joined(parts), signals=signals)
+        return replace(self._in_parts(self._of_signals, signals, hypotheses), signals=signals)
 
-    def _translate(self, signals: np.ndarray, hypotheses: int) -> Translated:
-        values = torch.from_numpy(np.asarray(signals, np.float32)).to(self.device)
+    def of_meshes(self, displacement: np.ndarray, hypotheses: int = 1) -> Translated:
+        """Translate meshes of the source (n, vertex, 3), m, in place of signals. The result has no signals: (n, 0)."""
+        return self._in_parts(self._of_meshes, displacement, hypotheses)
+
+    @torch.no_grad()
+    def _in_parts(
+        self, translate: Callable[[np.ndarray, int], Translated], values: np.ndarray, hypotheses: int
+    ) -> Translated:
+        many = MESHES_AT_ONCE // DRAWS if self._drawing else MESHES_AT_ONCE
+        return Translated.joined([translate(values[i : i + many], hypotheses) for i in range(0, len(values), many)])
+
+    def _of_signals(self, signals: np.ndarray, hypotheses: int) -> Translated:
+        values = self._tensor(signals)
         latents: dict[str, np.ndarray] = {}
         if self._encoder:
             name, network = self._encoder
             values = network.encode(values)[0]
             latents[name] = values.cpu().numpy()
         source, values = self._project(0, values, latents)
+        return self._onward(signals, latents, source, values, hypotheses)
+
+    def _of_meshes(self, displacement: np.ndarray, hypotheses: int) -> Translated:
+        source = self._tensor(displacement)
+        values = source if self._drawing else self._decoders[0].encode(source)[0]
+        return self._onward(np.empty((len(displacement), 0)), {}, source, values, hypotheses)
+
+    def _onward(
+        self, signals: np.ndarray, latents: dict[str, np.ndarray], source: Tensor, values: Tensor, hypotheses: int
+    ) -> Translated:
+        """Translate meshes of the source (n, vertex, 3), m, with latents (n, latent)."""
         if self._drawing:
             target, probability, contact = (each.cpu().numpy() for each in self._draw(source, hypotheses))
         else:
             mesh, _ = self._project(1, values, latents)
             target, probability, contact = mesh[:, None].cpu().numpy(), np.ones((len(mesh), 1)), None
         return Translated(signals, latents, source.cpu().numpy(), target, probability, contact)
+
+    def _tensor(self, values: np.ndarray) -> Tensor:
+        return torch.from_numpy(np.asarray(values, np.float32)).to(self.device)
 
     def _project(self, which: int, values: Tensor, latents: dict[str, np.ndarray]) -> tuple[Tensor, Tensor]:
         """Pass values to one of both projections: its mesh, and its own outputs."""

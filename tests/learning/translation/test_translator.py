@@ -58,6 +58,21 @@ def test_meshes_are_what_a_chain_of_the_networks_gives(trained, signals, transla
         assert np.array_equal(found.target, np.concatenate([whole(each).numpy() for each in parts]))
 
 
+@torch.no_grad()
+@BOTH
+def test_true_meshes_of_the_source_take_the_place_of_signals(trained, way):
+    """They pass the second network of the way alone."""
+    displacement = trained.inputs.source.displacement(torch.arange(AT_ONCE)).numpy()
+    found = Translator.load(trained.output, way).of_meshes(displacement)
+    alone = make_chain(WAYS[way][1:], trained.inputs.trained)
+    assert np.array_equal(found.source, displacement) and found.signals.shape == (AT_ONCE, 0)
+    if way == "points":
+        drawn, _ = alone.draws(torch.from_numpy(displacement))
+        assert all((own == draws).all(axis=(1, 2)).any() for own, draws in zip(found.target, drawn.numpy(), strict=True))
+    else:
+        assert np.array_equal(found.target, alone(torch.from_numpy(displacement)).numpy())
+
+
 @pytest.mark.parametrize("way", ["ours", "paper"])
 def test_a_way_without_draws_has_one_hypothesis(trained, signals, way):
     found = Translator.load(trained.output, way)(signals[:5], 4)
