@@ -68,7 +68,8 @@ def test_true_meshes_of_the_source_take_the_place_of_signals(trained, way):
     assert np.array_equal(found.source, displacement) and found.signals.shape == (AT_ONCE, 0)
     if way == "points":
         drawn, _ = alone.draws(torch.from_numpy(displacement))
-        assert all((own == draws).all(axis=(1, 2)).any() for own, draws in zip(found.target, drawn.numpy(), strict=True))
+        both = zip(found.target, drawn.numpy(), strict=True)
+        assert all((own == draws).all(axis=(1, 2)).any() for own, draws in both)
     else:
         assert np.array_equal(found.target, alone(torch.from_numpy(displacement)).numpy())
 
