@@ -27,7 +27,7 @@ def reference() -> Path:
 @pytest.fixture(scope="session")
 def with_electrodes(tmp_path_factory):
     """A dataset on which everything can be trained."""
-    from learning import touched  # torch, which other tests do not wait for
+    from tests.learning import touched  # torch, which other tests do not wait for
 
     return touched.make(tmp_path_factory.mktemp("touched") / "d.zarr")
 
@@ -35,6 +35,6 @@ def with_electrodes(tmp_path_factory):
 @pytest.fixture(scope="session")
 def trained(with_electrodes, tmp_path_factory):
     """Everything, trained on it: a `simgen.learning.training.run.TrainingRun`."""
-    from learning import touched
+    from tests.learning import touched
 
     return touched.train(touched.job(with_electrodes.path), tmp_path_factory.mktemp("trained") / "networks")

@@ -1,4 +1,4 @@
 """Networks between two sensors: training, errors, and translation of electrode signals to images.
 
-Needs PyTorch: ``pip install simgen[training]``.
+Its folders import from one another, but no module does in a circle. Needs PyTorch: ``pip install simgen[training]``.
 """

@@ -5,13 +5,13 @@ import sys
 from dataclasses import replace
 
 import pytest
-from learning import touched
 from learning.model_errors import entries, entry, errors
 from rich.console import Console
 
 from simgen.cli.train import console_tables, train_with_progress
 from simgen.errors import InputError
 from simgen.learning.evaluation.evaluate import FIGURE
+from tests.learning import touched
 
 
 def test_a_picture_is_named_where_there_is_one(with_electrodes, tmp_path, capsys):

@@ -8,7 +8,6 @@ import fake
 import h5py
 import numpy as np
 import pytest
-from learning import touched
 from PIL import Image
 from refusal import check_refusal, contents, rows, simgen
 
@@ -17,6 +16,7 @@ from simgen.dataset.reader import Dataset
 from simgen.learning.translation.accuracy import Accuracy, read_contact
 from simgen.pipeline.run import run
 from simgen.sensing.camera.image_files import read_image
+from tests.learning import touched
 
 SMALL = "--size 48x64"
 TRANSLATE = "translate networks d.zarr"

@@ -43,7 +43,7 @@ class SparseMatrix(nn.Module):
 
     @property
     def blocks(self) -> SparseBlocks:
-        """Blocks of the matrix, made when first needed, which may not be while a CUDA graph is recorded."""
+        """Blocks of the matrix, made when first needed. A CUDA graph that is being recorded must not be the first."""
         if self._blocks is None:
             entries = (each.cpu().numpy() for each in (self.values, self.columns, self.row_starts))
             self._blocks = SparseBlocks.of_matrix(csr_array(tuple(entries), self.shape), self.values.device)

@@ -31,27 +31,29 @@ class SparseBlocks:
     values: Tensor
 
     @classmethod
-    def of_matrix(cls, matrix: csr_array, device: torch.device, rows: int = ROWS, columns: int = COLUMNS) -> Self:
-        order = grouped(matrix, rows)
-        starts, chunks, values = [0], [np.zeros((0, columns))], [np.zeros((0, rows, columns))]
-        for first in range(0, len(order), rows):
-            part = matrix[order[first : first + rows]].tocsc()
+    def of_matrix(cls, matrix: csr_array, device: torch.device) -> Self:
+        """Cut a matrix (m, n) into blocks of rows that share columns, on a device."""
+        order = grouped(matrix, ROWS)
+        starts, chunks, values = [0], [np.zeros((0, COLUMNS))], [np.zeros((0, ROWS, COLUMNS))]
+        for first in range(0, len(order), ROWS):
+            part = matrix[order[first : first + ROWS]].tocsc()
             used = np.flatnonzero(np.diff(part.indptr))
-            missing = -len(used) % columns
-            entries = np.pad(part[:, used].toarray(), ((0, rows - part.shape[0]), (0, missing)))
-            chunks.append(np.pad(used, (0, missing), mode="edge" if missing else "constant").reshape(-1, columns))
-            values.append(entries.reshape(rows, -1, columns).transpose(1, 0, 2))
+            missing = -len(used) % COLUMNS
+            entries = np.pad(part[:, used].toarray(), ((0, ROWS - part.shape[0]), (0, missing)))
+            chunks.append(np.pad(used, (0, missing), mode="edge" if missing else "constant").reshape(-1, COLUMNS))
+            values.append(entries.reshape(ROWS, -1, COLUMNS).transpose(1, 0, 2))
             starts.append(starts[-1] + len(chunks[-1]))
-        order = np.pad(order, (0, -len(order) % rows), constant_values=matrix.shape[0]).reshape(-1, rows)
+        order = np.pad(order, (0, -len(order) % ROWS), constant_values=matrix.shape[0]).reshape(-1, ROWS)
         numbers = (order, np.array(starts), np.concatenate(chunks))
         rounded = torch.from_numpy(tf32(np.concatenate(values)))
         return cls(*(torch.from_numpy(each.astype(np.int32)).to(device) for each in numbers), rounded.to(device))
 
 
 def grouped(matrix: csr_array, size: int) -> np.ndarray:
-    """Order rows so that each ``size`` of them share columns.
+    """Order (m,) of the rows of a matrix (m, n), in which each ``size`` of them share columns.
 
-    Greedy: the next row is the one that adds the fewest columns to those of the group, or of the group before.
+    Greedy: the next row adds the fewest columns to its group. The first row of a group is the one that would add the
+    fewest to the group before.
     """
     columns = [set(each.tolist()) for each in np.split(matrix.indices, matrix.indptr[1:-1])]
     transposed = matrix.T.tocsr()

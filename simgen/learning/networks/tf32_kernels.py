@@ -128,6 +128,7 @@ def _correlate(
         a = tl.load(x + (vertex * FEATURES + f) * samples + at, mask=(f < FEATURES) & inside, other=0.0)
         b = tl.load(powers + (vertex * FURTHER + p) * samples + at, mask=(p < FURTHER) & inside, other=0.0)
         c = tl.load(other + (vertex * OTHERS + g) * samples + at, mask=(g < OTHERS) & inside, other=0.0).T
+        # Not rounded, which takes time: Adam does not see a common factor of the gradient.
         of_x = tl.dot(a, c, of_x, input_precision="tf32")
         of_powers = tl.dot(b, c, of_powers, input_precision="tf32")
         total += a

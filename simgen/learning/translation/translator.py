@@ -1,4 +1,4 @@
-"""Translation of electrode signals to the meshes of two sensors, by networks that `simgen train` wrote."""
+"""Translation of electrode signals, or of the source's meshes, by networks that `simgen train` wrote."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -109,7 +109,10 @@ class Translator:
         return replace(self._in_parts(self._of_signals, signals, hypotheses), signals=signals)
 
     def of_meshes(self, displacement: np.ndarray, hypotheses: int = 1) -> Translated:
-        """Translate meshes of the source (n, vertex, 3), m, in place of signals. The result has no signals: (n, 0)."""
+        """Translate meshes of the source (n, vertex, 3), m, in place of signals.
+
+        The result has no signals, (n, 0), and latents of the second network alone; a way with draws has none.
+        """
         return self._in_parts(self._of_meshes, displacement, hypotheses)
 
     @torch.no_grad()

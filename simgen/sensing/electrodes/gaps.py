@@ -110,7 +110,7 @@ class GapGauge:
         return self.of_inner_surface(np.asarray(displacement, dtype=np.float64)[:, self.used])
 
     def of_inner_surface(self, displacement: np.ndarray) -> np.ndarray:
-        """The same gaps from float64 displacements (sample, vertex, 3), m, of the vertices `used` alone."""
+        """Gaps (sample, electrode), m, for float64 displacements (sample, vertex, 3), m, of the vertices `used`."""
         gap = self._measure(displacement)
         gap[~np.isfinite(displacement).all(axis=(1, 2))] = np.nan
         return gap
@@ -192,7 +192,7 @@ def gaps(dataset: Dataset, sensor: str, press: np.ndarray, step: np.ndarray, dev
 
 
 def checked_gaps(gap: np.ndarray, where: str, press: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """The gaps (sample, electrode) unchanged. Raises `InputError` if skin has left an electrode's ray."""
+    """Return gaps (sample, electrode), m, as they are. Raises `InputError` if skin has left an electrode's ray."""
     if not np.isfinite(gap).all():
         sample, electrode = np.argwhere(~np.isfinite(gap))[0]
         raise InputError(

@@ -77,6 +77,7 @@ def test_blocks_follow_the_matrix_and_are_no_state():
 
 def test_a_cpu_has_no_kernels(monkeypatch):
     monkeypatch.setattr(torch, "get_float32_matmul_precision", lambda: "high")
+    monkeypatch.setattr(sparse, "_kernels", lambda: "kernels")
     assert tf32_kernels(torch.ones(2, 2)) is None
 
 
@@ -94,5 +95,7 @@ def test_kernels_that_fail_are_not_used(monkeypatch):
     monkeypatch.setattr(sparse, "import_module", lambda name: SimpleNamespace(filtered=filtered))
     with pytest.warns(UserWarning, match="Triton does not run here, training takes longer: Failed to find C compiler"):
         assert sparse._kernels.__wrapped__() is None
+    monkeypatch.setattr(sparse, "import_module", lambda name: SimpleNamespace(filtered=lambda *_: None))
+    assert sparse._kernels.__wrapped__() is not None
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: (7, 5))  # Turing has no TF32
     assert sparse._kernels.__wrapped__() is None

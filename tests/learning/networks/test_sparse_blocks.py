@@ -50,7 +50,7 @@ def test_rows_of_a_shuffled_chain_are_grouped_along_it():
 
 @pytest.mark.parametrize("sensor", ["digit", "biotac"])
 def test_a_mesh_reads_less_than_five_columns_a_row(sensor):
-    """A row has 11 to 12 entries; in the vertices' own order, blocks read 8 to 9 columns a row."""
+    """A row has 11 to 12 entries; in the vertices' own order, blocks read 7 to 8 columns a row."""
     with np.load(resource("sensor_models") / sensor / "output.npz") as mesh:
         adjacency = build_hierarchy(mesh["vertices"], mesh["tetrahedra"], levels=2).adjacency[0]
     blocks = SparseBlocks.of_matrix(scaled_laplacian(adjacency), CPU)

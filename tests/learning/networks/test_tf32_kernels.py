@@ -1,4 +1,7 @@
-"""Kernels against the same sums by torch. Without a GPU, Triton's interpreter runs them, in float32."""
+"""Kernels against the same sums by torch. Without a GPU, Triton's interpreter runs them, in float32.
+
+Without Triton they are skipped.
+"""
 
 import os
 
@@ -64,6 +67,15 @@ def test_a_filter_is_a_sum_of_products(plain, widths, samples, activation):
     bias = random(widths[1]) if activation[0] else None
     found = kernels.filtered(x, powers, weight, 5, bias, activation[1])
     assert_near(found, chebyshev.filtered(x, powers, weight, 5, bias, activation[1]))
+
+
+def test_a_filter_rounds_to_the_nearest_value_of_tf32(plain):
+    rng = np.random.default_rng(0)
+    shapes = (9, 16, 7), (9, COUNT - 1, 16, 7), (COUNT, 16, 16)
+    values = [rng.normal(size=shape).astype(np.float32) for shape in shapes]
+    x, powers, weight = (torch.from_numpy(each).to(DEVICE) for each in values)
+    rounded = (torch.from_numpy(tf32(each)).to(DEVICE) for each in values)
+    assert_near(kernels.filtered(x, powers, weight, 5), chebyshev.filtered(*rounded, 5))
 
 
 def test_a_filter_without_powers_is_one_product():

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 
-from learning import touched
 from simgen.dataset.exchange.selection import PressSelection, select
 from simgen.dataset.provenance import file_hash, source_hash
 from simgen.dataset.reader import Dataset
@@ -28,6 +27,7 @@ from simgen.sensing.camera.image_files import read_image
 from simgen.sensing.camera.images import Images, render, unmade
 from simgen.sensing.camera.renderer import Look, Renderer
 from simgen.sensing.electrodes.model import ElectrodeSettings, synthetic_signals
+from tests.learning import touched
 from tests.learning.translation.conftest import SMALL
 
 BOTH = ("biotac", "digit")

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import torch
 
-from learning import touched
 from simgen.dataset.folder_lock import locked
 from simgen.errors import InputError
 from simgen.learning.evaluation.contact import ContactGauge
@@ -21,6 +20,7 @@ from simgen.learning.translation.recordings import (
 )
 from simgen.learning.translation.translator import Translator
 from simgen.sensing.camera.image_files import read_image
+from tests.learning import touched
 
 PLAIN = RecordingFiles(files=("any",))
 COUNT = 230  # samples of a file, of which every fifth is free: number 4, 9, 14, ...

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from learning import touched
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.translation.presses import TranslatedMeshes
@@ -16,6 +15,7 @@ from simgen.learning.translation.shown_samples import (
     shown_presses,
     spread,
 )
+from tests.learning import touched
 
 
 def selection(

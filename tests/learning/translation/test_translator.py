@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from learning import touched
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
 from simgen.learning.evaluation.contact import ContactGauge
@@ -27,6 +26,7 @@ from simgen.learning.translation.translator import (
     networks_of,
     read_job,
 )
+from tests.learning import touched
 
 BOTH = pytest.mark.parametrize("way", WAYS)
 AT_ONCE = MESHES_AT_ONCE // DRAWS  # samples that are drawn at once
