@@ -126,9 +126,10 @@ class Training:
     @torch.no_grad()
     def _validate(self) -> dict[str, float]:
         sums: dict[str, Tensor] = {}
-        for rows in self.validation_rows.split(self.batch):
-            for name, value in self.terms(rows).items():
-                sums[name] = sums.get(name, 0.0) + value.double() * len(rows)
+        with self.step.products():  # as in training
+            for rows in self.validation_rows.split(self.batch):
+                for name, value in self.terms(rows).items():
+                    sums[name] = sums.get(name, 0.0) + value.double() * len(rows)
         return {name: float(value) / len(self.validation_rows) for name, value in sums.items()}
 
     def _write(self) -> None:

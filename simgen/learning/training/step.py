@@ -29,17 +29,17 @@ class TrainingStep:
     """AdamW on the mean of a batch (Loshchilov and Hutter, ICLR 2019).
 
     terms : row numbers (batch,) -> means over these samples; the first is minimised
-    tf32 : multiply matrices with TF32's ten bits of mantissa where the GPU can
+    tf32 : multiply matrices with TF32's ten bits of mantissa where the GPU can: within `products`
     """
 
     def __init__(
         self, network: nn.Module, terms: Callable[[Tensor], dict[str, Tensor]], settings: Fit, batch: int,
         device: torch.device, tf32: bool = False,
     ):  # fmt: skip
-        self.products = tf32_products if tf32 else nullcontext
         self.settings = settings
         self.network, self.terms = network, terms
         self.on_gpu = device.type == "cuda"
+        self.products = tf32_products if tf32 and self.on_gpu else nullcontext
         self.parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
         rate = torch.tensor(settings.learning_rate, device=device) if self.on_gpu else settings.learning_rate
         self.optimizer = torch.optim.AdamW(

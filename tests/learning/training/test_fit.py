@@ -9,6 +9,7 @@ from simgen.learning.networks.checkpoint import read_state, write_state
 from simgen.learning.training import fit
 from simgen.learning.training.fit import Training, epoch_seed
 from simgen.learning.training.schema import Fit
+from simgen.learning.training.step import tf32_products
 
 SETTINGS = Fit(epochs=8, batch=10, learning_rate=1e-2, patience=100)
 
@@ -104,6 +105,21 @@ def test_validation_and_training_are_means_over_samples(tmp_path):
     settings = SETTINGS.model_copy(update={"learning_rate": 1e-12, "epochs": 1})
     (epoch,) = toy.training(tmp_path / "state", settings)
     assert epoch.terms["validation_loss"] == pytest.approx(of_all, rel=1e-5)
+
+
+def test_validation_multiplies_as_training_does(tmp_path, monkeypatch):
+    """A GPU records its steps within `products`."""
+    toy, seen = Regression(), []
+    training = toy.training(tmp_path / "state", SETTINGS.model_copy(update={"epochs": 1}))
+    monkeypatch.setattr(training.step, "products", tf32_products)
+
+    def terms(rows):
+        seen.append(torch.get_float32_matmul_precision())
+        return toy.terms(rows)
+
+    monkeypatch.setattr(training, "terms", terms)
+    list(training)
+    assert set(seen) == {"high"} and torch.get_float32_matmul_precision() == "highest"
 
 
 def test_a_loss_that_is_no_number_is_one_line(tmp_path):
