@@ -23,15 +23,15 @@ import torch
 from record import arguments, write
 from torch import Tensor
 
+from simgen.learning.data.registry import NETWORKS
+from simgen.learning.data.samples import load_training_data
 from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
 from simgen.learning.evaluation.metrics import mesh_errors
 from simgen.learning.networks.chain import make_chain
 from simgen.learning.networks.checkpoint import load_network
 from simgen.learning.networks.latent_translation import LatentTranslation
-from simgen.learning.networks.registry import NETWORKS
-from simgen.learning.training.data import load_training_data
+from simgen.learning.networks.network_data import NetworkData, TrainingInputs
 from simgen.learning.training.fit import Training, epoch_seed
-from simgen.learning.training.network_data import NetworkData, TrainingInputs
 from simgen.learning.training.run import torch_device
 from simgen.learning.translation.translator import read_job
 

@@ -2,11 +2,13 @@
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from simgen.config.warp_device import start_warp
 from simgen.dataset.provenance import code_version, package_versions
+from simgen.errors import InputError
 from simgen.verification.validate.record import machine
 
 
@@ -27,6 +29,14 @@ def sensor_arguments(doc: str, output: str) -> argparse.ArgumentParser:
     parser.add_argument("--sensor", default="digit")
     parser.add_argument("--mesh", default="default")
     return parser
+
+
+def run(parser: argparse.ArgumentParser, benchmark: Callable[[argparse.Namespace], None]) -> None:
+    """Run a benchmark with the given arguments. Bad input prints one line and exits with code 2."""
+    try:
+        benchmark(parser.parse_args())
+    except InputError as error:
+        parser.exit(2, f"{error}\n")
 
 
 def write(asked: argparse.Namespace, rows: list[dict[str, Any]], **more: Any) -> None:

@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from record import arguments, write
+from record import arguments, run, write
 
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
@@ -47,12 +47,7 @@ def main() -> None:
     parser.add_argument("--presses", type=int, default=20, help="of each indenter")
     parser.add_argument("--depths", type=int, default=4, help="of each press")
     parser.add_argument("--height", type=int, default=320, help="px; images are three quarters as wide")
-    asked = parser.parse_args()
-
-    try:
-        compare(asked)
-    except InputError as error:
-        parser.exit(2, f"{error}\n")
+    run(parser, compare)
 
 
 def compare(asked: argparse.Namespace) -> None:

@@ -28,17 +28,17 @@ from pathlib import Path
 import numpy as np
 import torch
 import zarr
-from record import arguments, write
+from record import arguments, run, write
 from torch import Tensor
 
 from simgen.errors import InputError
+from simgen.learning.data.registry import SIGNALS, SOURCE, TARGET
+from simgen.learning.data.samples import BATCH, load_training_data
 from simgen.learning.evaluation.error_tables import Entry, markdown, plain_entry
-from simgen.learning.evaluation.evaluate import Evaluation
 from simgen.learning.evaluation.metrics import Predictor
 from simgen.learning.networks.checkpoint import load_network
-from simgen.learning.networks.registry import SIGNALS, SOURCE, TARGET
-from simgen.learning.training.data import BATCH, load_training_data
-from simgen.learning.training.network_data import TrainingInputs
+from simgen.learning.networks.network_data import TrainingInputs
+from simgen.learning.training.evaluate import Evaluation
 from simgen.learning.training.run import is_trained, torch_device
 from simgen.learning.translation.translator import read_job
 
@@ -169,11 +169,7 @@ def main() -> None:
     parser.add_argument("--predictions", type=pair, action="append", default=[], metavar="NAME=FILE")
     parser.add_argument("--network", type=pair, action="append", default=[], metavar="NAME=MODULE:FUNCTION")
     parser.add_argument("--list", type=Path, metavar="FILE.npz", help="write the test samples and end")
-    asked = parser.parse_args()
-    try:
-        compare(asked)
-    except InputError as error:
-        parser.exit(2, f"{error}\n")
+    run(parser, compare)
 
 
 def compare(asked: argparse.Namespace) -> None:

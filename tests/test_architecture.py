@@ -16,6 +16,7 @@ TESTS = Path(__file__).parent
 # In the order in which data walk. A folder imports from those before it. Everything may import `errors` and `units`.
 FOLDERS = ["config", "geometry", "sensors", "fem", "simulation", "dataset", "pipeline", "sensing",
            "calibration", "plotting", "learning", "report", "verification", "view", "cli"]  # fmt: skip
+LEARNING = ["data", "evaluation", "networks", "training", "translation"]  # the same within `learning`
 FLOOR = {folder: number for number, folder in enumerate(["errors", "units", *FOLDERS])}
 FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
          for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem != "__init__"}  # fmt: skip
@@ -63,6 +64,15 @@ def test_the_root_holds_the_folders_alone():
 def test_imports_follow_the_order_of_the_folders(module):
     floor = FLOOR[module.split(".")[0]]
     later = {other for other in own_imports(module) if FLOOR[other.split(".")[0]] > floor}
+    assert not later, f"{module} imports {later}"
+
+
+@pytest.mark.parametrize("module", sorted(name for name in FILES if name.startswith("learning.")))
+def test_imports_within_learning_follow_the_order_of_its_folders(module):
+    """Test what holds for all folders, for those of `learning`, too."""
+    floor = {folder: number for number, folder in enumerate(LEARNING)}
+    later = {name for name in own_imports(module) if name.startswith("learning.")
+             and floor[name.split(".")[1]] > floor[module.split(".")[1]]}  # fmt: skip
     assert not later, f"{module} imports {later}"
 
 

@@ -76,7 +76,7 @@ def test_predictions_stand_beside_ours(compare, listed, with_electrodes, inputs,
 
 
 def test_ours_are_those_of_the_table(compare, trained):
-    from simgen.learning.evaluation.evaluate import evaluate
+    from simgen.learning.training.evaluate import evaluate
 
     evaluate(trained, lambda items, about: items)
     (expected,) = [own for task, own in json.loads((trained.output / "metrics.json").read_text())["tasks"].items()

@@ -6,7 +6,7 @@ A test compares the two.
 from reference_page import ReferencePage
 
 from simgen.config.strict_section import StrictSection
-from simgen.learning.training.schema import (
+from simgen.learning.data.schema import (
     MeshTranslationSettings,
     MeshVAESettings,
     PointTranslationSettings,

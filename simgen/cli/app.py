@@ -134,7 +134,7 @@ def train(
     with needs_extra("training"):
         from simgen.cli.train import train_with_progress
 
-    from simgen.learning.training.schema import load_training_job
+    from simgen.learning.data.schema import load_training_job
 
     checked = load_training_job(job, overrides or ())
     train_with_progress(checked, output or checked.output_folder(), device, tensorboard)

@@ -13,13 +13,13 @@ from rich.table import Table
 
 from simgen.cli.console import console, stop, tracked
 from simgen.errors import InputError
+from simgen.learning.data.schema import TrainingJob
 from simgen.learning.evaluation.error_tables import ABSENT, PUBLISHED, Entry, best_baseline, by_task, count_samples
-from simgen.learning.evaluation.evaluate import FIGURE, evaluate
 from simgen.learning.evaluation.floor import Floor
 from simgen.learning.networks.checkpoint import NETWORK, read_sidecar
+from simgen.learning.training.evaluate import FIGURE, evaluate
 from simgen.learning.training.fit import Epoch
 from simgen.learning.training.run import TrainingRun
-from simgen.learning.training.schema import TrainingJob
 
 SHORT = {  # heading, digits
     "rmse_um": ("RMSE", 2), "region_rmse_um": ("region", 1), "med_um": ("MED", 1), "p99_um": ("p99", 1),

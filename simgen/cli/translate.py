@@ -13,8 +13,8 @@ from simgen.dataset.atomic_files import write_whole
 from simgen.dataset.exchange.selection import PressSelection
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
+from simgen.learning.data.schema import RecordingFiles
 from simgen.learning.evaluation.contact import ContactGauge
-from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.translation.accuracy import NEAR_MM, Accuracy, summarise, write_summary
 from simgen.learning.translation.picture import ChainPainter
 from simgen.learning.translation.presses import CONTACT, TranslatedImages, check_meshes

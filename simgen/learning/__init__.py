@@ -1,4 +1,5 @@
 """Networks between two sensors: training, errors, and translation of electrode signals to images.
 
-Its folders import from one another, but no module does in a circle. Needs PyTorch: ``pip install simgen[training]``.
+Its folders are `data`, `evaluation`, `networks`, `training`, `translation`. Each imports from earlier ones only. Needs
+PyTorch: ``pip install simgen[training]``.
 """

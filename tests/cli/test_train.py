@@ -10,7 +10,7 @@ from rich.console import Console
 
 from simgen.cli.train import console_tables, train_with_progress
 from simgen.errors import InputError
-from simgen.learning.evaluation.evaluate import FIGURE
+from simgen.learning.training.evaluate import FIGURE
 from tests.learning import touched
 
 

@@ -13,7 +13,7 @@ from reference_page import ReferencePage, inner_sections
 from simgen.config.job import load_job
 from simgen.config.job_schema import Job
 from simgen.config.strict_section import StrictSection
-from simgen.learning.training.schema import TrainingJob, load_training_job
+from simgen.learning.data.schema import TrainingJob, load_training_job
 
 
 @dataclass(frozen=True)

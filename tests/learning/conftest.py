@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy.spatial import Delaunay
 
-from simgen.learning.training.data import load_training_data
+from simgen.learning.data.samples import load_training_data
 from simgen.pipeline.run import run
 from simgen.sensing.electrodes import gaps as electrode_gaps
 

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from simgen.learning.training.data import MeshSamples
+from simgen.learning.data.samples import MeshSamples
 
 STEP_M = 1e-7
 

@@ -11,10 +11,10 @@ from scipy.spatial import Delaunay
 
 from simgen.config.strict_section import section_from_dict
 from simgen.dataset.reader import Dataset
+from simgen.learning.data.registry import NETWORKS
+from simgen.learning.data.schema import TrainingJob
 from simgen.learning.networks.checkpoint import load_network, save_network
-from simgen.learning.networks.registry import NETWORKS
 from simgen.learning.training.run import TrainingRun
-from simgen.learning.training.schema import TrainingJob
 from simgen.pipeline.run import run
 from simgen.sensors.sensor_geometry import load_geometry
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from simgen.learning.data.samples import MeshSamples
 from simgen.learning.evaluation.metrics import Predictor
 from simgen.learning.evaluation.pca import PCA, Values
-from simgen.learning.training.data import MeshSamples
 
 RANK = 128  # as many components as a network has latents
 PENALTIES = [10.0**-power for power in range(10)]  # of a ridge regression on inputs of mean square 1

@@ -24,6 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from simgen.learning.data.samples import MeshSamples
 from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
 from simgen.learning.evaluation.hypotheses import Hypotheses
 from simgen.learning.evaluation.metrics import (
@@ -33,7 +34,6 @@ from simgen.learning.evaluation.metrics import (
     infinite,
     intersection_over_union,
 )  # fmt: skip
-from simgen.learning.training.data import MeshSamples
 
 # Row numbers (n,) -> displacements (n, draw, vertex, 3), m, and logits of contact (n, draw, vertex).
 Draws = Callable[[Tensor], tuple[Tensor, Tensor]]

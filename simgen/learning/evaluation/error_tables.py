@@ -14,12 +14,12 @@ import numpy as np
 
 from simgen.dataset.atomic_files import put_in_place, write_aside
 from simgen.errors import writing
+from simgen.learning.data.registry import NETWORKS
+from simgen.learning.data.samples import TrainingData
 from simgen.learning.evaluation.contact import NEAR_MM
 from simgen.learning.evaluation.doubt import LEVEL, Answers
 from simgen.learning.evaluation.floor import Floor
 from simgen.learning.evaluation.metrics import Errors, MeshErrors, SignalErrors, Statistic
-from simgen.learning.networks.registry import NETWORKS
-from simgen.learning.training.data import TrainingData
 
 # Root mean square errors of the paper's test samples: of meshes in um, of signals normalised.
 SOURCE = "ACROSS, ICRA 2025 (arXiv:2411.08533)"

@@ -21,10 +21,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from simgen.learning.data.samples import BATCH, MeshSamples
 from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
 from simgen.learning.evaluation.metrics import Errors
 from simgen.learning.evaluation.pca import PCA
-from simgen.learning.training.data import BATCH, MeshSamples
 from simgen.sensing.electrodes.model import ElectrodeSettings
 
 MESH_SHARE = 0.02  # of the root mean square of a sample's displacement

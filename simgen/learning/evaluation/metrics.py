@@ -12,8 +12,8 @@ from torch import Tensor
 
 from simgen.dataset.contact_patch import FACET_M, ContactPatches
 from simgen.errors import InputError
+from simgen.learning.data.samples import MeshSamples, TrainingData
 from simgen.learning.evaluation.contact import ContactGauge
-from simgen.learning.training.data import MeshSamples, TrainingData
 
 Predictor = Callable[[Tensor], Tensor]  # row numbers (n,) int64 -> (n, vertex, 3) m, or (n, channel)
 # Row numbers (n,) and displacements (n, vertex, 3) m -> (n, point) bool, True for points that touch the indenter.

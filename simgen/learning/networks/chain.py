@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from simgen.learning.networks.registry import NETWORKS
+from simgen.learning.data.registry import NETWORKS
 
 Step = Callable[[Tensor], Tensor]
 

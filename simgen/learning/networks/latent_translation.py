@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from simgen.learning.networks.film import FilmThickness
 from simgen.learning.networks.network import Network, Terms
-from simgen.learning.training.network_data import NetworkData
+from simgen.learning.networks.network_data import NetworkData
 
 LEAST = 1e-5  # least latent error: keeps the slope of the root finite
 LEAST_SIZE = 1e-2  # least distance from rest, relative to its root mean square over training

@@ -16,9 +16,9 @@ from torch import Tensor, nn
 from simgen.learning.networks.chebyshev import INITIAL, ChebyshevConvolution, scaled_laplacian
 from simgen.learning.networks.hierarchy import Hierarchy, build_hierarchy
 from simgen.learning.networks.network import Network, Terms
+from simgen.learning.networks.network_data import NetworkData
 from simgen.learning.networks.sparse import SparseMatrix, interpolate
 from simgen.learning.networks.variational import divergence, sample
-from simgen.learning.training.network_data import NetworkData
 
 ENCODER = (3, 16, 16, 16, 32)  # features before and after each convolution, from level to level
 DECODER = (32, 32, 16, 16, 16)  # the same upwards; a last convolution on the finest level gives 3

@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Self
 
 from torch import Tensor, nn
 
-from simgen.learning.networks.registry import NETWORKS, NetworkSpec
-from simgen.learning.training.network_data import NetworkData
+from simgen.learning.data.registry import NETWORKS, NetworkSpec
+from simgen.learning.networks.network_data import NetworkData
 
 Terms = Callable[[Tensor], dict[str, Tensor]]  # row numbers (n,) -> means over these samples; the first is minimised
 

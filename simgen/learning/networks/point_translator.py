@@ -20,16 +20,16 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from simgen.dataset.touchable import TouchableSurface
+from simgen.learning.data.samples import BATCH, MeshSamples
 from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.evaluation.doubt import calibrated_reach
 from simgen.learning.evaluation.pca import Values
 from simgen.learning.networks.mirror import is_symmetric
 from simgen.learning.networks.network import Network, Terms
+from simgen.learning.networks.network_data import NetworkData
 from simgen.learning.networks.skin_grid import PixelGrid, SkinOnGrid, reach_along_arc
 from simgen.learning.networks.skin_points import NUMBERS, SkinPoints
 from simgen.learning.networks.skin_unet import SkinUNet
-from simgen.learning.training.data import BATCH, MeshSamples
-from simgen.learning.training.network_data import NetworkData
 from simgen.units import MM
 
 MOVING = 4  # channels of a sample: displacement over its size, and the logarithm of the size

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 from torch import Tensor, nn
 
 from simgen.learning.networks.network import Network, Terms
-from simgen.learning.training.network_data import NetworkData
+from simgen.learning.networks.network_data import NetworkData
 
 
 class Projection(Network):

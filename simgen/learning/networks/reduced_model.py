@@ -12,13 +12,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from simgen.learning.data.samples import BATCH
 from simgen.learning.evaluation.pca import PCA, Values
 from simgen.learning.networks.chebyshev import ChebyshevConvolution, scaled_laplacian
 from simgen.learning.networks.hierarchy import edge_graph
 from simgen.learning.networks.network import Network, Terms
+from simgen.learning.networks.network_data import NetworkData
 from simgen.learning.networks.sparse import SparseMatrix
-from simgen.learning.training.data import BATCH
-from simgen.learning.training.network_data import NetworkData
 
 LATENT = 128
 WIDTH = 16  # features of a vertex between convolutions, as in the mesh VAE

@@ -7,10 +7,10 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor, nn
 
+from simgen.learning.data.signals import normalised
 from simgen.learning.networks.network import Network, Terms
+from simgen.learning.networks.network_data import NetworkData
 from simgen.learning.networks.variational import divergence, sample
-from simgen.learning.training.network_data import NetworkData
-from simgen.learning.training.signals import normalised
 
 
 class SignalVAE(Network):

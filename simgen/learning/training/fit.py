@@ -15,9 +15,9 @@ import torch
 from torch import Tensor, nn
 
 from simgen.errors import InputError, shown
+from simgen.learning.data.schema import Fit
 from simgen.learning.networks.checkpoint import read_state, write_state
 from simgen.learning.networks.network import Terms
-from simgen.learning.training.schema import Fit
 from simgen.learning.training.step import TrainingStep
 
 SAVE_EVERY_S = 20.0  # a kill costs at most this and an epoch

@@ -28,14 +28,14 @@ from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LockedError, locked
 from simgen.dataset.provenance import code_version, difference, file_hash
 from simgen.errors import InputError, writing
+from simgen.learning.data.registry import NETWORKS
+from simgen.learning.data.samples import Track, load_training_data, mesh_hash
+from simgen.learning.data.schema import TrainingJob
+from simgen.learning.data.signals import recording_paths
 from simgen.learning.networks.checkpoint import NETWORK, load_network, save_network
 from simgen.learning.networks.network import Network, network_class
-from simgen.learning.networks.registry import NETWORKS
-from simgen.learning.training.data import Track, load_training_data, mesh_hash
+from simgen.learning.networks.network_data import NetworkData, TrainingInputs
 from simgen.learning.training.fit import Epoch, Training, epoch_seed
-from simgen.learning.training.network_data import NetworkData, TrainingInputs
-from simgen.learning.training.schema import TrainingJob
-from simgen.learning.training.signals import recording_paths
 
 RECORD, STATE, LOG = "training.json", "state.safetensors", "epochs.csv"
 PACKAGES = ("torch", "numpy", "scipy", "safetensors")

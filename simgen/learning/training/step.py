@@ -9,7 +9,7 @@ from contextlib import contextmanager, nullcontext
 import torch
 from torch import Tensor, nn
 
-from simgen.learning.training.schema import Fit
+from simgen.learning.data.schema import Fit
 
 WARM_UP = 3  # steps before recording: in the first ones libraries choose kernels and allocate memory
 

@@ -23,8 +23,8 @@ from simgen.dataset.provenance import source_hash
 from simgen.dataset.reader import Dataset
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import is_valid
+from simgen.learning.data.samples import mesh_hash
 from simgen.learning.evaluation.contact import ContactGauge
-from simgen.learning.training.data import mesh_hash
 from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
 from simgen.learning.translation.hypothesis_files import csv_of, drawn, image_name, off_mm, table
 from simgen.learning.translation.translator import Translated, Translator, hashes, keep_to_one_core, read_job
@@ -41,7 +41,7 @@ class TranslatedImages(Images):
     """Images of the target, translated from signals of the source, for presses of a dataset.
 
     networks : folder that `simgen train` wrote
-    way : one of `simgen.learning.networks.registry.WAYS`
+    way : one of `simgen.learning.data.registry.WAYS`
     keep : True to write ``steps.npz``, too
     hypotheses : at most so many images of a sample
     """

@@ -19,9 +19,9 @@ import torch
 from simgen.dataset.atomic_files import whole_folder
 from simgen.dataset.folder_lock import LOCK
 from simgen.errors import InputError, writing
+from simgen.learning.data.schema import RecordingFiles
+from simgen.learning.data.signals import contact_signals
 from simgen.learning.evaluation.contact import ContactGauge
-from simgen.learning.training.schema import RecordingFiles
-from simgen.learning.training.signals import contact_signals
 from simgen.learning.translation.hypothesis_files import FILE as HYPOTHESES
 from simgen.learning.translation.hypothesis_files import drawn, image_name, table
 from simgen.learning.translation.presses import STEPS, stages

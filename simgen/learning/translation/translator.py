@@ -13,13 +13,13 @@ from torch import Tensor
 from simgen.config.strict_section import section_from_dict
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
+from simgen.learning.data.registry import NETWORKS, WAYS
+from simgen.learning.data.schema import TrainingJob
 from simgen.learning.evaluation.hypotheses import Hypotheses
 from simgen.learning.networks.checkpoint import NETWORK, load_network, read_sidecar
 from simgen.learning.networks.network import Network
 from simgen.learning.networks.point_translator import DRAWS, PointTranslator
-from simgen.learning.networks.registry import NETWORKS, WAYS
 from simgen.learning.training.run import RECORD, is_trained, torch_device
-from simgen.learning.training.schema import TrainingJob
 
 MESHES_AT_ONCE = 128  # each draw of a sample is a mesh
 
@@ -72,7 +72,7 @@ class Translator:
     """Chain of trained networks.
 
     networks : all `networks_of` a way, by name
-    way : one of `simgen.learning.networks.registry.WAYS`
+    way : one of `simgen.learning.data.registry.WAYS`
     meshes : sensor -> `mesh_hash` of its training mesh; empty for networks that do not record it
     """
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from simgen.learning.data.samples import MeshSamples
 from simgen.learning.evaluation import doubt
 from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.evaluation.doubt import (
@@ -20,7 +21,6 @@ from simgen.learning.evaluation.doubt import (
     reach_of,
     unit_radius,
 )
-from simgen.learning.training.data import MeshSamples
 from simgen.units import MM
 from tests.learning.evaluation.test_contact import gauge_of, sphere, square
 

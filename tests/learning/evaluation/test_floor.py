@@ -89,7 +89,7 @@ def test_the_place_with_most_members_near_it_is_the_guess(gauge):
 
 
 def test_the_best_place_need_not_be_a_member():
-    """Of three members on a circle of 0.87 mm none is near another: 1.51 mm lie between them. Their middle is near."""
+    """Three members lie on a circle of 0.87 mm, 1.51 mm from each other: only their middle is near all of them."""
     angle = np.radians([10.0, 130.0, 250.0])
     places = 0.87 * MM * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     near, apart = floors._most_near(torch.from_numpy(places))

@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from simgen.dataset.reader import Dataset
+from simgen.learning.data.samples import load_training_data
 from simgen.learning.evaluation import metrics
 from simgen.learning.evaluation.metrics import SignalErrors, contact_of, mesh_errors, signal_errors, translation_errors
-from simgen.learning.training.data import load_training_data
 from simgen.pipeline.run import run
 from tests.learning import plain
 

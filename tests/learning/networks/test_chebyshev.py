@@ -108,7 +108,7 @@ def test_a_relu_keeps_what_is_positive(laplacian, widths):
 @pytest.mark.parametrize("widths", WIDTHS)
 @pytest.mark.parametrize("relu", [False, True])
 def test_weights_alone_have_the_same_gradients(laplacian, widths, relu):
-    """Where x needs no gradient, as the first layer's displacements, fewer vertices are read."""
+    """Fewer vertices are read where x needs no gradient, as for the displacements that the first layer takes."""
     convolution, x = ChebyshevConvolution(*widths), torch.randn(VERTICES, widths[0], SAMPLES)
     found = []
     for needs in (False, True):

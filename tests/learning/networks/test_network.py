@@ -3,9 +3,9 @@
 import pytest
 import torch
 
+from simgen.learning.data.registry import NETWORKS
 from simgen.learning.networks.network import Network, network_class, network_kinds
-from simgen.learning.networks.registry import NETWORKS
-from simgen.learning.training.network_data import NetworkData
+from simgen.learning.networks.network_data import NetworkData
 
 
 @pytest.fixture(scope="module", params=NETWORKS)

@@ -6,9 +6,12 @@ import pytest
 import torch
 import torch.nn.functional as F
 
+from simgen.learning.data.registry import NETWORKS
+from simgen.learning.data.schema import Fit
 from simgen.learning.evaluation.doubt import reach_of
 from simgen.learning.networks import point_translator
 from simgen.learning.networks.chain import make_chain
+from simgen.learning.networks.network_data import NetworkData
 from simgen.learning.networks.point_translator import (
     CONTACT,
     DRAWS,
@@ -20,9 +23,6 @@ from simgen.learning.networks.point_translator import (
     PointTranslator,
     _energy,
 )
-from simgen.learning.networks.registry import NETWORKS
-from simgen.learning.training.network_data import NetworkData
-from simgen.learning.training.schema import Fit
 from simgen.learning.training.step import TrainingStep
 
 

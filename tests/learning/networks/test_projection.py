@@ -4,8 +4,8 @@ import pytest
 import torch
 from torch import nn
 
+from simgen.learning.data.schema import ProjectionSettings, SignalProjectionSettings
 from simgen.learning.networks.projection import Projection
-from simgen.learning.training.schema import ProjectionSettings, SignalProjectionSettings
 
 
 @pytest.mark.parametrize(

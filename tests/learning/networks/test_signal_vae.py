@@ -3,9 +3,9 @@
 import pytest
 import torch
 
+from simgen.learning.data.schema import SignalVAESettings
 from simgen.learning.networks.signal_vae import SignalVAE
 from simgen.learning.networks.variational import divergence
-from simgen.learning.training.schema import SignalVAESettings
 
 LOW, HIGH = torch.tensor([1.0, -2.0, 0.5]), torch.tensor([3.0, 2.0, 0.5])  # the last channel never varies
 

@@ -5,10 +5,10 @@ import torch
 from torch import nn
 
 from simgen.errors import InputError
+from simgen.learning.data.schema import Fit
 from simgen.learning.networks.checkpoint import read_state, write_state
 from simgen.learning.training import fit
 from simgen.learning.training.fit import Training, epoch_seed
-from simgen.learning.training.schema import Fit
 from simgen.learning.training.step import tf32_products
 
 SETTINGS = Fit(epochs=8, batch=10, learning_rate=1e-2, patience=100)

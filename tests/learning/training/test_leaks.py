@@ -9,9 +9,9 @@ import pytest
 
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
-from simgen.learning.evaluation.evaluate import evaluate
+from simgen.learning.data.registry import NETWORKS
 from simgen.learning.evaluation.floor import Floor
-from simgen.learning.networks.registry import NETWORKS
+from simgen.learning.training.evaluate import evaluate
 from simgen.learning.training.run import TrainingRun
 from tests.learning import touched
 

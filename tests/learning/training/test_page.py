@@ -8,9 +8,9 @@ import torch
 from pages import DOCS, code
 
 from simgen.config.strict_section import section_from_dict
-from simgen.learning.evaluation.evaluate import evaluate
+from simgen.learning.data.schema import TrainingJob, load_training_job
+from simgen.learning.training.evaluate import evaluate
 from simgen.learning.training.run import TrainingRun
-from simgen.learning.training.schema import TrainingJob, load_training_job
 
 PAGE = DOCS / "training.md"
 

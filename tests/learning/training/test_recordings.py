@@ -6,7 +6,7 @@ import pytest
 
 from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
-from simgen.learning.evaluation.evaluate import evaluate
+from simgen.learning.training.evaluate import evaluate
 from simgen.learning.training.run import TrainingRun
 from tests.learning import touched
 

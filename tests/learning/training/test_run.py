@@ -23,7 +23,7 @@ from simgen.dataset.folder_lock import locked
 from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import IN_NONE, SPLITS
 from simgen.errors import InputError
-from simgen.learning.networks.registry import NETWORKS
+from simgen.learning.data.registry import NETWORKS
 from simgen.learning.training import fit
 from simgen.learning.training import run as runs
 from simgen.learning.training.run import RECORD, STATE, TrainingRun, torch_device

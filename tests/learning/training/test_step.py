@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from simgen.learning.training.schema import Fit
+from simgen.learning.data.schema import Fit
 from simgen.learning.training.step import TrainingStep, tf32_products
 
 CPU = torch.device("cpu")

@@ -7,8 +7,8 @@ import torch
 
 from simgen.dataset.folder_lock import locked
 from simgen.errors import InputError
+from simgen.learning.data.schema import RecordingFiles
 from simgen.learning.evaluation.contact import ContactGauge
-from simgen.learning.training.schema import RecordingFiles
 from simgen.learning.translation.hypothesis_files import FILE, table
 from simgen.learning.translation.presses import STEPS
 from simgen.learning.translation.recordings import (

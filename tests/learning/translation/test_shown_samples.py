@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgen.dataset.exchange.selection import PressSelection
-from simgen.learning.training.schema import RecordingFiles
+from simgen.learning.data.schema import RecordingFiles
 from simgen.learning.translation.presses import TranslatedMeshes
 from simgen.learning.translation.recordings import Recording
 from simgen.learning.translation.shown_samples import (

@@ -10,13 +10,13 @@ import torch
 
 from simgen.dataset.provenance import file_hash
 from simgen.errors import InputError
+from simgen.learning.data.registry import NETWORKS, WAYS
+from simgen.learning.data.samples import mesh_hash
 from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.evaluation.hypotheses import Hypotheses
 from simgen.learning.networks.chain import make_chain
 from simgen.learning.networks.checkpoint import load_network
 from simgen.learning.networks.point_translator import DRAWS
-from simgen.learning.networks.registry import NETWORKS, WAYS
-from simgen.learning.training.data import mesh_hash
 from simgen.learning.translation import translator
 from simgen.learning.translation.translator import (
     MESHES_AT_ONCE,

@@ -18,7 +18,7 @@ from simgen.config.allowed_values import allowed
 from simgen.config.job_schema import NAME, NAME_IN_WORDS
 from simgen.config.resources import bundled_jobs
 from simgen.config.strict_section import StrictSection, find_file, load_section
-from simgen.learning.networks.registry import NETWORKS
+from simgen.learning.data.registry import NETWORKS
 from simgen.sensing.electrodes.model import ElectrodeSettings
 
 Width = Annotated[int, Field(ge=1, le=65536)]

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from simgen.dataset.splits import SPLITS, split_by_trajectory
 from simgen.errors import InputError
-from simgen.learning.networks.registry import SIGNALS, SOURCE, chains
-from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
-from simgen.learning.training.schema import RecordingFiles, Signals
+from simgen.learning.data.registry import SIGNALS, SOURCE, chains
+from simgen.learning.data.samples import BATCH, MeshSamples, TrainingData
+from simgen.learning.data.schema import RecordingFiles, Signals
 from simgen.sensing.electrodes.gaps import checked_gaps, gauge_of
 from simgen.sensing.electrodes.model import measured, voltage
 from simgen.sensing.electrodes.recordings import Recordings, read_recordings

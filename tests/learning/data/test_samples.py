@@ -9,7 +9,7 @@ from simgen.dataset.reader import Dataset
 from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
-from simgen.learning.training.data import load_training_data
+from simgen.learning.data.samples import load_training_data
 from tests.learning.conftest import make_dataset
 
 CPU = torch.device("cpu")

@@ -12,15 +12,15 @@ from torch import Tensor, nn
 from simgen.dataset.splits import SPLITS
 from simgen.dataset.touchable import touchable_points, touchable_surface
 from simgen.errors import InputError
+from simgen.learning.data.registry import NETWORKS, SIGNALS, SOURCE, NetworkSpec
+from simgen.learning.data.samples import BATCH, MeshSamples, TrainingData
+from simgen.learning.data.schema import TrainingJob
+from simgen.learning.data.signals import SignalData, read_signals
 from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.evaluation.metrics import contact_of
 from simgen.learning.evaluation.pca import Values
 from simgen.learning.networks.chain import make_chain
 from simgen.learning.networks.mirror import Mirror
-from simgen.learning.networks.registry import NETWORKS, SIGNALS, SOURCE, NetworkSpec
-from simgen.learning.training.data import BATCH, MeshSamples, TrainingData
-from simgen.learning.training.schema import TrainingJob
-from simgen.learning.training.signals import SignalData, read_signals
 from simgen.sensing.electrodes.gaps import electrodes_of
 
 

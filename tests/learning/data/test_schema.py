@@ -4,8 +4,8 @@ import pytest
 
 from simgen.config.strict_section import section_from_dict
 from simgen.errors import InputError
-from simgen.learning.networks.registry import NETWORKS
-from simgen.learning.training.schema import Fit, TrainingJob, load_training_job
+from simgen.learning.data.registry import NETWORKS
+from simgen.learning.data.schema import Fit, TrainingJob, load_training_job
 
 PLAIN = {"name": "a", "dataset": "d.zarr"}
 

@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 
 from simgen.dataset.splits import SPLITS
+from simgen.learning.data.registry import NETWORKS, SIGNALS, SOURCE, TARGET, TASKS, chains, label_of
+from simgen.learning.data.samples import MeshSamples, Track
 from simgen.learning.evaluation.baselines import RANK, Baseline, coefficients, mesh_baselines, projection_baselines
 from simgen.learning.evaluation.doubt import Answers, measure_answers
 from simgen.learning.evaluation.error_tables import FLOOR, Entry, labels_of, write_tables
@@ -23,9 +25,7 @@ from simgen.learning.evaluation.metrics import (
 )  # fmt: skip
 from simgen.learning.evaluation.pca import PCA
 from simgen.learning.networks.chain import Chain, make_chain
-from simgen.learning.networks.registry import NETWORKS, SIGNALS, SOURCE, TARGET, TASKS, chains, label_of
-from simgen.learning.training.data import MeshSamples, Track
-from simgen.learning.training.network_data import TrainingInputs
+from simgen.learning.networks.network_data import TrainingInputs
 from simgen.learning.training.run import TrainingRun
 
 FIGURE = "errors.png"

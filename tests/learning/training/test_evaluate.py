@@ -8,9 +8,9 @@ import torch
 
 import simgen
 from simgen.learning.evaluation.contact import ContactGauge
-from simgen.learning.evaluation.evaluate import Evaluation, evaluate
 from simgen.learning.evaluation.floor import Floor
-from simgen.learning.training.network_data import TrainingInputs
+from simgen.learning.networks.network_data import TrainingInputs
+from simgen.learning.training.evaluate import Evaluation, evaluate
 from simgen.learning.training.run import TrainingRun
 from tests.learning import touched
 

@@ -12,10 +12,9 @@ from pages import DOCS, code
 
 import simgen
 from simgen.config.strict_section import section_from_dict
-from simgen.learning.evaluation.evaluate import evaluate
-from simgen.learning.networks import registry
-from simgen.learning.networks.registry import NETWORKS, TASKS, WAYS, chains, label_of
-from simgen.learning.training import schema
+from simgen.learning.data import registry, schema
+from simgen.learning.data.registry import NETWORKS, TASKS, WAYS, chains, label_of
+from simgen.learning.training.evaluate import evaluate
 from tests.learning import touched
 
 
@@ -44,7 +43,7 @@ def test_a_label_names_all_networks_of_a_chain():
 
 
 def test_the_table_does_not_import_torch():
-    code = "import sys, simgen.learning.training.schema; print('torch' in sys.modules)"
+    code = "import sys, simgen.learning.data.schema; print('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

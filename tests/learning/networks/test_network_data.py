@@ -7,11 +7,11 @@ import torch
 
 from simgen.config.strict_section import section_from_dict
 from simgen.errors import InputError
+from simgen.learning.data.registry import NETWORKS
+from simgen.learning.data.schema import TrainingJob
 from simgen.learning.evaluation.contact import ContactGauge
-from simgen.learning.networks.registry import NETWORKS
-from simgen.learning.training import network_data
-from simgen.learning.training.network_data import NetworkData, TrainingInputs, encoded_at_rest, latents
-from simgen.learning.training.schema import TrainingJob
+from simgen.learning.networks import network_data
+from simgen.learning.networks.network_data import NetworkData, TrainingInputs, encoded_at_rest, latents
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import torch
 
 from simgen.dataset.splits import SPLITS
 from simgen.errors import InputError
-from simgen.learning.training.schema import RecordingFiles, Signals
-from simgen.learning.training.signals import BLOCKS, SignalData, read_signals, recorded
+from simgen.learning.data.schema import RecordingFiles, Signals
+from simgen.learning.data.signals import BLOCKS, SignalData, read_signals, recorded
 from simgen.sensing.electrodes.gaps import gauge_of
 from simgen.sensing.electrodes.model import ElectrodeSettings, synthetic_signals, voltage
 from simgen.sensing.electrodes.signals import in_contact, without_drift
