@@ -47,13 +47,24 @@ class Hypotheses:
         weights = weights / weights.sum(dim=2, keepdim=True)
         return torch.einsum("nkd,nd...->nk...", weights, values)
 
-    def central(self, values: Tensor) -> Tensor:
-        """Draw nearest to the mean of each hypothesis, (n, hypothesis, ...); arguments as in `means`.
+    def central(self, values: Tensor, centroids: Tensor) -> Tensor:
+        """Draw nearest to the mean of each hypothesis, by value and by place, (n, hypothesis, ...); NaN without draws.
 
-        It has the edges that a mean of draws with turned or shifted edges lacks.
+        It has the edges that a mean of draws with turned or shifted edges lacks. Both distances count in units of their
+        own mean over the hypothesis. By value alone, the draw is nearer in shape but further off in place.
+
+        values : (n, draw, ...) of the draws
+        centroids : (n, draw, 3), m, as in `of_centroids`
         """
-        apart = torch.cdist(self.means(values).flatten(2), values.flatten(2)).where(self.members, torch.inf)
+        places = centroids.nan_to_num(nan=0.0)  # draws without contact are a hypothesis of their own
+        apart = self._relative_distance(values.flatten(2)) + self._relative_distance(places)
         samples = torch.arange(len(values), device=values.device)[:, None]
         found = values[samples, apart.argmin(dim=2)]
         known = self.members.any(dim=2)
         return found.where(known[(..., *(None,) * (found.ndim - 2))], torch.nan)
+
+    def _relative_distance(self, values: Tensor) -> Tensor:
+        """Distance (n, hypothesis, draw) from the mean, over its mean in the hypothesis; infinite for other draws."""
+        away = torch.cdist(self.means(values), values).double()
+        usual = away.where(self.members, torch.nan).nanmean(dim=2, keepdim=True)
+        return (away / usual.where(usual > 0.0, 1.0)).where(self.members, torch.inf)

@@ -38,7 +38,7 @@ MARGIN_M = 4e-3  # the grid shows as much of the source's skin beyond the target
 LEAST_SIZE = 1e-2  # least size of a press, relative to its root mean square over training
 ROUNDING = 1e-7  # m: keeps the slope of the root finite
 NOISE = 8  # random numbers of a draw
-DRAWS = 16  # answers for a sample, half of them by its mirror image
+DRAWS = 2 * NOISE  # answers for a sample, half of them by its mirror image
 SAMPLES_AT_ONCE = 16  # of a prediction: all draws of these take 1 GB
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # multiples of it, without their whole parts, are spread evenly
 # Weights in the loss: displacements of the touchable surface, contact of its points, cross entropy of the contact.
@@ -90,7 +90,7 @@ class PointTranslator(Network):
         self.register_buffer("target_triangles", torch.zeros(triangles, 3, dtype=torch.int64))
         self.points = SkinPoints(vertices, pixels)
         self.register_buffer("share", torch.zeros(vertices))  # of the touchable area
-        self.register_buffer("noise", torch.randn(DRAWS, NOISE))  # the draws of predictions
+        self.register_buffer("noise", _even_noise())  # the draws of predictions
         # Of sets of contacts, from true source meshes and from predicted ones: see simgen/learning/evaluation/doubt.py.
         self.register_buffer("reach", torch.full((2,), torch.nan, dtype=torch.float64))
         self.register_buffer("source_size", torch.ones(()))  # m, root mean square of the skin's displacements
@@ -276,6 +276,16 @@ class PointTranslator(Network):
         local = found[..., :3] * turned * size * self.target_size
         moved = torch.einsum("vij,nvi->nvj", points.frames, local)
         return tuple(each.unflatten(0, (-1, draws)) for each in (moved, found[..., 3]))
+
+
+def _even_noise() -> Tensor:
+    """Noise (draw, NOISE) of predictions, which stands for a normal distribution: both signs along each axis.
+
+    The cubature rule of third degree (Arasaratnam and Haykin, IEEE Transactions on Automatic Control 54, 2009): means
+    of polynomials up to the third degree are exact. Means over as many random draws scatter. Both halves, one of which
+    may be for mirror images, have both signs of their axes.
+    """
+    return torch.cat([torch.cat([axes, -axes]) for axes in (NOISE**0.5 * torch.eye(NOISE)).chunk(2)])
 
 
 def _energy(found: Tensor, truth: Tensor, norm: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:

@@ -50,7 +50,23 @@ def test_means_are_those_of_the_members():
     torch.testing.assert_close(found.means(values), torch.tensor([[[3.0], [1.0], [torch.nan]]]), equal_nan=True)
 
 
-def test_the_central_draw_is_the_member_nearest_to_the_mean():
-    found = Hypotheses.of_centroids(centroids(0.0, 5.0, 5.2, 5.4), 3)
-    values = torch.tensor([[[4.0], [1.0], [2.0], [9.0]]])  # those of the first hypothesis have a mean of 4
-    torch.testing.assert_close(found.central(values), torch.tensor([[[2.0], [4.0], [torch.nan]]]), equal_nan=True)
+def test_the_central_draw_is_near_to_the_mean_by_value_and_by_place():
+    places = centroids(0.0, 5.0, 5.6, 5.2)  # those of the first hypothesis have a mean of 5.27
+    found = Hypotheses.of_centroids(places, 3)
+    for values, central in (
+        ([0.0, 1.0, 4.0, 9.0], 4.0),  # 4.67 on average, and 9 is too far from it
+        ([0.0, 1.0, 4.0, 5.0], 5.0),  # 3.33 on average, where 4 is nearer, but it lies furthest off
+    ):
+        expected = torch.tensor([[[central], [0.0], [torch.nan]]])
+        torch.testing.assert_close(found.central(torch.tensor([values])[..., None], places), expected, equal_nan=True)
+
+
+def test_draws_without_contact_have_a_central_draw_by_value():
+    places = centroids(torch.nan, torch.nan, torch.nan)
+    values = torch.tensor([[[1.0], [4.0], [5.0]]])
+    assert Hypotheses.of_centroids(places, 1).central(values, places).item() == 4.0
+
+
+def test_equal_draws_are_central():
+    places = centroids(1.0, 1.0)
+    assert Hypotheses.of_centroids(places, 1).central(torch.full((1, 2, 1), 3.0), places).item() == 3.0

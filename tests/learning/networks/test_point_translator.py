@@ -18,6 +18,7 @@ from simgen.learning.networks.point_translator import (
     ENTROPY,
     LEAST_CONTACT,
     LEAST_SIZE,
+    NOISE,
     ROUNDING,
     SURFACE,
     PointTranslator,
@@ -59,6 +60,16 @@ def test_draws_differ_and_a_prediction_is_their_mean(made):
     size = found.square().mean(dim=(1, 2, 3)).sqrt()[:, None]
     assert (away[:, ~torch.eye(DRAWS, dtype=bool)] > 1e-3 * size).all()
     assert torch.equal(found, network.draws(u)[0]), "predictions draw no new numbers"
+
+
+def test_means_over_the_draws_are_those_of_a_normal_distribution(made):
+    """Exact for all polynomials up to the third degree. In each half, first and third moments vanish."""
+    noise = made[0].noise.double()
+    torch.testing.assert_close(noise.T @ noise / DRAWS, torch.eye(NOISE, dtype=torch.float64))
+    for some in (noise, *noise.chunk(2)):
+        assert (some.sum(dim=0) == 0.0).all()
+        assert (torch.einsum("di,dj,dk->ijk", some, some, some).abs() < 1e-12).all()
+    assert (noise[0] * noise[1] == 0.0).all(), "the two draws of a validation loss are not each other's negative"
 
 
 @torch.no_grad()

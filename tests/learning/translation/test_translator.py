@@ -100,11 +100,14 @@ def test_hypotheses_are_groups_of_draws(trained, signals, spread):
     assert (found.probability[:, :2] > 0.0).all() and (found.probability < 1.0).all()
     np.testing.assert_allclose(found.probability.sum(axis=1), 1.0)
     assert np.array_equal(np.isnan(found.hypotheses).all(axis=(2, 3)), found.probability == 0.0)
-    np.testing.assert_allclose(found.hypotheses, expected.central(drawn).numpy(), rtol=1e-5)
-    for mesh, draws, members in zip(found.target, drawn.numpy(), expected.members[:, 0].numpy(), strict=True):
-        own = draws[members]
-        off = np.square(own - own.mean(axis=0)).sum(axis=(1, 2))
-        np.testing.assert_allclose(mesh, own[off.argmin()], rtol=1e-5)
+    np.testing.assert_allclose(found.hypotheses, expected.central(drawn, places).numpy(), rtol=1e-5)
+    members = expected.members[:, 0].numpy()
+    for mesh, *draws, chosen in zip(found.target, drawn.numpy(), places.numpy(), members, strict=True):
+        off = 0.0
+        for own in draws:
+            away = np.sqrt(np.square(own[chosen] - own[chosen].mean(axis=0)).reshape(chosen.sum(), -1).sum(axis=1))
+            off = off + away / away.mean()
+        np.testing.assert_allclose(mesh, draws[0][chosen][off.argmin()], rtol=1e-5)
     touchable = trained.inputs.data.dataset["digit/touchable"]
     assert (found.contact[..., ~touchable][found.probability > 0.0] == 0.0).all()
     chances = expected.means(logits.sigmoid()).numpy()[..., touchable]
