@@ -1,1 +1,1 @@
-"""What networks learn from: the table of networks, training jobs, samples as tensors, electrode signals."""
+"""Data that networks learn from: the table of networks, training jobs, samples as tensors, electrode signals."""

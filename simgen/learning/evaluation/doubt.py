@@ -157,7 +157,7 @@ def measure_answers(
         true, (found, logits) = truth.displacement(some), draws(some)
         centroids, own = gauge.centroids(found), gauge.centroid(true)
         hypotheses = Hypotheses.of_centroids(centroids, max(TRIES))
-        meshes = hypotheses.central(found, centroids)
+        meshes = hypotheses.central(found)
         radius = (reach * unit_radius(centroids)).where(own.isfinite().all(dim=1), torch.nan)
         contact = hypotheses.means(logits[..., points].sigmoid())[:, 0] > 0.5
         return (

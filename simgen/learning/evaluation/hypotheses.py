@@ -19,10 +19,12 @@ class Hypotheses:
 
     members : (n, hypothesis, draw) bool, the draws of each; none if there are fewer hypotheses
     probability : (n, hypothesis), the share of the draws
+    centroids : (n, draw, 3), m, of the draws' contacts; NaN without contact
     """
 
     members: Tensor
     probability: Tensor
+    centroids: Tensor
 
     @classmethod
     def of_centroids(cls, centroids: Tensor, count: int) -> "Hypotheses":
@@ -39,7 +41,7 @@ class Hypotheses:
             found.append(members[torch.arange(len(members), device=members.device), best])
             free = free & ~found[-1]
         members = torch.stack(found, dim=1)
-        return cls(members, members.double().mean(dim=2))
+        return cls(members, members.double().mean(dim=2), centroids)
 
     def means(self, values: Tensor) -> Tensor:
         """Mean of the draws' values (n, draw, ...) in each hypothesis, (n, hypothesis, ...); NaN without draws."""
@@ -47,16 +49,13 @@ class Hypotheses:
         weights = weights / weights.sum(dim=2, keepdim=True)
         return torch.einsum("nkd,nd...->nk...", weights, values)
 
-    def central(self, values: Tensor, centroids: Tensor) -> Tensor:
-        """Draw nearest to the mean of each hypothesis, by value and by place, (n, hypothesis, ...); NaN without draws.
+    def central(self, values: Tensor) -> Tensor:
+        """Draw nearest to the mean of each hypothesis by value and place, (n, hypothesis, ...); see `means`.
 
         It has the edges that a mean of draws with turned or shifted edges lacks. Both distances count in units of their
         own mean over the hypothesis. By value alone, the draw is nearer in shape but further off in place.
-
-        values : (n, draw, ...) of the draws
-        centroids : (n, draw, 3), m, as in `of_centroids`
         """
-        places = centroids.nan_to_num(nan=0.0)  # draws without contact are a hypothesis of their own
+        places = self.centroids.nan_to_num(nan=0.0)  # draws without contact are a hypothesis of their own
         apart = self._relative_distance(values.flatten(2)) + self._relative_distance(places)
         samples = torch.arange(len(values), device=values.device)[:, None]
         found = values[samples, apart.argmin(dim=2)]

@@ -282,8 +282,8 @@ def _even_noise() -> Tensor:
     """Noise (draw, NOISE) of predictions, which stands for a normal distribution: both signs along each axis.
 
     The cubature rule of third degree (Arasaratnam and Haykin, IEEE Transactions on Automatic Control 54, 2009): means
-    of polynomials up to the third degree are exact. Means over as many random draws scatter. Both halves, one of which
-    may be for mirror images, have both signs of their axes.
+    of polynomials up to the third degree are exact, while means over random draws scatter. Half of the draws may be for
+    mirror images, so each half has both signs of its axes.
     """
     return torch.cat([torch.cat([axes, -axes]) for axes in (NOISE**0.5 * torch.eye(NOISE)).chunk(2)])
 

@@ -162,9 +162,8 @@ class Translator:
         """Hypotheses, probability and contact, see `Translated`, of the source's meshes (n, vertex, 3)."""
         network, gauge = self._drawing
         drawn, logits = network.draws(source)
-        centroids = gauge.centroids(drawn)
-        found = Hypotheses.of_centroids(centroids, hypotheses)
-        return found.central(drawn, centroids), found.probability, found.means(logits.sigmoid() * (network.share > 0.0))
+        found = Hypotheses.of_centroids(gauge.centroids(drawn), hypotheses)
+        return found.central(drawn), found.probability, found.means(logits.sigmoid() * (network.share > 0.0))
 
 
 def networks_of(way: str) -> list[str]:

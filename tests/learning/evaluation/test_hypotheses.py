@@ -58,15 +58,15 @@ def test_the_central_draw_is_near_to_the_mean_by_value_and_by_place():
         ([0.0, 1.0, 4.0, 5.0], 5.0),  # 3.33 on average, where 4 is nearer, but it lies furthest off
     ):
         expected = torch.tensor([[[central], [0.0], [torch.nan]]])
-        torch.testing.assert_close(found.central(torch.tensor([values])[..., None], places), expected, equal_nan=True)
+        torch.testing.assert_close(found.central(torch.tensor([values])[..., None]), expected, equal_nan=True)
 
 
 def test_draws_without_contact_have_a_central_draw_by_value():
     places = centroids(torch.nan, torch.nan, torch.nan)
     values = torch.tensor([[[1.0], [4.0], [5.0]]])
-    assert Hypotheses.of_centroids(places, 1).central(values, places).item() == 4.0
+    assert Hypotheses.of_centroids(places, 1).central(values).item() == 4.0
 
 
 def test_equal_draws_are_central():
     places = centroids(1.0, 1.0)
-    assert Hypotheses.of_centroids(places, 1).central(torch.full((1, 2, 1), 3.0), places).item() == 3.0
+    assert Hypotheses.of_centroids(places, 1).central(torch.full((1, 2, 1), 3.0)).item() == 3.0
