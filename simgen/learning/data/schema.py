@@ -33,7 +33,11 @@ schedule = partial(
     Field, description="exponential: times `decay` after each epoch. cosine: half a cosine, to 0 after the last epoch"
 )
 decay = partial(Field, gt=0.0, le=1.0, description="Factor of the exponential schedule")
-weight_decay = partial(Field, ge=0.0, le=1.0, description="Weight decay of AdamW; with 0 it is Adam")
+optimizer = partial(
+    Field,
+    description="adamw, or muon: steps of matrices and convolutions are made orthogonal; all other numbers have AdamW",
+)
+weight_decay = partial(Field, ge=0.0, le=1.0, description="Weight decay; AdamW with 0 is Adam")
 warm_up = partial(
     Field, ge=0, le=1_000_000, description="First steps, in which the learning rate grows in proportion to their number"
 )
@@ -63,10 +67,11 @@ power = partial(
 
 
 class Fit(StrictSection):
-    """Training of a network by Adam; the epoch with the least validation loss is kept."""
+    """Training of a network; the epoch with the least validation loss is kept."""
 
     epochs: int = epochs(300)
     batch: int = batch(128)
+    optimizer: Literal["adamw", "muon"] = optimizer("adamw")
     learning_rate: float = learning_rate(1e-3)
     schedule: Literal["exponential", "cosine"] = schedule("exponential")
     decay: float = decay(1.0)

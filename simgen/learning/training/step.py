@@ -3,6 +3,7 @@
 A step launches hundreds of kernels of a few microseconds each. A CPU launches them more slowly than a GPU runs them.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 
@@ -10,8 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from simgen.learning.data.schema import Fit
+from simgen.learning.training.muon import Muon
 
 WARM_UP = 3  # steps before recording: in the first ones libraries choose kernels and allocate memory
+MOMENTS = {"adamw": ("exp_avg", "exp_avg_sq"), "muon": ("momentum",)}  # of a parameter, as large as it
+COUNT = {"adamw": ("step",), "muon": ()}  # one number
 
 
 @contextmanager
@@ -26,7 +30,7 @@ def tf32_products() -> Iterator[None]:
 
 
 class TrainingStep:
-    """AdamW on the mean of a batch (Loshchilov and Hutter, ICLR 2019).
+    """AdamW on the mean of a batch (Loshchilov and Hutter, ICLR 2019). On request, matrices move by `Muon`.
 
     terms : row numbers (batch,) -> means over these samples; the first is minimised
     tf32 : multiply matrices with TF32's ten bits of mantissa where the GPU can: within `products`
@@ -41,14 +45,28 @@ class TrainingStep:
         self.on_gpu = device.type == "cuda"
         self.products = tf32_products if tf32 and self.on_gpu else nullcontext
         self.parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
-        rate = torch.tensor(settings.learning_rate, device=device) if self.on_gpu else settings.learning_rate
-        self.optimizer = torch.optim.AdamW(
-            self.parameters, rate, weight_decay=settings.weight_decay, capturable=self.on_gpu, fused=self.on_gpu or None
-        )
+        self.optimizers = self._optimizers()
         self.rows = torch.zeros(batch, dtype=torch.int64, device=device)
         self.names: list[str] = []
         self.sums: Tensor | None = None
         self.graph: torch.cuda.CUDAGraph | None = None
+
+    def _optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """Make the optimisers by name. Each has the parameters that it moves."""
+        rate, decay = self.settings.learning_rate, self.settings.weight_decay
+        least = 2 if self.settings.optimizer == "muon" else math.inf  # dimensions
+        by_muon = [each for each in self.parameters if each.ndim >= least]
+        by_adamw = [each for each in self.parameters if each.ndim < least]
+        if self.on_gpu:
+            rate = torch.tensor(rate, device=self.parameters[0].device)
+        found: dict[str, torch.optim.Optimizer] = {}
+        if by_adamw:
+            found["adamw"] = torch.optim.AdamW(
+                by_adamw, rate, weight_decay=decay, capturable=self.on_gpu, fused=self.on_gpu or None
+            )
+        if by_muon:
+            found["muon"] = Muon(by_muon, rate, decay)
+        return found
 
     def over(self, rows: Tensor, rate: float, done: int = 0) -> dict[str, float]:
         """Step through rows, a whole number of batches, in their order. Returns the means of the terms.
@@ -73,19 +91,21 @@ class TrainingStep:
         return dict(zip(self.names, (self.sums / len(batches)).tolist(), strict=True))
 
     def _set_rate(self, rate: float) -> None:
-        group = self.optimizer.param_groups[0]
-        if self.on_gpu:
-            group["lr"].fill_(rate)
-        else:
-            group["lr"] = rate
+        for optimizer in self.optimizers.values():
+            group = optimizer.param_groups[0]
+            if self.on_gpu:
+                group["lr"].fill_(rate)
+            else:
+                group["lr"] = rate
 
     def _step(self) -> None:
-        self.optimizer.zero_grad(set_to_none=True)
+        self.network.zero_grad(set_to_none=True)
         terms = self.terms(self.rows)
         next(iter(terms.values())).backward()
         if self.settings.clip:
             nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
-        self.optimizer.step()
+        for optimizer in self.optimizers.values():
+            optimizer.step()
         if self.sums is None:
             self.names = list(terms)
             self.sums = torch.zeros(len(terms), dtype=torch.float64, device=self.rows.device)
@@ -106,7 +126,7 @@ class TrainingStep:
                 for _ in range(WARM_UP):
                     self._step()
             torch.cuda.current_stream().wait_stream(stream)
-            self.optimizer.zero_grad(set_to_none=True)
+            self.network.zero_grad(set_to_none=True)
             with torch.cuda.graph(graph):
                 self._step()
         with torch.no_grad():
@@ -119,18 +139,23 @@ class TrainingStep:
         self.graph = graph
 
     def optimizer_state(self) -> dict[str, Tensor]:
-        """Moments and step counts by ``<parameter>.<name>``; empty before the first step."""
-        state = self.optimizer.state_dict()["state"]
-        return {f"{number}.{name}": value for number, own in state.items() for name, value in own.items()}
+        """Moments and step counts by ``<optimizer>.<parameter>.<name>``; empty before the first step."""
+        return {
+            f"{optimizer}.{number}.{name}": value
+            for optimizer, owner in self.optimizers.items()
+            for number, own in owner.state_dict()["state"].items()
+            for name, value in own.items()
+        }
 
     def load_optimizer_state(self, tensors: dict[str, Tensor]) -> None:
         """Restore an `optimizer_state`. Raises `LookupError` or `ValueError` if moments are missing or do not fit."""
-        state: dict[int, dict[str, Tensor]] = {}
-        for key, value in tensors.items():
-            number, _, name = key.partition(".")
-            state.setdefault(int(number), {})[name] = value
-        for number, parameter in enumerate(self.parameters):
-            for name, shape in (("step", ()), ("exp_avg", parameter.shape), ("exp_avg_sq", parameter.shape)):
-                if (found := state[number][name].shape) != shape:
-                    raise ValueError(f"optimizer.{number}.{name}: shape {tuple(found)}; allowed: {tuple(shape)}")
-        self.optimizer.load_state_dict({"state": state, "param_groups": self.optimizer.state_dict()["param_groups"]})
+        for optimizer, owner in self.optimizers.items():
+            state: dict[int, dict[str, Tensor]] = {}
+            for number, parameter in enumerate(owner.param_groups[0]["params"]):
+                shapes = dict.fromkeys(COUNT[optimizer], ()) | dict.fromkeys(MOMENTS[optimizer], parameter.shape)
+                for name, shape in shapes.items():
+                    value = tensors[key := f"{optimizer}.{number}.{name}"]
+                    if value.shape != shape:
+                        raise ValueError(f"optimizer.{key}: shape {tuple(value.shape)}; allowed: {tuple(shape)}")
+                    state.setdefault(number, {})[name] = value
+            owner.load_state_dict({"state": state, "param_groups": owner.state_dict()["param_groups"]})

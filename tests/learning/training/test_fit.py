@@ -37,39 +37,48 @@ def saved_every_epoch(monkeypatch):
     monkeypatch.setattr(fit, "SAVE_EVERY_S", 0.0)
 
 
+@pytest.fixture
+def settings():
+    return SETTINGS
+
+
 def weights(network):
     return torch.cat([value.flatten() for value in network.state_dict().values()])
 
 
 @pytest.fixture
-def undisturbed(tmp_path):
+def undisturbed(tmp_path, settings):
     toy = Regression()
-    training = toy.training(tmp_path / "undisturbed")
+    training = toy.training(tmp_path / "undisturbed", settings)
     list(training)
     return weights(toy.network), training.progress
 
 
-@pytest.mark.parametrize("epochs_before", [1, 4, 7])
-def test_what_goes_on_after_a_stop_ends_with_the_same_bits(tmp_path, undisturbed, epochs_before):
-    first = iter(Regression().training(tmp_path / "state"))
+@pytest.mark.parametrize("epochs_before, settings", [
+    (1, SETTINGS), (4, SETTINGS), (7, SETTINGS), (4, SETTINGS.model_copy(update={"optimizer": "muon"})),
+])  # fmt: skip
+def test_what_goes_on_after_a_stop_ends_with_the_same_bits(tmp_path, undisturbed, epochs_before, settings):
+    first = iter(Regression().training(tmp_path / "state", settings))
     for _ in range(epochs_before):
         next(first)
     toy = Regression()
     torch.manual_seed(99)  # another process would have drawn other numbers
-    training = toy.training(tmp_path / "state")
+    training = toy.training(tmp_path / "state", settings)
     assert len(list(training)) == SETTINGS.epochs - epochs_before
     assert torch.equal(weights(toy.network), undisturbed[0])
     assert [epoch.terms for epoch in training.progress.history] == [epoch.terms for epoch in undisturbed[1].history]
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-def test_a_gpu_draws_the_same_numbers_after_a_stop(tmp_path):
+@pytest.mark.parametrize("optimizer", ["adamw", "muon"])
+def test_a_gpu_draws_the_same_numbers_after_a_stop(tmp_path, optimizer):
     """Recording a step draws some, in the first epoch of each process."""
     whole, parts = Regression("cuda"), Regression("cuda")
-    list(whole.training(tmp_path / "whole"))
-    next(iter(parts.training(tmp_path / "parts")))
+    settings = SETTINGS.model_copy(update={"optimizer": optimizer})
+    list(whole.training(tmp_path / "whole", settings))
+    next(iter(parts.training(tmp_path / "parts", settings)))
     parts = Regression("cuda")
-    list(parts.training(tmp_path / "parts"))
+    list(parts.training(tmp_path / "parts", settings))
     difference = (weights(parts.network) - weights(whole.network)).abs().max()
     assert difference < 1e-4  # eight epochs of rounding; another mask moves a weight by a step of the optimiser, 1e-2
 
@@ -132,7 +141,7 @@ def test_a_loss_that_is_no_number_is_one_line(tmp_path):
 def test_a_state_without_its_moments_is_one_line(tmp_path):
     next(iter(Regression().training(tmp_path / "state")))
     tensors, progress = read_state(tmp_path / "state")
-    del tensors["optimizer.0.exp_avg"]
+    del tensors["optimizer.adamw.0.exp_avg"]
     write_state(tmp_path / "state", tensors, progress)
     with pytest.raises(InputError, match=r"state: not a state of this training .*exp_avg.*; remove it"):
         Regression().training(tmp_path / "state")

@@ -1,10 +1,11 @@
-"""A step of the optimiser, on a CPU: AdamW by its formula, means of terms, a state that is taken over."""
+"""A step of the optimisers, on a CPU: AdamW by its formula, what Muon moves, means of terms, a state taken over."""
 
 import pytest
 import torch
 from torch import nn
 
 from simgen.learning.data.schema import Fit
+from simgen.learning.training.muon import Muon
 from simgen.learning.training.step import TrainingStep, tf32_products
 
 CPU = torch.device("cpu")
@@ -50,6 +51,33 @@ def test_it_is_adamw_by_its_formula(decay):
     assert list(found) == ["loss", "bias"]
 
 
+class Layer(nn.Module):
+    """y = A x + b."""
+
+    def __init__(self):
+        super().__init__()
+        torch.manual_seed(5)
+        self.layer = nn.Linear(3, 2)
+        self.x = torch.randn(6, 3)
+
+    def terms(self, rows):
+        return {"loss": (self.layer(self.x[rows]) - 1.0).square().mean()}
+
+    def step(self, **settings) -> TrainingStep:
+        return TrainingStep(self, self.terms, Fit(**settings), 2, CPU)
+
+
+def test_muon_moves_matrices_and_adamw_the_rest():
+    """Both with the rate of the step, not that of the settings."""
+    found, expected, rows = Layer(), Layer(), torch.tensor([0, 3])
+    found.step(optimizer="muon", learning_rate=0.5, weight_decay=0.1).over(rows, 0.1)
+    expected.terms(rows)["loss"].backward()
+    Muon([expected.layer.weight], 0.1, weight_decay=0.1).step()
+    torch.optim.AdamW([expected.layer.bias], 0.1, weight_decay=0.1).step()
+    assert torch.equal(found.layer.weight, expected.layer.weight)
+    assert torch.equal(found.layer.bias, expected.layer.bias)
+
+
 def test_the_rate_grows_in_the_first_steps():
     """As by calls of one step each, with the rates of the warm-up; it goes on in a later call."""
     one, other = Line(), Line()
@@ -66,11 +94,12 @@ def test_long_gradients_are_shortened():
     line = Line()
     step = line.step(clip=0.5)
     step.over(torch.tensor([4, 5]), 0.1)
-    assert step.optimizer_state()["0.exp_avg"].item() == pytest.approx((1 - BETA1) * 0.5, rel=1e-5)
+    assert step.optimizer_state()["adamw.0.exp_avg"].item() == pytest.approx((1 - BETA1) * 0.5, rel=1e-5)
     line = Line()
     step = line.step(clip=1e3)
     step.over(torch.tensor([0, 1]), 0.1)
-    assert step.optimizer_state()["0.exp_avg"].item() == pytest.approx((1 - BETA1) * 7.0, rel=1e-12)  # 2 x (2 x - 1)
+    gradient = 7.0  # mean of 2 x (2 x - 1) for x = 1, 2
+    assert step.optimizer_state()["adamw.0.exp_avg"].item() == pytest.approx((1 - BETA1) * gradient, rel=1e-12)
 
 
 def test_means_are_of_one_call():
@@ -90,29 +119,35 @@ def test_what_does_not_learn_stays():
     assert line.w == 2.0 and line.own != 1.0
 
 
-def test_it_goes_on_from_a_state():
-    whole, first, second = Line(), Line(), Line()
+@pytest.mark.parametrize("network, settings", [(Line, {}), (Layer, {}), (Layer, {"optimizer": "muon"})])
+def test_it_goes_on_from_a_state(network, settings):
+    whole, first, second = network(), network(), network()
     rows = torch.tensor([0, 1, 2, 3, 4, 5])
-    whole.step().over(rows, 0.1)
-    before = first.step()
+    whole.step(**settings).over(rows, 0.1)
+    before = first.step(**settings)
     before.over(rows[:4], 0.1)
-    after = second.step()
+    after = second.step(**settings)
     second.load_state_dict(first.state_dict())
     after.load_optimizer_state({name: value.clone() for name, value in before.optimizer_state().items()})
     after.over(rows[4:], 0.1)
-    assert torch.equal(second.w, whole.w)
+    for found, expected in zip(second.parameters(), whole.parameters(), strict=True):
+        assert torch.equal(found, expected)
 
 
-@pytest.mark.parametrize("change", [lambda state: state.pop("0.exp_avg"), lambda state: state.clear(),
-                                    lambda state: state.update({"0.exp_avg_sq": torch.zeros(3)})])  # fmt: skip
+@pytest.mark.parametrize("change", [
+    lambda state: state.pop("adamw.0.exp_avg"), lambda state: state.pop("muon.0.momentum"), lambda state: state.clear(),
+    lambda state: state.update({"adamw.0.exp_avg_sq": torch.zeros(3)}),
+    lambda state: state.update({"adamw.0.step": torch.zeros(2)}),
+    lambda state: state.update({"muon.0.momentum": torch.zeros(3)}),
+])  # fmt: skip
 def test_moments_that_do_not_fit_are_no_state(change):
-    line = Line()
-    step = line.step()
+    step = Layer().step(optimizer="muon")
     step.over(torch.tensor([0, 1]), 0.1)
     state = step.optimizer_state()
+    Layer().step(optimizer="muon").load_optimizer_state(state)
     change(state)
     with pytest.raises((LookupError, ValueError)):
-        Line().step().load_optimizer_state(state)
+        Layer().step(optimizer="muon").load_optimizer_state(state)
 
 
 def test_a_new_step_has_no_state():
