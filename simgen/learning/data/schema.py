@@ -148,6 +148,8 @@ class TranslationSettings(Fit):
 
     epochs: int = epochs(300)
     batch: int = batch(1024)
+    optimizer: Literal["adamw", "muon"] = optimizer("muon")
+    learning_rate: float = learning_rate(3e-3)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
     weight_decay: float = weight_decay(0.1)
     patience: int = patience(300)
@@ -160,6 +162,8 @@ class TranslationSettings(Fit):
 class MeshTranslationSettings(TranslationSettings):
     """RM2RM, ours."""
 
+    optimizer: Literal["adamw", "muon"] = optimizer("adamw")
+    learning_rate: float = learning_rate(1e-3)
     weight_decay: float = weight_decay(0.01)
     width: Width = block_width(512)
     blocks: int = blocks(4)
@@ -169,9 +173,10 @@ class MeshTranslationSettings(TranslationSettings):
 class PointTranslationSettings(Fit):
     """PT, ours."""
 
-    epochs: int = epochs(32)
+    epochs: int = epochs(30)
     batch: int = batch(256)
-    learning_rate: float = learning_rate(1.5e-3)
+    optimizer: Literal["adamw", "muon"] = optimizer("muon")
+    learning_rate: float = learning_rate(3e-3)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
     weight_decay: float = weight_decay(0.02)
     warm_up: int = warm_up(300)
