@@ -126,6 +126,10 @@ def train(
     tensorboard: Annotated[
         bool, typer.Option("--tensorboard", help="Also write logs for tensorboard into the folder.")
     ] = False,
+    no_tables: Annotated[
+        bool,
+        typer.Option("--no-tables", help="Train only. Several GPUs can each train some networks of one folder so."),
+    ] = False,
 ):
     """Train a job's networks on a dataset, then measure them on the test trajectories.
 
@@ -137,7 +141,7 @@ def train(
     from simgen.learning.data.schema import load_training_job
 
     checked = load_training_job(job, overrides or ())
-    train_with_progress(checked, output or checked.output_folder(), device, tensorboard)
+    train_with_progress(checked, output or checked.output_folder(), device, tensorboard, tables=not no_tables)
 
 
 @app.command()

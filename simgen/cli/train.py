@@ -27,12 +27,16 @@ SHORT = {  # heading, digits
 }  # fmt: skip
 
 
-def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard: bool) -> None:
-    """Train the networks that are not trained yet, measure all, and write and print the tables of errors."""
+def train_with_progress(
+    job: TrainingJob, output: Path, device: str, tensorboard: bool, tables: bool = True
+) -> None:  # fmt: skip
+    """Train the networks that are not trained yet. With ``tables``, measure all, and write and print their errors."""
     try:
         run = TrainingRun(job, output, device, tracked)
         for name in job.in_order():
             _train(run, name, tensorboard)
+        if not tables:
+            return
         for table in console_tables(evaluate(run, tracked)):
             console.print(table)
     except torch.OutOfMemoryError:

@@ -20,6 +20,17 @@ def test_a_picture_is_named_where_there_is_one(with_electrodes, tmp_path, capsys
         assert (tmp_path / names[0] / FIGURE).exists() == (FIGURE in capsys.readouterr().out) == there
 
 
+def test_without_tables_it_only_trains(with_electrodes, tmp_path, capsys):
+    """The same command measures later, and trains nothing again."""
+    job, output = touched.job(with_electrodes.path, networks=["svb"]), tmp_path / "out"
+    train_with_progress(job, output, "cpu", False, tables=False)
+    weights = (output / "svb" / "network.safetensors").stat().st_mtime_ns
+    assert not (output / "table.md").exists() and "table.md" not in capsys.readouterr().out
+    train_with_progress(job, output, "cpu", False)
+    assert (output / "table.md").exists()
+    assert (output / "svb" / "network.safetensors").stat().st_mtime_ns == weights
+
+
 def test_tensorboard_that_is_missing_is_one_line(with_electrodes, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     job = touched.job(with_electrodes.path, networks=["svb"])
