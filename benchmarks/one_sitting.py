@@ -2,21 +2,26 @@
 
     python benchmarks/one_sitting.py sitting --devices cuda:0 cuda:1 cuda:2 cuda:3
 
-The folder gets the dataset, the paper's networks and ours with their tables, ours with an indenter left out, edges, and
-images. `times.csv` has the seconds of each step, and `<step>.log` what it printed. All GPUs simulate the dataset. Then
-each step starts on the first device that is free, once all steps have succeeded that it needs. If a step fails, those
-that need it are skipped, and the others go on. The same command continues: it runs no step again that has succeeded.
+The folder gets the dataset without error estimates, the paper's networks and ours with their tables, S2RM and PT with
+an indenter left out, edges, and images. `times.csv` has the seconds of each step, and `<step>.log` what it printed.
+First the dataset is simulated. Then a step starts on the first free device as soon as the steps that it needs have
+succeeded. If a step fails, the steps that need it are skipped, and the others go on. The same command continues. It
+repeats only steps that have failed or were interrupted, and steps whose command is now another.
 """
 
 import argparse
 import csv
+import shlex
+import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from record import write
 
 from simgen.learning.data.registry import NETWORKS, WAYS
 
@@ -24,6 +29,7 @@ EDGES = Path(__file__).parent / "translated_edges.py"
 OURS = [name for name, spec in NETWORKS.items() if "(ours)" in spec.label]
 PAPER = [name for name in NETWORKS if name not in OURS]
 POINTS = [*WAYS["points"], "rmb"]
+POLL_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,7 @@ def steps(asked: argparse.Namespace) -> list[Step]:
         return [sys.executable, str(EDGES), str(networks), str(data), "--way", way, "--output", output,
                 "--presses", str(asked.presses), *more]  # fmt: skip
 
-    # MVD takes longest. M2MPN needs it and MVB, so that it is trained with the tables.
+    # MVD takes longest, so it comes first. M2MPN needs MVD and MVB: the step with the tables trains it.
     found = [
         Step("mvd", train(["mvd"], paper, "--no-tables")),
         Step("mvb", train(["svb", "mvb", "s2mpn"], paper, "--no-tables")),
@@ -80,83 +86,85 @@ class Sitting:
         self.folder, self.devices = folder, devices
         folder.mkdir(parents=True, exist_ok=True)
         self.times = folder / "times.csv"
-        self.succeeded = {row["step"] for row in self._rows() if row["exit_code"] == "0"}
-        self._ended = set(self.succeeded)
-        self._change = threading.Condition()
+        self.succeeded: set[str] = set()
+        self._running: dict[int, tuple[Step, subprocess.Popen, float]] = {}  # by place in devices: "cpu" may come twice
 
-    def run(self, given: Sequence[Step]) -> bool:
-        """Run steps, each on one device. Returns False if one failed or was skipped."""
-        self._waiting = [step for step in given if step.name not in self.succeeded]
-        threads = [threading.Thread(target=self._work, args=(device,)) for device in self.devices]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        return all(step.name in self.succeeded for step in given)
+    def run(self, steps: Sequence[Step]) -> bool:
+        """Run steps, at most one on a device at a time. Returns False if one failed or was skipped.
 
-    def alone(self, step: Step, device: str) -> bool:
-        """Run one step before the others. Returns True if it has succeeded, now or before."""
-        if step.name not in self.succeeded:
-            self._execute(step, device)
-        return step.name in self.succeeded
+        Raises `ValueError` for a step that needs an unknown one.
+        """
+        names = {step.name for step in steps}
+        for step in steps:
+            if unknown := {*step.needs} - names - self.succeeded:
+                raise ValueError(f"{step.name} needs {', '.join(sorted(unknown))}; allowed: steps of the list")
+        before = {(row["step"], row["command"]) for row in self.rows() if row["exit_code"] == "0"}
+        self.succeeded |= {step.name for step in steps if (step.name, shlex.join(step.command)) in before}
+        waiting = [step for step in steps if step.name not in self.succeeded]
+        try:
+            while waiting or self._running:
+                self._collect()
+                ready = [step for step in waiting if {*step.needs} <= self.succeeded]
+                free = [place for place in range(len(self.devices)) if place not in self._running]
+                for place, step in zip(free, ready, strict=False):
+                    waiting.remove(step)
+                    self._start(step, place)
+                if waiting and not self._running:  # all others need a step that has failed
+                    for step in waiting:
+                        print(f"{step.name}: skipped, since a step that it needs has failed", flush=True)
+                    break
+                time.sleep(POLL_S)
+        finally:
+            for _, process, _ in self._running.values():  # an interrupted step is not recorded
+                process.terminate()
+            for _, process, _ in self._running.values():
+                process.wait()
+        return names <= self.succeeded
 
-    def _work(self, device: str) -> None:
-        while (step := self._next()) is not None:
-            self._execute(step, device)
-
-    def _next(self) -> Step | None:
-        """Take the first step whose needs have succeeded; wait for one; None if there will be none."""
-        with self._change:
-            while self._waiting:
-                self._waiting = [step for step in self._waiting if not self._is_lost(step)]
-                for step in self._waiting:
-                    if set(step.needs) <= self.succeeded:
-                        self._waiting.remove(step)
-                        return step
-                if self._waiting:
-                    self._change.wait()
-            return None
-
-    def _is_lost(self, step: Step) -> bool:
-        lost = any(need in self._ended - self.succeeded for need in step.needs)
-        if lost:
-            self._ended.add(step.name)
-            print(f"{step.name}: skipped, since a step that it needs has failed", flush=True)
-        return lost
-
-    def _execute(self, step: Step, device: str) -> None:
-        print(f"{step.name}: starts on {device}", flush=True)
-        begin = time.time()
-        with (self.folder / f"{step.name}.log").open("w") as log:
-            command = [*step.command, "--device", device]
-            code = subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL).returncode
-        with self._change:
-            self._record(step.name, device, begin, time.time(), code)
-            self._ended.add(step.name)
-            if code == 0:
-                self.succeeded.add(step.name)
-            self._change.notify_all()
-
-    def _record(self, name: str, device: str, begin: float, end: float, code: int) -> None:
-        new = not self.times.exists()
-        with self.times.open("a", newline="") as file:
-            writer = csv.writer(file)
-            if new:
-                writer.writerow(("step", "device", "begin", "seconds", "exit_code"))
-            writer.writerow((name, device, round(begin, 1), round(end - begin, 1), code))
-        print(f"{name}: {end - begin:.1f} s, exit code {code}", flush=True)
-
-    def _rows(self) -> list[dict[str, str]]:
+    def rows(self) -> list[dict[str, str]]:
+        """Read the record of the steps that have ended, also in earlier runs."""
         if not self.times.exists():
             return []
         with self.times.open(newline="") as file:
             return list(csv.DictReader(file))
 
+    def _start(self, step: Step, place: int) -> None:
+        device = self.devices[place]
+        print(f"{step.name}: starts on {device}", flush=True)
+        with (self.folder / f"{step.name}.log").open("w") as log:
+            command = [*step.command, "--device", device]
+            process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
+        self._running[place] = step, process, time.time()
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    def _collect(self) -> None:
+        """Record the steps that have ended."""
+        for place, (step, process, begin) in [*self._running.items()]:
+            if (code := process.poll()) is None:
+                continue
+            del self._running[place]
+            if code == 0:
+                self.succeeded.add(step.name)
+            seconds = round(time.time() - begin, 1)
+            self._record(step=step.name, device=self.devices[place], begin=round(begin, 1), seconds=seconds,
+                         exit_code=code, command=shlex.join(step.command))  # fmt: skip
+            print(f"{step.name}: {seconds} s, exit code {code}", flush=True)
+
+    def _record(self, **row: Any) -> None:
+        new = not self.times.exists()
+        with self.times.open("a", newline="") as file:
+            writer = csv.DictWriter(file, list(row))
+            if new:
+                writer.writeheader()
+            writer.writerow(row)
+
+
+def main(words: Sequence[str] | None = None) -> bool:
+    """Run a sitting with the given command line. Returns True if all steps have succeeded."""
+    title = __doc__.splitlines()[0]
+    parser = argparse.ArgumentParser(description=title)
+    parser.set_defaults(question=title)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--devices", nargs="+", default=["cuda:0"], help="one step at a time on each")
+    parser.add_argument("--devices", nargs="+", default=["cuda:0"], help="with several, all GPUs simulate")
     parser.add_argument("--job", default="paired", help="of `simgen run`")
     parser.add_argument("--run-keys", nargs="*", default=["outputs={}"], metavar="KEY=VALUE")
     parser.add_argument("--training", default="training", help="of `simgen train`")
@@ -166,13 +174,17 @@ def main() -> None:
     parser.add_argument(
         "--translate", nargs=argparse.REMAINDER, default=[], metavar="OPTION", help="of `simgen translate`; comes last"
     )
-    asked = parser.parse_args()
+    asked = parser.parse_args(words)
+    asked.output, asked.device = asked.folder / "sitting.json", asked.devices[0]
+    data = Step("data", simgen("run", asked.job, *asked.run_keys, "-o", str(asked.folder / "paired.zarr")))
+    everywhere = asked.devices[0].partition(":")[0] if len(asked.devices) > 1 else asked.devices[0]
+    simulated = Sitting(asked.folder, [everywhere]).run([data])
     sitting = Sitting(asked.folder, asked.devices)
-    data = simgen("run", asked.job, *asked.run_keys, "-o", str(asked.folder / "paired.zarr"))
-    everywhere = asked.devices[0].partition(":")[0]  # all GPUs, or the CPU
-    succeeded = sitting.alone(Step("data", data), everywhere) and sitting.run(steps(asked))
-    raise SystemExit(0 if succeeded else 1)
+    succeeded = simulated and sitting.run(steps(asked))
+    write(asked, sitting.rows())
+    return succeeded
 
 
 if __name__ == "__main__":
-    main()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that its steps end, too
+    sys.exit(0 if main() else 1)

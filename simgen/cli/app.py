@@ -128,7 +128,7 @@ def train(
     ] = False,
     no_tables: Annotated[
         bool,
-        typer.Option("--no-tables", help="Train only. Several GPUs can each train some networks of one folder so."),
+        typer.Option("--no-tables", help="Train and do not measure. So several GPUs can train networks of one folder."),
     ] = False,
 ):
     """Train a job's networks on a dataset, then measure them on the test trajectories.

@@ -27,9 +27,7 @@ SHORT = {  # heading, digits
 }  # fmt: skip
 
 
-def train_with_progress(
-    job: TrainingJob, output: Path, device: str, tensorboard: bool, tables: bool = True
-) -> None:  # fmt: skip
+def train_with_progress(job: TrainingJob, output: Path, device: str, tensorboard: bool, tables: bool = True) -> None:
     """Train the networks that are not trained yet. With ``tables``, measure all, and write and print their errors."""
     try:
         run = TrainingRun(job, output, device, tracked)

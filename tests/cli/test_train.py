@@ -7,7 +7,10 @@ from dataclasses import replace
 import pytest
 from learning.model_errors import entries, entry, errors
 from rich.console import Console
+from typer.testing import CliRunner
 
+from simgen.cli import train
+from simgen.cli.app import app
 from simgen.cli.train import console_tables, train_with_progress
 from simgen.errors import InputError
 from simgen.learning.training.evaluate import FIGURE
@@ -29,6 +32,14 @@ def test_without_tables_it_only_trains(with_electrodes, tmp_path, capsys):
     train_with_progress(job, output, "cpu", False)
     assert (output / "table.md").exists()
     assert (output / "svb" / "network.safetensors").stat().st_mtime_ns == weights
+
+
+@pytest.mark.parametrize("words, tables", [([], True), (["--no-tables"], False)])
+def test_the_option_no_tables_is_passed_on(monkeypatch, words, tables):
+    asked = []
+    monkeypatch.setattr(train, "train_with_progress", lambda *given, tables: asked.append(tables))
+    assert CliRunner().invoke(app, ["train", "training_smoke", *words]).exit_code == 0
+    assert asked == [tables]
 
 
 def test_tensorboard_that_is_missing_is_one_line(with_electrodes, tmp_path, monkeypatch):

@@ -35,7 +35,8 @@ schedule = partial(
 decay = partial(Field, gt=0.0, le=1.0, description="Factor of the exponential schedule")
 optimizer = partial(
     Field,
-    description="adamw, or muon: steps of matrices and convolutions are made orthogonal; all other numbers have AdamW",
+    description="adamw, or muon: the steps of matrices and convolutions are made orthogonal, and AdamW moves all other "
+    "numbers",
 )
 weight_decay = partial(Field, ge=0.0, le=1.0, description="Weight decay; AdamW with 0 is Adam")
 warm_up = partial(
@@ -71,7 +72,6 @@ class Fit(StrictSection):
 
     epochs: int = epochs(300)
     batch: int = batch(128)
-    optimizer: Literal["adamw", "muon"] = optimizer("adamw")
     learning_rate: float = learning_rate(1e-3)
     schedule: Literal["exponential", "cosine"] = schedule("exponential")
     decay: float = decay(1.0)
@@ -80,10 +80,26 @@ class Fit(StrictSection):
     clip: float = clip(0.0)
     patience: int = patience(50)
 
+    @property
+    def by_muon(self) -> bool:
+        """True if Muon moves matrices and convolutions."""
+        return False
+
     def learning_rate_in(self, epoch: int) -> float:
         if self.schedule == "cosine":
             return self.learning_rate * 0.5 * (1.0 + math.cos(math.pi * epoch / self.epochs))
         return self.learning_rate * self.decay**epoch
+
+
+class FitByMuon(Fit):
+    """Training of a network by Muon, if the job wants it."""
+
+    optimizer: Literal["adamw", "muon"] = optimizer("muon")
+    learning_rate: float = learning_rate(3e-3)
+
+    @property
+    def by_muon(self) -> bool:
+        return self.optimizer == "muon"
 
 
 class MeshVAESettings(Fit):
@@ -143,13 +159,11 @@ class ReducedModelSettings(Fit):
     width: Width = Field(16, description="Features of a vertex between the convolutions")
 
 
-class TranslationSettings(Fit):
+class TranslationSettings(FitByMuon):
     """S2RM, ours."""
 
     epochs: int = epochs(300)
     batch: int = batch(1024)
-    optimizer: Literal["adamw", "muon"] = optimizer("muon")
-    learning_rate: float = learning_rate(3e-3)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
     weight_decay: float = weight_decay(0.1)
     patience: int = patience(300)
@@ -170,13 +184,11 @@ class MeshTranslationSettings(TranslationSettings):
     noise: float = noise(0.03)
 
 
-class PointTranslationSettings(Fit):
+class PointTranslationSettings(FitByMuon):
     """PT, ours."""
 
     epochs: int = epochs(30)
     batch: int = batch(256)
-    optimizer: Literal["adamw", "muon"] = optimizer("muon")
-    learning_rate: float = learning_rate(3e-3)
     schedule: Literal["exponential", "cosine"] = schedule("cosine")
     weight_decay: float = weight_decay(0.02)
     warm_up: int = warm_up(300)

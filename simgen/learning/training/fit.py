@@ -1,4 +1,4 @@
-"""Training of one network: epochs of Adam, early stopping, and a state on disk from which it continues.
+"""Training of one network: epochs, early stopping, and a state on disk from which it continues.
 
 Each epoch has its own seed for everything random: order, dropout, noise, latents and answers that are drawn, and which
 samples are mirrored or have predicted inputs. A training that was killed therefore ends with the same bits on a CPU.

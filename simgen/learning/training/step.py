@@ -15,7 +15,7 @@ from simgen.learning.training.muon import Muon
 
 WARM_UP = 3  # steps before recording: in the first ones libraries choose kernels and allocate memory
 MOMENTS = {"adamw": ("exp_avg", "exp_avg_sq"), "muon": ("momentum",)}  # of a parameter, as large as it
-COUNT = {"adamw": ("step",), "muon": ()}  # one number
+COUNTS = {"adamw": ("step",), "muon": ()}  # tensors of shape ()
 
 
 @contextmanager
@@ -30,7 +30,7 @@ def tf32_products() -> Iterator[None]:
 
 
 class TrainingStep:
-    """AdamW on the mean of a batch (Loshchilov and Hutter, ICLR 2019). On request, matrices move by `Muon`.
+    """AdamW on the mean of a batch (Loshchilov and Hutter, ICLR 2019). If the settings say so, `Muon` moves matrices.
 
     terms : row numbers (batch,) -> means over these samples; the first is minimised
     tf32 : multiply matrices with TF32's ten bits of mantissa where the GPU can: within `products`
@@ -54,7 +54,7 @@ class TrainingStep:
     def _optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """Make the optimisers by name. Each has the parameters that it moves."""
         rate, decay = self.settings.learning_rate, self.settings.weight_decay
-        least = 2 if self.settings.optimizer == "muon" else math.inf  # dimensions
+        least = 2 if self.settings.by_muon else math.inf  # dimensions
         by_muon = [each for each in self.parameters if each.ndim >= least]
         by_adamw = [each for each in self.parameters if each.ndim < least]
         if self.on_gpu:
@@ -152,7 +152,7 @@ class TrainingStep:
         for optimizer, owner in self.optimizers.items():
             state: dict[int, dict[str, Tensor]] = {}
             for number, parameter in enumerate(owner.param_groups[0]["params"]):
-                shapes = dict.fromkeys(COUNT[optimizer], ()) | dict.fromkeys(MOMENTS[optimizer], parameter.shape)
+                shapes = dict.fromkeys(COUNTS[optimizer], ()) | dict.fromkeys(MOMENTS[optimizer], parameter.shape)
                 for name, shape in shapes.items():
                     value = tensors[key := f"{optimizer}.{number}.{name}"]
                     if value.shape != shape:

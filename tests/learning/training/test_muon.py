@@ -50,10 +50,11 @@ def test_singular_values_come_near_one(shape):
     assert (u @ found @ v - orthogonal(matrix[None])[0]).abs().max() < 1e-12
 
 
-def test_a_step_is_as_long_as_one_of_adamw():
+@pytest.mark.parametrize("shape", [(40, 10), (10, 40), (20, 20), (16, 4, 3, 3)])
+def test_a_step_is_as_long_as_one_of_adamw(shape):
     """A root mean square of 0.2 of the rate, whatever the shape, as far as singular values are 1."""
     torch.manual_seed(2)
-    parameter = nn.Parameter(torch.zeros(40, 10))
+    parameter = nn.Parameter(torch.zeros(shape))
     (found,) = stepped(Muon([parameter], 0.1), [parameter], steps=1)
     assert found.square().mean().sqrt() == pytest.approx(0.1 * 0.2, rel=0.3)
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from simgen.learning.data.schema import Fit
+from simgen.learning.data.schema import Fit, FitByMuon
 from simgen.learning.training.muon import Muon
 from simgen.learning.training.step import TrainingStep, tf32_products
 
@@ -64,13 +64,13 @@ class Layer(nn.Module):
         return {"loss": (self.layer(self.x[rows]) - 1.0).square().mean()}
 
     def step(self, **settings) -> TrainingStep:
-        return TrainingStep(self, self.terms, Fit(**settings), 2, CPU)
+        return TrainingStep(self, self.terms, FitByMuon(**settings), 2, CPU)
 
 
 def test_muon_moves_matrices_and_adamw_the_rest():
     """Both with the rate of the step, not that of the settings."""
     found, expected, rows = Layer(), Layer(), torch.tensor([0, 3])
-    found.step(optimizer="muon", learning_rate=0.5, weight_decay=0.1).over(rows, 0.1)
+    found.step(learning_rate=0.5, weight_decay=0.1).over(rows, 0.1)
     expected.terms(rows)["loss"].backward()
     Muon([expected.layer.weight], 0.1, weight_decay=0.1).step()
     torch.optim.AdamW([expected.layer.bias], 0.1, weight_decay=0.1).step()
@@ -119,7 +119,7 @@ def test_what_does_not_learn_stays():
     assert line.w == 2.0 and line.own != 1.0
 
 
-@pytest.mark.parametrize("network, settings", [(Line, {}), (Layer, {}), (Layer, {"optimizer": "muon"})])
+@pytest.mark.parametrize("network, settings", [(Line, {}), (Layer, {"optimizer": "adamw"}), (Layer, {})])
 def test_it_goes_on_from_a_state(network, settings):
     whole, first, second = network(), network(), network()
     rows = torch.tensor([0, 1, 2, 3, 4, 5])
@@ -141,13 +141,13 @@ def test_it_goes_on_from_a_state(network, settings):
     lambda state: state.update({"muon.0.momentum": torch.zeros(3)}),
 ])  # fmt: skip
 def test_moments_that_do_not_fit_are_no_state(change):
-    step = Layer().step(optimizer="muon")
+    step = Layer().step()
     step.over(torch.tensor([0, 1]), 0.1)
     state = step.optimizer_state()
-    Layer().step(optimizer="muon").load_optimizer_state(state)
+    Layer().step().load_optimizer_state(state)
     change(state)
     with pytest.raises((LookupError, ValueError)):
-        Layer().step(optimizer="muon").load_optimizer_state(state)
+        Layer().step().load_optimizer_state(state)
 
 
 def test_a_new_step_has_no_state():
