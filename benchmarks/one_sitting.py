@@ -65,7 +65,8 @@ def steps(asked: argparse.Namespace) -> list[Step]:
         Step("mvb", train(["svb", "mvb", "s2mpn"], paper, "--no-tables")),
         Step("ours", train(OURS, ours)),
         *(
-            Step(f"without_{name}", train(POINTS, asked.folder / f"without_{name}.networks", f"leave_out={name}"))
+            Step(f"without_{name}", train(POINTS, asked.folder / f"without_{name}.networks", f"leave_out={name}",
+                                          *asked.left_out_keys))
             for name in asked.leave_out
         ),
         Step("paper", train(PAPER, paper), ("mvd", "mvb")),
@@ -170,6 +171,7 @@ def main(words: Sequence[str] | None = None) -> bool:
     parser.add_argument("--training", default="training", help="of `simgen train`")
     parser.add_argument("--train-keys", nargs="*", default=[], metavar="KEY=VALUE")
     parser.add_argument("--leave-out", nargs="*", default=["cube_14mm", "sphere_7mm"], metavar="INDENTER")
+    parser.add_argument("--left-out-keys", nargs="*", default=[], metavar="KEY=VALUE", help="of these trainings alone")
     parser.add_argument("--presses", type=int, default=40, help="of each indenter, whose edges are compared")
     parser.add_argument(
         "--translate", nargs=argparse.REMAINDER, default=[], metavar="OPTION", help="of `simgen translate`; comes last"

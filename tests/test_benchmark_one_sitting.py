@@ -111,7 +111,8 @@ def networks_of(command: list[str]) -> list[str]:
 
 def test_every_network_is_trained_after_those_that_it_needs(one_sitting, tmp_path):
     asked = argparse.Namespace(folder=tmp_path, training="training", train_keys=["seed=2"], leave_out=["cube_14mm"],
-                               presses=3, translate=["--trajectories", "0:2"])  # fmt: skip
+                               left_out_keys=["signal_translation.epochs=9"], presses=3,
+                               translate=["--trajectories", "0:2"])  # fmt: skip
     found = {step.name: step for step in one_sitting.steps(asked)}
     trained, tables = defaultdict(set), set()
     for step in found.values():
@@ -128,7 +129,8 @@ def test_every_network_is_trained_after_those_that_it_needs(one_sitting, tmp_pat
     whole = [names for folder, names in trained.items() if "without" not in folder]
     assert set.union(*whole) == set(NETWORKS) and len(whole) == 2
     assert found["paper"].needs == ("mvd", "mvb"), "they train in the same folder before"
-    assert "leave_out=cube_14mm" in found["without_cube_14mm"].command
+    left_out = [step.name for step in found.values() if "signal_translation.epochs=9" in step.command]
+    assert left_out == ["without_cube_14mm"] and "leave_out=cube_14mm" in found["without_cube_14mm"].command
     assert found["translate"].command[-2:] == ["--trajectories", "0:2"]
 
 
