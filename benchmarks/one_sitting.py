@@ -2,11 +2,11 @@
 
     python benchmarks/one_sitting.py sitting --devices cuda:0 cuda:1 cuda:2 cuda:3
 
-The folder gets the dataset without error estimates, the paper's networks and ours with their tables, S2RM and PT with
-an indenter left out, edges, and images. `times.csv` has the seconds of each step, and `<step>.log` what it printed.
-First the dataset is simulated. Then a step starts on the first free device as soon as the steps that it needs have
-succeeded. If a step fails, the steps that need it are skipped, and the others go on. The same command continues. It
-repeats only steps that have failed or were interrupted, and steps whose command is now another.
+The folder gets the dataset without error estimates, the paper's networks and ours with their tables, edges, and images.
+It also gets RMB, S2RM and PT with an indenter left out. `times.csv` has the seconds of each step, and `<step>.log` what
+it printed. First the dataset is simulated. Then a step starts on the first free device as soon as the steps that it
+needs have succeeded. If a step fails, the steps that need it are skipped, and the others go on. The same command
+continues. It repeats only steps that have failed or were interrupted, and steps whose command is now another.
 """
 
 import argparse
@@ -23,12 +23,12 @@ from typing import Any
 
 from record import write
 
-from simgen.learning.data.registry import NETWORKS, WAYS
+from simgen.learning.data.registry import NETWORKS
+from simgen.learning.translation.translator import networks_of
 
 EDGES = Path(__file__).parent / "translated_edges.py"
-OURS = [name for name, spec in NETWORKS.items() if "(ours)" in spec.label]
-PAPER = [name for name in NETWORKS if name not in OURS]
-POINTS = [*WAYS["points"], "rmb"]
+PAPER = [name for name, spec in NETWORKS.items() if spec.published]
+OURS = [name for name in NETWORKS if name not in PAPER]
 POLL_S = 0.1
 
 
@@ -60,13 +60,13 @@ def steps(asked: argparse.Namespace) -> list[Step]:
                 "--presses", str(asked.presses), *more]  # fmt: skip
 
     # MVD takes longest, so it comes first. M2MPN needs MVD and MVB: the step with the tables trains it.
-    found = [
+    return [
         Step("mvd", train(["mvd"], paper, "--no-tables")),
         Step("mvb", train(["svb", "mvb", "s2mpn"], paper, "--no-tables")),
         Step("ours", train(OURS, ours)),
         *(
-            Step(f"without_{name}", train(POINTS, asked.folder / f"without_{name}.networks", f"leave_out={name}",
-                                          *asked.left_out_keys))
+            Step(f"without_{name}", train(networks_of("points"), asked.folder / f"without_{name}.networks",
+                                          f"leave_out={name}", *asked.left_out_keys))
             for name in asked.leave_out
         ),
         Step("paper", train(PAPER, paper), ("mvd", "mvb")),
@@ -77,7 +77,6 @@ def steps(asked: argparse.Namespace) -> list[Step]:
         Step("edges_ours", edges("ours", ours, "ours"), ("ours",)),
         Step("edges_paper", edges("paper", paper, "paper"), ("paper",)),
     ]  # fmt: skip
-    return found
 
 
 class Sitting:

@@ -16,6 +16,7 @@ from simgen.learning.data.registry import NETWORKS
 
 @pytest.fixture
 def one_sitting(monkeypatch):
+    pytest.importorskip("torch")
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     return importlib.import_module("one_sitting")
 

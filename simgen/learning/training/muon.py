@@ -26,7 +26,7 @@ class Muon(torch.optim.Optimizer):
     rate : learning rate; a tensor of one number on a GPU, so that a CUDA graph reads it anew
     weight_decay : a step first multiplies the weights by 1 - rate * weight_decay
 
-    Raises `ValueError` for a parameter of less than two dimensions.
+    Raises `ValueError` for a parameter of fewer dimensions.
     """
 
     def __init__(self, parameters: Iterable[nn.Parameter], rate: float | Tensor, weight_decay: float = 0.0):

@@ -45,7 +45,7 @@ def test_singular_values_come_near_one(shape):
     matrix = u * values @ v
     found = u.mT @ orthogonal(1e3 * matrix[None])[0] @ v.mT
     diagonal = found.diagonal()
-    assert diagonal.min() > 0.6 and diagonal.max() < 1.3  # 0.7 to 1.2 for most
+    assert diagonal.min() > 0.67 and diagonal.max() < 1.14  # all of them are above 0.01 of the norm
     assert (found - diagonal.diag()).abs().max() < 1e-12  # float64
     assert (u @ found @ v - orthogonal(matrix[None])[0]).abs().max() < 1e-12
 
