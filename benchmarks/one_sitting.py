@@ -3,10 +3,11 @@
     python benchmarks/one_sitting.py sitting --devices cuda:0 cuda:1 cuda:2 cuda:3
 
 The folder gets the dataset without error estimates, the paper's networks and ours with their tables, edges, and images.
-It also gets RMB, S2RM and PT with an indenter left out. `times.csv` has the seconds of each step, and `<step>.log` what
-it printed. First the dataset is simulated. Then a step starts on the first free device as soon as the steps that it
-needs have succeeded. If a step fails, the steps that need it are skipped, and the others go on. The same command
-continues. It repeats only steps that have failed or were interrupted, and steps whose command is now another.
+It also gets RMB, S2RM and PT with an indenter left out. `sitting.json` has the figures of all tables and edges.
+`times.csv` has the seconds of each step, and `<step>.log` what it printed. First the dataset is simulated. Then a step
+starts on the first free device as soon as the steps that it needs have succeeded. If a step fails, the steps that need
+it are skipped, and the others go on. The same command continues. It repeats only steps that have failed or were
+interrupted, and steps whose command is now another.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from record import write
+from sitting_figures import figures
 
 from simgen.learning.data.registry import NETWORKS
 from simgen.learning.translation.translator import networks_of
@@ -182,7 +184,7 @@ def main(words: Sequence[str] | None = None) -> bool:
     simulated = Sitting(asked.folder, [everywhere]).run([data])
     sitting = Sitting(asked.folder, asked.devices)
     succeeded = simulated and sitting.run(steps(asked))
-    write(asked, sitting.rows())
+    write(asked, sitting.rows(), **figures(asked.folder))
     return succeeded
 
 

@@ -1,0 +1,70 @@
+"""Figures of a sitting: networks, errors, answers and edges that its steps wrote, rounded to four digits."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+GROUPS = ("by_indenter", "by_depth_mm")
+IN_GROUPS = ("rmse_um", "rmse", "near", "covered", "energy_um", "contact_overlap")  # `metrics.json` has all others
+ABOUT = ("epochs", "best_epoch", "seconds", "samples_per_second", "parameters", "sha256")
+
+
+def figures(folder: Path) -> dict[str, Any]:
+    """Collect the figures of the steps that have ended.
+
+    Returns ``networks`` by folder and name, ``errors`` by folder, task and model, and ``edges`` by step and indenter.
+    """
+    trained = {path.name.removesuffix(".networks"): path for path in sorted(folder.glob("*.networks"))}
+    tables = {name: path / "metrics.json" for name, path in trained.items()}
+    edges = {path.stem.removeprefix("edges_"): _read(path) for path in sorted(folder.glob("edges_*.json"))}
+    return {
+        "networks": {name: _networks(path) for name, path in trained.items()},
+        "errors": {name: _errors(_read(path)["tasks"]) for name, path in tables.items() if path.exists()},
+        "edges": {step: {row.pop("indenter"): _rounded(row) for row in found["rows"]} for step, found in edges.items()},
+    }
+
+
+def _networks(folder: Path) -> dict[str, Any]:
+    """Say how each network of a folder was trained."""
+    found = {}
+    for path in sorted(folder.glob("*/network.json")):
+        about = _read(path)
+        found[path.parent.name] = _rounded({name: about[name] for name in ABOUT} | {"best": about["best"]})
+    return found
+
+
+def _errors(tasks: Mapping[str, list[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
+    """Take the means of each model over all test samples, and over those of an indenter and of a depth."""
+    return {task: {entry["model"]: _of_model(entry) for entry in entries} for task, entries in tasks.items()}
+
+
+def _of_model(entry: Mapping[str, Any]) -> dict[str, Any]:
+    samples = next((measure["samples"] for measure in entry["all"].values() if measure), 0)
+    found = {"parameters": entry["parameters"], "samples": samples, **_means(entry)}
+    if entry["answers"]:
+        found["answers"] = _means(entry["answers"])
+    return found
+
+
+def _means(groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Take the mean of each measure in ``all``, and of those `IN_GROUPS` in each group of `GROUPS`."""
+
+    def of(measures: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: value and _rounded(value["mean"]) for name, value in measures.items()}
+
+    def of_group(group: Mapping[str, Any]) -> dict[str, Any]:
+        return {key: of({name: own[name] for name in IN_GROUPS if name in own}) for key, own in group.items()}
+
+    return {"all": of(groups["all"])} | {name: of_group(groups[name]) for name in GROUPS if name in groups}
+
+
+def _rounded(value: Any) -> Any:
+    """Round the numbers of a value, or of all values of a dict."""
+    if isinstance(value, dict):
+        return {name: _rounded(each) for name, each in value.items()}
+    return float(f"{value:.4g}") if isinstance(value, float) else value
+
+
+def _read(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8"))

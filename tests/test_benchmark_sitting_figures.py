@@ -1,0 +1,58 @@
+"""Figures of a sitting are those of the files that its steps wrote."""
+
+import importlib
+import json
+import shutil
+
+import pytest
+from pages import ROOT
+
+pytest.importorskip("torch")
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return importlib.import_module("sitting_figures").figures
+
+
+def test_errors_and_answers_are_those_of_the_tables(figures, trained, tmp_path):
+    from simgen.learning.training.evaluate import evaluate
+
+    evaluate(trained, lambda items, about: items)
+    (tmp_path / "ours.networks").symlink_to(trained.output)
+    found = figures(tmp_path)["errors"]["ours"]
+    tasks = json.loads((trained.output / "metrics.json").read_text())["tasks"]
+    assert found.keys() == tasks.keys()
+    for task, entries in tasks.items():
+        assert list(found[task]) == [entry["model"] for entry in entries]
+        for entry in entries:
+            own = found[task][entry["model"]]
+            means = {name: value and value["mean"] for name, value in entry["all"].items()}
+            assert own["all"] == pytest.approx(means, rel=1e-3) and own["parameters"] == entry["parameters"]
+            for group in ("by_indenter", "by_depth_mm"):
+                assert own.get(group, {}).keys() == entry.get(group, {}).keys()
+                for name, measures in entry.get(group, {}).items():
+                    if "rmse_um" in measures:
+                        assert own[group][name]["rmse_um"] == pytest.approx(measures["rmse_um"]["mean"], rel=1e-3)
+            if entry["answers"]:
+                covered = entry["answers"]["all"]["covered"]["mean"]
+                assert own["answers"]["all"]["covered"] == pytest.approx(covered, rel=1e-3)
+
+
+def test_a_folder_without_tables_has_its_networks(figures, trained, tmp_path):
+    """A step may still train the others."""
+    shutil.copytree(trained.output / "rmb", tmp_path / "paper.networks" / "rmb")
+    found = figures(tmp_path)
+    about = json.loads((trained.output / "rmb" / "network.json").read_text())
+    assert found["errors"] == {} and list(found["networks"]["paper"]) == ["rmb"]
+    assert found["networks"]["paper"]["rmb"]["best_epoch"] == about["best_epoch"]
+    assert found["networks"]["paper"]["rmb"]["best"] == pytest.approx(about["best"], rel=1e-3)
+
+
+def test_edges_are_those_of_each_indenter(figures, tmp_path):
+    rows = [{"indenter": "cube_14mm", "images": 3, "ratio_of_sums": 0.987654}, {"indenter": "all", "images": 3}]
+    (tmp_path / "edges_points.json").write_text(json.dumps({"rows": rows}))
+    assert figures(tmp_path)["edges"] == {
+        "points": {"cube_14mm": {"images": 3, "ratio_of_sums": 0.9877}, "all": {"images": 3}}
+    }
