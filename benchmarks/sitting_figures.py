@@ -1,4 +1,4 @@
-"""Figures of a sitting: networks, errors, answers and edges that its steps wrote, rounded to four digits."""
+"""Figures of a sitting that its steps wrote, rounded to five digits."""
 
 import json
 from collections.abc import Mapping
@@ -13,15 +13,18 @@ ABOUT = ("epochs", "best_epoch", "seconds", "samples_per_second", "parameters", 
 def figures(folder: Path) -> dict[str, Any]:
     """Collect the figures of the steps that have ended.
 
-    Returns ``networks`` by folder and name, ``errors`` by folder, task and model, and ``edges`` by step and indenter.
+    Returns ``networks`` by folder and name, ``errors`` by folder, task and model, ``edges`` by step and indenter, and
+    ``translated`` by indenter: the contacts of the samples that have images.
     """
     trained = {path.name.removesuffix(".networks"): path for path in sorted(folder.glob("*.networks"))}
     tables = {name: path / "metrics.json" for name, path in trained.items()}
     edges = {path.stem.removeprefix("edges_"): _read(path) for path in sorted(folder.glob("edges_*.json"))}
+    contacts = folder / "translated" / "contact.json"
     return {
         "networks": {name: _networks(path) for name, path in trained.items()},
         "errors": {name: _errors(_read(path)["tasks"]) for name, path in tables.items() if path.exists()},
         "edges": {step: {row.pop("indenter"): _rounded(row) for row in found["rows"]} for step, found in edges.items()},
+        "translated": _rounded(_read(contacts)["groups"]) if contacts.exists() else {},
     }
 
 
@@ -63,7 +66,7 @@ def _rounded(value: Any) -> Any:
     """Round the numbers of a value, or of all values of a dict."""
     if isinstance(value, dict):
         return {name: _rounded(each) for name, each in value.items()}
-    return float(f"{value:.4g}") if isinstance(value, float) else value
+    return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
 def _read(path: Path) -> Any:

@@ -50,9 +50,14 @@ def test_a_folder_without_tables_has_its_networks(figures, trained, tmp_path):
     assert found["networks"]["paper"]["rmb"]["best"] == pytest.approx(about["best"], rel=1e-3)
 
 
-def test_edges_are_those_of_each_indenter(figures, tmp_path):
+def test_edges_and_contacts_are_those_of_each_indenter(figures, tmp_path):
+    (tmp_path / "translated").mkdir()
+    contacts = {"way": "points", "groups": {"cube_14mm": {"samples": 3, "near": 0.666666}}}
+    (tmp_path / "translated" / "contact.json").write_text(json.dumps(contacts))
     rows = [{"indenter": "cube_14mm", "images": 3, "ratio_of_sums": 0.987654}, {"indenter": "all", "images": 3}]
     (tmp_path / "edges_points.json").write_text(json.dumps({"rows": rows}))
-    assert figures(tmp_path)["edges"] == {
-        "points": {"cube_14mm": {"images": 3, "ratio_of_sums": 0.9877}, "all": {"images": 3}}
+    found = figures(tmp_path)
+    assert found["translated"] == {"cube_14mm": {"samples": 3, "near": 0.66667}}
+    assert found["edges"] == {
+        "points": {"cube_14mm": {"images": 3, "ratio_of_sums": 0.98765}, "all": {"images": 3}}
     }

@@ -222,11 +222,13 @@ class PointTranslator(Network):
 
         touching : (n, vertex) bool; None if it is unknown
         """
-        n, sign, noise = len(source), source.new_ones(()), self.noise[:2].expand(len(source), -1, -1)
+        n, sign, device = len(source), source.new_ones(()), source.device
         if self.training:
             if self.mirrored:
-                sign = 1.0 - 2.0 * (torch.rand(n, device=source.device) < 0.5)
-            noise = torch.randn(n, 2, NOISE, device=source.device)
+                sign = 1.0 - 2.0 * (torch.rand(n, device=device) < 0.5)
+            noise = torch.randn(n, 2, NOISE, device=device)
+        else:
+            noise = _noise_of_validation(n).to(device)
         found, logits = self._drawn(source, noise, sign)
         size = target.square().mean(dim=(1, 2)).sqrt() / self.target_size
         unit = size.clamp_min(LEAST_SIZE) ** -self.power / self.target_size
@@ -286,6 +288,15 @@ def _even_noise() -> Tensor:
     mirror images, so each half has both signs of its axes.
     """
     return torch.cat([torch.cat([axes, -axes]) for axes in (NOISE**0.5 * torch.eye(NOISE)).chunk(2)])
+
+
+def _noise_of_validation(n: int) -> Tensor:
+    """Noise (n, 2, NOISE) of n samples, the same in each epoch.
+
+    The pairs are random ones. The energy score of one pair for all samples is not proper: it is small if just these two
+    draws lie far apart.
+    """
+    return torch.randn(n, 2, NOISE, generator=torch.Generator().manual_seed(0))
 
 
 def _energy(found: Tensor, truth: Tensor, norm: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:

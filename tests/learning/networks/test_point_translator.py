@@ -111,8 +111,8 @@ def test_the_loss_adds_energy_scores(made, power):
     network.eval()
     network.power = power
     source, target = data.inputs(data.train[:5]), data.outputs(data.train[:5])
-    (a, b), logits = (each.unbind(1) for each in network._drawn(source, network.noise[:2].expand(5, -1, -1),
-                                                                  torch.ones(())))  # fmt: skip
+    drawn = network._drawn(source, point_translator._noise_of_validation(5), torch.ones(()))
+    (a, b), logits = (each.unbind(1) for each in drawn)
     share, rounding = network.share, ROUNDING**2
 
     def whole(x):
@@ -139,6 +139,25 @@ def test_the_loss_adds_energy_scores(made, power):
     torch.testing.assert_close(
         network.terms(source, target, touching)["loss"], moved + CONTACT * contact + ENTROPY * wrong
     )
+
+
+@torch.no_grad()
+def test_validation_scores_random_draws(made, monkeypatch):
+    """Its loss is that of training on average, and the same in each epoch. One pair for all samples is not."""
+    network, _, data = made
+    network.mirrored = False  # no chance but that of the draws
+    rows = data.train[:4].repeat(64)
+    source, target = data.inputs(rows), data.outputs(rows)
+
+    def loss() -> float:
+        return network.terms(source, target)["loss"].item()
+
+    network.train()
+    losses = torch.tensor([loss() for _ in range(8)])
+    network.eval()
+    assert loss() == pytest.approx(losses.mean().item(), abs=4.0 * losses.std().item()) and loss() == loss()
+    monkeypatch.setattr(point_translator, "_noise_of_validation", lambda n: network.noise[:2].expand(n, -1, -1))
+    assert abs(loss() - losses.mean().item()) > 4.0 * losses.std().item()
 
 
 def test_the_energy_score_is_least_for_the_true_distribution():
