@@ -1,5 +1,6 @@
 """Figures of a sitting that its steps wrote, rounded to five digits."""
 
+import csv
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,14 +14,17 @@ ABOUT = ("epochs", "best_epoch", "seconds", "samples_per_second", "parameters", 
 def figures(folder: Path) -> dict[str, Any]:
     """Collect the figures of the steps that have ended.
 
-    Returns ``networks`` by folder and name, ``errors`` by folder, task and model, ``edges`` by step and indenter, and
-    ``translated`` by indenter: the contacts of the samples that have images.
+    A step that has failed leaves the files of an earlier command, if there was one.
+
+    Returns ``samples``, the number of valid ones, and ``networks``, both by folder; ``errors`` by folder, task and
+    model; ``edges`` by step and indenter; and ``translated`` by indenter, the contacts of the samples with images.
     """
     trained = {path.name.removesuffix(".networks"): path for path in sorted(folder.glob("*.networks"))}
     tables = {name: path / "metrics.json" for name, path in trained.items()}
     edges = {path.stem.removeprefix("edges_"): _read(path) for path in sorted(folder.glob("edges_*.json"))}
     contacts = folder / "translated" / "contact.json"
     return {
+        "samples": {name: _read(path / "training.json")["dataset"]["samples"] for name, path in trained.items()},
         "networks": {name: _networks(path) for name, path in trained.items()},
         "errors": {name: _errors(_read(path)["tasks"]) for name, path in tables.items() if path.exists()},
         "edges": {step: {row.pop("indenter"): _rounded(row) for row in found["rows"]} for step, found in edges.items()},
@@ -29,12 +33,19 @@ def figures(folder: Path) -> dict[str, Any]:
 
 
 def _networks(folder: Path) -> dict[str, Any]:
-    """Say how each network of a folder was trained."""
+    """Say how each network of a folder was trained, with the terms of its best and of its last epoch."""
     found = {}
     for path in sorted(folder.glob("*/network.json")):
         about = _read(path)
         found[path.parent.name] = _rounded({name: about[name] for name in ABOUT} | {"best": about["best"]})
+        found[path.parent.name]["last"] = _rounded(_last_epoch(path.with_name("epochs.csv")))
     return found
+
+
+def _last_epoch(log: Path) -> dict[str, float]:
+    with log.open(newline="", encoding="utf-8") as file:
+        *_, last = csv.DictReader(file)
+    return {name: float(value) for name, value in last.items() if name.startswith(("train_", "validation_"))}
 
 
 def _errors(tasks: Mapping[str, list[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
@@ -44,7 +55,7 @@ def _errors(tasks: Mapping[str, list[Mapping[str, Any]]]) -> dict[str, dict[str,
 
 def _of_model(entry: Mapping[str, Any]) -> dict[str, Any]:
     samples = next((measure["samples"] for measure in entry["all"].values() if measure), 0)
-    found = {"parameters": entry["parameters"], "samples": samples, **_means(entry)}
+    found = {"parameters": entry["parameters"], "samples": samples, "best_baseline": entry["bar"], **_means(entry)}
     if entry["answers"]:
         found["answers"] = _means(entry["answers"])
     return found

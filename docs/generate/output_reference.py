@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from tables_on_page import with_tables
+
 from simgen.config.outputs import CERTIFICATE, OUTPUTS
 
 PAGE = Path(__file__).parents[1] / "dataset.md"
@@ -34,12 +36,7 @@ def certificates() -> str:
 
 def page_with_tables(text: str) -> str:
     """The page's text with the tables in their places."""
-    for table in (outputs, certificates):
-        name = table.__name__
-        first, last = f"<!-- {name}: printed by docs/generate/output_reference.py -->", f"<!-- /{name} -->"
-        before, _, rest = text.partition(first)
-        text = f"{before}{first}\n\n{table()}\n\n{last}{rest.partition(last)[2]}"
-    return text
+    return with_tables(text, (outputs, certificates), Path(__file__).name)
 
 
 if __name__ == "__main__":

@@ -8,23 +8,31 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tables_on_page import with_tables
+
 from simgen.learning.data.registry import NETWORKS
 
 DOCS = Path(__file__).parents[1]
 RECORD = json.loads((DOCS / "benchmarks" / "sitting_h200.json").read_text(encoding="utf-8"))
-MESH, SIGNALS = "biotac mesh -> digit mesh", "electrode signals -> digit mesh"
 # Task, what the reader calls it, the paper's model, ours.
-SUMMARY = (
+MESHES = (
     ("biotac mesh", "BioTac's mesh, there and back", "MVB", "RMB"),
     ("digit mesh", "DIGIT's mesh, there and back", "MVD", "RMD"),
-    ("electrode signals -> biotac mesh", "electrodes to BioTac", "S2MPN", "S2RM"),
-    (MESH, "BioTac to DIGIT", "M2MPN", "PT"),
-    (SIGNALS, "electrodes to DIGIT", "S2MPN, M2MPN", "S2RM, PT"),
+)
+BIOTAC = (("electrode signals -> biotac mesh", "electrodes to BioTac", "S2MPN", "S2RM"),)
+TRANSLATORS = (
+    ("biotac mesh -> digit mesh", "BioTac to DIGIT", "M2MPN", "PT"),
+    ("electrode signals -> digit mesh", "electrodes to DIGIT", "S2MPN, M2MPN", "S2RM, PT"),
+)
+BY_LATENTS = (
+    ("biotac mesh -> digit mesh", "BioTac to DIGIT, by latents", "M2MPN", "RM2RM"),
+    ("electrode signals -> digit mesh", "electrodes to DIGIT, by latents", "S2MPN, M2MPN", "S2RM, RM2RM"),
 )
 DEPTHS = "0.1", "0.5", "1.0", "1.5", "2.0"
 LEFT_OUT = "sphere_7mm", "cube_14mm"
 STEPS = {"points": "S2RM, PT, from electrodes", "true_mesh": "PT, from the true BioTac mesh",
          "ours": "S2RM, RM2RM, from electrodes", "paper": "the paper's networks, from electrodes"}  # fmt: skip
+ABSENT = ""
 
 Group = Mapping[str, Any]
 
@@ -32,12 +40,12 @@ Group = Mapping[str, Any]
 def summary() -> str:
     """Errors of all networks over all test samples."""
     rows = []
-    for task, title, paper, ours in SUMMARY:
+    for task, title, paper, ours in (*MESHES, *BIOTAC, *TRANSLATORS, *BY_LATENTS):
         models = RECORD["errors"]["ours"][task]
         name, best = _best_baseline(models)
-        floor = _um(models["floor"]["all"]["rmse_um"]) if "floor" in models else ""
+        floor = _um(models["floor"]["all"]["rmse_um"]) if "floor" in models else ABSENT
         stated = NETWORKS[paper.lower()].published if paper.lower() in NETWORKS else None
-        published = f"{stated['rmse_um']:.2f} / {stated['region_rmse_um']:.2f}" if stated else ""
+        published = f"{stated['rmse_um']:.2f} / {stated['region_rmse_um']:.2f}" if stated else ABSENT
         theirs, own = RECORD["errors"]["paper"][task][paper], models[f"{ours} (ours)"]
         cells = f"{_both(best)}, {name}", f"{paper} {_both(theirs)}", f"{ours} **{_both(own)}**", floor, published
         rows.append((title, *cells))
@@ -48,12 +56,13 @@ def contacts() -> str:
     """Errors and found contacts of the translators, by indenter and by depth, beside the floors."""
     head = "", *(f"{source}: {model}" for source in ("BioTac's mesh", "electrodes")
                  for model in ("floor", "the paper's", "ours"))  # fmt: skip
-    groups = [("by_indenter", name, name) for name in RECORD["errors"]["ours"][MESH]["floor"]["by_indenter"]]
+    floor = RECORD["errors"]["ours"][TRANSLATORS[0][0]]["floor"]
+    groups = [("by_indenter", name, name) for name in floor["by_indenter"]]
     groups += [("by_depth_mm", depth, f"at {depth} mm") for depth in DEPTHS]
     rows = []
     for kind, key, title in [("all", None, "all"), *groups]:
         cells = []
-        for task, _, paper, ours in SUMMARY[3:]:
+        for task, _, paper, ours in TRANSLATORS:
             for folder, model in (("ours", "floor"), ("paper", paper), ("ours", f"{ours} (ours)")):
                 found = RECORD["errors"][folder][task][model][kind]
                 cells.append(_found(found if key is None else found[key]))
@@ -62,32 +71,39 @@ def contacts() -> str:
 
 
 def answers() -> str:
-    """Figures of the single answers of PT, and of its draws."""
-    models = [RECORD["errors"]["ours"][task][f"{ours} (ours)"] for task, _, _, ours in SUMMARY[3:]]
+    """Figures of the single answers of PT, of its draws and of images, beside our targets."""
+    models = [RECORD["errors"]["ours"][task][f"{ours} (ours)"] for task, _, _, ours in TRANSLATORS]
     single, drawn = [own["all"] for own in models], [own["answers"]["all"] for own in models]
+    images = [RECORD["edges"][step]["all"] for step in ("true_mesh", "points")]
 
-    def row(title: str, figure: Callable[[Group], str], found: Sequence[Group] = drawn) -> Sequence[str]:
-        return title, *(figure(own) for own in found)
+    def row(
+        title: str, figure: Callable[[Group], str], found: Sequence[Group] = drawn, target: str = ABSENT
+    ) -> Sequence[str]:
+        return title, target, *(figure(own) for own in found)
+
+    def overlap(own: Group) -> str:
+        return f"{own['contact_overlap']:.2f}"
 
     rows = [
-        row("contacts found by the single answer", lambda own: _percent(own["near"]), single),
-        row("the same, of those that the floor allows", lambda own: _percent(own["near_allowed"]), single),
+        row("error of the single answer", lambda own: f"{_um(own['rmse_um'])} um", single, "at most 16; 22 um"),
+        row("contacts that the single answer finds", lambda own: _percent(own["near"]), single),
+        row("the same, of those that the floor allows", lambda own: _percent(own["near_allowed"]), single, "95 %"),
         row("found by the likeliest hypothesis", lambda own: _percent(own["near"])),
         row("found by the best of 2, of 4", lambda own: f"{_percent(own['near_of_2'])}, {_percent(own['near_of_4'])}"),
-        row("90 % sets that hold the true centroid", lambda own: _percent(own["covered"])),
+        row("90 % sets that hold the true centroid", lambda own: _percent(own["covered"]), target="88 to 92 %"),
         row("mean radius of a set", lambda own: f"{own['radius_mm']:.2f} mm"),
         row("energy score of the draws", lambda own: f"{_um(own['energy_um'])} um"),
-        row("error of the single answer", lambda own: f"{_um(own['rmse_um'])} um"),
-        row("overlap of true and predicted contact", lambda own: f"{own['contact_overlap']:.2f}"),
+        row("overlap of true and predicted contact", overlap, target="at least 0.8"),
+        row("edges of images, energy over that of true ones", _edge, images, "0.9 to 1.1"),
     ]
-    return _table(("", "from the BioTac's mesh", "from electrodes"), rows)
+    return _table(("", "target", "from the BioTac's mesh", "from electrodes"), rows)
 
 
 def left_out() -> str:
     """Errors under an indenter that the networks have not seen, beside those of networks that have."""
     rows = []
     for indenter in LEFT_OUT:
-        for task, title, _, ours in SUMMARY[2:]:
+        for task, title, _, ours in (*BIOTAC, *TRANSLATORS):
             models, known = (RECORD["errors"][name][task] for name in (f"without_{indenter}", "ours"))
             name, best = _best_baseline(models)
             own, seen = models[f"{ours} (ours)"]["all"], known[f"{ours} (ours)"]["by_indenter"][indenter]
@@ -113,7 +129,7 @@ def edges() -> str:
     rows = []
     for step, title in STEPS.items():
         own = RECORD["edges"][step]
-        rows.append((title, *(f"{own[name]['ratio_of_sums']:.2f}" if name in own else "" for name in names)))
+        rows.append((title, *(_edge(own[name]) if name in own else ABSENT for name in names)))
     return _table(("sum over images, ratio to true images", *names), rows)
 
 
@@ -132,20 +148,11 @@ PAGES = {"training.md": (summary, contacts, answers, left_out, networks), "trans
 
 def page_with_tables(page: str) -> str:
     """The page's text with the tables in their places."""
-    text = (DOCS / page).read_text(encoding="utf-8")
-    for table in PAGES[page]:
-        name = table.__name__
-        first, last = f"<!-- {name}: printed by docs/generate/sitting_tables.py -->", f"<!-- /{name} -->"
-        before, found, rest = text.partition(first)
-        if not found:
-            raise ValueError(f"{page}: no line {first}")
-        text = f"{before}{first}\n\n{table()}\n\n{last}{rest.partition(last)[2]}"
-    return text
+    return with_tables((DOCS / page).read_text(encoding="utf-8"), PAGES[page], Path(__file__).name)
 
 
 def _best_baseline(models: Mapping[str, Group]) -> tuple[str, Group]:
-    baselines = {name: own for name, own in models.items() if "(ours)" not in name and name not in ("rest", "floor")}
-    return min(baselines.items(), key=lambda item: item[1]["all"]["rmse_um"])
+    return next((name, own) for name, own in models.items() if own["best_baseline"])
 
 
 def _found(means: Group) -> str:
@@ -160,6 +167,10 @@ def _both(model: Group) -> str:
 
 def _um(value: float) -> str:
     return f"{value:.2f}" if value < 10.0 else f"{value:.1f}"
+
+
+def _edge(images: Group) -> str:
+    return f"{images['ratio_of_sums']:.3f}"
 
 
 def _percent(share: float) -> str:

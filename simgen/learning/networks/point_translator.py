@@ -291,10 +291,9 @@ def _even_noise() -> Tensor:
 
 
 def _noise_of_validation(n: int) -> Tensor:
-    """Noise (n, 2, NOISE) of n samples, the same in each epoch.
+    """Random noise (n, 2, NOISE) for a batch of n samples, the same in all batches and epochs, on all devices.
 
-    The pairs are random ones. The energy score of one pair for all samples is not proper: it is small if just these two
-    draws lie far apart.
+    The energy score of one pair for all samples is not proper: it is small if just these two draws lie far apart.
     """
     return torch.randn(n, 2, NOISE, generator=torch.Generator().manual_seed(0))
 
