@@ -19,7 +19,8 @@ def figures(folder: Path) -> dict[str, Any]:
     Returns ``samples``, the number of valid ones, and ``networks``, both by folder; ``errors`` by folder, task and
     model; ``edges`` by step and indenter; and ``translated`` by indenter, the contacts of the samples with images.
     """
-    trained = {path.name.removesuffix(".networks"): path for path in sorted(folder.glob("*.networks"))}
+    begun = [path.parent for path in sorted(folder.glob("*.networks/training.json"))]
+    trained = {path.name.removesuffix(".networks"): path for path in begun}
     tables = {name: path / "metrics.json" for name, path in trained.items()}
     edges = {path.stem.removeprefix("edges_"): _read(path) for path in sorted(folder.glob("edges_*.json"))}
     contacts = folder / "translated" / "contact.json"

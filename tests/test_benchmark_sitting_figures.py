@@ -58,6 +58,7 @@ def test_a_folder_without_tables_has_its_networks(figures, trained, tmp_path):
     """A step may still train the others."""
     shutil.copytree(trained.output / "rmb", tmp_path / "paper.networks" / "rmb")
     shutil.copy(trained.output / "training.json", tmp_path / "paper.networks")
+    (tmp_path / "ours.networks").mkdir()  # its training was refused
     found = figures(tmp_path)
     about = json.loads((trained.output / "rmb" / "network.json").read_text())
     assert found["errors"] == {} and list(found["networks"]["paper"]) == ["rmb"]
