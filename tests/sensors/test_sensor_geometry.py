@@ -8,7 +8,9 @@ import trimesh
 
 from sensors.slab import SLAB, write_sensor
 from simgen.geometry.curved_tetrahedra import FREE, HELD
+from simgen.geometry.mesh_quality import curved_area
 from simgen.sensors.sensor_geometry import bundled_sensors, cavity_faces, load_geometry
+from simgen.sensors.sensor_meshes import LIMIT, make_curved
 from simgen.units import MM
 
 
@@ -19,12 +21,21 @@ def test_the_bundled_sensors():
 def test_regions_of_the_slab(slab):
     mesh = slab.simulation_mesh
     assert mesh.held[mesh.nodes[:, 1] > 2e-3 - 1e-9].all()
-    assert (mesh.nodes[mesh.held, 1] > 2e-3 - 2e-5).all()  # the mesher rounds edges by up to 0.02 mm
     assert len(mesh.facing_core) == 0
     assert slab.core is None
     area = slab.surface.area_faces
     assert area[slab.surface_region == FREE].sum() == pytest.approx(720e-6)
     assert area[slab.held_regions["back"]].sum() == pytest.approx(400e-6)
+
+
+def test_a_mesh_is_held_where_the_slab_is(slab_folder):
+    geometry = load_geometry(slab_folder)
+    size = geometry.description.meshes.default
+    mesh, _ = make_curved(geometry, size)
+    held = mesh.faces[mesh.region == HELD]
+    # fTetWild may cut a corner of the box: in 200 meshes, the deepest held node lay 0.19 mm below the back.
+    assert (mesh.nodes[held, 1] > 2e-3 - LIMIT * size.envelope * MM).all()
+    assert curved_area(mesh.nodes, held) == pytest.approx(400e-6, rel=0.01)  # 0.1 % at most in 144 meshes
 
 
 @pytest.mark.parametrize(
