@@ -36,6 +36,7 @@ COLUMNS = {  # heading, digits
     "near_allowed": ("of those allowed", 1),
     "neighbours": ("samples with the same input", 2),
     "spread_mm": ("their contacts' largest distance, mm", 2),
+    "contact_overlap": ("contact overlap", 3),
     "rmse": ("RMSE, normalised", 4),
 }
 ANSWERS = {
@@ -271,6 +272,9 @@ def _about(floor: Floor) -> list[str]:
         spread = Statistic.of(floor.spread_mm[shared])
         apart = f", with contacts up to {spread.mean:.2f} mm apart" if spread.samples else ""
         lines.append(f"They have {floor.neighbours[shared].mean():.1f}{apart} (means).")
+    overlap = Statistic.of(floor.contact_overlap)
+    if overlap.samples:
+        lines.append(f"Contacts that a network predicts overlap the true ones by {overlap.mean:.3f} at most (mean).")
     return lines
 
 

@@ -3,7 +3,9 @@
 A test sample and its neighbours, the samples of other presses with the same input, are equally likely. A network that
 sees the input has to give one answer for all of them. The best answer for meshes is their geometric median: of all
 meshes it has the least mean error. The best answer for contacts is the place with the most members near it, which need
-not be a member.
+not be a member. The largest overlap of contacts is bounded: the Jaccard distance, 1 minus the overlap, is a metric
+(Levandowsky and Winter, Nature 234, 1971). By the triangle inequality, the mean distance of any answer from the members
+is at least half of their mean distance from each other.
 
 **A floor is a lower bound of the true one**: a dataset shows only those neighbours that it contains. It holds for
 networks that cannot see differences below the noise. Data without noise let a network tell inputs apart that are not
@@ -23,7 +25,7 @@ from torch import Tensor
 
 from simgen.learning.data.samples import BATCH, MeshSamples
 from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
-from simgen.learning.evaluation.metrics import Errors
+from simgen.learning.evaluation.metrics import Errors, Touching
 from simgen.learning.evaluation.pca import PCA
 from simgen.sensing.electrodes.model import ElectrodeSettings
 
@@ -49,12 +51,15 @@ class Floor(Errors):
     near : 1 if the best answer is within `NEAR_MM` of the sample's own contact centroid, else 0; NaN without contact
     neighbours : number of samples of other presses with the same input
     spread_mm : largest distance of two contact centroids among the sample and its neighbours, mm
+    contact_overlap : largest intersection over union of the true contact and an answer; NaN if the dataset does not
+        locate the indenter
     """
 
     rmse_um: np.ndarray
     near: np.ndarray
     neighbours: np.ndarray
     spread_mm: np.ndarray
+    contact_overlap: np.ndarray
     MAIN: ClassVar[str] = "rmse_um"
 
     @property
@@ -120,22 +125,29 @@ def signal_noise(settings: ElectrodeSettings) -> float:
 
 @torch.no_grad()
 def floor_of(
-    same_input: SameInput, target: MeshSamples, rows: Tensor, press: np.ndarray, gauge: ContactGauge | None
+    same_input: SameInput,
+    target: MeshSamples,
+    rows: Tensor,
+    press: np.ndarray,
+    gauge: ContactGauge | None,
+    touching: Touching | None = None,
 ) -> Floor:
     """Floor of the target's meshes at rows (n,), which are known, in batches on the device of the target.
 
     press : (sample,) number of each sample's press, whose other depths are no neighbours
     gauge : finds contacts on the target; None if the dataset lacks its surface
+    touching : tells the true contact; None if the dataset does not locate the indenter
     """
     known, presses = same_input.known, torch.from_numpy(press).to(rows.device)
-    places = _places(target, known, gauge)
+    places, contacts = _places(target, known, gauge), _contacts(target, known, touching)
     parts = []
     order = torch.cat([_size(target, some) for some in rows.split(BATCH)]).argsort()  # neighbours are of similar size
     for some in rows[order].split(ROWS_AT_ONCE):
         same = same_input(some) & (presses[some][:, None] != presses[known])
         same |= some[:, None] == known
-        parts.append(_floor(same, some, known, target, places))
-    measures = [torch.cat(values)[order.argsort()].cpu().numpy() for values in zip(*parts, strict=True)]
+        parts.append((*_floor(same, some, known, target, places), _largest_overlaps(same, some, known, contacts)))
+    back = order.argsort().cpu()
+    measures = [torch.cat(values).cpu()[back].numpy() for values in zip(*parts, strict=True)]
     return Floor(rows.cpu().numpy(), *measures)
 
 
@@ -151,8 +163,38 @@ def _places(target: MeshSamples, rows: Tensor, gauge: ContactGauge | None) -> Te
     return torch.cat([gauge.centroid(target.displacement(some)) for some in rows.split(BATCH)])
 
 
+def _contacts(target: MeshSamples, rows: Tensor, touching: Touching | None) -> Tensor | None:
+    """True contacts (n, point) bool; None if they are unknown."""
+    if touching is None:
+        return None
+    parts = [touching(some, target.displacement(some)) for some in rows.split(BATCH)]
+    return torch.from_numpy(np.concatenate(parts))  # on the CPU, where `_largest_overlaps` takes a few rows at a time
+
+
+def _largest_overlaps(same: Tensor, rows: Tensor, known: Tensor, contacts: Tensor | None) -> Tensor:
+    """Bounds (n,) of the contact's overlap: 1 minus half of the mean distance from the neighbours' contacts.
+
+    The mean over the members of a class is the bound of the module's text. A contact without points has a distance of 0
+    from another one, and of 1 from all others.
+
+    same : (n, m) bool, True for members: the row's own sample and its neighbours
+    contacts : (m, point) bool, of known samples
+    """
+    if contacts is None:
+        return torch.full((len(rows),), torch.nan, dtype=torch.float64)
+    bound = torch.ones(len(rows), dtype=torch.float64)
+    itself = torch.searchsorted(known, rows).tolist()
+    for row in (same.sum(dim=1) > 1).nonzero()[:, 0].tolist():
+        others = same[row].cpu()
+        others[itself[row]] = False
+        contact, others = contacts[itself[row]], contacts[others]
+        both, either = (contact & others).sum(dim=1).double(), (contact | others).sum(dim=1)
+        bound[row] = 0.5 + 0.5 * (both / either).nan_to_num(nan=1.0).mean()
+    return bound
+
+
 def _floor(same: Tensor, rows: Tensor, known: Tensor, target: MeshSamples, places: Tensor) -> tuple[Tensor, ...]:
-    """Measures of a batch, (n,) each, in the order of `Floor`.
+    """Measures of a batch, (n,) each, in the order of `Floor`, without the overlap.
 
     same : (n, m) bool, True for members: the row's own sample and its neighbours
     places : (m, 3) contact centroids of known samples, m

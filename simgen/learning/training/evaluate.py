@@ -109,7 +109,9 @@ class Evaluation:
             else:
                 source = self.inputs.source
                 same = SameMeshes(source, self._pca(source, data.rows("train")), known)
-            self._floors[inputs] = floor_of(same, self.inputs.target, data.rows("test"), data.press, self.inputs.gauge)
+            target, rows = self.inputs.target, data.rows("test")
+            touching = self._touching(target.sensor)
+            self._floors[inputs] = floor_of(same, target, rows, data.press, self.inputs.gauge, touching)
         return self._floors[inputs]
 
     def _title(self, inputs: str, outputs: str) -> str:

@@ -41,7 +41,7 @@ def test_a_panel_for_each_task_and_a_line_for_each_model(entries):
 
 
 def test_the_floor_is_a_line_where_it_is_not_zero(entries):
-    floor = Floor(np.arange(3), np.array([0.5, 1.5, 0.0]), *[np.ones(3)] * 3)
+    floor = Floor(np.arange(3), np.array([0.5, 1.5, 0.0]), *[np.ones(3)] * 4)
     panel, _ = draw([*entries, Entry("digit mesh", "floor", floor, None, labels={"depth_mm": DEPTHS})]).axes
     line = panel.lines[-1]
     np.testing.assert_array_equal(line.get_xydata(), [[0.2, 1.0], [0.4, np.nan]])

@@ -1,5 +1,6 @@
 """Floors of planted twins, whose figures are known by hand."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from simgen.learning.evaluation.floor import (
     floor_of,
     signal_noise,
 )  # fmt: skip
+from simgen.learning.evaluation.metrics import intersection_over_union
 from simgen.learning.evaluation.pca import PCA
 from simgen.sensing.electrodes.model import ElectrodeSettings
 from simgen.units import MM
@@ -167,6 +169,49 @@ def test_no_answer_beats_the_floor(members):
     assert found.rmse_um.mean() <= min(errors) + 0.01
     largest = max(np.sqrt(np.square(meshes - mesh).mean(axis=1)).max() for mesh in meshes)
     assert found.rmse_um.max() <= largest
+
+
+def touching(*contacts: list[int]):
+    """Contacts of samples, by the numbers of the points that touch, of six."""
+    masks = np.zeros((len(contacts), 6), bool)
+    for mask, points in zip(masks, contacts, strict=True):
+        mask[points] = True
+    return lambda rows, _: masks[rows.numpy()]
+
+
+def overlaps(same, contacts, rows: int) -> np.ndarray:
+    """Largest overlaps of the first rows, whose meshes are all at rest."""
+    target = exact(np.zeros((len(same.known), 4, 3)))
+    return floor_of(same, target, torch.arange(rows), np.arange(rows), None, contacts).contact_overlap
+
+
+def test_the_contacts_of_two_presses_with_one_input_halve_their_distance():
+    """Two of four points are common: either contact as the answer has overlaps of 1 and 0.5, 0.75 as a mean."""
+    found = overlaps(classes(0, 1, 1, 2), touching([0], [1, 2, 3], [2, 3, 4], []), 4)
+    np.testing.assert_allclose(found, [1.0, 0.75, 0.75, 1.0])
+
+
+def test_a_contact_without_points_overlaps_only_another_one():
+    found = overlaps(classes(0, 0, 0), touching([], [], [1, 2]), 3)
+    np.testing.assert_allclose(found, [0.75, 0.75, 0.5])
+
+
+def test_without_contacts_the_overlap_has_no_floor(gauge):
+    target = dents(gauge, -6, 6, 0, 0, 0, 0)
+    assert np.isnan(measured(gauge, classes(0, 0, 1, 2, 3, 4), target).contact_overlap).all()
+
+
+@pytest.mark.parametrize("members", [2, 3, 4, 7])
+def test_no_contact_has_a_larger_overlap(members):
+    """All 64 contacts of six points are tried as the answer for a class of random ones."""
+    every = np.array(list(itertools.product([False, True], repeat=6)))
+    for seed in range(20):
+        masks = np.random.default_rng(seed).random((members, 6)) < 0.6
+        found = overlaps(classes(*[0] * members), lambda rows, _, masks=masks: masks[rows.numpy()], members)
+        overlap = np.stack([intersection_over_union(every, np.broadcast_to(mask, every.shape)) for mask in masks])
+        best = np.nan_to_num(overlap, nan=1.0).mean(axis=0).max()
+        assert best <= found.mean() + 1e-12
+        assert members > 2 or best == pytest.approx(found.mean())
 
 
 def clustered(spread: float, seed: int = 0):
