@@ -18,7 +18,7 @@ def benchmarks_first(monkeypatch):
 
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_a_benchmark_is_imported_and_says_what_it_measures(name):
-    if name in ("contacts", "mesh_vae", "one_sitting", "translated_edges", "translators", "twins"):
+    if name in ("contacts", "mesh_vae", "one_sitting", "signal_limit", "translated_edges", "translators", "twins"):
         pytest.importorskip("torch")
     if name == "mesh_vae":
         pytest.importorskip("torch_geometric")

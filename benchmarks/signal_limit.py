@@ -1,0 +1,253 @@
+"""Measure how well electrode signals tell a contact, if a network made the best of them.
+
+    python benchmarks/signal_limit.py signal_limit --contacts 8
+
+A contact has five coordinates: place along the finger and along the arc, two tilts of the press axis, and the turn of
+the indenter. The presses of `jobs/paired.yaml` are made at drawn contacts, and again with each coordinate moved a
+little. The change over a move gives the derivative of signals, meshes and contact centroids. Readings are rounded to
+steps, which is noise of 1/12 square step. With linear signals and normal coordinates, the coordinates that fit a
+reading are normally distributed, too, for each indenter and depth (Kay, Fundamentals of Statistical Signal Processing:
+Estimation Theory, 1993, theorem 10.3). Indenters and depths count by how well they explain the reading. The scatter of
+all that fits is the error that no network can avoid.
+
+Derivatives hold for small moves only. Presses with all coordinates moved at once show how far they hold.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from record import arguments, run, write
+from scipy.spatial.distance import cdist
+
+from simgen.config.job import load_job
+from simgen.learning.data.samples import TrainingData, load_training_data
+from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
+from simgen.learning.evaluation.metrics import contact_of, intersection_over_union
+from simgen.pipeline.plan import chosen_sensor, first_contacts, gel_under_indenters
+from simgen.sensing.electrodes.model import ElectrodeSettings, synthetic_signals
+from simgen.sensors.indenter import chosen_indenters
+from simgen.sensors.room import Contacts, least_rotations
+
+SEED = 99  # contacts that no network has seen
+DEPTHS = ["depths_mm.first=0.1", "depths_mm.last=1.0", "depths_mm.count=10"]
+MOVES = np.array([0.1, 0.1, 0.5, 0.5, 3.0])  # along the finger and the arc, mm; two tilts, and the turn, degrees
+TOGETHER = 0.5  # of all moves, in the press that shows how far derivatives hold
+DRAWS = 500  # contacts that fit a reading
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Values (value,) at a contact, and their derivatives (value, 5) by its coordinates."""
+
+    value: np.ndarray
+    slope: np.ndarray
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> "Linear":
+        """``values``: (6, value) at the contact and at each of `MOVES`."""
+        return cls(values[0], ((values[1:] - values[0]) / MOVES[:, None]).T)
+
+    def at(self, moves: np.ndarray) -> np.ndarray:
+        """Values (n, value) at moves (n, 5)."""
+        return self.value + moves @ self.slope.T
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One indenter and depth at a contact.
+
+    signals : V, not rounded
+    mesh, centroid : of the DIGIT, m
+    contact : (point,) bool
+    apart : (5,) Jaccard distance of the contact at each move
+    prediction_error : of signals by derivatives, with all coordinates moved; root mean square over channels, V
+    """
+
+    signals: Linear
+    mesh: Linear
+    centroid: Linear
+    contact: np.ndarray
+    apart: np.ndarray
+    prediction_error: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Moves by which an indenter and a depth fit a reading: normally distributed, with the probability of both."""
+
+    sample: Sample
+    probability: float
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def coordinates_of(contacts: Contacts) -> np.ndarray:
+    """Coordinates (n, 5), in the order and the units of `MOVES`."""
+    local = np.einsum("nji,nj->ni", least_rotations(-contacts.normals), contacts.axes)
+    across = np.linalg.norm(local[:, [0, 2]], axis=1, keepdims=True)
+    tilts = np.arctan2(across, local[:, 1:2]) * local[:, [0, 2]] / np.where(across > 0.0, across, 1.0)
+    places = [1e3 * contacts.points[:, 0], 1e3 * contacts.arcs]
+    return np.column_stack([*places, np.degrees(tilts), np.degrees(contacts.rolls)])
+
+
+def given(coordinates: np.ndarray) -> dict[str, float]:
+    """Write coordinates (5,) as a contact of a job."""
+    x, arc, tilt_x, tilt_z, roll = map(float, coordinates)
+    azimuth = float(np.degrees(np.arctan2(tilt_z, tilt_x)))
+    return {"x_mm": x, "arc_mm": arc, "tilt_deg": float(np.hypot(tilt_x, tilt_z)), "azimuth_deg": azimuth,
+            "roll_deg": roll}  # fmt: skip
+
+
+def moved(coordinates: np.ndarray) -> np.ndarray:
+    """A contact (5,), each of its moves alone, and half of all together: (7, 5)."""
+    return coordinates + np.concatenate([np.zeros((1, 5)), np.diag(MOVES), TOGETHER * MOVES[None]])
+
+
+def noise_of(settings: ElectrodeSettings) -> float:
+    """Standard deviation, V, of a reading's rounding and noise."""
+    step = 0.0 if settings.bits is None else settings.supply_v / (2**settings.bits - 1)
+    return float(np.hypot(step / 12**0.5, settings.noise_v))
+
+
+def fits(reading: np.ndarray, samples: Sequence[Sample], noise: float, prior: np.ndarray) -> list[Fit]:
+    """Find what fits a reading (channel,), V, among samples that are equally likely.
+
+    noise : standard deviation of a channel, V
+    prior : (5, 5) covariance of the coordinates among all contacts
+    """
+    evidence, found = [], []
+    for sample in samples:
+        slope, rest = sample.signals.slope / noise, (reading - sample.signals.value) / noise
+        spread = slope @ prior @ slope.T + np.eye(len(rest))
+        evidence.append(-0.5 * (rest @ np.linalg.solve(spread, rest) + np.linalg.slogdet(spread)[1]))
+        covariance = np.linalg.inv(slope.T @ slope + np.linalg.inv(prior))
+        found.append((covariance @ (slope.T @ rest), covariance))
+    probability = np.exp(np.array(evidence) - max(evidence))
+    probability /= probability.sum()
+    return [Fit(sample, p, *each) for sample, p, each in zip(samples, probability.tolist(), found, strict=True)]
+
+
+def mesh_scatter(found: Sequence[Fit]) -> float:
+    """Root of the mean square, over coordinates, of what fits about its mean: the least error of one answer, m."""
+    means = [fit.sample.mesh.at(fit.mean[None])[0] for fit in found]
+    middle = sum(fit.probability * mean for fit, mean in zip(found, means, strict=True))
+    squares = (
+        fit.probability * (np.square(mean - middle).sum() + np.trace(fit.covariance @ (slope.T @ slope)))
+        for fit, mean, slope in ((fit, mean, fit.sample.mesh.slope) for fit, mean in zip(found, means, strict=True))
+    )
+    return float(np.sqrt(sum(squares) / len(middle)))
+
+
+def limits(own: Sample, found: Sequence[Fit], random: np.random.Generator) -> dict[str, float]:
+    """Limits of one sample, with ``DRAWS`` contacts of all that fit.
+
+    digit_um : least error of the DIGIT's mesh
+    near : largest share of these contacts within `NEAR_MM` of one of them
+    contact_overlap : bound of the overlap, as in `simgen/learning/evaluation/floor.py`. Distances of contacts from the
+        one of the same indenter and depth grow in proportion to the move, and those of the moves add as squares
+    """
+    counts = random.multinomial(DRAWS, [fit.probability for fit in found])
+    centroids, overlaps = [], []
+    for fit, count in zip(found, counts, strict=True):
+        moves = random.multivariate_normal(fit.mean, fit.covariance, count)
+        centroids.append(fit.sample.centroid.at(moves))
+        apart = np.sqrt(np.square(moves / MOVES * fit.sample.apart).sum(axis=1)).clip(max=1.0)
+        overlaps.append((1.0 - apart) * intersection_over_union(own.contact[None], fit.sample.contact[None]))
+    places = np.concatenate(centroids)
+    places = places[np.isfinite(places).all(axis=1)]
+    return {
+        "digit_um": 1e6 * mesh_scatter(found),
+        "near": float((cdist(places, places) <= 1e-3 * NEAR_MM).mean(axis=1).max()),
+        "contact_overlap": float(0.5 + 0.5 * np.nan_to_num(np.concatenate(overlaps), nan=1.0).mean()),
+    }
+
+
+def simulate(folder: Path, contacts: Sequence[Mapping[str, float]], device: str) -> Path:
+    """Press all indenters at contacts; a dataset that is there already is continued. Returns its path."""
+    data = folder / "presses.zarr"
+    keys = [f"trajectories={{contacts: {json.dumps(contacts)}}}", "outputs={}", "dataset.presses_per_shard=9", *DEPTHS]
+    command = [sys.executable, "-m", "simgen.cli", "run", "paired", *keys, "-o", str(data), "--device", device]
+    subprocess.run(command, check=True)
+    return data
+
+
+def read_samples(path: Path) -> dict[tuple[int, int, int], Sample]:
+    """Samples by contact, indenter and depth, of which all seven presses are valid."""
+    data = load_training_data(path, ("biotac", "digit"), torch.device("cpu"), lambda items, what: items)
+    exact = ElectrodeSettings(bits=None)
+    signals = synthetic_signals(data.dataset, "biotac", data.press, data.step, exact)
+    gauge, touching = ContactGauge.of_dataset(data.dataset, "digit"), contact_of(data, "digit")
+    found = {}
+    for key, rows in groups(data).items():
+        own = torch.tensor(rows[:-1])
+        mesh = data.meshes["digit"].displacement(own).double()
+        contact, volts = touching(own, mesh), Linear.of(signals[rows[:-1]])
+        apart = 1.0 - intersection_over_union(contact[1:], np.repeat(contact[:1], len(MOVES), axis=0))
+        error = volts.at(TOGETHER * MOVES) - signals[rows[-1]]
+        found[key] = Sample(volts, Linear.of(mesh.flatten(1).numpy()), Linear.of(gauge.centroid(mesh).numpy()),
+                            contact[0], np.nan_to_num(apart), float(np.sqrt(np.mean(error**2))))  # fmt: skip
+    return found
+
+
+def groups(data: TrainingData) -> dict[tuple[int, int, int], list[int]]:
+    """Rows of the seven presses by contact, indenter and depth, without incomplete ones."""
+    found: dict[tuple[int, int, int], list[int]] = {}
+    each = len(MOVES) + 2
+    for row in np.argsort(data.trajectory, kind="stable").tolist():
+        key = int(data.trajectory[row]) // each, int(data.indenter[row]), int(data.step[row])
+        found.setdefault(key, []).append(row)
+    return {key: rows for key, rows in found.items() if len(rows) == each}
+
+
+def measure(samples: Mapping[tuple[int, int, int], Sample], settings: ElectrodeSettings, prior: np.ndarray) -> list:
+    """Limits of all samples, if the indenter is unknown, and if it is known."""
+    random, rows = np.random.default_rng(SEED), []
+    for (contact, indenter, step), own in samples.items():
+        at_contact = {key[1:]: sample for key, sample in samples.items() if key[0] == contact}
+        found = fits(own.signals.value, [*at_contact.values()], noise_of(settings), prior)
+        same = sum(fit.probability for (kind, _), fit in zip(at_contact, found, strict=True) if kind == indenter)
+        row = {"indenter": indenter, "step": step, **limits(own, found, random), "own_indenter": same}
+        alone = fits(own.signals.value, [own], noise_of(settings), prior)
+        row |= {f"{name}_if_known": value for name, value in limits(own, alone, random).items()}
+        rows.append(row | {"prediction_error_over_noise": own.prediction_error / noise_of(settings)})
+    return rows
+
+
+def means(rows: Sequence[Mapping], key: str, names: Sequence) -> list[dict]:
+    """Means of all measures over the rows with the same value of a key."""
+    found = []
+    for value, name in enumerate(names):
+        own = [row for row in rows if row[key] == value]
+        line = {key: name, "samples": len(own)}
+        for measure in (measure for measure in own[0] if measure not in ("indenter", "step")):
+            line[measure] = float(f"{np.mean([row[measure] for row in own]):.4g}")
+        found.append(line)
+    return found
+
+
+def main(asked: argparse.Namespace) -> None:
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    job = load_job("paired", [f"seed={SEED}", f"trajectories.count={asked.drawn}"])
+    sensors = {name: chosen_sensor(job, name) for name in job.sensors}
+    drawn = first_contacts(job, sensors, asked.drawn, gel_under_indenters(job, sensors, chosen_indenters(job))).kept
+    coordinates = coordinates_of(drawn)
+    contacts = [given(each) for own in coordinates[: asked.contacts] for each in moved(own)]
+    samples = read_samples(simulate(asked.folder, contacts, asked.device))
+    rows = measure(samples, ElectrodeSettings(), np.cov(coordinates.T))
+    depths = [round(1e3 * float(depth), 6) for depth in load_job("paired", DEPTHS).depths_m]
+    write(asked, [*means(rows, "step", depths), *means(rows, "indenter", job.indenter_names)])
+
+
+if __name__ == "__main__":
+    parser = arguments(__doc__, "signal_limit.json")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--contacts", type=int, default=8)
+    parser.add_argument("--drawn", type=int, default=200, help="contacts whose scatter is the one without signals")
+    run(parser, main)
