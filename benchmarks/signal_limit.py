@@ -1,6 +1,6 @@
 """Measure how well electrode signals tell a contact, if a network made the best of them.
 
-    python benchmarks/signal_limit.py signal_limit --contacts 8
+    python benchmarks/signal_limit.py moved_contacts.zarr --contacts 8
 
 A contact has five coordinates: place along the finger and along the arc, two tilts of the press axis, and the turn of
 the indenter. The presses of `jobs/paired.yaml` are made at drawn contacts, and again with each coordinate moved a
@@ -27,6 +27,8 @@ from record import arguments, run, write
 from scipy.spatial.distance import cdist
 
 from simgen.config.job import load_job
+from simgen.dataset.reader import Dataset
+from simgen.errors import InputError
 from simgen.learning.data.samples import TrainingData, load_training_data
 from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
 from simgen.learning.evaluation.metrics import contact_of, intersection_over_union
@@ -169,13 +171,15 @@ def limits(own: Sample, found: Sequence[Fit], random: np.random.Generator) -> di
     }
 
 
-def simulate(folder: Path, contacts: Sequence[Mapping[str, float]], device: str) -> Path:
-    """Press all indenters at contacts; a dataset that is there already is continued. Returns its path."""
-    data = folder / "presses.zarr"
+def simulate(data: Path, contacts: Sequence[Mapping[str, float]], device: str) -> None:
+    """Press all indenters at contacts, into a dataset.
+
+    Raises `InputError` if `simgen run` fails.
+    """
     keys = [f"trajectories={{contacts: {json.dumps(contacts)}}}", "outputs={}", "dataset.presses_per_shard=9", *DEPTHS]
     command = [sys.executable, "-m", "simgen.cli", "run", "paired", *keys, "-o", str(data), "--device", device]
-    subprocess.run(command, check=True)
-    return data
+    if subprocess.run(command).returncode:
+        raise InputError(f"{data}: the presses were not simulated")
 
 
 def read_samples(path: Path) -> dict[tuple[int, int, int], Sample]:
@@ -233,21 +237,22 @@ def means(rows: Sequence[Mapping], key: str, names: Sequence) -> list[dict]:
 
 
 def main(asked: argparse.Namespace) -> None:
-    asked.folder.mkdir(parents=True, exist_ok=True)
     job = load_job("paired", [f"seed={SEED}", f"trajectories.count={asked.drawn}"])
     sensors = {name: chosen_sensor(job, name) for name in job.sensors}
     drawn = first_contacts(job, sensors, asked.drawn, gel_under_indenters(job, sensors, chosen_indenters(job))).kept
     coordinates = coordinates_of(drawn)
     contacts = [given(each) for own in coordinates[: asked.contacts] for each in moved(own)]
-    samples = read_samples(simulate(asked.folder, contacts, asked.device))
-    rows = measure(samples, ElectrodeSettings(), np.cov(coordinates.T))
+    if not asked.data.exists() or Dataset(asked.data).unfinished():
+        simulate(asked.data, contacts, asked.device)
+    rows = measure(read_samples(asked.data), ElectrodeSettings(), np.cov(coordinates.T))
     depths = [round(1e3 * float(depth), 6) for depth in load_job("paired", DEPTHS).depths_m]
-    write(asked, [*means(rows, "step", depths), *means(rows, "indenter", job.indenter_names)])
+    found = [*means(rows, "step", depths), *means(rows, "indenter", job.indenter_names)]
+    write(asked, found, simulated_by=Dataset(asked.data).attributes["code"])
 
 
 if __name__ == "__main__":
     parser = arguments(__doc__, "signal_limit.json")
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("data", type=Path, help="dataset of the presses; it is simulated, unless it is there already")
     parser.add_argument("--contacts", type=int, default=8)
     parser.add_argument("--drawn", type=int, default=200, help="contacts whose scatter is the one without signals")
     run(parser, main)
