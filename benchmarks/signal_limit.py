@@ -6,11 +6,11 @@ A contact has five coordinates: place along the finger and along the arc, two ti
 the indenter. The presses of `jobs/paired.yaml` are made at drawn contacts, and again with each coordinate moved a
 little. The change over a move gives the derivative of signals, meshes and contact centroids. Readings are rounded to
 steps, which is noise of 1/12 square step. With linear signals and normal coordinates, the coordinates that fit a
-reading are normally distributed, too, for each indenter and depth (Kay, Fundamentals of Statistical Signal Processing:
-Estimation Theory, 1993, theorem 10.3). Indenters and depths count by how well they explain the reading. The scatter of
-all that fits is the error that no network can avoid.
+reading are normally distributed, too (Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993,
+theorem 10.3). Their scatter is the error that stays.
 
-Derivatives hold for small moves only. Presses with all coordinates moved at once show how far they hold.
+This is an estimate. Indenter and depth count as known, while a network has to find them. And derivatives hold for small
+moves only. Presses with all coordinates moved at once show how far they hold.
 """
 
 import argparse
@@ -67,27 +67,15 @@ class Sample:
 
     signals : V, not rounded
     mesh, centroid : of the DIGIT, m
-    contact : (point,) bool
-    apart : (5,) Jaccard distance of the contact at each move
+    apart : (5,) Jaccard distance of the contact from the one at each move
     prediction_error : of signals by derivatives, with all coordinates moved; root mean square over channels, V
     """
 
     signals: Linear
     mesh: Linear
     centroid: Linear
-    contact: np.ndarray
     apart: np.ndarray
     prediction_error: float
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Moves by which an indenter and a depth fit a reading: normally distributed, with the probability of both."""
-
-    sample: Sample
-    probability: float
-    mean: np.ndarray
-    covariance: np.ndarray
 
 
 def coordinates_of(contacts: Contacts) -> np.ndarray:
@@ -118,56 +106,32 @@ def noise_of(settings: ElectrodeSettings) -> float:
     return float(np.hypot(step / 12**0.5, settings.noise_v))
 
 
-def fits(reading: np.ndarray, samples: Sequence[Sample], noise: float, prior: np.ndarray) -> list[Fit]:
-    """Find what fits a reading (channel,), V, among samples that are equally likely.
+def uncertainty(slope: np.ndarray, noise: float, prior: np.ndarray) -> np.ndarray:
+    """Covariance (5, 5) of the coordinates that fit a reading.
 
+    slope : (channel, 5) derivatives of the signals, V
     noise : standard deviation of a channel, V
     prior : (5, 5) covariance of the coordinates among all contacts
     """
-    evidence, found = [], []
-    for sample in samples:
-        slope, rest = sample.signals.slope / noise, (reading - sample.signals.value) / noise
-        spread = slope @ prior @ slope.T + np.eye(len(rest))
-        evidence.append(-0.5 * (rest @ np.linalg.solve(spread, rest) + np.linalg.slogdet(spread)[1]))
-        covariance = np.linalg.inv(slope.T @ slope + np.linalg.inv(prior))
-        found.append((covariance @ (slope.T @ rest), covariance))
-    probability = np.exp(np.array(evidence) - max(evidence))
-    probability /= probability.sum()
-    return [Fit(sample, p, *each) for sample, p, each in zip(samples, probability.tolist(), found, strict=True)]
+    return np.linalg.inv(slope.T @ slope / noise**2 + np.linalg.inv(prior))
 
 
-def mesh_scatter(found: Sequence[Fit]) -> float:
-    """Root of the mean square, over coordinates, of what fits about its mean: the least error of one answer, m."""
-    means = [fit.sample.mesh.at(fit.mean[None])[0] for fit in found]
-    middle = sum(fit.probability * mean for fit, mean in zip(found, means, strict=True))
-    squares = (
-        fit.probability * (np.square(mean - middle).sum() + np.trace(fit.covariance @ (slope.T @ slope)))
-        for fit, mean, slope in ((fit, mean, fit.sample.mesh.slope) for fit, mean in zip(found, means, strict=True))
-    )
-    return float(np.sqrt(sum(squares) / len(middle)))
+def limits(own: Sample, covariance: np.ndarray, random: np.random.Generator) -> dict[str, float]:
+    """Limits of one sample, with ``DRAWS`` contacts that fit.
 
-
-def limits(own: Sample, found: Sequence[Fit], random: np.random.Generator) -> dict[str, float]:
-    """Limits of one sample, with ``DRAWS`` contacts of all that fit.
-
-    digit_um : least error of the DIGIT's mesh
+    digit_um : root mean square error of the DIGIT's mesh
     near : largest share of these contacts within `NEAR_MM` of one of them
-    contact_overlap : bound of the overlap, as in `simgen/learning/evaluation/floor.py`. Distances of contacts from the
-        one of the same indenter and depth grow in proportion to the move, and those of the moves add as squares
+    contact_overlap : bound of the overlap, as in `simgen/learning/evaluation/floor.py`. The distance of a contact grows
+        in proportion to the move, and those of the five moves add as squares
     """
-    counts = random.multinomial(DRAWS, [fit.probability for fit in found])
-    centroids, overlaps = [], []
-    for fit, count in zip(found, counts, strict=True):
-        moves = random.multivariate_normal(fit.mean, fit.covariance, count)
-        centroids.append(fit.sample.centroid.at(moves))
-        apart = np.sqrt(np.square(moves / MOVES * fit.sample.apart).sum(axis=1)).clip(max=1.0)
-        overlaps.append((1.0 - apart) * intersection_over_union(own.contact[None], fit.sample.contact[None]))
-    places = np.concatenate(centroids)
-    places = places[np.isfinite(places).all(axis=1)]
+    moves = random.multivariate_normal(np.zeros(5), covariance, DRAWS)
+    places = own.centroid.at(moves)
+    apart = np.sqrt(np.square(moves / MOVES * own.apart).sum(axis=1)).clip(max=1.0)
+    slope = own.mesh.slope
     return {
-        "digit_um": 1e6 * mesh_scatter(found),
+        "digit_um": 1e6 * float(np.sqrt(np.trace(covariance @ (slope.T @ slope)) / len(slope))),
         "near": float((cdist(places, places) <= 1e-3 * NEAR_MM).mean(axis=1).max()),
-        "contact_overlap": float(0.5 + 0.5 * np.nan_to_num(np.concatenate(overlaps), nan=1.0).mean()),
+        "contact_overlap": float(1.0 - 0.5 * apart.mean()),
     }
 
 
@@ -196,7 +160,7 @@ def read_samples(path: Path) -> dict[tuple[int, int, int], Sample]:
         apart = 1.0 - intersection_over_union(contact[1:], np.repeat(contact[:1], len(MOVES), axis=0))
         error = volts.at(TOGETHER * MOVES) - signals[rows[-1]]
         found[key] = Sample(volts, Linear.of(mesh.flatten(1).numpy()), Linear.of(gauge.centroid(mesh).numpy()),
-                            contact[0], np.nan_to_num(apart), float(np.sqrt(np.mean(error**2))))  # fmt: skip
+                            np.nan_to_num(apart), float(np.sqrt(np.mean(error**2))))  # fmt: skip
     return found
 
 
@@ -211,25 +175,21 @@ def groups(data: TrainingData) -> dict[tuple[int, int, int], list[int]]:
 
 
 def measure(samples: Mapping[tuple[int, int, int], Sample], settings: ElectrodeSettings, prior: np.ndarray) -> list:
-    """Limits of all samples, if the indenter is unknown, and if it is known."""
-    random, rows = np.random.default_rng(SEED), []
-    for (contact, indenter, step), own in samples.items():
-        at_contact = {key[1:]: sample for key, sample in samples.items() if key[0] == contact}
-        found = fits(own.signals.value, [*at_contact.values()], noise_of(settings), prior)
-        same = sum(fit.probability for (kind, _), fit in zip(at_contact, found, strict=True) if kind == indenter)
-        row = {"indenter": indenter, "step": step, **limits(own, found, random), "own_indenter": same}
-        alone = fits(own.signals.value, [own], noise_of(settings), prior)
-        row |= {f"{name}_if_known": value for name, value in limits(own, alone, random).items()}
-        rows.append(row | {"prediction_error_over_noise": own.prediction_error / noise_of(settings)})
+    """Limits of all samples."""
+    random, noise, rows = np.random.default_rng(SEED), noise_of(settings), []
+    for (_, indenter, step), own in samples.items():
+        found = limits(own, uncertainty(own.signals.slope, noise, prior), random)
+        error = own.prediction_error / noise
+        rows.append({"indenter": indenter, "step": step, **found, "prediction_error_over_noise": error})
     return rows
 
 
-def means(rows: Sequence[Mapping], key: str, names: Sequence) -> list[dict]:
-    """Means of all measures over the rows with the same value of a key."""
+def means(rows: Sequence[Mapping], key: str, title: str, names: Sequence) -> list[dict]:
+    """Means of all measures over the rows with the same value of a key, which counts ``names``."""
     found = []
     for value, name in enumerate(names):
         own = [row for row in rows if row[key] == value]
-        line = {key: name, "samples": len(own)}
+        line = {title: name, "samples": len(own)}
         for measure in (measure for measure in own[0] if measure not in ("indenter", "step")):
             line[measure] = float(f"{np.mean([row[measure] for row in own]):.4g}")
         found.append(line)
@@ -246,7 +206,7 @@ def main(asked: argparse.Namespace) -> None:
         simulate(asked.data, contacts, asked.device)
     rows = measure(read_samples(asked.data), ElectrodeSettings(), np.cov(coordinates.T))
     depths = [round(1e3 * float(depth), 6) for depth in load_job("paired", DEPTHS).depths_m]
-    found = [*means(rows, "step", depths), *means(rows, "indenter", job.indenter_names)]
+    found = [*means(rows, "step", "depth_mm", depths), *means(rows, "indenter", "indenter", job.indenter_names)]
     write(asked, found, simulated_by=Dataset(asked.data).attributes["code"])
 
 
