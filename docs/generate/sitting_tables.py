@@ -1,6 +1,7 @@
 """Write the tables of networks in docs/training.md and docs/translation.md: ``python docs/generate/sitting_tables.py``.
 
-They come from the record of ``benchmarks/one_sitting.py``. A test compares.
+They come from the record of ``benchmarks/one_sitting.py``, and from that of ``benchmarks/signal_limit.py``. A test
+compares.
 """
 
 import json
@@ -13,7 +14,10 @@ from tables_on_page import with_tables
 from simgen.learning.data.registry import NETWORKS
 
 DOCS = Path(__file__).parents[1]
-RECORD = json.loads((DOCS / "benchmarks" / "sitting_h200.json").read_text(encoding="utf-8"))
+RECORD, SIGNALS = (
+    json.loads((DOCS / "benchmarks" / name).read_text(encoding="utf-8"))
+    for name in ("sitting_h200.json", "signal_limit_cpu.json")
+)
 # Task, what the reader calls it, the paper's model, ours.
 MESHES = (
     ("biotac mesh", "BioTac's mesh, there and back", "MVB", "RMB"),
@@ -143,7 +147,27 @@ def translated() -> str:
     return _table(head, rows)
 
 
-PAGES = {"training.md": (summary, contacts, answers, left_out, networks), "translation.md": (edges, translated)}
+def signal_limits() -> str:
+    """What signals allow at each depth, beside what PT reaches from them."""
+    task, _, _, ours = TRANSLATORS[1]
+    model = RECORD["errors"]["ours"][task][f"{ours} (ours)"]
+    rows = []
+    for row in SIGNALS["rows"]:
+        if "depth_mm" in row:
+            depth = f"{row['depth_mm']:.1f}"
+            reached, drawn = model["by_depth_mm"][depth], model["answers"]["by_depth_mm"][depth]
+            near = _percent(row["near"]), _percent(reached["near"])
+            error = f"{_um(row['digit_um'])} um", f"{_um(reached['rmse_um'])} um"
+            overlap = f"{row['contact_overlap']:.2f}", f"{drawn['contact_overlap']:.2f}"
+            rows.append((f"{depth} mm", *near, *error, *overlap))
+    head = "depth", "within 1 mm: signals", "PT", "RMSE: signals", "PT", "overlap: signals", "PT"
+    return _table(head, rows)
+
+
+PAGES = {
+    "training.md": (summary, contacts, answers, left_out, networks),
+    "translation.md": (edges, translated, signal_limits),
+}
 
 
 def page_with_tables(page: str) -> str:
