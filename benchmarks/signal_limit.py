@@ -185,10 +185,15 @@ def measure(samples: Mapping[tuple[int, int, int], Sample], settings: ElectrodeS
 
 
 def means(rows: Sequence[Mapping], key: str, title: str, names: Sequence) -> list[dict]:
-    """Means of all measures over the rows with the same value of a key, which counts ``names``."""
+    """Means of all measures over the rows with the same value of a key, which counts ``names``.
+
+    Names without a row are left out.
+    """
     found = []
     for value, name in enumerate(names):
         own = [row for row in rows if row[key] == value]
+        if not own:
+            continue
         line = {title: name, "samples": len(own)}
         for measure in (measure for measure in own[0] if measure not in ("indenter", "step")):
             line[measure] = float(f"{np.mean([row[measure] for row in own]):.4g}")
@@ -204,6 +209,8 @@ def main(asked: argparse.Namespace) -> None:
     contacts = [given(each) for own in coordinates[: asked.contacts] for each in moved(own)]
     if not asked.data.exists() or Dataset(asked.data).unfinished():
         simulate(asked.data, contacts, asked.device)
+    if (found := Dataset(asked.data).job.trajectories.count) != len(contacts):
+        raise InputError(f"{asked.data}: {found} contacts; allowed: the {len(contacts)} of --contacts {asked.contacts}")
     rows = measure(read_samples(asked.data), ElectrodeSettings(), np.cov(coordinates.T))
     depths = [round(1e3 * float(depth), 6) for depth in load_job("paired", DEPTHS).depths_m]
     found = [*means(rows, "step", "depth_mm", depths), *means(rows, "indenter", "indenter", job.indenter_names)]

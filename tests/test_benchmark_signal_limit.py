@@ -60,7 +60,7 @@ def test_limits_of_a_sample(limit):
 
 def test_means_are_over_samples_of_one_depth(limit):
     rows = [{"indenter": 0, "step": step, "near": near} for step, near in ((0, 1.0), (1, 0.5), (0, 0.5))]
-    assert limit.means(rows, "step", "depth_mm", [0.1, 0.2]) == [
+    assert limit.means(rows, "step", "depth_mm", [0.1, 0.2, 0.3]) == [
         {"depth_mm": 0.1, "samples": 2, "near": 0.75}, {"depth_mm": 0.2, "samples": 1, "near": 0.5},
     ]  # fmt: skip
 

@@ -148,7 +148,7 @@ def translated() -> str:
 
 
 def signal_limits() -> str:
-    """What signals allow at each depth, beside what PT reaches from them."""
+    """Limits of signals at each depth, beside what PT reaches from them."""
     task, _, _, ours = TRANSLATORS[1]
     model = RECORD["errors"]["ours"][task][f"{ours} (ours)"]
     rows = []
