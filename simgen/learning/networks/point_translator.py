@@ -12,6 +12,7 @@ engression (Shen and Meinshausen, JRSS B 87, 2025).
 """
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -24,6 +25,7 @@ from simgen.learning.data.samples import BATCH, MeshSamples
 from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.evaluation.doubt import calibrated_reach
 from simgen.learning.evaluation.pca import Values
+from simgen.learning.networks.fused import fused, may_fuse
 from simgen.learning.networks.mirror import is_symmetric
 from simgen.learning.networks.network import Network, Terms
 from simgen.learning.networks.network_data import NetworkData
@@ -269,15 +271,24 @@ class PointTranslator(Network):
         image = torch.where(mirrored[..., None], image.flip(3), image) * turned.transpose(1, 2)[..., None]
         same = size.log()[..., None].expand(-1, 1, *self.shape), self.still.expand(len(size), -1, -1, -1)
         mirrored, turned, size = (each.repeat_interleave(draws, 0) for each in (mirrored, turned, size))
+        unet, at_points = self._fused if self.training and may_fuse(image) else (self.network, self._at_points)
         # Rounding to 8 bits in training is like noise. Autocast keeps the weights themselves in float32.
         with torch.autocast(image.device.type, torch.bfloat16, enabled=self.training and image.is_cuda):
-            features = self.network(torch.cat([image, *same], dim=1), noise)
+            features = unet(torch.cat([image, *same], dim=1), noise)
             features = torch.where(mirrored[..., None], features.flip(3), features)
             numbers = points.numbers[mirrored.flatten().long()].transpose(0, 1)
-            found = self.head(torch.cat([points.features(features), numbers], dim=2)).float().transpose(0, 1)
+            found = at_points(points.features(features), numbers).transpose(0, 1)
         local = found[..., :3] * turned * size * self.target_size
         moved = torch.einsum("vij,nvi->nvj", points.frames, local)
         return tuple(each.unflatten(0, (-1, draws)) for each in (moved, found[..., 3]))
+
+    def _at_points(self, features: Tensor, numbers: Tensor) -> Tensor:
+        """Displacements and logits (point, n, 4) from features and numbers (point, n, ...), without units."""
+        return self.head(torch.cat([features, numbers], dim=2)).float()
+
+    @cached_property
+    def _fused(self) -> tuple[Callable[..., Tensor], Callable[..., Tensor]]:
+        return fused(self.network), fused(self._at_points)
 
 
 def _even_noise() -> Tensor:

@@ -68,6 +68,11 @@ def tf32_kernels(x: Tensor) -> ModuleType | None:
     return _kernels() if allowed else None
 
 
+def triton_runs() -> bool:
+    """Return True if Triton can compile kernels here: on NVIDIA GPUs since Ampere, with a C compiler."""
+    return _kernels() is not None
+
+
 @cache
 def _kernels() -> ModuleType | None:
     if torch.version.cuda is None or torch.cuda.get_device_capability() < FIRST_TF32 or not util.find_spec("triton"):

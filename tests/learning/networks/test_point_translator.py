@@ -253,3 +253,27 @@ def test_a_gpu_records_its_step(made):
     losses = [step.over(rows, 3e-3, done=epoch * (len(rows) // 16))["loss"] for epoch in range(20)]
     assert all(map(math.isfinite, losses)) and losses[-1] < 0.8 * losses[0]
     assert network.eval()(source[:2]).isfinite().all()
+
+
+def test_fused_parts_learn_the_same(made, monkeypatch):
+    """A GPU trains with fused parts. Here the compiler sees them, but adds no kernels."""
+    network, _, data = made
+    source, target = (values(data.train[:3]) for values in (data.inputs, data.outputs))
+
+    def slopes():
+        torch.manual_seed(1)
+        network.zero_grad()
+        network.train().terms(source, target)["loss"].backward()
+        return [parameter.grad.clone() for parameter in network.parameters()]
+
+    expected, seen = slopes(), []
+
+    def traced(function):
+        seen.append(function)
+        return torch.compile(function, dynamic=False, fullgraph=True, backend="aot_eager")
+
+    monkeypatch.setattr(point_translator, "may_fuse", lambda x: True)
+    monkeypatch.setattr(point_translator, "fused", traced)
+    for found, wanted in zip(slopes(), expected, strict=True):
+        torch.testing.assert_close(found, wanted)
+    assert len(seen) == 2 and not any("orig_mod" in name for name in network.state_dict())
