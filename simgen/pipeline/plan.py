@@ -240,7 +240,7 @@ def _attributes(job: Job, device: str, sensors: Mapping[str, Sensor], indenters:
         "job_hash": job.hash,
         "code": provenance.code_version(),
         "packages": provenance.package_versions(),
-        "device": device,
+        "device": device.partition(":")[0],  # one GPU may continue what another one began
         "sensors": {name: sensor_identity(job, name, sensor) for name, sensor in sensors.items()},
         "indenters": indenter_identities(indenters),
         "splits": list(SPLITS),

@@ -249,3 +249,10 @@ def test_given_contacts_take_the_place_of_drawn_ones(plan):
 def test_a_given_contact_that_does_not_fit_is_refused():
     with pytest.raises(InputError, match=r"trajectories\.contacts\[0\] \(x_mm 4, arc_mm 0\): a side wall of digit"):
         make_plan(load_job("smoke", ["trajectories={contacts: [{x_mm: 4, arc_mm: 0}]}"]))
+
+
+def test_another_gpu_continues_a_dataset():
+    job = load_job("smoke", [])
+    first, second, cpu = (make_plan(job, device) for device in ("cuda", "cuda:1", "cpu"))
+    assert first.attributes == second.attributes and (first.device, second.device) == ("cuda", "cuda:1")
+    assert difference(first.attributes, cpu.attributes) == ["device: cuda -> cpu"]
