@@ -1,7 +1,7 @@
 """Write the tables of networks in docs/training.md and docs/translation.md: ``python docs/generate/sitting_tables.py``.
 
-They come from the record of ``benchmarks/one_sitting.py``, and from that of ``benchmarks/signal_limit.py``. A test
-compares.
+They come from the record of ``benchmarks/one_sitting.py``, from a later one of PT alone, and from that of
+``benchmarks/signal_limit.py``. A test compares.
 """
 
 import json
@@ -14,9 +14,9 @@ from tables_on_page import with_tables
 from simgen.learning.data.registry import NETWORKS
 
 DOCS = Path(__file__).parents[1]
-RECORD, SIGNALS = (
+RECORD, LENGTHS, SIGNALS = (
     json.loads((DOCS / "benchmarks" / name).read_text(encoding="utf-8"))
-    for name in ("sitting_h200.json", "signal_limit_cpu.json")
+    for name in ("sitting_h200.json", "training_length_h200.json", "signal_limit_cpu.json")
 )
 # Task, what the reader calls it, the paper's model, ours.
 MESHES = (
@@ -77,8 +77,25 @@ def contacts() -> str:
 def answers() -> str:
     """Figures of the single answers of PT, of its draws and of images, beside our targets."""
     models = [RECORD["errors"]["ours"][task][f"{ours} (ours)"] for task, _, _, ours in TRANSLATORS]
-    single, drawn = [own["all"] for own in models], [own["answers"]["all"] for own in models]
     images = [RECORD["edges"][step]["all"] for step in ("true_mesh", "points")]
+    edge = "edges of images, energy over that of true ones", "0.9 to 1.1", *map(_edge, images)
+    return _table(("", "target", "from the BioTac's mesh", "from electrodes"), [*_answer_rows(models), edge])
+
+
+def lengths() -> str:
+    """Figures of PT that was trained for so many epochs, as in `answers`."""
+    trained = {"30, the 15th kept": RECORD["errors"]["ours"], "30": LENGTHS["errors"]["ours"],
+               "10": LENGTHS["errors"]["ten_epochs"]}  # fmt: skip
+    head, models = ["epochs of PT", "target"], []
+    for (task, _, _, ours), source in zip(TRANSLATORS, ("BioTac's mesh", "electrodes"), strict=True):
+        head += [f"{source}: {epochs}" for epochs in trained]
+        models += [errors[task][f"{ours} (ours)"] for errors in trained.values()]
+    return _table(head, _answer_rows(models))
+
+
+def _answer_rows(models: Sequence[Group]) -> Sequence[Sequence[str]]:
+    """Rows of figures, each with its target and a column for each model."""
+    single, drawn = [own["all"] for own in models], [own["answers"]["all"] for own in models]
 
     def row(
         title: str, figure: Callable[[Group], str], found: Sequence[Group] = drawn, target: str = ABSENT
@@ -88,7 +105,7 @@ def answers() -> str:
     def overlap(own: Group) -> str:
         return f"{own['contact_overlap']:.2f}"
 
-    rows = [
+    return [
         row("error of the single answer", lambda own: f"{_um(own['rmse_um'])} um", single, "at most 16; 22 um"),
         row("contacts that the single answer finds", lambda own: _percent(own["near"]), single),
         row("the same, of those that the floor allows", lambda own: _percent(own["near_allowed"]), single, "95 %"),
@@ -98,9 +115,7 @@ def answers() -> str:
         row("mean radius of a set", lambda own: f"{own['radius_mm']:.2f} mm"),
         row("energy score of the draws", lambda own: f"{_um(own['energy_um'])} um"),
         row("overlap of true and predicted contact", overlap, target="at least 0.8"),
-        row("edges of images, energy over that of true ones", _edge, images, "0.9 to 1.1"),
     ]
-    return _table(("", "target", "from the BioTac's mesh", "from electrodes"), rows)
 
 
 def left_out() -> str:
@@ -165,7 +180,7 @@ def signal_limits() -> str:
 
 
 PAGES = {
-    "training.md": (summary, contacts, answers, left_out, networks),
+    "training.md": (summary, contacts, answers, lengths, left_out, networks),
     "translation.md": (edges, translated, signal_limits),
 }
 
