@@ -1,6 +1,7 @@
 """A dataset whose BioTac has a skin around its electrodes: all that `simgen train` can train, on few vertices."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import fake
@@ -14,6 +15,7 @@ from simgen.dataset.reader import Dataset
 from simgen.learning.data.registry import NETWORKS
 from simgen.learning.data.schema import TrainingJob
 from simgen.learning.networks.checkpoint import load_network, save_network
+from simgen.learning.networks.point_translator import PointTranslator
 from simgen.learning.training.run import TrainingRun
 from simgen.pipeline.run import run
 from simgen.sensors.sensor_geometry import load_geometry
@@ -100,9 +102,24 @@ def train(job: TrainingJob, output: Path) -> TrainingRun:
 
 def spread(networks: Path, folder: Path) -> Path:
     """Copy networks as if they had learned that a sample can belong to several contacts."""
+    return _with_other_draws(networks, folder, lambda network: network.noise.mul_(100.0))
+
+
+def sure(networks: Path, folder: Path) -> Path:
+    """Copy networks as if they had learned that a sample belongs to one contact."""
+
+    def agree(network: PointTranslator) -> None:
+        network.noise.zero_()
+        for member in network.members:
+            member.load_state_dict(network.members[0].state_dict())
+
+    return _with_other_draws(networks, folder, agree)
+
+
+def _with_other_draws(networks: Path, folder: Path, change: Callable[[PointTranslator], object]) -> Path:
     shutil.copytree(networks, folder)
     network = load_network(folder / "pt")
-    network.noise.mul_(100.0)
+    change(network)
     save_network(folder / "pt" / "network.safetensors", network, {})
     return folder
 

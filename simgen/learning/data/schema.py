@@ -203,6 +203,10 @@ class PointTranslationSettings(FitByMuon):
     features: Width = Field(48, description="Channels of the U-Net's output")
     hidden: Width = Field(96, description="Width of the perceptron that takes them to displacements")
     power: float = power()
+    members: int = Field(
+        2, ge=1, le=16, description="Networks that answer; each learns from its share of every batch, so that training "
+        "takes as long as with one"
+    )  # fmt: skip
     predicted: Share = Field(
         0.5,
         description="Share of the samples whose mesh of the source is the one that S2RM and RMB predict from the "

@@ -9,10 +9,12 @@ One skin of the source can belong to several contacts on the target. So the netw
 another answer for each draw of them. Its loss is the energy score (Gneiting and Raftery, JASA 102, 2007, eq. 21), which
 is least on average if the answers are distributed as the true meshes are. Learning it from two draws of each sample is
 engression (Shen and Meinshausen, JRSS B 87, 2025).
+
+Members learn apart, and all of them answer: a deep ensemble (Lakshminarayanan, Pritzel and Blundell, NeurIPS 2017).
+Where training samples leave the answer open, members differ.
 """
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -25,13 +27,12 @@ from simgen.learning.data.samples import BATCH, MeshSamples
 from simgen.learning.evaluation.contact import ContactGauge
 from simgen.learning.evaluation.doubt import calibrated_reach
 from simgen.learning.evaluation.pca import Values
-from simgen.learning.networks.fused import fused, may_fuse
 from simgen.learning.networks.mirror import is_symmetric
 from simgen.learning.networks.network import Network, Terms
 from simgen.learning.networks.network_data import NetworkData
 from simgen.learning.networks.skin_grid import PixelGrid, SkinOnGrid, reach_along_arc
-from simgen.learning.networks.skin_points import NUMBERS, SkinPoints
-from simgen.learning.networks.skin_unet import SkinUNet
+from simgen.learning.networks.skin_points import SkinPoints
+from simgen.learning.networks.skin_to_points import SkinToPoints
 from simgen.units import MM
 
 MOVING = 4  # channels of a sample: displacement over its size, and the logarithm of the size
@@ -40,8 +41,8 @@ MARGIN_M = 4e-3  # the grid shows as much of the source's skin beyond the target
 LEAST_SIZE = 1e-2  # least size of a press, relative to its root mean square over training
 ROUNDING = 1e-7  # m: keeps the slope of the root finite
 NOISE = 8  # random numbers of a draw
-DRAWS = 2 * NOISE  # answers for a sample, half of them by its mirror image
-SAMPLES_AT_ONCE = 16  # of a prediction: all draws of these take 1 GB
+DRAWS = 2 * NOISE  # answers of a member for a sample, half of them by its mirror image
+SAMPLES_AT_ONCE = 16  # of a prediction: all draws of a member for these take 1 GB
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # multiples of it, without their whole parts, are spread evenly
 # Weights in the loss: displacements of the touchable surface, contact of its points, cross entropy of the contact.
 SURFACE, CONTACT, ENTROPY = 0.2, 0.1, 0.05
@@ -65,6 +66,7 @@ class PointTranslator(Network):
     features, hidden : channels of the U-Net's output, and width of the perceptron
     power : see `terms`
     mirrored : True if both sensors are symmetric
+    members : networks that answer; each learns from its share of every batch
     """
 
     kind: ClassVar[str] = "point_translator"
@@ -72,15 +74,15 @@ class PointTranslator(Network):
 
     def __init__(
         self, rows: int, columns: int, vertices: int, triangles: int, width: int, levels: int, blocks: int,
-        features: int, hidden: int, power: float, mirrored: bool,
+        features: int, hidden: int, power: float, mirrored: bool, members: int = 1,
     ):  # fmt: skip
         super().__init__()
         self._settings = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
         self.shape, self.power, self.mirrored = (rows, columns), power, mirrored
-        self.network = SkinUNet(MOVING + STILL, features, width, levels, blocks, NOISE)
-        self.head = nn.Sequential(
-            nn.Linear(features + NUMBERS, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, 4)
+        self.members = nn.ModuleList(
+            SkinToPoints(MOVING + STILL, 4, width, levels, blocks, features, hidden, NOISE) for _ in range(members)
         )
+        self.register_load_state_dict_pre_hook(_with_members)
         pixels = rows * columns
         self.register_buffer("x", torch.zeros(rows, dtype=torch.float64))  # m, middles of the pixels
         self.register_buffer("arc", torch.zeros(columns, dtype=torch.float64))
@@ -104,7 +106,7 @@ class PointTranslator(Network):
         network = cls.of_meshes(
             source, target, data.touchable(source), data.touchable(target), settings.pixel_mm * MM,
             width=settings.width, levels=settings.levels, blocks=settings.blocks, features=settings.features,
-            hidden=settings.hidden, power=settings.power,
+            hidden=settings.hidden, power=settings.power, members=settings.members,
         )  # fmt: skip
         network.share.copy_(torch.from_numpy(data.touchable_share(target)))
         network.set_sizes(source, target, data.train)
@@ -176,6 +178,11 @@ class PointTranslator(Network):
     def vertices(self) -> int:
         return len(self.points)
 
+    @property
+    def draw_count(self) -> int:
+        """Number of answers for a sample."""
+        return DRAWS * len(self.members)
+
     def settings(self) -> dict[str, Any]:
         return dict(self._settings)
 
@@ -189,11 +196,11 @@ class PointTranslator(Network):
         points : any points of the target, see `places`; None for its vertices
         """
         noise, same = self.noise.expand(len(displacement), -1, -1), displacement.new_ones(())
-        if not self.mirrored:
-            return self._drawn(displacement, noise, same, points)
-        halves = zip(noise.chunk(2, dim=1), (same, -same), strict=True)
-        found = [self._drawn(displacement, half, sign, points) for half, sign in halves]
-        return tuple(torch.cat(both, dim=1) for both in zip(*found, strict=True))
+        parts = [(noise, same)]
+        if self.mirrored:
+            parts = list(zip(noise.chunk(2, dim=1), (same, -same), strict=True))
+        found = [self._drawn(member, displacement, *part, points) for member in self.members for part in parts]
+        return tuple(torch.cat(each, dim=1) for each in zip(*found, strict=True))
 
     def places(self, points: np.ndarray) -> SkinPoints:
         """Find where the target's points (v, 3), m at rest, are: what `draws` takes."""
@@ -218,20 +225,23 @@ class PointTranslator(Network):
     def terms(self, source: Tensor, target: Tensor, touching: Tensor | None = None) -> dict[str, Tensor]:
         """Loss and root mean square error of single draws, m; both are means over samples.
 
-        The loss adds energy scores of the displacements of all vertices, of those of the touchable surface, and of the
-        contact, and the cross entropy of the contact. It divides the first two by the sample's own root mean square to
-        the ``power``: 0 gives the reported unit, 1 relative errors.
+        Each member answers for its share of the samples. The loss adds energy scores of the displacements of all
+        vertices, of those of the touchable surface, and of the contact, and the cross entropy of the contact. It
+        divides the first two by the sample's own root mean square to the ``power``: 0 gives the reported unit, 1
+        relative errors.
 
         touching : (n, vertex) bool; None if it is unknown
         """
-        n, sign, device = len(source), source.new_ones(()), source.device
+        n, sign, device = len(source), source.new_ones(len(source)), source.device
         if self.training:
             if self.mirrored:
                 sign = 1.0 - 2.0 * (torch.rand(n, device=device) < 0.5)
             noise = torch.randn(n, 2, NOISE, device=device)
         else:
             noise = _noise_of_validation(n).to(device)
-        found, logits = self._drawn(source, noise, sign)
+        shares = torch.arange(n, device=device).chunk(len(self.members))
+        found = [self._drawn(own, source[i], noise[i], sign[i]) for own, i in zip(self.members, shares, strict=False)]
+        found, logits = map(torch.cat, zip(*found, strict=True))
         size = target.square().mean(dim=(1, 2)).sqrt() / self.target_size
         unit = size.clamp_min(LEAST_SIZE) ** -self.power / self.target_size
         score, error = _energy(found, target, lambda x: (x.square().mean(dim=(-1, -2)) + ROUNDING**2).sqrt())
@@ -255,9 +265,9 @@ class PointTranslator(Network):
         return skin.square().sum(dim=(1, 2)) / (3 * known.sum())
 
     def _drawn(
-        self, displacement: Tensor, noise: Tensor, sign: Tensor, points: SkinPoints | None = None
+        self, member: SkinToPoints, displacement: Tensor, noise: Tensor, sign: Tensor, points: SkinPoints | None = None
     ) -> tuple[Tensor, Tensor]:
-        """Answers for noise (n, draw, noise), as `draws` gives them.
+        """Answers of a member for noise (n, draw, noise), as `draws` gives them.
 
         sign : (n,), or one for all: 1 for the sample itself, -1 for its mirror image
         """
@@ -271,24 +281,17 @@ class PointTranslator(Network):
         image = torch.where(mirrored[..., None], image.flip(3), image) * turned.transpose(1, 2)[..., None]
         same = size.log()[..., None].expand(-1, 1, *self.shape), self.still.expand(len(size), -1, -1, -1)
         mirrored, turned, size = (each.repeat_interleave(draws, 0) for each in (mirrored, turned, size))
-        unet, at_points = self._fused if self.training and may_fuse(image) else (self.network, self._at_points)
-        # Rounding to 8 bits in training is like noise. Autocast keeps the weights themselves in float32.
-        with torch.autocast(image.device.type, torch.bfloat16, enabled=self.training and image.is_cuda):
-            features = unet(torch.cat([image, *same], dim=1), noise)
-            features = torch.where(mirrored[..., None], features.flip(3), features)
-            numbers = points.numbers[mirrored.flatten().long()].transpose(0, 1)
-            found = at_points(points.features(features), numbers).transpose(0, 1)
+        found = member(torch.cat([image, *same], dim=1), noise, mirrored.flatten(), points)
         local = found[..., :3] * turned * size * self.target_size
         moved = torch.einsum("vij,nvi->nvj", points.frames, local)
         return tuple(each.unflatten(0, (-1, draws)) for each in (moved, found[..., 3]))
 
-    def _at_points(self, features: Tensor, numbers: Tensor) -> Tensor:
-        """Displacements and logits (point, n, 4) from features and numbers (point, n, ...), without units."""
-        return self.head(torch.cat([features, numbers], dim=2)).float()
 
-    @cached_property
-    def _fused(self) -> tuple[Callable[..., Tensor], Callable[..., Tensor]]:
-        return fused(self.network), fused(self._at_points)
+def _with_members(network: nn.Module, state: dict[str, Tensor], prefix: str, *_: Any) -> None:
+    """Rename the weights of networks that were made before there were members (cb0a1a2 and earlier)."""
+    for name in list(state):
+        if name.startswith((f"{prefix}network.", f"{prefix}head.")):
+            state[f"{prefix}members.0.{name.removeprefix(prefix)}"] = state.pop(name)
 
 
 def _even_noise() -> Tensor:

@@ -18,7 +18,7 @@ from simgen.learning.data.schema import TrainingJob
 from simgen.learning.evaluation.hypotheses import Hypotheses
 from simgen.learning.networks.checkpoint import NETWORK, load_network, read_sidecar
 from simgen.learning.networks.network import Network
-from simgen.learning.networks.point_translator import DRAWS, PointTranslator
+from simgen.learning.networks.point_translator import PointTranslator
 from simgen.learning.training.run import RECORD, is_trained, torch_device
 
 MESHES_AT_ONCE = 128  # each draw of a sample is a mesh
@@ -119,7 +119,7 @@ class Translator:
     def _in_parts(
         self, translate: Callable[[np.ndarray, int], Translated], values: np.ndarray, hypotheses: int
     ) -> Translated:
-        many = MESHES_AT_ONCE // DRAWS if self._drawing else MESHES_AT_ONCE
+        many = max(MESHES_AT_ONCE // self._drawing[0].draw_count, 1) if self._drawing else MESHES_AT_ONCE
         return Translated.joined([translate(values[i : i + many], hypotheses) for i in range(0, len(values), many)])
 
     def _of_signals(self, signals: np.ndarray, hypotheses: int) -> Translated:

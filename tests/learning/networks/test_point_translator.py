@@ -32,7 +32,7 @@ def made(trained):
     """A network whose outputs are not small, and its data."""
     torch.manual_seed(0)
     data = NetworkData(NETWORKS["pt"], trained.inputs)
-    data.settings = data.settings.model_copy(update={"predicted": 0.0})
+    data.settings = data.settings.model_copy(update={"predicted": 0.0, "members": 1})
     network, terms = PointTranslator.for_training(data)
     return network, terms, data
 
@@ -76,10 +76,10 @@ def test_half_of_the_draws_go_by_the_mirror_image(made):
     network, _, data = made
     network.mirrored = True
     u, noise = data.inputs(data.train[:4]), network.noise.expand(4, -1, -1)
-    ways = [network._drawn(u, noise, torch.full((4,), sign))[0] for sign in (1.0, -1.0)]
+    ways = [network._drawn(network.members[0], u, noise, torch.full((4,), sign))[0] for sign in (1.0, -1.0)]
     expected = torch.cat([ways[0][:, : DRAWS // 2], ways[1][:, DRAWS // 2 :]], dim=1)
     torch.testing.assert_close(network.draws(u)[0], expected)
-    mixed = network._drawn(u, noise, torch.tensor([1.0, -1.0, 1.0, -1.0]))[0]
+    mixed = network._drawn(network.members[0], u, noise, torch.tensor([1.0, -1.0, 1.0, -1.0]))[0]
     torch.testing.assert_close(mixed, torch.stack([ways[0][0], ways[1][1], ways[0][2], ways[1][3]]))
 
 
@@ -91,7 +91,7 @@ def test_sensors_that_are_not_symmetric_have_no_mirror_images(made, monkeypatch)
         assert PointTranslator.for_training(data)[0].mirrored == symmetric
     network.mirrored = False
     u, noise = data.inputs(data.train[:4]), network.noise.expand(4, -1, -1)
-    torch.testing.assert_close(network.draws(u)[0], network._drawn(u, noise, torch.ones(()))[0])
+    torch.testing.assert_close(network.draws(u)[0], network._drawn(network.members[0], u, noise, torch.ones(()))[0])
 
 
 @torch.no_grad()
@@ -110,7 +110,7 @@ def test_the_loss_adds_energy_scores(made, power):
     network.eval()
     network.power = power
     source, target = data.inputs(data.train[:5]), data.outputs(data.train[:5])
-    drawn = network._drawn(source, point_translator._noise_of_validation(5), torch.ones(()))
+    drawn = network._drawn(network.members[0], source, point_translator._noise_of_validation(5), torch.ones(()))
     (a, b), logits = (each.unbind(1) for each in drawn)
     share, rounding = network.share, ROUNDING**2
 
@@ -255,25 +255,56 @@ def test_a_gpu_records_its_step(made):
     assert network.eval()(source[:2]).isfinite().all()
 
 
-def test_fused_parts_learn_the_same(made, monkeypatch):
-    """A GPU trains with fused parts. Here the compiler sees them, but adds no kernels."""
-    network, _, data = made
-    source, target = (values(data.train[:3]) for values in (data.inputs, data.outputs))
+@pytest.fixture
+def two(made):
+    """A network of two members, and its data."""
+    _, _, data = made
+    data.settings = data.settings.model_copy(update={"members": 2})
+    return PointTranslator.for_training(data)[0], data
 
-    def slopes():
-        torch.manual_seed(1)
+
+@torch.no_grad()
+def test_all_members_answer(two):
+    network, data = two
+    u, noise = data.inputs(data.train[:3]), network.noise.expand(3, -1, -1)
+    network.mirrored = False
+    found = network.draws(u)
+    assert network.draw_count == 2 * DRAWS == found[0].shape[1]
+    for number, member in enumerate(network.members):
+        for values, own in zip(found, network._drawn(member, u, noise, torch.ones(())), strict=True):
+            torch.testing.assert_close(values[:, number * DRAWS : (number + 1) * DRAWS], own)
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_a_member_learns_from_its_share_alone(two, training):
+    """Of five samples the first member has three. What the last sample is does not matter to it."""
+    network, data = two
+    source, target = data.inputs(data.train[:5]), data.outputs(data.train[:5])
+
+    def slopes(true):
+        torch.manual_seed(0)
         network.zero_grad()
-        network.train().terms(source, target)["loss"].backward()
-        return [parameter.grad.clone() for parameter in network.parameters()]
+        network.train(training).terms(source, true)["loss"].backward()
+        return [[parameter.grad.clone() for parameter in member.parameters()] for member in network.members]
 
-    expected, seen = slopes(), []
+    other = target.clone()
+    other[-1] *= 2.0
+    (first, second), (first_again, second_again) = slopes(target), slopes(other)
+    assert all(map(torch.equal, first, first_again)) and not all(map(torch.equal, second, second_again))
 
-    def traced(function):
-        seen.append(function)
-        return torch.compile(function, dynamic=False, fullgraph=True, backend="aot_eager")
 
-    monkeypatch.setattr(point_translator, "may_fuse", lambda x: True)
-    monkeypatch.setattr(point_translator, "fused", traced)
-    for found, wanted in zip(slopes(), expected, strict=True):
-        torch.testing.assert_close(found, wanted)
-    assert len(seen) == 2 and not any("orig_mod" in name for name in network.state_dict())
+def test_fewer_samples_than_members(two):
+    network, data = two
+    terms = network.eval().terms(data.inputs(data.train[:1]), data.outputs(data.train[:1]))
+    assert terms["loss"].isfinite()
+
+
+def test_networks_from_before_there_were_members_load(made):
+    """Their U-Net and perceptron had no member's number, and their settings no members."""
+    network, _, data = made
+    old = {name.removeprefix("members.0."): value for name, value in network.state_dict().items()}
+    settings = {name: value for name, value in network.settings().items() if name != "members"}
+    loaded = PointTranslator.empty(settings)
+    loaded.load_state_dict(old)
+    u = data.inputs(data.train[:2])
+    assert torch.equal(loaded.eval()(u), network.eval()(u))

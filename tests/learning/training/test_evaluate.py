@@ -155,9 +155,10 @@ def test_several_answers_are_those_by_numpy(trained, entries, with_electrodes, i
     found, true = networks["pt"].draws(source)[0], torch.from_numpy(truth(with_electrodes, "digit"))
     gauge = ContactGauge.of_dataset(with_electrodes, "digit")
     own, places = gauge.centroid(true).numpy(), np.array([gauge.centroid(each).numpy() for each in found])
-    spread = np.sqrt(((places - places.mean(axis=1, keepdims=True)) ** 2).sum(axis=2).mean(axis=1))
+    squares = ((places - np.nanmean(places, axis=1, keepdims=True)) ** 2).sum(axis=2)  # NaN without contact
+    spread = np.sqrt(np.nanmean(squares, axis=1))
     radius = networks["pt"].reach[int(of_signals)].item() * (spread + 0.05e-3)
-    away = np.linalg.norm(places - own[:, None], axis=2).min(axis=1)
+    away = np.nanmin(np.linalg.norm(places - own[:, None], axis=2), axis=1)
     answers = entry(entries, f"{inputs} -> digit mesh", model).answers
     np.testing.assert_allclose(answers.radius_mm, 1e3 * radius, rtol=1e-3)  # float32, in batches
     np.testing.assert_array_equal(answers.covered, away <= radius)

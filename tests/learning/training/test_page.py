@@ -41,7 +41,7 @@ def test_code_that_uses_a_network_runs(folder, monkeypatch):
     assert names["digit"].shape == names["truth"].shape
     assert torch.isfinite(names["rmse_um"]).all()
     assert torch.equal(names["same"], names["digit"])
-    assert names["displacement"].shape == (8, 16, 100, 3) and names["logit"].shape == (8, 16, 100)
+    assert names["displacement"].shape == (8, 32, 100, 3) and names["logit"].shape == (8, 32, 100)
 
 
 def test_files_of_a_network_are_all_explained(folder):

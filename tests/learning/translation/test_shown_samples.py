@@ -91,9 +91,8 @@ def test_steps_have_the_two_likeliest_hypotheses(with_electrodes, networks, rend
         assert np.array_equal(step.second, renderer(found.hypotheses[[i], 1])[0])
 
 
-def test_a_hypothesis_without_draws_has_no_image(with_electrodes, networks, renderer):
-    """Networks that were hardly trained are sure."""
-    sure = TranslatedMeshes(with_electrodes, networks, "points", hypotheses=3)
+def test_a_hypothesis_without_draws_has_no_image(with_electrodes, networks, renderer, tmp_path):
+    sure = TranslatedMeshes(with_electrodes, touched.sure(networks, tmp_path / "n"), "points", hypotheses=3)
     steps = press_steps(sure, renderer, 0)
     assert [(step.probability, step.second) for step in steps] == [((1.0, 0.0), None)] * 4
 
