@@ -84,7 +84,7 @@ def answers() -> str:
 
 def lengths() -> str:
     """Figures of PT that was trained for so many epochs, as in `answers`."""
-    trained = {"30, the 15th kept": RECORD["errors"]["ours"], "30": LENGTHS["errors"]["ours"],
+    trained = {"30, epoch 15 kept": RECORD["errors"]["ours"], "30": LENGTHS["errors"]["ours"],
                "10": LENGTHS["errors"]["ten_epochs"]}  # fmt: skip
     head, models = ["epochs of PT", "target"], []
     for (task, _, _, ours), source in zip(TRANSLATORS, ("BioTac's mesh", "electrodes"), strict=True):

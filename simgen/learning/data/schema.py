@@ -204,14 +204,21 @@ class PointTranslationSettings(FitByMuon):
     hidden: Width = Field(96, description="Width of the perceptron that takes them to displacements")
     power: float = power()
     members: int = Field(
-        2, ge=1, le=16, description="Networks that answer; each learns from its share of every batch, so that training "
-        "takes as long as with one"
+        2, ge=1, le=16, description="Networks that answer; each learns from its share of every batch. Predictions take "
+        "as many times as long", **allowed("1 to 16, at most a batch's samples"),
     )  # fmt: skip
     predicted: Share = Field(
         0.5,
         description="Share of the samples whose mesh of the source is the one that S2RM and RMB predict from the "
         "signals, in place of the true one; 0 for a source without electrodes; for recordings all are true",
     )
+
+
+    @model_validator(mode="after")
+    def _samples_for_all(self) -> "PointTranslationSettings":
+        if self.batch < self.members:
+            raise ValueError(f"{self.members} members, a batch of {self.batch}; allowed: a sample for each member")
+        return self
 
 
 class RecordingFiles(StrictSection):

@@ -42,7 +42,7 @@ LEVEL = 90  # %, of samples whose set holds the true centroid
 LEAST_SPREAD_M = 0.05e-3  # added to the spread, so that draws that agree leave some doubt
 TRIES = 1, 2, 4  # hypotheses of which the best one counts
 EXACT = "donot_use_mm_for_euclid_dist"  # draws differ by little beside their size
-MESHES_OF_A_SAMPLE = 16  # as many draws, in batches of `COORDINATES_AT_ONCE`
+MESHES_OF_A_SAMPLE = 32  # draws of two members, in batches of `COORDINATES_AT_ONCE`
 
 
 @dataclass(frozen=True)

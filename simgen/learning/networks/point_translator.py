@@ -10,8 +10,8 @@ another answer for each draw of them. Its loss is the energy score (Gneiting and
 is least on average if the answers are distributed as the true meshes are. Learning it from two draws of each sample is
 engression (Shen and Meinshausen, JRSS B 87, 2025).
 
-Members learn apart, and all of them answer: a deep ensemble (Lakshminarayanan, Pritzel and Blundell, NeurIPS 2017).
-Where training samples leave the answer open, members differ.
+Members learn from different samples of each batch, and all of them answer: a deep ensemble (Lakshminarayanan, Pritzel
+and Blundell, NeurIPS 2017). Where training samples leave the answer open, members differ.
 """
 
 from collections.abc import Callable
@@ -239,8 +239,8 @@ class PointTranslator(Network):
             noise = torch.randn(n, 2, NOISE, device=device)
         else:
             noise = _noise_of_validation(n).to(device)
-        shares = torch.arange(n, device=device).chunk(len(self.members))
-        found = [self._drawn(own, source[i], noise[i], sign[i]) for own, i in zip(self.members, shares, strict=False)]
+        shares = zip(self.members, torch.arange(n, device=device).tensor_split(len(self.members)), strict=True)
+        found = [self._drawn(own, source[i], noise[i], sign[i]) for own, i in shares if len(i)]
         found, logits = map(torch.cat, zip(*found, strict=True))
         size = target.square().mean(dim=(1, 2)).sqrt() / self.target_size
         unit = size.clamp_min(LEAST_SIZE) ** -self.power / self.target_size

@@ -238,9 +238,12 @@ def test_it_learns(made):
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA GPU on this machine")
-def test_a_gpu_records_its_step(made):
-    """In bfloat16, as a CUDA graph, with shortened gradients: the loss falls."""
-    network, _, data = made
+@pytest.mark.parametrize("members", [1, 2])
+def test_a_gpu_records_its_step(made, members):
+    """In bfloat16, as a CUDA graph, with fused operations and shortened gradients: the loss falls."""
+    _, _, data = made
+    data.settings = data.settings.model_copy(update={"members": members})
+    network, _ = PointTranslator.for_training(data)
     device = torch.device("cuda", 0)
     network.to(device).train()
     source, target = (values(data.train).to(device) for values in (data.inputs, data.outputs))
@@ -291,6 +294,17 @@ def test_a_member_learns_from_its_share_alone(two, training):
     other[-1] *= 2.0
     (first, second), (first_again, second_again) = slopes(target), slopes(other)
     assert all(map(torch.equal, first, first_again)) and not all(map(torch.equal, second, second_again))
+
+
+def test_all_members_learn(made):
+    """Also if their number does not divide the batch."""
+    _, _, data = made
+    data.settings = data.settings.model_copy(update={"members": 5})
+    network, _ = PointTranslator.for_training(data)
+    source, target = data.inputs(data.train[:7]), data.outputs(data.train[:7])
+    network.train().terms(source, target)["loss"].backward()
+    for member in network.members:
+        assert any(parameter.grad.abs().max() > 0.0 for parameter in member.parameters())
 
 
 def test_fewer_samples_than_members(two):

@@ -47,6 +47,8 @@ ROWS = [
     ("what is needed", {"networks": ["mvd", "m2mpn"]}, JOB, "networks: m2mpn needs mvb, which tiny.networks does not"),
     ("what feeds", {"networks": ["rmb", "pt"]}, JOB,
      "networks: pt needs s2rm, which tiny.networks does not hold; allowed: both, or point_translation.predicted=0"),
+    ("more members than samples", {"point_translation": {"members": 9, "batch": 8}}, JOB,
+     "point_translation: 9 members, a batch of 8; allowed: a sample for each member"),
     ("recordings gone", {"signals": {"recordings": {"files": ["gone.h5"]}}}, JOB, "gone.h5: cannot be read: No such"),
     ("recordings of no file", {"signals": {"recordings": {"files": []}}}, JOB, "files: [] is not allowed; allowed: a"),
     ("a GPU that is not there", {}, f"{JOB} --device cuda:99", "device 'cuda:99': torch sees "),

@@ -109,12 +109,13 @@ def test_hypotheses_are_groups_of_draws(trained, signals, spread):
     np.testing.assert_allclose(found.probability.sum(axis=1), 1.0)
     assert np.array_equal(np.isnan(found.hypotheses).all(axis=(2, 3)), found.probability == 0.0)
     several = (expected.members.sum(dim=2) != 2).numpy()  # two draws are equally far from their mean
+    assert several.any()
     np.testing.assert_allclose(found.hypotheses[several], expected.central(drawn).numpy()[several], rtol=1e-5)
     members = expected.members[:, 0].numpy()
     for mesh, draws, place, chosen in zip(found.target, drawn.numpy(), places.numpy(), members, strict=True):
-        assert chosen.sum() > 2
         off = off_from_mean(draws[chosen]) + off_from_mean(place[chosen])
-        np.testing.assert_allclose(mesh, draws[chosen][off.argmin()], rtol=1e-5)
+        nearest = draws[chosen][[off.argmin()]] if chosen.sum() != 2 else draws[chosen]
+        assert any(np.allclose(mesh, each, rtol=1e-5, atol=0.0) for each in nearest)
     touchable = trained.inputs.data.dataset["digit/touchable"]
     assert (found.contact[..., ~touchable][found.probability > 0.0] == 0.0).all()
     chances = expected.means(logits.sigmoid()).numpy()[..., touchable]
