@@ -213,7 +213,6 @@ class PointTranslationSettings(FitByMuon):
         "signals, in place of the true one; 0 for a source without electrodes; for recordings all are true",
     )
 
-
     @model_validator(mode="after")
     def _samples_for_all(self) -> "PointTranslationSettings":
         if self.batch < self.members:

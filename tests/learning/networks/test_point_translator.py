@@ -280,7 +280,7 @@ def test_all_members_answer(two):
 
 @pytest.mark.parametrize("training", [True, False])
 def test_a_member_learns_from_its_share_alone(two, training):
-    """Of five samples the first member has three. What the last sample is does not matter to it."""
+    """The first of two members has three of five samples. What the last sample is does not matter to it."""
     network, data = two
     source, target = data.inputs(data.train[:5]), data.outputs(data.train[:5])
 
