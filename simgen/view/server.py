@@ -94,7 +94,7 @@ async def _listens(port: int) -> bool:
 
 
 LISTEN_S = 0.02  # between two looks; the server listens a moment after it has started
-RECONNECT_S = 3.0  # after which the page of a lost client ends its work
+RECONNECT_S = 20.0  # after which the page of a lost client ends its work; a busy browser is silent for seconds
 FAVICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect y="14" width="32" height="18" rx="3" '
     'fill="#f2b34c"/><circle cx="16" cy="11" r="9" fill="#5c0f3c"/></svg>'

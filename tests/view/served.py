@@ -27,6 +27,11 @@ class Served:
         return int(self.link.rstrip("/").rpartition(":")[2])
 
 
+def heeds_interrupts() -> None:
+    """Undo what a shell does to tests in the background: it has them ignore interrupts, and their processes too."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @contextmanager
 def served(*arguments) -> Iterator[Served]:
     """Serve ``simgen view`` with these arguments; it must end at an interrupt, without an error."""
@@ -39,14 +44,17 @@ def served(*arguments) -> Iterator[Served]:
             errors.seek(0)
             return errors.read()
 
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment) as process:
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment, preexec_fn=heeds_interrupts
+        ) as process:
             try:
                 ready, _, _ = select.select([process.stdout], [], [], START_S)
                 found = re.search(r"http://127\.0\.0\.1:\d+/", process.stdout.readline() if ready else "")
                 assert found, f"no link after {START_S} s: {said()}"
                 yield Served(found[0], process.pid)
                 process.send_signal(signal.SIGINT)
-                assert process.wait(END_S) == INTERRUPTED, said()
+                code = process.wait(END_S)
+                assert code == INTERRUPTED, (code, said())
             finally:
                 process.kill()
         assert "Traceback" not in said(), said()
