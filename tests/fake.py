@@ -19,7 +19,7 @@ from simgen.config.job_schema import Job
 from simgen.config.outputs import OUTPUTS, PIXEL_COLUMN, PIXEL_ROW, SURFACE_VERTEX, VERTEX
 from simgen.dataset.provenance import code_version, package_versions
 from simgen.dataset.reader import Dataset
-from simgen.dataset.splits import split_presses
+from simgen.dataset.splits import number_presses, split_presses
 from simgen.dataset.stored_arrays import path_arrays
 from simgen.pipeline.plan import indenter_identities
 from simgen.sensors.indenter import chosen_indenters
@@ -48,9 +48,8 @@ def make_job(**changes) -> Job:
 
 def make_plan(job: Job) -> SimpleNamespace:
     """As `simgen.pipeline.plan.make_plan`, with contacts around the pole at -y and both sensors in the same place."""
-    count, indenters = job.trajectories.count, len(job.indenters)
-    trajectory = np.repeat(np.arange(count, dtype=np.int32), indenters)
-    indenter = np.tile(np.arange(indenters, dtype=np.int32), count)
+    count = job.trajectories.count
+    trajectory, indenter = number_presses(job)
     normals = np.random.default_rng(job.seed).normal(size=(count, 3)) * [0.3, 0.1, 0.3] - [0.0, 1.0, 0.0]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     side = np.cross(normals, [1.0, 0.0, 0.0])

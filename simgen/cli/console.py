@@ -42,7 +42,7 @@ def print_preview(job: Job, seen: "Preview", output: Path, device: str) -> None:
     sensors = " and ".join(sensor.name for sensor in seen.sensors)
     console.print(f"[bold]{job.name}[/]  job {job.hash[:12]}  ->  {output}")
     console.print(
-        f"{seen.trajectories:,} trajectories x {seen.indenters} indenters x {job.steps_in_words} = "
+        f"{seen.trajectories:,} trajectories x {job.indenters_in_words} x {job.steps_in_words} = "
         f"[bold]{seen.samples:,} samples[/], "
         f"each on {sensors}, in {seen.shards:,} shards"
     )

@@ -132,6 +132,14 @@ class Job(StrictSection):
                 raise ValueError(f"{shown(repr(name))} is listed twice")
         return indenters
 
+    @field_validator("trajectories")
+    @classmethod
+    def _has_so_many_indenters(cls, trajectories: Trajectories, info: ValidationInfo) -> Trajectories:
+        each, listed = trajectories.indenters_each, len(info.data.get("indenters", ()))
+        if listed and each is not None and each > listed:
+            raise ValueError(f"indenters_each {each}, but the job has {listed} indenters; allowed: 1 to {listed}")
+        return trajectories
+
     @field_validator("dataset")
     @classmethod
     def _displacements_fit(cls, dataset: DatasetSettings, info: ValidationInfo) -> DatasetSettings:
@@ -239,8 +247,19 @@ class Job(StrictSection):
         return words
 
     @property
+    def indenters_each(self) -> int:
+        """Number of indenters that press at each contact."""
+        return self.trajectories.indenters_each or len(self.indenters)
+
+    @property
+    def indenters_in_words(self) -> str:
+        """How many indenters press at each contact, such as `9 indenters` or `1 of 9 indenters`."""
+        each, count = self.indenters_each, len(self.indenters)
+        return f"{count} indenters" if each == count else f"{each} of {count} indenters"
+
+    @property
     def presses(self) -> int:
-        return self.trajectories.count * len(self.indenters)
+        return self.trajectories.count * self.indenters_each
 
     @property
     def presses_in_shard(self) -> int:

@@ -73,8 +73,14 @@ class Trajectories(StrictSection):
     )
     count: int = Field(
         None, validate_default=True, ge=1, le=1_000_000,
-        description="Number of contact poses. At each, every indenter presses every sensor. Required, except with "
+        description="Number of contact poses. At each, the indenters press every sensor. Required, except with "
         "`contacts`: then it is their number",
+    )  # fmt: skip
+    indenters_each: int | None = Field(
+        None, ge=1, exclude_if=lambda each: each is None,
+        description="Number of indenters that press at each contact, in place of all. Every indenter gets as many "
+        "contacts. With 1 instead of nine, and nine times the `count`, as many presses are at nine times the places",
+        **allowed("1 to the number of indenters"),
     )  # fmt: skip
     max_tilt_deg: float = Field(
         5.0, ge=0.0, le=MOST_TILT_DEG, description="Largest tilt of the press axis from the surface normal"

@@ -42,10 +42,26 @@ def _added(split: np.ndarray, count: int, seed: int) -> np.ndarray:
 
 
 def number_presses(job: Job) -> tuple[np.ndarray, np.ndarray]:
-    """Trajectory and indenter of each press, (press,) each: all indenters of a trajectory, then of the next one."""
-    trajectories, indenters = job.trajectories.count, len(job.indenters)
-    trajectory = np.repeat(np.arange(trajectories, dtype=np.int32), indenters)
-    return trajectory, np.tile(np.arange(indenters, dtype=np.int32), trajectories)
+    """Trajectory and indenter of each press, (press,) each: the indenters of a trajectory, then of the next one."""
+    count, each = job.trajectories.count, job.indenters_each
+    return np.repeat(np.arange(count, dtype=np.int32), each), _indenters_at_each(job).ravel()
+
+
+def _indenters_at_each(job: Job) -> np.ndarray:
+    """Rising numbers (trajectory, `Job.indenters_each`) int32 of the indenters that press at each contact.
+
+    If these are not all, each indenter gets as many contacts of every group, which has as many contacts as there are
+    indenters. The order within a group is random: contacts are a low-discrepancy sequence, and every n-th of them is no
+    fair share.
+    """
+    count, indenters, each = job.trajectories.count, len(job.indenters), job.indenters_each
+    if each == indenters:
+        first = np.zeros(count, np.int32)
+    else:
+        groups = range(-(-count // indenters))
+        orders = [np.random.default_rng([job.seed, each, group]).permutation(indenters) for group in groups]
+        first = np.concatenate(orders)[:count]
+    return np.sort((first[:, None] + np.arange(each)) % indenters, axis=1).astype(np.int32)
 
 
 def split_presses(job: Job, grown_from: Sequence[int] = ()) -> np.ndarray:

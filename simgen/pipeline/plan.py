@@ -49,7 +49,8 @@ class Plan:
 def make_plan(job: Job, device: str = "cpu") -> Plan:
     """Sample the contacts on the first sensor, unfold them onto the others, number the presses.
 
-    Press = trajectory * number of indenters + indenter. The same job gives the same plan on all machines of one kind.
+    `simgen.dataset.splits.number_presses` says what each press is. The same job gives the same plan on all machines of
+    one kind.
     This machine need not have the `device`. Raises `InputError` for a name that is not a device.
     """
     check_device_name(device)
@@ -94,8 +95,9 @@ def make_plan(job: Job, device: str = "cpu") -> Plan:
             arrays[f"{name}/{REST_DEPTH}"] = maps.rest_depth.astype(np.float32)
         if job.stops_early:
             poses = np.linalg.inv(arrays[f"{name}/pose"]) @ arrays["press/contact_pose"]
-            steps = indented[name].steps_that_leave(poses[:: len(indenters)], job.trajectories.least_thickness_left)
-            arrays[f"{name}/pressable_steps"] = steps.ravel().astype(np.int32)
+            each = poses[:: job.indenters_each]
+            steps = indented[name].steps_that_leave(each, job.trajectories.least_thickness_left)
+            arrays[f"{name}/pressable_steps"] = steps[trajectory, indenter].astype(np.int32)
     return Plan(job, device, attributes.result(), arrays, remarks.result())
 
 

@@ -71,7 +71,6 @@ class Preview:
     trajectories: int
     contacts: int  # sampled contacts that fit
     refused: int  # contacts drawn again because an indenter would leave too little gel
-    indenters: int
     samples: int
     shards: int
     bytes: float
@@ -100,7 +99,6 @@ def preview(job: Job, device: str = "cpu") -> Preview:
         trajectories=job.trajectories.count,
         contacts=contacts,
         refused=len(draw.refused.points),
-        indenters=len(job.indenters),
         samples=job.samples,
         shards=job.shards,
         bytes=_bytes(job, sensors),

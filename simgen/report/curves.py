@@ -51,7 +51,8 @@ def _against_depth(dataset: Dataset, values: Mapping[str, np.ndarray], label: st
     if not any(np.isfinite(own).any() for own in values.values()):
         yield NOTHING_YET
         return
-    indenter, count = dataset["press/indenter"], dataset.job.trajectories.count
+    indenter = dataset["press/indenter"]
+    count = int(np.bincount(indenter).max())
     lines = f"the first {CURVES} of {count:,} trajectories" if count > CURVES else "trajectories"
     most = " Thick line: median. Shaded: 10 to 90 % of those that reach a depth." if count >= BAND_FROM else ""
     yield f"<p>{html.escape(about)}. Thin lines: {lines}.{most}</p>"

@@ -17,7 +17,7 @@ def head(dataset: Dataset) -> Iterator[str]:
     commit = (code.get("commit") or "")[:12] or "installed package"
     yield f"<h1>{html.escape(job.name)}</h1>"
     yield (
-        f"<p>{job.trajectories.count:,} trajectories x {len(job.indenters)} indenters x "
+        f"<p>{job.trajectories.count:,} trajectories x {job.indenters_in_words} x "
         f"{job.steps_in_words} = "
         f"<b>{job.samples:,} samples</b>, each on {' and '.join(dataset.sensors)}. Job {job.hash[:12]}, "
         f"simgen {code.get('version', '')} ({commit}{', with changes' if code.get('dirty') else ''})."

@@ -7,6 +7,7 @@ import yaml
 from config.minimal_job import MINIMAL
 from simgen.config.job import job_from_dict, job_from_resolved, load_job
 from simgen.config.resources import resource
+from simgen.errors import InputError
 
 BUNDLED = sorted(path.name for path in resource("jobs").glob("*.yaml") if not path.stem.startswith("training"))
 
@@ -41,6 +42,16 @@ def test_a_job_without_a_force_limit_resolves_as_it_did_before_there_was_the_key
     plain, limited = load_job(write(MINIMAL)), load_job(write(MINIMAL), ["trajectories.max_force_n=7.5"])
     assert "max_force_n" not in plain.resolved()["trajectories"] and plain.trajectories.max_force_n is None
     assert job_from_dict(limited.resolved()).trajectories.max_force_n == 7.5 and limited.hash != plain.hash
+
+
+def test_a_job_in_which_all_indenters_press_everywhere_has_the_hash_from_before_there_was_a_choice(write):
+    file = write(MINIMAL.replace("sphere_7mm", "sphere_7mm, ring_7mm"))
+    job, one = load_job(file), load_job(file, ["trajectories.indenters_each=1"])
+    assert "indenters_each" not in job.resolved()["trajectories"] and job.hash != one.hash
+    assert (job.presses, one.presses) == (2 * job.trajectories.count, job.trajectories.count)
+    assert (job.indenters_in_words, one.indenters_in_words) == ("2 indenters", "1 of 2 indenters")
+    with pytest.raises(InputError, match=r"indenters_each 3, but the job has 2 indenters; allowed: 1 to 2"):
+        load_job(file, ["trajectories.indenters_each=3"])
 
 
 def test_a_job_without_the_rule_of_thin_gel_has_the_hash_from_before_there_was_one(write):

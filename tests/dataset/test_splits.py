@@ -6,7 +6,7 @@ import pytest
 
 from simgen.dataset.audit import check
 from simgen.dataset.reader import Dataset
-from simgen.dataset.splits import IN_NONE, SPLITS, leave_out, split_by_trajectory
+from simgen.dataset.splits import IN_NONE, SPLITS, leave_out, number_presses, split_by_trajectory
 from simgen.errors import InputError
 from simgen.pipeline.run import run
 
@@ -38,6 +38,35 @@ def test_an_indenter_that_is_left_out_is_tested_alone_where_nobody_has_trained()
     assert [len(each) for each in of_split] == [79, 10, 11]
     assert not (of_split[TRAIN] & of_split[TEST] or of_split[VALIDATION] & of_split[TEST])
     assert np.count_nonzero(split == IN_NONE) == 89 + 2 * 11
+
+
+def test_all_indenters_press_at_each_contact_unless_the_job_says_how_many():
+    trajectory, indenter = number_presses(fake.make_job())
+    np.testing.assert_array_equal(trajectory, np.repeat(np.arange(4), 3))
+    np.testing.assert_array_equal(indenter, np.tile(np.arange(3), 4))
+
+
+@pytest.mark.parametrize("each", [1, 2])
+def test_indenters_share_the_contacts_fairly_and_in_no_order(each):
+    job = fake.make_job(trajectories={"count": 300, "indenters_each": each})
+    trajectory, indenter = number_presses(job)
+    assert len(trajectory) == job.presses == 300 * each
+    np.testing.assert_array_equal(trajectory, np.repeat(np.arange(300), each))
+    of_groups = indenter.reshape(100, 3 * each)  # of three contacts, as many as there are indenters
+    np.testing.assert_array_equal(np.sort(of_groups, axis=1), np.tile(np.repeat(np.arange(3), each), (100, 1)))
+    assert (np.diff(indenter.reshape(300, each), axis=1) > 0).all()
+    assert len(np.unique(of_groups, axis=0)) == 6  # all orders of three
+    for smaller in (299, 7):
+        part = number_presses(fake.make_job(trajectories={"count": smaller, "indenters_each": each}))
+        np.testing.assert_array_equal(part, (trajectory[: smaller * each], indenter[: smaller * each]))
+
+
+def test_a_dataset_with_one_indenter_at_each_contact_grows_and_passes_its_audit(tmp_path):
+    for count in (7, 12):
+        job = fake.make_job(trajectories={"count": count, "indenters_each": 1})
+        dataset = run(fake.make_plan(job), tmp_path / "d.zarr", build=fake.fake_presser)
+        assert len(dataset["press/indenter"]) == count and len(set(dataset["press/indenter"])) == 3
+        assert not [finding for finding in check(dataset) if finding.failed]
 
 
 @pytest.fixture

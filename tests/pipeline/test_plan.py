@@ -94,6 +94,13 @@ def test_presses_that_stop_early_keep_their_contacts_and_say_after_which_step():
         poses = np.linalg.inv(plan.arrays[f"{name}/pose"][::2]) @ plan.arrays["press/contact_pose"][::2]
         deepest = measure.depths_that_leave(poses, job.trajectories.least_thickness_left)[:, :, 0]
         np.testing.assert_array_equal(steps, (job.depths_m <= deepest[:, :, None]).sum(axis=2))
+    one = make_plan(load_job("paired", [*changes, "trajectories.too_thin=stop", "trajectories.least_thickness_left=0.4",
+                                        "trajectories.indenters_each=1"]))  # fmt: skip
+    own = np.arange(6), one.arrays["press/indenter"]
+    for name in job.sensors:
+        expected = plan.arrays[f"{name}/pressable_steps"].reshape(6, 2)[own]
+        np.testing.assert_array_equal(one.arrays[f"{name}/pressable_steps"], expected)
+        np.testing.assert_array_equal(one.arrays[f"{name}/pose"], plan.arrays[f"{name}/pose"][::2])
 
 
 def test_a_material_is_a_preset_with_the_values_of_the_job_in_its_place():

@@ -10,7 +10,7 @@ from simgen.sensors.sensor import load_sensor
 
 def test_a_preview_counts_what_a_run_will_write():
     found = preview(load_job("smoke"))
-    assert (found.trajectories, found.contacts, found.indenters, found.samples) == (2, 2, 3, 60)
+    assert (found.trajectories, found.contacts, found.samples) == (2, 2, 60)
     digit, biotac = found.sensors
     assert digit.nodes == len(load_sensor("digit", "coarse").simulation_mesh.nodes)
     assert biotac.name == "biotac" and biotac.unknowns > 3 * biotac.nodes

@@ -11,7 +11,7 @@ from simgen.fem.nonlinear.status import is_valid
 
 SHARED = {
     "press": ("sc:Integer", "number of the press, the first index of its arrays"),
-    "trajectory": ("sc:Integer", "number of the contact, which all indenters share"),
+    "trajectory": ("sc:Integer", "number of the contact, which presses of several indenters share"),
     "indenter": ("sc:Text", "name of the indenter"),
     "split": ("sc:Text", "train, validation or test; none with an indenter that is left out"),
     "contact_x_m": ("sc:Float", "contact point on the first sensor, shared frame, m"),

@@ -53,7 +53,7 @@ def readme(dataset: Dataset) -> str:
 def summary(dataset: Dataset) -> str:
     """Describe the dataset in one sentence."""
     job = dataset.job
-    counts = f"{job.trajectories.count:,} contacts x {len(job.indenters)} indenters x {job.steps_in_words}"
+    counts = f"{job.trajectories.count:,} contacts x {job.indenters_in_words} x {job.steps_in_words}"
     kept = "displacement of every vertex, force, moment, and a certificate of accuracy"
     return f"Simulated touch: {counts} on {' and '.join(dataset.sensors)}: {kept}."
 
