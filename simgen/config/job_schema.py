@@ -253,7 +253,7 @@ class Job(StrictSection):
 
     @property
     def indenters_in_words(self) -> str:
-        """How many indenters press at each contact, such as `9 indenters` or `1 of 9 indenters`."""
+        """Number of indenters that press at each contact, in words: `9 indenters`, or `1 of 9 indenters`."""
         each, count = self.indenters_each, len(self.indenters)
         return f"{count} indenters" if each == count else f"{each} of {count} indenters"
 

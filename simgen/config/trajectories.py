@@ -78,8 +78,9 @@ class Trajectories(StrictSection):
     )  # fmt: skip
     indenters_each: int | None = Field(
         None, ge=1, exclude_if=lambda each: each is None,
-        description="Number of indenters that press at each contact, in place of all. Every indenter gets as many "
-        "contacts. With 1 instead of nine, and nine times the `count`, as many presses are at nine times the places",
+        description="Number of indenters that press at each contact; by default all of them. Each indenter gets nearly "
+        "the same number of contacts. With 1 of nine indenters, and nine times the `count`, the same number of presses "
+        "covers nine times as many places",
         **allowed("1 to the number of indenters"),
     )  # fmt: skip
     max_tilt_deg: float = Field(

@@ -50,17 +50,12 @@ def number_presses(job: Job) -> tuple[np.ndarray, np.ndarray]:
 def _indenters_at_each(job: Job) -> np.ndarray:
     """Rising numbers (trajectory, `Job.indenters_each`) int32 of the indenters that press at each contact.
 
-    If these are not all, each indenter gets as many contacts of every group, which has as many contacts as there are
-    indenters. The order within a group is random: contacts are a low-discrepancy sequence, and every n-th of them is no
-    fair share.
+    A group has as many contacts as there are indenters. In a group, all indenters press at the same number of contacts.
+    Their order is random: contacts are a low-discrepancy sequence, and every n-th of them may lie in one corner.
     """
     count, indenters, each = job.trajectories.count, len(job.indenters), job.indenters_each
-    if each == indenters:
-        first = np.zeros(count, np.int32)
-    else:
-        groups = range(-(-count // indenters))
-        orders = [np.random.default_rng([job.seed, each, group]).permutation(indenters) for group in groups]
-        first = np.concatenate(orders)[:count]
+    groups = np.tile(np.arange(indenters), (-(-count // indenters), 1))
+    first = np.random.default_rng([job.seed, each]).permuted(groups, axis=1).ravel()[:count]
     return np.sort((first[:, None] + np.arange(each)) % indenters, axis=1).astype(np.int32)
 
 

@@ -28,7 +28,7 @@ class Served:
 
 
 def heeds_interrupts() -> None:
-    """Undo what a shell does to tests in the background: it has them ignore interrupts, and their processes too."""
+    """Heed interrupts again: a shell makes tests in the background ignore them, and their processes inherit this."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
