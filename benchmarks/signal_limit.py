@@ -9,8 +9,12 @@ steps, which is noise of 1/12 square step. With linear signals and normal coordi
 reading are normally distributed, too (Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993,
 theorem 10.3). Their scatter is the error that stays.
 
-This is an estimate. Indenter and depth count as known, while a network has to find them. And derivatives hold for small
-moves only. Presses with all coordinates moved at once show how far they hold.
+The same derivatives tell how little the BioTac's mesh and the signals change while the contact's centroid moves by 1 mm
+on the DIGIT. A network has to be more accurate than this.
+
+This is an estimate, for two reasons. First, derivatives hold for small moves only. Presses with all coordinates moved
+at once show how far they hold. Second, indenter and depth count as known. One measure counts all nine indenters and all
+depths at the same place as possible, but none further away.
 """
 
 import argparse
@@ -66,12 +70,14 @@ class Sample:
     """One indenter and depth at a contact.
 
     signals : V, not rounded
+    source : displacements of the BioTac's mesh, m
     mesh, centroid : of the DIGIT, m
     apart : (5,) Jaccard distance of the contact from the one at each move
     prediction_error : of signals by derivatives, with all coordinates moved; root mean square over channels, V
     """
 
     signals: Linear
+    source: Linear
     mesh: Linear
     centroid: Linear
     apart: np.ndarray
@@ -116,6 +122,63 @@ def uncertainty(slope: np.ndarray, noise: float, prior: np.ndarray) -> np.ndarra
     return np.linalg.inv(slope.T @ slope / noise**2 + np.linalg.inv(prior))
 
 
+def least_change(values: Linear, centroid: Linear) -> float:
+    """Least Euclidean norm of a change of values, by a move of the contact that moves its centroid by 1 mm.
+
+    The square of this norm over that of the centroid's move, for moves m, is the Rayleigh quotient of J^T J and C^T C.
+    """
+    changes, moves = values.slope * MOVES, 1e3 * centroid.slope * MOVES
+    gram = changes.T @ changes
+    gram += 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram))  # a coordinate without effect: a sphere's turn
+    return float(np.linalg.eigvalsh(moves @ np.linalg.solve(gram, moves.T))[-1] ** -0.5)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Contacts near a sample's own that fit a reading: their coordinates are normally distributed around ``moves``.
+
+    likelihood : logarithm of the reading's density, over all contacts near the sample
+    """
+
+    moves: np.ndarray
+    covariance: np.ndarray
+    likelihood: float
+
+    @classmethod
+    def of(cls, reading: np.ndarray, signals: Linear, noise: float, prior: np.ndarray) -> "Fit":
+        """``reading``: (channel,) V; ``noise`` and ``prior``: as in `uncertainty`."""
+        slope, off = signals.slope, reading - signals.value
+        covariance = uncertainty(slope, noise, prior)
+        scatter = slope @ prior @ slope.T + noise**2 * np.eye(len(off))
+        likelihood = -0.5 * (off @ np.linalg.solve(scatter, off) + np.linalg.slogdet(scatter)[1])
+        return cls(covariance @ (slope.T @ off) / noise**2, covariance, float(likelihood))
+
+
+def near_if_unknown(
+    own: Sample, possible: Sequence[Sample], noise: float, prior: np.ndarray, random: np.random.Generator
+) -> float:
+    """Largest share of the contacts that fit a reading within `NEAR_MM` of one of them, if any sample is possible.
+
+    possible : samples of all indenters and depths at the same place, equally likely
+    """
+    reading = own.signals.value + random.normal(0.0, noise, len(own.signals.value))
+    fits = [Fit.of(reading, each.signals, noise, prior) for each in possible]
+    likelihood = np.array([fit.likelihood for fit in fits])
+    share = np.exp(likelihood - likelihood.max())
+    counts = random.multinomial(DRAWS, share / share.sum())
+    places = [
+        each.centroid.at(random.multivariate_normal(fit.moves, fit.covariance, count))
+        for each, fit, count in zip(possible, fits, counts, strict=True)
+        if count
+    ]
+    return share_near(np.concatenate(places))
+
+
+def share_near(places: np.ndarray) -> float:
+    """Largest share of places (n, 3), m, within `NEAR_MM` of one of them."""
+    return float((cdist(places, places) <= 1e-3 * NEAR_MM).mean(axis=1).max())
+
+
 def limits(own: Sample, covariance: np.ndarray, random: np.random.Generator) -> dict[str, float]:
     """Limits of one sample, with ``DRAWS`` contacts that fit.
 
@@ -130,7 +193,7 @@ def limits(own: Sample, covariance: np.ndarray, random: np.random.Generator) -> 
     slope = own.mesh.slope
     return {
         "digit_um": 1e6 * float(np.sqrt(np.trace(covariance @ (slope.T @ slope)) / len(slope))),
-        "near": float((cdist(places, places) <= 1e-3 * NEAR_MM).mean(axis=1).max()),
+        "near": share_near(places),
         "contact_overlap": float(1.0 - 0.5 * apart.mean()),
     }
 
@@ -151,6 +214,7 @@ def read_samples(path: Path) -> dict[tuple[int, int, int], Sample]:
     data = load_training_data(path, ("biotac", "digit"), torch.device("cpu"), lambda items, what: items)
     exact = ElectrodeSettings(bits=None)
     signals = synthetic_signals(data.dataset, "biotac", data.press, data.step, exact)
+    source = data.meshes["biotac"]
     gauge, touching = ContactGauge.of_dataset(data.dataset, "digit"), contact_of(data, "digit")
     found = {}
     for key, rows in groups(data).items():
@@ -159,7 +223,8 @@ def read_samples(path: Path) -> dict[tuple[int, int, int], Sample]:
         contact, volts = touching(own, mesh), Linear.of(signals[rows[:-1]])
         apart = 1.0 - intersection_over_union(contact[1:], np.repeat(contact[:1], len(MOVES), axis=0))
         error = volts.at(TOGETHER * MOVES) - signals[rows[-1]]
-        found[key] = Sample(volts, Linear.of(mesh.flatten(1).numpy()), Linear.of(gauge.centroid(mesh).numpy()),
+        skin = Linear.of(source.displacement(own).double().flatten(1).numpy())
+        found[key] = Sample(volts, skin, Linear.of(mesh.flatten(1).numpy()), Linear.of(gauge.centroid(mesh).numpy()),
                             np.nan_to_num(apart), float(np.sqrt(np.mean(error**2))))  # fmt: skip
     return found
 
@@ -175,10 +240,20 @@ def groups(data: TrainingData) -> dict[tuple[int, int, int], list[int]]:
 
 
 def measure(samples: Mapping[tuple[int, int, int], Sample], settings: ElectrodeSettings, prior: np.ndarray) -> list:
-    """Limits of all samples."""
+    """Limits of all samples.
+
+    near_if_unknown : see the function
+    mesh_change, signal_change : `least_change` of the BioTac's mesh over its displacement, and of all signals together
+        over ``noise``
+    """
     random, noise, rows = np.random.default_rng(SEED), noise_of(settings), []
-    for (_, indenter, step), own in samples.items():
+    unknown = np.random.default_rng([SEED, 1])
+    for (contact, indenter, step), own in samples.items():
         found = limits(own, uncertainty(own.signals.slope, noise, prior), random)
+        possible = [each for (place, *_), each in samples.items() if place == contact]
+        found["near_if_unknown"] = near_if_unknown(own, possible, noise, prior, unknown)
+        found["mesh_change"] = least_change(own.source, own.centroid) / float(np.linalg.norm(own.source.value))
+        found["signal_change"] = least_change(own.signals, own.centroid) / noise
         error = own.prediction_error / noise
         rows.append({"indenter": indenter, "step": step, **found, "prediction_error_over_noise": error})
     return rows
