@@ -1,6 +1,6 @@
 """Write the tables of networks in docs/training.md and docs/translation.md: ``python docs/generate/sitting_tables.py``.
 
-They come from the record of ``benchmarks/one_sitting.py``, from a later one of PT alone, and from that of
+They come from the record of ``benchmarks/one_sitting.py``, from later ones of RMB, S2RM and PT, and from that of
 ``benchmarks/signal_limit.py``. A test compares.
 """
 
@@ -14,9 +14,9 @@ from tables_on_page import with_tables
 from simgen.learning.data.registry import NETWORKS
 
 DOCS = Path(__file__).parents[1]
-RECORD, LENGTHS, SIGNALS = (
+RECORD, LENGTHS, MEMBERS, SIGNALS = (
     json.loads((DOCS / "benchmarks" / name).read_text(encoding="utf-8"))
-    for name in ("sitting_h200.json", "training_length_h200.json", "signal_limit_cpu.json")
+    for name in ("sitting_h200.json", "training_length_h200.json", "two_members_h200.json", "signal_limit_cpu.json")
 )
 # Task, what the reader calls it, the paper's model, ours.
 MESHES = (
@@ -34,6 +34,14 @@ BY_LATENTS = (
 )
 DEPTHS = "0.1", "0.5", "1.0", "1.5", "2.0"
 LEFT_OUT = "sphere_7mm", "cube_14mm"
+# What PT became: the record, the folder of its networks, and the step of its images by source.
+VERSIONS = {
+    "epoch 15 of 30 kept, c540a67": (RECORD, "ours", {"BioTac's mesh": "true_mesh", "electrodes": "points"}),
+    "epoch 30 kept, cb0a1a2": (LENGTHS, "ours", {"BioTac's mesh": "true_mesh", "electrodes": "points"}),
+    "10 epochs, cb0a1a2": (LENGTHS, "ten_epochs", {}),
+    "**two members**, 39dcf67": (MEMBERS, "ours", {"BioTac's mesh": "true_mesh", "electrodes": "points"}),
+    "two members, 7,740 places": (MEMBERS, "one_indenter_each", {}),
+}
 STEPS = {"points": "S2RM, PT, from electrodes", "true_mesh": "PT, from the true BioTac mesh",
          "ours": "S2RM, RM2RM, from electrodes", "paper": "the paper's networks, from electrodes"}  # fmt: skip
 ABSENT = ""
@@ -59,42 +67,46 @@ def summary() -> str:
 def contacts() -> str:
     """Errors and found contacts of the translators, by indenter and by depth, beside the floors."""
     head = "", *(f"{source}: {model}" for source in ("BioTac's mesh", "electrodes")
-                 for model in ("floor", "the paper's", "ours"))  # fmt: skip
-    floor = RECORD["errors"]["ours"][TRANSLATORS[0][0]]["floor"]
+                 for model in ("floor", "the paper's", "ours", "two members"))  # fmt: skip
+    sitting = RECORD["errors"]
+    floor = sitting["ours"][TRANSLATORS[0][0]]["floor"]
     groups = [("by_indenter", name, name) for name in floor["by_indenter"]]
     groups += [("by_depth_mm", depth, f"at {depth} mm") for depth in DEPTHS]
     rows = []
     for kind, key, title in [("all", None, "all"), *groups]:
         cells = []
         for task, _, paper, ours in TRANSLATORS:
-            for folder, model in (("ours", "floor"), ("paper", paper), ("ours", f"{ours} (ours)")):
-                found = RECORD["errors"][folder][task][model][kind]
+            own = f"{ours} (ours)"
+            for errors, model in ((sitting["ours"], "floor"), (sitting["paper"], paper), (sitting["ours"], own),
+                                  (MEMBERS["errors"]["ours"], own)):  # fmt: skip
+                found = errors[task][model][kind]
                 cells.append(_found(found if key is None else found[key]))
         rows.append((title, *cells))
     return _table(head, rows)
 
 
-def answers() -> str:
-    """Figures of the single answers of PT, of its draws and of images, beside our targets."""
-    models = [RECORD["errors"]["ours"][task][f"{ours} (ours)"] for task, _, _, ours in TRANSLATORS]
-    images = [RECORD["edges"][step]["all"] for step in ("true_mesh", "points")]
-    edge = "edges of images, energy over that of true ones", "0.9 to 1.1", *map(_edge, images)
-    return _table(("", "target", "from the BioTac's mesh", "from electrodes"), [*_answer_rows(models), edge])
+def from_mesh() -> str:
+    """Figures of each of `VERSIONS` of PT from the BioTac's mesh, beside our targets."""
+    return _answers(0, "BioTac's mesh", "at most 16 um")
 
 
-def lengths() -> str:
-    """Figures of PT that was trained for so many epochs, as in `answers`."""
-    trained = {"30, epoch 15 kept": RECORD["errors"]["ours"], "30": LENGTHS["errors"]["ours"],
-               "10": LENGTHS["errors"]["ten_epochs"]}  # fmt: skip
-    head, models = ["epochs of PT", "target"], []
-    for (task, _, _, ours), source in zip(TRANSLATORS, ("BioTac's mesh", "electrodes"), strict=True):
-        head += [f"{source}: {epochs}" for epochs in trained]
-        models += [errors[task][f"{ours} (ours)"] for errors in trained.values()]
-    return _table(head, _answer_rows(models))
+def from_electrodes() -> str:
+    """Figures of each of `VERSIONS` of PT from electrodes, beside our targets."""
+    return _answers(1, "electrodes", "at most 22 um")
 
 
-def _answer_rows(models: Sequence[Group]) -> Sequence[Sequence[str]]:
-    """Rows of figures, each with its target and a column for each model."""
+def _answers(translator: int, source: str, error: str) -> str:
+    """Figures of a chain of `TRANSLATORS`, with its ``source`` in `VERSIONS` and the target of its ``error``."""
+    task, _, _, ours = TRANSLATORS[translator]
+    found = VERSIONS.values()
+    models = [record["errors"][folder][task][f"{ours} (ours)"] for record, folder, _ in found]
+    images = [_edge(record["edges"][steps[source]]["all"]) if steps else ABSENT for record, _, steps in found]
+    edge = "edges of images, energy over that of true ones", "0.9 to 1.1", *images
+    return _table(("", "target", *VERSIONS), [*_answer_rows(models, error), edge])
+
+
+def _answer_rows(models: Sequence[Group], error: str) -> Sequence[Sequence[str]]:
+    """Rows of figures, each with its target and a column for each model. ``error`` is the target of the RMSE."""
     single, drawn = [own["all"] for own in models], [own["answers"]["all"] for own in models]
 
     def row(
@@ -106,7 +118,7 @@ def _answer_rows(models: Sequence[Group]) -> Sequence[Sequence[str]]:
         return f"{own['contact_overlap']:.2f}"
 
     return [
-        row("error of the single answer", lambda own: f"{_um(own['rmse_um'])} um", single, "at most 16; 22 um"),
+        row("error of the single answer", lambda own: f"{_um(own['rmse_um'])} um", single, error),
         row("contacts that the single answer finds", lambda own: _percent(own["near"]), single),
         row("the same, of those that the floor allows", lambda own: _percent(own["near_allowed"]), single, "95 %"),
         row("found by the likeliest hypothesis", lambda own: _percent(own["near"])),
@@ -144,18 +156,16 @@ def networks() -> str:
 
 def edges() -> str:
     """Energy of the gradients of translated images over that of true images, of sums over images."""
-    names = sorted(RECORD["edges"]["true_mesh"], key=lambda name: name != "all")  # all first
-    rows = []
-    for step, title in STEPS.items():
-        own = RECORD["edges"][step]
-        rows.append((title, *(_edge(own[name]) if name in own else ABSENT for name in names)))
+    steps = RECORD["edges"] | MEMBERS["edges"]
+    names = sorted(steps["points"], key=lambda name: name != "all")  # all first
+    rows = [(title, *(_edge(steps[step][name]) for name in names)) for step, title in STEPS.items()]
     return _table(("sum over images, ratio to true images", *names), rows)
 
 
 def translated() -> str:
     """Contacts of the samples that `simgen translate` made images of."""
     rows = []
-    for name, own in RECORD["translated"].items():
+    for name, own in MEMBERS["translated"].items():
         found = _percent(own["near"]), _percent(own["any_near"]), f"{own['off_mm']:.2f} mm"
         rows.append((name, f"{own['samples']:,}", *found, _percent(own["in_order"]), f"{_um(own['rmse_um'])} um"))
     head = "indenter", "samples", "within 1 mm", "any of four hypotheses", "median", "in order", "RMSE"
@@ -165,23 +175,37 @@ def translated() -> str:
 def signal_limits() -> str:
     """Limits of signals at each depth, beside what PT reaches from them."""
     task, _, _, ours = TRANSLATORS[1]
-    model = RECORD["errors"]["ours"][task][f"{ours} (ours)"]
+    model = MEMBERS["errors"]["ours"][task][f"{ours} (ours)"]
     rows = []
     for row in SIGNALS["rows"]:
         if "depth_mm" in row:
             depth = f"{row['depth_mm']:.1f}"
             reached, drawn = model["by_depth_mm"][depth], model["answers"]["by_depth_mm"][depth]
-            near = _percent(row["near"]), _percent(reached["near"])
+            near = _percent(row["near"]), _percent(row["near_if_unknown"]), _percent(reached["near"])
             error = f"{_um(row['digit_um'])} um", f"{_um(reached['rmse_um'])} um"
             overlap = f"{row['contact_overlap']:.2f}", f"{drawn['contact_overlap']:.2f}"
             rows.append((f"{depth} mm", *near, *error, *overlap))
-    head = "depth", "within 1 mm: signals", "PT", "RMSE: signals", "PT", "overlap: signals", "PT"
-    return _table(head, rows)
+    head = "within 1 mm: signals", "any indenter", "PT", "RMSE: signals", "PT", "overlap: signals", "PT"
+    return _table(("depth", *head), rows)
+
+
+def least_changes() -> str:
+    """Least changes while the contact moves by 1 mm, beside the contacts that PT finds."""
+    found = [
+        MEMBERS["errors"]["ours"][task][f"{ours} (ours)"]["by_indenter"] for task, _, _, ours in TRANSLATORS
+    ]
+    rows = []
+    for row in SIGNALS["rows"]:
+        if name := row.get("indenter"):
+            near = [_percent(own[name]["near"]) for own in found]
+            rows.append((name, _percent(row["mesh_change"]), near[0], f"{row['signal_change']:.1f}", near[1]))
+    head = "BioTac's mesh changes by", "PT finds, from it", "signals change by", "PT finds, from them"
+    return _table(("indenter", *head), rows)
 
 
 PAGES = {
-    "training.md": (summary, contacts, answers, lengths, left_out, networks),
-    "translation.md": (edges, translated, signal_limits),
+    "training.md": (summary, contacts, from_mesh, from_electrodes, left_out, networks),
+    "translation.md": (edges, translated, signal_limits, least_changes),
 }
 
 
