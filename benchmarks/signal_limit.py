@@ -1,6 +1,6 @@
 """Measure how well electrode signals tell a contact, if a network made the best of them.
 
-    python benchmarks/signal_limit.py moved_contacts.zarr --contacts 8
+    python benchmarks/signal_limit.py moved_contacts.zarr --contacts 8 --networks training.networks
 
 A contact has five coordinates: place along the finger and along the arc, two tilts of the press axis, and the turn of
 the indenter. The presses of `jobs/paired.yaml` are made at drawn contacts, and again with each coordinate moved a
@@ -10,18 +10,19 @@ reading are normally distributed, too (Kay, Fundamentals of Statistical Signal P
 theorem 10.3). Their scatter is the error that stays.
 
 The same derivatives tell how little the BioTac's mesh and the signals change while the contact's centroid moves by 1 mm
-on the DIGIT. A network has to be more accurate than this.
+on the DIGIT. A network has to be more accurate than this. For a wide indenter these changes are tiny. So displacements
+are stored without rounding, and the solver's tolerances are small. With ``--networks``, PT translates the same samples
+from their signals, so that its errors stand beside the limits.
 
-This is an estimate, for two reasons. First, derivatives hold for small moves only. Presses with all coordinates moved
-at once show how far they hold. Second, indenter and depth count as known. One measure counts all nine indenters and all
-depths at the same place as possible, but none further away.
+This is an estimate. Indenter and depth count as known, while a network has to find them. And derivatives hold for small
+moves only. Presses with all coordinates moved at once show how far they hold.
 """
 
 import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +37,8 @@ from simgen.errors import InputError
 from simgen.learning.data.samples import TrainingData, load_training_data
 from simgen.learning.evaluation.contact import NEAR_MM, ContactGauge
 from simgen.learning.evaluation.metrics import contact_of, intersection_over_union
+from simgen.learning.networks.chain import make_chain
+from simgen.learning.networks.checkpoint import load_network
 from simgen.pipeline.plan import chosen_sensor, first_contacts, gel_under_indenters
 from simgen.sensing.electrodes.model import ElectrodeSettings, synthetic_signals
 from simgen.sensors.indenter import chosen_indenters
@@ -43,9 +46,12 @@ from simgen.sensors.room import Contacts, least_rotations
 
 SEED = 99  # contacts that no network has seen
 DEPTHS = ["depths_mm.first=0.1", "depths_mm.last=1.0", "depths_mm.count=10"]
+PRECISE = ["dataset.displacement=float32", "solver={residual_tolerance: 1e-6, contact_tolerance: 1e-4}"]
 MOVES = np.array([0.1, 0.1, 0.5, 0.5, 3.0])  # along the finger and the arc, mm; two tilts, and the turn, degrees
 TOGETHER = 0.5  # of all moves, in the press that shows how far derivatives hold
 DRAWS = 500  # contacts that fit a reading
+CHANGES = 0.005, 0.01, 0.02, 0.04, 1.0  # upper ends of `mesh_change` of samples that are counted together
+AT_ONCE = 8  # samples that PT translates together
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,7 @@ class Linear:
 class Sample:
     """One indenter and depth at a contact.
 
+    row : of the dataset
     signals : V, not rounded
     source : displacements of the BioTac's mesh, m
     mesh, centroid : of the DIGIT, m
@@ -76,6 +83,7 @@ class Sample:
     prediction_error : of signals by derivatives, with all coordinates moved; root mean square over channels, V
     """
 
+    row: int
     signals: Linear
     source: Linear
     mesh: Linear
@@ -123,60 +131,15 @@ def uncertainty(slope: np.ndarray, noise: float, prior: np.ndarray) -> np.ndarra
 
 
 def least_change(values: Linear, centroid: Linear) -> float:
-    """Least Euclidean norm of a change of values, by a move of the contact that moves its centroid by 1 mm.
+    """Least norm, in the unit of ``values``, of their change while the contact's centroid moves by 1 mm.
 
-    The square of this norm over that of the centroid's move, for moves m, is the Rayleigh quotient of J^T J and C^T C.
+    A move m of the coordinates changes the values by J m, and the centroid by C m. The least |J m| with |C m| = 1 mm is
+    the largest eigenvalue of C (J^T J)^-1 C^T, to the power of -1/2.
     """
     changes, moves = values.slope * MOVES, 1e3 * centroid.slope * MOVES
     gram = changes.T @ changes
     gram += 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram))  # a coordinate without effect: a sphere's turn
     return float(np.linalg.eigvalsh(moves @ np.linalg.solve(gram, moves.T))[-1] ** -0.5)
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Contacts near a sample's own that fit a reading: their coordinates are normally distributed around ``moves``.
-
-    likelihood : logarithm of the reading's density, over all contacts near the sample
-    """
-
-    moves: np.ndarray
-    covariance: np.ndarray
-    likelihood: float
-
-    @classmethod
-    def of(cls, reading: np.ndarray, signals: Linear, noise: float, prior: np.ndarray) -> "Fit":
-        """``reading``: (channel,) V; ``noise`` and ``prior``: as in `uncertainty`."""
-        slope, off = signals.slope, reading - signals.value
-        covariance = uncertainty(slope, noise, prior)
-        scatter = slope @ prior @ slope.T + noise**2 * np.eye(len(off))
-        likelihood = -0.5 * (off @ np.linalg.solve(scatter, off) + np.linalg.slogdet(scatter)[1])
-        return cls(covariance @ (slope.T @ off) / noise**2, covariance, float(likelihood))
-
-
-def near_if_unknown(
-    own: Sample, possible: Sequence[Sample], noise: float, prior: np.ndarray, random: np.random.Generator
-) -> float:
-    """Largest share of the contacts that fit a reading within `NEAR_MM` of one of them, if any sample is possible.
-
-    possible : samples of all indenters and depths at the same place, equally likely
-    """
-    reading = own.signals.value + random.normal(0.0, noise, len(own.signals.value))
-    fits = [Fit.of(reading, each.signals, noise, prior) for each in possible]
-    likelihood = np.array([fit.likelihood for fit in fits])
-    share = np.exp(likelihood - likelihood.max())
-    counts = random.multinomial(DRAWS, share / share.sum())
-    places = [
-        each.centroid.at(random.multivariate_normal(fit.moves, fit.covariance, count))
-        for each, fit, count in zip(possible, fits, counts, strict=True)
-        if count
-    ]
-    return share_near(np.concatenate(places))
-
-
-def share_near(places: np.ndarray) -> float:
-    """Largest share of places (n, 3), m, within `NEAR_MM` of one of them."""
-    return float((cdist(places, places) <= 1e-3 * NEAR_MM).mean(axis=1).max())
 
 
 def limits(own: Sample, covariance: np.ndarray, random: np.random.Generator) -> dict[str, float]:
@@ -193,25 +156,25 @@ def limits(own: Sample, covariance: np.ndarray, random: np.random.Generator) -> 
     slope = own.mesh.slope
     return {
         "digit_um": 1e6 * float(np.sqrt(np.trace(covariance @ (slope.T @ slope)) / len(slope))),
-        "near": share_near(places),
+        "near": float((cdist(places, places) <= 1e-3 * NEAR_MM).mean(axis=1).max()),
         "contact_overlap": float(1.0 - 0.5 * apart.mean()),
     }
 
 
-def simulate(data: Path, contacts: Sequence[Mapping[str, float]], device: str) -> None:
-    """Press all indenters at contacts, into a dataset.
+def simulate(data: Path, contacts: Sequence[Mapping[str, float]], indenters: Sequence[str], device: str) -> None:
+    """Press indenters at contacts, into a dataset.
 
     Raises `InputError` if `simgen run` fails.
     """
-    keys = [f"trajectories={{contacts: {json.dumps(contacts)}}}", "outputs={}", "dataset.presses_per_shard=9", *DEPTHS]
+    keys = [f"trajectories={{contacts: {json.dumps(contacts)}}}", "outputs={}", "dataset.presses_per_shard=9"]
+    keys += [*DEPTHS, *PRECISE, f"indenters=[{','.join(indenters)}]"]
     command = [sys.executable, "-m", "simgen.cli", "run", "paired", *keys, "-o", str(data), "--device", device]
     if subprocess.run(command).returncode:
         raise InputError(f"{data}: the presses were not simulated")
 
 
-def read_samples(path: Path) -> dict[tuple[int, int, int], Sample]:
-    """Samples by contact, indenter and depth, of which all seven presses are valid."""
-    data = load_training_data(path, ("biotac", "digit"), torch.device("cpu"), lambda items, what: items)
+def read_samples(data: TrainingData) -> dict[tuple[int, int, int], Sample]:
+    """Samples by contact, indenter and depth, if all of their seven presses are valid."""
     exact = ElectrodeSettings(bits=None)
     signals = synthetic_signals(data.dataset, "biotac", data.press, data.step, exact)
     source = data.meshes["biotac"]
@@ -224,8 +187,9 @@ def read_samples(path: Path) -> dict[tuple[int, int, int], Sample]:
         apart = 1.0 - intersection_over_union(contact[1:], np.repeat(contact[:1], len(MOVES), axis=0))
         error = volts.at(TOGETHER * MOVES) - signals[rows[-1]]
         skin = Linear.of(source.displacement(own).double().flatten(1).numpy())
-        found[key] = Sample(volts, skin, Linear.of(mesh.flatten(1).numpy()), Linear.of(gauge.centroid(mesh).numpy()),
-                            np.nan_to_num(apart), float(np.sqrt(np.mean(error**2))))  # fmt: skip
+        found[key] = Sample(rows[0], volts, skin, Linear.of(mesh.flatten(1).numpy()),
+                            Linear.of(gauge.centroid(mesh).numpy()), np.nan_to_num(apart),
+                            float(np.sqrt(np.mean(error**2))))  # fmt: skip
     return found
 
 
@@ -240,23 +204,39 @@ def groups(data: TrainingData) -> dict[tuple[int, int, int], list[int]]:
 
 
 def measure(samples: Mapping[tuple[int, int, int], Sample], settings: ElectrodeSettings, prior: np.ndarray) -> list:
-    """Limits of all samples.
+    """Limits of all samples, with the numbers of their indenter, their step, and their group of `CHANGES`.
 
-    near_if_unknown : see the function
-    mesh_change, signal_change : `least_change` of the BioTac's mesh over its displacement, and of all signals together
-        over ``noise``
+    mesh_change : `least_change` of the BioTac's mesh, over the norm of its displacements
+    signal_change : `least_change` of all signals, over the ``noise`` of one
     """
     random, noise, rows = np.random.default_rng(SEED), noise_of(settings), []
-    unknown = np.random.default_rng([SEED, 1])
-    for (contact, indenter, step), own in samples.items():
+    for (_, indenter, step), own in samples.items():
         found = limits(own, uncertainty(own.signals.slope, noise, prior), random)
-        possible = [each for (place, *_), each in samples.items() if place == contact]
-        found["near_if_unknown"] = near_if_unknown(own, possible, noise, prior, unknown)
         found["mesh_change"] = least_change(own.source, own.centroid) / float(np.linalg.norm(own.source.value))
         found["signal_change"] = least_change(own.signals, own.centroid) / noise
         error = own.prediction_error / noise
-        rows.append({"indenter": indenter, "step": step, **found, "prediction_error_over_noise": error})
+        group = int(np.searchsorted(CHANGES[:-1], found["mesh_change"], side="right"))
+        rows.append({"indenter": indenter, "step": step, "group": group, **found, "prediction_error_over_noise": error})
     return rows
+
+
+@torch.no_grad()
+def translated(
+    data: TrainingData, samples: Iterable[Sample], settings: ElectrodeSettings, networks: Path
+) -> list[dict[str, float]]:
+    """Errors of PT's single answer behind S2RM, for each sample: ``network_um`` and ``network_near``.
+
+    networks : folder of `simgen train`. Raises `InputError` if a network is missing
+    """
+    chain = make_chain(("s2rm", "pt"), lambda name: load_network(networks / name))
+    gauge = ContactGauge.of_dataset(data.dataset, "digit")
+    found = []
+    for rows in torch.tensor([own.row for own in samples]).split(AT_ONCE):
+        volts = synthetic_signals(data.dataset, "biotac", data.press[rows], data.step[rows], settings)
+        predicted, true = chain(torch.from_numpy(volts).float()), data.meshes["digit"].displacement(rows)
+        error, near = (predicted - true).square().mean(dim=(1, 2)).sqrt(), gauge.near(predicted, true)
+        found += [{"network_um": 1e6 * float(e), "network_near": float(n)} for e, n in zip(error, near, strict=True)]
+    return found
 
 
 def means(rows: Sequence[Mapping], key: str, title: str, names: Sequence) -> list[dict]:
@@ -270,7 +250,7 @@ def means(rows: Sequence[Mapping], key: str, title: str, names: Sequence) -> lis
         if not own:
             continue
         line = {title: name, "samples": len(own)}
-        for measure in (measure for measure in own[0] if measure not in ("indenter", "step")):
+        for measure in (measure for measure in own[0] if measure not in ("indenter", "step", "group")):
             line[measure] = float(f"{np.mean([row[measure] for row in own]):.4g}")
         found.append(line)
     return found
@@ -283,13 +263,22 @@ def main(asked: argparse.Namespace) -> None:
     coordinates = coordinates_of(drawn)
     contacts = [given(each) for own in coordinates[: asked.contacts] for each in moved(own)]
     if not asked.data.exists() or Dataset(asked.data).unfinished():
-        simulate(asked.data, contacts, asked.device)
-    if (found := Dataset(asked.data).job.trajectories.count) != len(contacts):
+        simulate(asked.data, contacts, asked.indenters or job.indenter_names, asked.device)
+    data = load_training_data(asked.data, ("biotac", "digit"), torch.device("cpu"), lambda items, what: items)
+    if (found := data.dataset.job.trajectories.count) != len(contacts):
         raise InputError(f"{asked.data}: {found} contacts; allowed: the {len(contacts)} of --contacts {asked.contacts}")
-    rows = measure(read_samples(asked.data), ElectrodeSettings(), np.cov(coordinates.T))
+    samples, settings = read_samples(data), ElectrodeSettings()
+    rows = measure(samples, settings, np.cov(coordinates.T))
+    if asked.networks:
+        reached = translated(data, samples.values(), settings, asked.networks)
+        rows = [limit | own for limit, own in zip(rows, reached, strict=True)]
     depths = [round(1e3 * float(depth), 6) for depth in load_job("paired", DEPTHS).depths_m]
-    found = [*means(rows, "step", "depth_mm", depths), *means(rows, "indenter", "indenter", job.indenter_names)]
-    write(asked, found, simulated_by=Dataset(asked.data).attributes["code"])
+    found = [
+        *means(rows, "step", "depth_mm", depths),
+        *means(rows, "indenter", "indenter", data.dataset.job.indenter_names),
+        *means(rows, "group", "mesh_change_below", CHANGES),
+    ]
+    write(asked, found, simulated_by=data.dataset.attributes["code"])
 
 
 if __name__ == "__main__":
@@ -297,4 +286,6 @@ if __name__ == "__main__":
     parser.add_argument("data", type=Path, help="dataset of the presses; it is simulated, unless it is there already")
     parser.add_argument("--contacts", type=int, default=8)
     parser.add_argument("--drawn", type=int, default=200, help="contacts whose scatter is the one without signals")
+    parser.add_argument("--indenters", nargs="+", help="all of the job by default")
+    parser.add_argument("--networks", type=Path, help="folder of `simgen train` with RMB, S2RM and PT")
     run(parser, main)
