@@ -14,7 +14,7 @@ from tables_on_page import with_tables
 from simgen.learning.data.registry import NETWORKS
 
 DOCS = Path(__file__).parents[1]
-RECORD, LENGTHS, MEMBERS, SIGNALS = (
+SITTING, LENGTHS, MEMBERS, SIGNALS = (
     json.loads((DOCS / "benchmarks" / name).read_text(encoding="utf-8"))
     for name in ("sitting_h200.json", "training_length_h200.json", "two_members_h200.json", "signal_limit_cpu.json")
 )
@@ -34,13 +34,13 @@ BY_LATENTS = (
 )
 DEPTHS = "0.1", "0.5", "1.0", "1.5", "2.0"
 LEFT_OUT = "sphere_7mm", "cube_14mm"
-# What PT became: the record, the folder of its networks, and the step of its images by source.
+# Versions of PT: the record, the folder of its networks, and whether its images were measured.
 VERSIONS = {
-    "epoch 15 of 30 kept, c540a67": (RECORD, "ours", {"BioTac's mesh": "true_mesh", "electrodes": "points"}),
-    "epoch 30 kept, cb0a1a2": (LENGTHS, "ours", {"BioTac's mesh": "true_mesh", "electrodes": "points"}),
-    "10 epochs, cb0a1a2": (LENGTHS, "ten_epochs", {}),
-    "**two members**, 39dcf67": (MEMBERS, "ours", {"BioTac's mesh": "true_mesh", "electrodes": "points"}),
-    "two members, 7,740 places": (MEMBERS, "one_indenter_each", {}),
+    "epoch 15 of 30 kept, c540a67": (SITTING, "ours", True),
+    "epoch 30 kept, cb0a1a2": (LENGTHS, "ours", True),
+    "10 epochs, cb0a1a2": (LENGTHS, "ten_epochs", False),
+    "**two members**, 39dcf67": (MEMBERS, "ours", True),
+    "the same, 7,740 places": (MEMBERS, "one_indenter_each", False),
 }
 STEPS = {"points": "S2RM, PT, from electrodes", "true_mesh": "PT, from the true BioTac mesh",
          "ours": "S2RM, RM2RM, from electrodes", "paper": "the paper's networks, from electrodes"}  # fmt: skip
@@ -53,12 +53,12 @@ def summary() -> str:
     """Errors of all networks over all test samples."""
     rows = []
     for task, title, paper, ours in (*MESHES, *BIOTAC, *TRANSLATORS, *BY_LATENTS):
-        models = RECORD["errors"]["ours"][task]
+        models = SITTING["errors"]["ours"][task]
         name, best = _best_baseline(models)
         floor = _um(models["floor"]["all"]["rmse_um"]) if "floor" in models else ABSENT
         stated = NETWORKS[paper.lower()].published if paper.lower() in NETWORKS else None
         published = f"{stated['rmse_um']:.2f} / {stated['region_rmse_um']:.2f}" if stated else ABSENT
-        theirs, own = RECORD["errors"]["paper"][task][paper], models[f"{ours} (ours)"]
+        theirs, own = SITTING["errors"]["paper"][task][paper], models[f"{ours} (ours)"]
         cells = f"{_both(best)}, {name}", f"{paper} {_both(theirs)}", f"{ours} **{_both(own)}**", floor, published
         rows.append((title, *cells))
     return _table(("", "best baseline", "the paper's network", "ours", "floor", "as published"), rows)
@@ -67,8 +67,8 @@ def summary() -> str:
 def contacts() -> str:
     """Errors and found contacts of the translators, by indenter and by depth, beside the floors."""
     head = "", *(f"{source}: {model}" for source in ("BioTac's mesh", "electrodes")
-                 for model in ("floor", "the paper's", "ours", "two members"))  # fmt: skip
-    sitting = RECORD["errors"]
+                 for model in ("floor", "the paper's", "ours, one member", "ours, two members"))  # fmt: skip
+    sitting = SITTING["errors"]
     floor = sitting["ours"][TRANSLATORS[0][0]]["floor"]
     groups = [("by_indenter", name, name) for name in floor["by_indenter"]]
     groups += [("by_depth_mm", depth, f"at {depth} mm") for depth in DEPTHS]
@@ -87,20 +87,20 @@ def contacts() -> str:
 
 def from_mesh() -> str:
     """Figures of each of `VERSIONS` of PT from the BioTac's mesh, beside our targets."""
-    return _answers(0, "BioTac's mesh", "at most 16 um")
+    return _answers(TRANSLATORS[0], "true_mesh", "at most 16 um")
 
 
 def from_electrodes() -> str:
     """Figures of each of `VERSIONS` of PT from electrodes, beside our targets."""
-    return _answers(1, "electrodes", "at most 22 um")
+    return _answers(TRANSLATORS[1], "points", "at most 22 um")
 
 
-def _answers(translator: int, source: str, error: str) -> str:
-    """Figures of a chain of `TRANSLATORS`, with its ``source`` in `VERSIONS` and the target of its ``error``."""
-    task, _, _, ours = TRANSLATORS[translator]
+def _answers(translator: Sequence[str], step: str, error: str) -> str:
+    """Figures of a chain: one of `TRANSLATORS`, the step of its images, and the target of its RMSE."""
+    task, _, _, ours = translator
     found = VERSIONS.values()
     models = [record["errors"][folder][task][f"{ours} (ours)"] for record, folder, _ in found]
-    images = [_edge(record["edges"][steps[source]]["all"]) if steps else ABSENT for record, _, steps in found]
+    images = [_edge(record["edges"][step]["all"]) if drawn else ABSENT for record, _, drawn in found]
     edge = "edges of images, energy over that of true ones", "0.9 to 1.1", *images
     return _table(("", "target", *VERSIONS), [*_answer_rows(models, error), edge])
 
@@ -135,7 +135,7 @@ def left_out() -> str:
     rows = []
     for indenter in LEFT_OUT:
         for task, title, _, ours in (*BIOTAC, *TRANSLATORS):
-            models, known = (RECORD["errors"][name][task] for name in (f"without_{indenter}", "ours"))
+            models, known = (SITTING["errors"][name][task] for name in (f"without_{indenter}", "ours"))
             name, best = _best_baseline(models)
             own, seen = models[f"{ours} (ours)"]["all"], known[f"{ours} (ours)"]["by_indenter"][indenter]
             cells = _um(models["rest"]["all"]["rmse_um"]), f"{_found(best['all'])}, {name}", _found(own), _found(seen)
@@ -145,7 +145,7 @@ def left_out() -> str:
 
 def networks() -> str:
     """Epochs and seconds of each training."""
-    trained = RECORD["networks"]["paper"] | RECORD["networks"]["ours"]
+    trained = SITTING["networks"]["paper"] | SITTING["networks"]["ours"]
     rows = []
     for name, spec in NETWORKS.items():
         own = trained[name]
@@ -156,7 +156,7 @@ def networks() -> str:
 
 def edges() -> str:
     """Energy of the gradients of translated images over that of true images, of sums over images."""
-    steps = RECORD["edges"] | MEMBERS["edges"]
+    steps = SITTING["edges"] | MEMBERS["edges"]  # PT's images of the later record
     names = sorted(steps["points"], key=lambda name: name != "all")  # all first
     rows = [(title, *(_edge(steps[step][name]) for name in names)) for step, title in STEPS.items()]
     return _table(("sum over images, ratio to true images", *names), rows)
@@ -173,39 +173,26 @@ def translated() -> str:
 
 
 def signal_limits() -> str:
-    """Limits of signals at each depth, beside what PT reaches from them."""
-    task, _, _, ours = TRANSLATORS[1]
-    model = MEMBERS["errors"]["ours"][task][f"{ours} (ours)"]
-    rows = []
+    """Limits of signals, beside what PT reaches from them for the same samples."""
+    rows, below = [], 0.0
     for row in SIGNALS["rows"]:
         if "depth_mm" in row:
-            depth = f"{row['depth_mm']:.1f}"
-            reached, drawn = model["by_depth_mm"][depth], model["answers"]["by_depth_mm"][depth]
-            near = _percent(row["near"]), _percent(row["near_if_unknown"]), _percent(reached["near"])
-            error = f"{_um(row['digit_um'])} um", f"{_um(reached['rmse_um'])} um"
-            overlap = f"{row['contact_overlap']:.2f}", f"{drawn['contact_overlap']:.2f}"
-            rows.append((f"{depth} mm", *near, *error, *overlap))
-    head = "within 1 mm: signals", "any indenter", "PT", "RMSE: signals", "PT", "overlap: signals", "PT"
-    return _table(("depth", *head), rows)
-
-
-def least_changes() -> str:
-    """Least changes while the contact moves by 1 mm, beside the contacts that PT finds."""
-    found = [
-        MEMBERS["errors"]["ours"][task][f"{ours} (ours)"]["by_indenter"] for task, _, _, ours in TRANSLATORS
-    ]
-    rows = []
-    for row in SIGNALS["rows"]:
-        if name := row.get("indenter"):
-            near = [_percent(own[name]["near"]) for own in found]
-            rows.append((name, _percent(row["mesh_change"]), near[0], f"{row['signal_change']:.1f}", near[1]))
-    head = "BioTac's mesh changes by", "PT finds, from it", "signals change by", "PT finds, from them"
-    return _table(("indenter", *head), rows)
+            title = f"at {row['depth_mm']} mm"
+        elif "indenter" in row:
+            title = row["indenter"]
+        else:
+            title = f"mesh changes by {100.0 * below:g} to {100.0 * row['mesh_change_below']:g} %"
+            below = row["mesh_change_below"]
+        near = _percent(row["near"]), _percent(row["network_near"])
+        error = f"{_um(row['digit_um'])} um", f"{_um(row['network_um'])} um"
+        rows.append((title, str(row["samples"]), *near, *error, f"{row['contact_overlap']:.2f}"))
+    head = "samples", "within 1 mm: signals", "PT", "RMSE: signals", "PT", "overlap, at most"
+    return _table(("", *head), rows)
 
 
 PAGES = {
     "training.md": (summary, contacts, from_mesh, from_electrodes, left_out, networks),
-    "translation.md": (edges, translated, signal_limits, least_changes),
+    "translation.md": (edges, translated, signal_limits),
 }
 
 
