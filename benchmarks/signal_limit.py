@@ -51,7 +51,6 @@ MOVES = np.array([0.1, 0.1, 0.5, 0.5, 3.0])  # along the finger and the arc, mm;
 TOGETHER = 0.5  # of all moves, in the press that shows how far derivatives hold
 DRAWS = 500  # contacts that fit a reading
 CHANGES = 0.005, 0.01, 0.02, 0.04, 1.0  # upper ends of `mesh_change` of samples that are counted together
-AT_ONCE = 8  # samples that PT translates together
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,6 @@ def read_samples(data: TrainingData) -> dict[tuple[int, int, int], Sample]:
     """Samples by contact, indenter and depth, if all of their seven presses are valid."""
     exact = ElectrodeSettings(bits=None)
     signals = synthetic_signals(data.dataset, "biotac", data.press, data.step, exact)
-    source = data.meshes["biotac"]
     gauge, touching = ContactGauge.of_dataset(data.dataset, "digit"), contact_of(data, "digit")
     found = {}
     for key, rows in groups(data).items():
@@ -186,7 +184,7 @@ def read_samples(data: TrainingData) -> dict[tuple[int, int, int], Sample]:
         contact, volts = touching(own, mesh), Linear.of(signals[rows[:-1]])
         apart = 1.0 - intersection_over_union(contact[1:], np.repeat(contact[:1], len(MOVES), axis=0))
         error = volts.at(TOGETHER * MOVES) - signals[rows[-1]]
-        skin = Linear.of(source.displacement(own).double().flatten(1).numpy())
+        skin = Linear.of(data.meshes["biotac"].displacement(own).double().flatten(1).numpy())
         found[key] = Sample(rows[0], volts, skin, Linear.of(mesh.flatten(1).numpy()),
                             Linear.of(gauge.centroid(mesh).numpy()), np.nan_to_num(apart),
                             float(np.sqrt(np.mean(error**2))))  # fmt: skip
@@ -230,13 +228,11 @@ def translated(
     """
     chain = make_chain(("s2rm", "pt"), lambda name: load_network(networks / name))
     gauge = ContactGauge.of_dataset(data.dataset, "digit")
-    found = []
-    for rows in torch.tensor([own.row for own in samples]).split(AT_ONCE):
-        volts = synthetic_signals(data.dataset, "biotac", data.press[rows], data.step[rows], settings)
-        predicted, true = chain(torch.from_numpy(volts).float()), data.meshes["digit"].displacement(rows)
-        error, near = (predicted - true).square().mean(dim=(1, 2)).sqrt(), gauge.near(predicted, true)
-        found += [{"network_um": 1e6 * float(e), "network_near": float(n)} for e, n in zip(error, near, strict=True)]
-    return found
+    rows = torch.tensor([own.row for own in samples])
+    volts = synthetic_signals(data.dataset, "biotac", data.press[rows], data.step[rows], settings)
+    predicted, true = chain(torch.from_numpy(volts).float()), data.meshes["digit"].displacement(rows)
+    error, near = (predicted - true).square().mean(dim=(1, 2)).sqrt(), gauge.near(predicted, true)
+    return [{"network_um": 1e6 * float(e), "network_near": float(n)} for e, n in zip(error, near, strict=True)]
 
 
 def means(rows: Sequence[Mapping], key: str, title: str, names: Sequence) -> list[dict]:
