@@ -18,7 +18,7 @@ from simgen.dataset.writer import complete, filling, folder_aside, log_timing, o
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
 from simgen.pipeline.plan import Plan
 from simgen.pipeline.shard import Presser, ShardReport, fem_presser, run_shards
-from simgen.pipeline.shard_writer import Failure
+from simgen.pipeline.shard_files import Failure
 from simgen.pipeline.workers import Workers
 
 # Presses of all tasks that a GPU's process has under way, if tasks have several shards. They are many more than the

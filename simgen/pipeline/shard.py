@@ -6,7 +6,6 @@ A worker process makes the scene of a sensor once and keeps it between tasks. Th
 
 import json
 import math
-import os
 import socket
 import threading
 import time
@@ -39,6 +38,7 @@ from simgen.pipeline.plan import (
     indenter_identities,
     sensor_identity,
 )
+from simgen.pipeline.shard_files import version_of, writing
 from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
 from simgen.sensors.indenter import Indenter, chosen_indenters
 from simgen.sensors.sensor import Sensor
@@ -63,7 +63,6 @@ class Presser(Protocol):
 
 # Versions at the start of the process: files may change while a worker lives, its loaded code does not.
 LOADED_VERSIONS = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
-WRITTEN_AT_ONCE = min(16, os.cpu_count() or 1)  # shards; each takes 0.2 s of a core and 0.1 GB for a sensor
 
 
 @dataclass(frozen=True)
@@ -213,14 +212,14 @@ _READING = threading.Lock()
 
 def _planned(path: Path, job: Job) -> PlannedPresses:
     """Read the plan once for all tasks of this process: hundreds may begin at the same time."""
-    found = os.stat(file) if (file := path / "zarr.json").is_file() else None
+    version = version_of(path)
     with _READING:
-        return _read_plan(path, job, found and (found.st_ino, found.st_mtime_ns))
+        return _read_plan(path, job, version)
 
 
 @lru_cache(maxsize=1)
 def _read_plan(path: Path, job: Job, version: tuple[int, int] | None) -> PlannedPresses:
-    """Read the plan; `version` is the inode and time of change of its zarr.json."""
+    """Read the plan; `version` is the result of `version_of`."""
     dataset = Dataset(path)
     poses = {sensor: dataset.root[f"{sensor}/pose"][:] for sensor in dataset.sensors}
     steps = {sensor: dataset[f"{sensor}/pressable_steps"] for sensor in dataset.sensors if dataset.job.stops_early}
@@ -255,15 +254,11 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     """
     plan = _planned(path, job)
     dataset = plan.dataset
-    with folder_aside(dataset) as folder, ThreadPoolExecutor(WRITTEN_AT_ONCE) as threads:
+    with folder_aside(dataset) as folder, writing(device) as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
-        try:
-            begin = time.perf_counter()
-            _solve(plan, writers, job, device, build)
-            put_shards_in_place(dataset, writers)
-        except BaseException:
-            threads.shutdown(cancel_futures=True)  # files that wait to be written are of no use
-            raise
+        begin = time.perf_counter()
+        _solve(plan, writers, job, device, build)
+        put_shards_in_place(dataset, writers)
     share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
     return [_report(writer, share) for writer in writers]
 

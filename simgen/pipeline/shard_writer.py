@@ -2,37 +2,17 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from simgen.dataset.atomic_files import Aside, holds, put_in_place
 from simgen.dataset.reader import Dataset
-from simgen.dataset.writer import forget, manifest_aside, manifest_path, write_aside
-from simgen.errors import NOT_WRITABLE, InputError
+from simgen.dataset.writer import forget, manifest_aside, manifest_path
 from simgen.fem.nonlinear.status import is_valid
+from simgen.pipeline.shard_files import Failure, WritingThreads
 from simgen.sensors.indenter_pose import advanced
 from simgen.simulation.press import PressResult
-
-
-@dataclass(frozen=True)
-class Failure:
-    """An exception as text, with the operating system's number if it has one.
-
-    final : a second try would fail too, because of a bad input or a full disk
-    """
-
-    sentence: str
-    errno: int | None
-    final: bool = False
-
-    @classmethod
-    def of(cls, error: Exception) -> "Failure":
-        """Describe an exception."""
-        number = getattr(error, "errno", None)
-        return cls(f"{type(error).__name__}: {error}", number, isinstance(error, InputError) or number in NOT_WRITABLE)
 
 
 class ShardWriter:
@@ -44,10 +24,10 @@ class ShardWriter:
     failure : the first sensor's error in writing, or None; known once `files` has returned
     """
 
-    def __init__(self, dataset: Dataset, shard: int, folder: Path, threads: ThreadPoolExecutor):
+    def __init__(self, dataset: Dataset, shard: int, folder: Path, writing: WritingThreads):
         self.dataset, self.shard, self.presses = dataset, shard, np.array(dataset.shard_presses(shard))
         self.outcomes, self.seconds, self.failure = Counter(), {}, None
-        self._folder, self._threads, self._writing = folder, threads, []
+        self._folder, self._threads, self._writing = folder, writing, []
         self._first_touch = np.zeros(len(self.presses))
 
     def take(self, sensor: str, results: Sequence[PressResult], contact_pose: np.ndarray) -> None:
@@ -64,14 +44,7 @@ class ShardWriter:
         values[f"{sensor}/touch"] = touch - self._first_touch
         self.outcomes.update(int(code) for result in results for code in result.status[~is_valid(result.status)])
         self.seconds[sensor] = round(sum(result.seconds for result in results), 3)
-        self._writing.append(self._threads.submit(self._write, values))
-
-    def _write(self, values: dict[str, Sequence]) -> "dict[str, Aside] | Failure":
-        """Write files by path; an exception becomes a `Failure`."""
-        try:
-            return write_aside(self.dataset, self.shard, values, self._folder)
-        except Exception as error:
-            return Failure.of(error)
+        self._writing.append(self._threads.submit(dataset, self.shard, values, self._folder))
 
     def files(self) -> tuple[dict[str, Aside], dict[str, Aside]]:
         """Wait for the shard's files and manifest, by path; both are empty after a failure."""

@@ -41,6 +41,7 @@ IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)
 SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
 FORK = {
     "distributed.worker.multiprocessing-method": "forkserver",
+    "distributed.worker.daemon": False,  # a daemon could not have processes that write
     # Otherwise dask makes processes return freed memory at once. Getting it back takes half of a sensor's loading time.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
 }

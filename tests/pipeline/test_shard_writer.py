@@ -1,7 +1,5 @@
 """Writing a shard: arrays by sensor, poses at first touch, files that appear only when the shard is whole."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import fake
 import numpy as np
 import pytest
@@ -10,7 +8,8 @@ from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import create, folder_aside
 from simgen.errors import InputError
 from simgen.pipeline import shard_writer
-from simgen.pipeline.shard_writer import Failure, ShardWriter, put_shards_in_place
+from simgen.pipeline.shard_files import Failure, writing
+from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
 
 
 @pytest.fixture
@@ -24,7 +23,7 @@ def write(dataset: Dataset, shards: range, build=fake.fake_presser) -> list[Shar
     """Press and write shards; returns their writers."""
     indenter, contact = dataset["press/indenter"], dataset["press/contact_pose"]
     before = dataset.finished()
-    with folder_aside(dataset) as folder, ThreadPoolExecutor(2) as threads:
+    with folder_aside(dataset) as folder, writing("cpu") as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
         for sensor in dataset.sensors:
             presser = build(dataset.job, sensor, "cpu")
