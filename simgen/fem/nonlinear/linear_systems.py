@@ -23,10 +23,6 @@ KRYLOV_PER_ROUND = 4
 # more of eight environments are at work: 0.77 s a depth instead of 0.82 with four iterations (16 presses on the default
 # DIGIT, 8 at once, to 0.5 mm; both at the same time on two cores, once).
 KRYLOV_PER_CPU_ROUND = 2
-# A GPU solves so few systems to their end: each round costs its host a few milliseconds. The last presses of a run are
-# hard and take up to 40 iterations a system. Alone, one takes 18 ms for a Newton iteration, and some 35 in rounds of
-# four (one H200, once, by a script that is not kept).
-FEW = 4
 # Least damping with which a sparse factor replaces multigrid. Factors on the DIGIT's default mesh take 8 s of a core,
 # and damped multigrid mostly serves: a ring's first step of 0.25 mm takes 12 s, and 64 s with factors first.
 FACTOR_DAMPING = 2.0
@@ -60,7 +56,6 @@ class LinearSystems:
         cpu = wp.get_device(device).is_cpu
         self._per_round = self.size if n_env == 1 else KRYLOV_PER_CPU_ROUND if cpu else KRYLOV_PER_ROUND
         self._solve_together = n_env > 1 and not cpu
-        self._few = 0 if cpu else FEW
         self.solving, self._rebuilt = np.zeros((2, n_env), dtype=bool)  # _rebuilt: multigrid is of this state
         self._last_iterations = np.zeros(n_env, dtype=np.int64)
         self._damping = np.zeros(n_env)
@@ -119,9 +114,7 @@ class LinearSystems:
         Also returns the iterations (env,) of the systems that ended, otherwise 0.
         """
         factored, used = self.preconditioner.factored, np.zeros_like(self._last_iterations)
-        wanted = self.solving & ~factored
-        few = wanted.sum() <= self._few
-        solved, missed = self._iterate(wanted, self.size if few else self._per_round, False, used)
+        solved, missed = self._iterate(self.solving & ~factored, self._per_round, False, used)
         hopeless = missed & self._rebuilt & (self._damping >= FACTOR_DAMPING)
         missed &= ~self.preconditioner.switch_to_factors(hopeless)
         by_factor = self.solving & factored
@@ -143,7 +136,7 @@ class LinearSystems:
         self.active.choose(wanted)
         self.preconditioner.select(factored)
         terms = self._tangent, self.preconditioner.apply, self.tolerance, self.loose_tolerance
-        together = self._solve_together and not factored and most < self.size
+        together = self._solve_together and not factored
         ended = wanted & ~self.krylov.advance(*terms, most, together, capture=not factored)
         if not ended.any():
             return ended, ended

@@ -9,7 +9,7 @@ from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1
 from simgen.fem.material.neo_hookean import NeoHookean
-from simgen.fem.nonlinear.linear_systems import KRYLOV_PER_CPU_ROUND, LOOSE_FACTOR, LinearSystems
+from simgen.fem.nonlinear.linear_systems import LOOSE_FACTOR, LinearSystems
 from simgen.verification.validate.meshes import box
 
 ALL, TOLERANCE = np.ones(2, dtype=bool), 1e-3
@@ -45,19 +45,6 @@ def test_steps_solve_the_tangent_to_the_tolerance_and_leave_fixed_rows():
     left = np.linalg.norm(out.numpy() - load, axis=0) / np.linalg.norm(load, axis=0)
     assert (left <= 1.01 * LOOSE_FACTOR * TOLERANCE).all()
     assert not made.step.numpy()[fixed].any()
-
-
-def test_few_systems_are_solved_to_their_end_at_once():
-    """As on a GPU, which solves more systems together, some iterations at a time."""
-    made, _, load, residual = systems()
-    made._few, made._solve_together, x = 1, True, wp.zeros(load.shape, dtype=wp.float64, device="cpu")
-    for environments in (ALL, np.array([True, False])):
-        made.distrust(environments)
-        made.begin(environments, x, np.zeros(2), residual)
-        solved, _, used = made.advance(residual)
-        assert solved.tolist() == ([False, False] if environments.all() else [True, False])
-        made.solving[:] = False
-    assert used[0] > KRYLOV_PER_CPU_ROUND and used[1] == 0
 
 
 def test_multigrid_is_rebuilt_where_the_last_system_took_many_iterations(monkeypatch):
