@@ -22,7 +22,7 @@ from zarr.storage import LocalStore, MemoryStore
 
 from simgen.errors import system_errors
 
-# Level 5 makes samples 2.4 % smaller but takes five times as long, too long for four threads beside a GPU.
+# Level 5 makes samples 2.4 % smaller but takes five times as long, too long beside a GPU.
 COMPRESSION = {"cname": "zstd", "clevel": 2}  # and byte shuffle
 
 # One thread keeps the order of a file's chunks; shards run in parallel instead. Strict: falling back to zarr would

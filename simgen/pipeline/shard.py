@@ -254,11 +254,16 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     """
     plan = _planned(path, job)
     dataset = plan.dataset
-    with folder_aside(dataset) as folder, writing(device) as threads:
+    with folder_aside(dataset) as folder, writing() as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
-        begin = time.perf_counter()
-        _solve(plan, writers, job, device, build)
-        put_shards_in_place(dataset, writers)
+        try:
+            begin = time.perf_counter()
+            _solve(plan, writers, job, device, build)
+            put_shards_in_place(dataset, writers)
+        except BaseException:
+            for writer in writers:
+                writer.abandon()
+            raise
     share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
     return [_report(writer, share) for writer in writers]
 

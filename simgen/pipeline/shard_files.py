@@ -1,7 +1,7 @@
-"""Compression and writing of results while presses are solved: in threads beside a CPU, in processes beside a GPU.
+"""Compression and writing of results while presses are solved.
 
-A thread that writes takes Python's lock, and the threads that feed a GPU wait for it. A shard of the paired job takes
-0.16 s of the lock (one core of an AMD EPYC), and a GPU ends a shard every two seconds.
+Threads write beside a CPU, and processes beside a GPU. A thread that writes takes Python's lock, and the threads that
+feed a GPU wait for it.
 """
 
 import multiprocessing
@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 
 import numpy as np
 
@@ -22,9 +21,11 @@ from simgen.dataset.atomic_files import Aside
 from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import write_aside
 from simgen.errors import NOT_WRITABLE, InputError
-from simgen.pipeline.forked_imports import CAN_FORK
 
-WRITTEN_AT_ONCE = min(16, os.cpu_count() or 1)  # shards; each takes 0.2 s of a core and 0.1 GB for a sensor
+BY_PROCESSES = False  # set in workers that `simgen.pipeline.workers` starts for a GPU
+# Shards that a process writes at once; each takes 0.2 s of a core and 0.1 GB for a sensor. A GPU ends a shard of the
+# paired job every two seconds, and some ten together at its end.
+THREADS, PROCESSES = min(16, os.cpu_count() or 1), 4
 
 
 @dataclass(frozen=True)
@@ -51,21 +52,24 @@ Written = dict[str, Aside] | Failure
 class WritingThreads:
     """Threads that write files of shards' arrays."""
 
-    def __init__(self):
-        self._threads = ThreadPoolExecutor(WRITTEN_AT_ONCE)
+    def __init__(self, count: int = THREADS):
+        self._threads = ThreadPoolExecutor(count)
 
     def submit(self, dataset: Dataset, shard: int, values: Mapping[str, Sequence], folder: Path) -> "Future[Written]":
         """Begin to write files, not in their places yet. The result has them by path, or a failure.
 
         values : see `simgen.dataset.writer.write_aside`
         """
-        return self._threads.submit(self._write, dataset, shard, values, folder)
+        return self._threads.submit(self._try, dataset, shard, values, folder)
 
-    def _write(self, dataset: Dataset, shard: int, values: Mapping[str, Sequence], folder: Path) -> Written:
+    def _try(self, *given) -> Written:
         try:
-            return write_aside(dataset, shard, values, folder)
+            return self._write(*given)
         except Exception as error:
             return Failure.of(error)
+
+    def _write(self, dataset: Dataset, shard: int, values: Mapping[str, Sequence], folder: Path) -> Written:
+        return write_aside(dataset, shard, values, folder)
 
     def close(self):
         """Drop what waits to be written, and wait for the rest."""
@@ -73,64 +77,58 @@ class WritingThreads:
 
 
 class WritingProcesses(WritingThreads):
-    """Processes that write for this one, each for one of its threads. They end with it."""
+    """Processes that write for this one, each for one of its threads. They end with this process."""
 
-    def __init__(self):
-        super().__init__()
+    def __init__(self, count: int = PROCESSES):
+        super().__init__(count)
         self._own = threading.local()
-        self._context = multiprocessing.get_context("forkserver" if CAN_FORK else "spawn")
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload([__name__])  # otherwise each process takes a second for its imports
 
     def _write(self, dataset: Dataset, shard: int, values: Mapping[str, Sequence], folder: Path) -> Written:
+        """Send the values to this thread's process, without a copy that would take Python's lock, and let it write."""
+        arrays = {name: np.stack(of_presses) for name, of_presses in values.items()}
+        kinds = {name: (array.dtype.str, array.shape) for name, array in arrays.items()}
+        connection = self._connection()
         try:
-            return self._hand_over(dataset, shard, values, folder)
-        except Exception as error:
-            return Failure.of(error)
-
-    def _start(self):
-        """Start this thread's process. It ends when this end of its pipe is closed, or this process dies."""
-        self._own.connection, there = self._context.Pipe()
-        self._own.process = self._context.Process(target=_serve, args=(there,))
-        self._own.process.start()
-        there.close()
-        # Before Python waits for its processes to end.
-        multiprocessing.util.Finalize(None, self._own.connection.close, exitpriority=1)
-
-    def _hand_over(self, dataset: Dataset, shard: int, values: Mapping[str, Sequence], folder: Path) -> Written:
-        """Let this thread's process write. It gets large arrays as files, which are written without Python's lock."""
-        if not hasattr(self._own, "process") or not self._own.process.is_alive():
-            self._start()
-        handed = {name: np.stack(of_presses) for name, of_presses in values.items()}
-        for name in [name for name in handed if dataset.arrays[name].chunk]:
-            with NamedTemporaryFile(dir=folder, suffix=".npy", delete=False) as file:
-                np.save(file, handed[name])
-            handed[name] = Path(file.name)
-        try:
-            self._own.connection.send((dataset.path, shard, handed, folder))
-            return self._own.connection.recv()
+            connection.send((dataset.path, shard, kinds, folder))
+            for array in arrays.values():
+                connection.send_bytes(array.view(np.uint8).reshape(-1))
+            return connection.recv()
         except (EOFError, ConnectionError):
+            self._own.close()
             self._own.process.join()
             raise RuntimeError("the process that wrote it died, killed or out of memory") from None
 
+    def _connection(self):
+        """The connection to this thread's process, which starts now if there is none."""
+        if not hasattr(self._own, "process") or not self._own.process.is_alive():
+            connection, there = self._context.Pipe()
+            process = self._context.Process(target=_serve, args=(there,))
+            try:
+                process.start()
+            except OSError as error:  # no error of the dataset's disk
+                raise RuntimeError(f"no process to write: {error}") from None
+            there.close()
+            self._own.connection, self._own.process = connection, process
+            # The process ends when the pipe is closed. Python would otherwise wait for it at its own end.
+            self._own.close = multiprocessing.util.Finalize(None, connection.close, exitpriority=1)
+        return self._own.connection
+
 
 def _serve(connection):
-    """Write what comes, until the other end is closed."""
+    """Write the values of one shard after another, until the other end of the connection is closed."""
     while True:
         try:
-            path, shard, handed, folder = connection.recv()
+            path, shard, kinds, folder = connection.recv()
+            values = {name: np.frombuffer(connection.recv_bytes(), kind).reshape(shape)
+                      for name, (kind, shape) in kinds.items()}  # fmt: skip
         except EOFError:
             return
         try:
-            values = {name: _taken(value) if isinstance(value, Path) else value for name, value in handed.items()}
             connection.send(write_aside(_opened(path, version_of(path)), shard, values, folder))
         except Exception as error:
             connection.send(Failure.of(error))
-
-
-def _taken(file: Path) -> np.ndarray:
-    """Read an array from a file, and remove the file."""
-    values = np.load(file)
-    file.unlink()
-    return values
 
 
 @lru_cache(maxsize=1)
@@ -139,19 +137,18 @@ def _opened(path: Path, version: tuple[int, int] | None) -> Dataset:
 
 
 def version_of(path: Path) -> tuple[int, int] | None:
-    """Inode and time of change of a dataset's zarr.json: another run may have put another dataset at the same path."""
+    """Inode and time of change of a dataset's zarr.json; None without such a file, which `Dataset` then reports.
+
+    Another run may have put another dataset at the same path.
+    """
     found = os.stat(file) if (file := path / "zarr.json").is_file() else None
     return found and (found.st_ino, found.st_mtime_ns)
 
 
 @contextmanager
-def writing(device: str) -> Iterator[WritingThreads]:
-    """Yield what writes a task's results: threads that end with the task, or the processes of all tasks on a GPU.
-
-    Processes write for workers that `simgen.pipeline.workers` has started. Those of another scheduler are daemons,
-    which must not have processes. The command's own process may be a script that cannot be imported again.
-    """
-    if device != "cpu" and multiprocessing.parent_process() and not multiprocessing.current_process().daemon:
+def writing() -> Iterator[WritingThreads]:
+    """Yield what writes a task's results: threads that end with the task, or the processes of all tasks."""
+    if BY_PROCESSES:
         yield processes()
         return
     threads = WritingThreads()

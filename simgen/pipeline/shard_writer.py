@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import wait
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +25,10 @@ class ShardWriter:
     failure : the first sensor's error in writing, or None; known once `files` has returned
     """
 
-    def __init__(self, dataset: Dataset, shard: int, folder: Path, writing: WritingThreads):
+    def __init__(self, dataset: Dataset, shard: int, folder: Path, threads: WritingThreads):
         self.dataset, self.shard, self.presses = dataset, shard, np.array(dataset.shard_presses(shard))
         self.outcomes, self.seconds, self.failure = Counter(), {}, None
-        self._folder, self._threads, self._writing = folder, writing, []
+        self._folder, self._threads, self._writing = folder, threads, []
         self._first_touch = np.zeros(len(self.presses))
 
     def take(self, sensor: str, results: Sequence[PressResult], contact_pose: np.ndarray) -> None:
@@ -61,6 +62,12 @@ class ShardWriter:
             except OSError as error:
                 self.failure = Failure.of(error)
         return {}, {}
+
+    def abandon(self):
+        """Write no more files, and wait for those that are being written."""
+        for writing in self._writing:
+            writing.cancel()
+        wait(self._writing)
 
 
 def put_shards_in_place(dataset: Dataset, writers: Sequence[ShardWriter]) -> None:

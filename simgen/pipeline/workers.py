@@ -37,11 +37,12 @@ STARTS = 3  # attempts to start a process that is killed as it starts
 
 # A terminal interrupts the whole process group; only the parent answers, and ends the workers.
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-# Threads that write shards must not block threads that feed a GPU for Python's usual 5 ms.
+# Threads that collect and hand over results must not block threads that feed a GPU for Python's usual 5 ms.
 SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
+WRITE_BY_PROCESSES = "from simgen.pipeline import shard_files; shard_files.BY_PROCESSES = True"
 FORK = {
     "distributed.worker.multiprocessing-method": "forkserver",
-    "distributed.worker.daemon": False,  # a daemon could not have processes that write
+    "distributed.worker.daemon": False,  # Python does not let a daemon start processes, as those that write
     # Otherwise dask makes processes return freed memory at once. Getting it back takes half of a sensor's loading time.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
 }
@@ -250,7 +251,8 @@ def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
     shared = {"silence_logs": "CRITICAL", "dashboard": False, "config": NO_PROFILE}
     shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's default is a share by cores
     threads = [TASKS_PER_GPU_PROCESS if environment else 1 for environment in environments]
-    preload = [[IGNORE_INTERRUPTS, *([SHORT_TURNS] if environment else [])] for environment in environments]
+    of_gpu = [SHORT_TURNS, *([WRITE_BY_PROCESSES] if CAN_FORK else [])]
+    preload = [[IGNORE_INTERRUPTS, *(of_gpu if environment else [])] for environment in environments]
     variables = [{**os.environ, **environment} for environment in environments]  # those of now, not of the first fork
     workers = {
         i: {"cls": QuickNanny, "options": {**shared, "nthreads": count, "env": own, "preload": before}}

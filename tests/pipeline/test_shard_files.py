@@ -1,20 +1,19 @@
 """Writing of results: threads and processes write the same bytes, tell failures, and end with their parent."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import time
 
 import fake
-import numpy as np
 import psutil
 import pytest
 
 from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import create, folder_aside
 from simgen.pipeline import shard_files
-from simgen.pipeline.shard_files import WritingProcesses, WritingThreads, processes, writing
+from simgen.pipeline.shard_files import WritingProcesses, WritingThreads, writing
 
 
 @pytest.fixture
@@ -33,70 +32,72 @@ def results(dataset: Dataset, build=fake.fake_presser) -> dict[str, list]:
     return {f"{sensor}/{name}": [result.outputs[name] for result in pressed] for name in names}
 
 
-def written(dataset: Dataset, values, device: str) -> dict[str, bytes] | str:
+@pytest.fixture(params=[WritingThreads, WritingProcesses])
+def threads(request):
+    made = request.param(1)
+    yield made
+    made.close()
+
+
+def written(dataset: Dataset, values, threads: WritingThreads) -> dict[str, bytes] | str:
     """Contents of the shard's files by path, or the sentence of the failure."""
-    own = processes() if device == "cuda" else WritingThreads()
     with folder_aside(dataset) as folder:
-        files = own.submit(dataset, 0, values, folder).result(60.0)
+        files = threads.submit(dataset, 0, values, folder).result(60.0)
         if not isinstance(files, dict):
             return files.sentence
-        assert not list(folder.glob("*.npy"))
+        assert {file.temporary for file in files.values()} == set(folder.iterdir()) - {folder / ".lock"}
         return {path: file.temporary.read_bytes() for path, file in files.items()}
 
 
 @pytest.mark.parametrize("build", [fake.fake_presser, fake.missing_presser])
 def test_processes_write_the_bytes_of_threads(dataset, build):
     values = results(dataset, build)
-    files = written(dataset, values, "cpu")
-    assert len(files) >= len(values) and written(dataset, values, "cuda") == files
+    files = [written(dataset, values, kind(1)) for kind in (WritingThreads, WritingProcesses)]
+    assert len(files[0]) >= len(values) and files[0] == files[1]
 
 
-@pytest.mark.parametrize("device", ["cpu", "cuda"])
-def test_a_failure_is_told(dataset, device):
+def test_a_failure_comes_back_as_a_sentence(dataset, threads):
     values = results(dataset)
     [name] = [name for name in values if name.endswith("displacement")]
     for each in values[name]:
         each[:] = 1.0
-    assert "OverflowError" in (told := written(dataset, values, device)) and "displacement: 1 does not fit" in told
+    failure = written(dataset, values, threads)
+    assert "OverflowError" in failure and "displacement: 1 does not fit" in failure
 
 
-def test_another_process_takes_the_place_of_a_dead_one(dataset, monkeypatch):
-    monkeypatch.setattr(shard_files, "WRITTEN_AT_ONCE", 1)
-    processes.cache_clear()
-    own, values = processes(), results(dataset)
-    files, save = written(dataset, values, "cuda"), np.save
-
-    def kill_and_save(file, array):
-        own._own.process.kill()
-        own._own.process.join()
-        save(file, array)
-
-    monkeypatch.setattr(shard_files.np, "save", kill_and_save)
-    assert "the process that wrote it died" in written(dataset, values, "cuda")
-    monkeypatch.setattr(shard_files.np, "save", save)
-    assert written(dataset, values, "cuda") == files
-    processes.cache_clear()
+def test_another_process_takes_the_place_of_a_dead_one(dataset):
+    own, values = WritingProcesses(1), results(dataset)
+    files = written(dataset, values, own)
+    process = own._threads.submit(lambda: own._own.process).result()
+    os.kill(process.pid, signal.SIGSTOP)
+    pending = own.submit(dataset, 0, values, dataset.path)
+    time.sleep(0.2)  # the connection takes as much as it holds
+    process.kill()
+    assert "the process that wrote it died" in pending.result(20.0).sentence
+    assert written(dataset, values, own) == files
+    own.close()
 
 
-@pytest.mark.parametrize(("device", "parent", "daemon", "kind"), [
-    ("cuda", "a", False, WritingProcesses), ("cpu", "a", False, WritingThreads), ("cuda", "a", True, WritingThreads),
-    ("cuda", None, False, WritingThreads),
-])  # fmt: skip
-def test_processes_write_for_a_worker_on_a_gpu_that_may_have_them(monkeypatch, device, parent, daemon, kind):
-    monkeypatch.setattr(multiprocessing, "parent_process", lambda: parent)
-    monkeypatch.setattr(multiprocessing.current_process(), "_config", {"daemon": daemon})
-    with writing(device) as threads, writing(device) as again:
-        assert type(threads) is kind and (threads is again) == (kind is WritingProcesses)
+@pytest.mark.parametrize(("by_processes", "kind"), [(True, WritingProcesses), (False, WritingThreads)])
+def test_all_tasks_of_a_worker_share_its_processes_and_threads_end_with_their_task(monkeypatch, by_processes, kind):
+    monkeypatch.setattr(shard_files, "BY_PROCESSES", by_processes)
+    with writing() as threads, writing() as again:
+        assert type(threads) is kind and (threads is again) == by_processes
+    if not by_processes:
+        with pytest.raises(RuntimeError, match="after shutdown"):
+            threads.submit(None, 0, {}, None)
 
 
 def test_processes_end_when_their_parent_is_killed():
-    code = "import time; from simgen.pipeline.shard_files import processes\n"
-    code += "own = processes(); own._threads.submit(own._start).result()\n"
+    code = "import time; from simgen.pipeline.shard_files import WritingProcesses\n"
+    code += "own = WritingProcesses(); own._threads.submit(own._connection).result()\n"
     code += "print(own._threads.submit(lambda: own._own.process.pid).result(), flush=True); time.sleep(600)"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    child = psutil.Process(int(parent.stdout.readline()))
-    os.kill(parent.pid, signal.SIGKILL)
-    parent.wait()
+    try:
+        child = psutil.Process(int(parent.stdout.readline()))
+    finally:
+        os.kill(parent.pid, signal.SIGKILL)
+        parent.wait()
     child.wait(timeout=20.0)
 
 
@@ -110,9 +111,10 @@ from simgen.pipeline.shard_files import processes
 if __name__ == "__main__":
     multiprocessing.set_start_method("forkserver")
     dataset, folder = Dataset(Path(sys.argv[1])), Path(sys.argv[2])
-    name = f"{dataset.sensors[0]}/force"
-    values = np.zeros((len(dataset.shard_presses(0)), *dataset.arrays[name].shape))
-    print(processes().submit(dataset, 0, {name: values}, folder).result())
+    names = [f"{dataset.sensors[0]}/{name}" for name in ("force", "displacement")]
+    presses = len(dataset.shard_presses(0))
+    values = {name: np.zeros((presses, *dataset.arrays[name].shape)) for name in names}
+    print(processes().submit(dataset, 0, values, folder).result())
 """
 
 

@@ -23,7 +23,7 @@ def write(dataset: Dataset, shards: range, build=fake.fake_presser) -> list[Shar
     """Press and write shards; returns their writers."""
     indenter, contact = dataset["press/indenter"], dataset["press/contact_pose"]
     before = dataset.finished()
-    with folder_aside(dataset) as folder, writing("cpu") as threads:
+    with folder_aside(dataset) as folder, writing() as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
         for sensor in dataset.sensors:
             presser = build(dataset.job, sensor, "cpu")

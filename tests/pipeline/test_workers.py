@@ -10,7 +10,7 @@ import pytest
 from dask.distributed import Client
 
 from simgen.errors import InputError
-from simgen.pipeline import workers
+from simgen.pipeline import shard_files, workers
 from simgen.pipeline.workers import TASKS_PER_GPU_PROCESS, Workers, local_cluster, scheduler_address, start_workers
 
 DIES = """
@@ -121,13 +121,20 @@ def test_a_worker_that_is_ready_first_does_not_get_the_task_of_another():
     assert found.keys() == {1.0, 1.1} and len(set(found.values())) == 2
 
 
-def test_every_gpu_has_a_worker_that_sees_no_other():
+def writes_by() -> str:
+    with shard_files.writing() as threads:
+        assert threads._threads.submit(lambda: threads._connection() and threads._own.process.is_alive()).result()
+        return type(threads).__name__
+
+
+def test_every_gpu_has_a_worker_that_sees_no_other_and_processes_that_write():
     """Environments reach the processes before anything is imported there."""
     with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in ("3", "5")]) as cluster, Client(cluster) as client:
         client.wait_for_workers(2)
         seen = client.run(lambda: os.environ["CUDA_VISIBLE_DEVICES"])
         assert sorted(seen.values()) == ["3", "5"]
         assert set(client.nthreads().values()) == {TASKS_PER_GPU_PROCESS}
+        assert set(client.run(writes_by).values()) == {"WritingProcesses"}
         processes = client.run(os.getpid).values()
     assert not any(psutil.pid_exists(process) for process in processes)
 
