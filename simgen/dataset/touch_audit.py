@@ -1,7 +1,6 @@
 """Audit of a sensor's geometry: contacts lie on its surface, held vertices rest, touched ones lie on the indenter."""
 
 import os
-import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -18,8 +17,7 @@ from simgen.units import UM_PER_M
 
 RIGID = 1e-9  # largest deviation of a rotation matrix from orthogonality: a few products in float64
 FACET_DEG = 6.0
-SHARDS_AT_ONCE = min(8, os.cpu_count() or 1)  # a shard takes about 0.3 GB of memory
-LAUNCHING = threading.Lock()  # Warp's kernels, one at a time
+SHARDS_AT_ONCE = min(16, os.cpu_count() or 1)  # a shard takes about 0.3 GB of memory
 
 
 def pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
@@ -102,6 +100,10 @@ class _DisplacementCheck:
             self.patches = ContactPatches(dataset, sensor)
         except InputError as error:
             self.why_not = str(error)
+            return
+        # The first launch loads the kernel, which several threads must not do at once. Later ones run in parallel.
+        if count := len(self.patches.points):
+            self.patches.gap(np.zeros(1, int), np.array([FIRST_TOUCH]), np.zeros((1, count, 3)))
 
     def shard(self, shard: int) -> tuple:
         """Rows of presses, and four arrays (press, depth): largest move of held vertices, m; missing displacements;
@@ -130,6 +132,5 @@ class _DisplacementCheck:
         moved = displacement[press[:, None], depth[:, None], points]
         moved = np.concatenate([np.zeros((count, *moved.shape[1:])), moved])
         press, depth = np.append(np.arange(count), press), np.append(np.full(count, FIRST_TOUCH), depth)
-        with LAUNCHING:
-            least = self.patches.gap(presses.start + press, depth, moved).min(axis=1)
+        least = self.patches.gap(presses.start + press, depth, moved).min(axis=1)
         return least[:count], least[count:]

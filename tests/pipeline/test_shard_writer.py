@@ -1,5 +1,7 @@
 """Writing a shard: arrays by sensor, poses at first touch, files that appear only when the shard is whole."""
 
+import threading
+
 import fake
 import numpy as np
 import pytest
@@ -7,8 +9,8 @@ import pytest
 from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import create, folder_aside
 from simgen.errors import InputError
-from simgen.pipeline import shard_writer
-from simgen.pipeline.shard_files import Failure, writing
+from simgen.pipeline import shard_files, shard_writer
+from simgen.pipeline.shard_files import Failure, WritingThreads, writing
 from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
 
 
@@ -49,6 +51,29 @@ def test_a_shard_that_is_solved_again_stays_finished_if_its_files_are_the_same(d
     write(dataset, range(1), build)
     assert finished[0] == ([0, 1, 2, 3, 4, 5] if stays else [1, 2, 3, 4, 5])
     assert dataset.unfinished() == []
+
+
+def test_an_abandoned_shard_drops_what_waits_and_ends_what_is_being_written(dataset, monkeypatch):
+    began, go_on, written = threading.Event(), threading.Event(), []
+
+    def slow(dataset, shard, values, folder):
+        began.set()
+        go_on.wait(20.0)
+        written.append(values)
+        return {}
+
+    monkeypatch.setattr(shard_files, "write_aside", slow)
+    threads = WritingThreads(1)
+    writer = ShardWriter(dataset, 0, dataset.path, threads)
+    contact = dataset["press/contact_pose"][writer.presses]
+    for sensor in dataset.sensors:
+        press = fake.fake_presser(dataset.job, sensor, "cpu")
+        writer.take(sensor, press(dataset["press/indenter"][writer.presses].tolist(), contact), contact)
+    began.wait(20.0)
+    threading.Timer(0.1, go_on.set).start()
+    writer.abandon()
+    assert len(written) == 1 and len(dataset.sensors) == 2
+    threads.close()
 
 
 def test_poses_are_at_first_touch_of_the_reference_sensor(dataset):
