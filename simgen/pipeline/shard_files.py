@@ -89,11 +89,12 @@ class WritingProcesses(WritingThreads):
         """Send the values to this thread's process, without a copy that would take Python's lock, and let it write."""
         arrays = {name: np.stack(of_presses) for name, of_presses in values.items()}
         kinds = {name: (array.dtype.str, array.shape) for name, array in arrays.items()}
+        contents = [array.view(np.uint8).reshape(-1) for array in arrays.values()]
         connection = self._connection()
         try:
             connection.send((dataset.path, shard, kinds, folder))
-            for array in arrays.values():
-                connection.send_bytes(array.view(np.uint8).reshape(-1))
+            for content in contents:
+                connection.send_bytes(content)
             return connection.recv()
         except (EOFError, ConnectionError):
             self._own.close()

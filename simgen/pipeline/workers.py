@@ -42,7 +42,7 @@ SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
 WRITE_BY_PROCESSES = "from simgen.pipeline import shard_files; shard_files.BY_PROCESSES = True"
 FORK = {
     "distributed.worker.multiprocessing-method": "forkserver",
-    "distributed.worker.daemon": False,  # Python does not let a daemon start processes, as those that write
+    "distributed.worker.daemon": False,  # Python does not let a daemon start the processes that write
     # Otherwise dask makes processes return freed memory at once. Getting it back takes half of a sensor's loading time.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
 }

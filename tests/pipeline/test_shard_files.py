@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
+import threading
 
 import fake
 import psutil
@@ -65,15 +65,23 @@ def test_a_failure_comes_back_as_a_sentence(dataset, threads):
     assert "OverflowError" in failure and "displacement: 1 does not fit" in failure
 
 
-def test_another_process_takes_the_place_of_a_dead_one(dataset):
+def test_another_process_takes_the_place_of_a_dead_one(dataset, monkeypatch):
     own, values = WritingProcesses(1), results(dataset)
-    files = written(dataset, values, own)
+    files, connection, found = written(dataset, values, own), own._connection, threading.Event()
+
+    def watched():
+        there = connection()
+        found.set()
+        return there
+
     process = own._threads.submit(lambda: own._own.process).result()
-    os.kill(process.pid, signal.SIGSTOP)
-    pending = own.submit(dataset, 0, values, dataset.path)
-    time.sleep(0.2)  # the connection takes as much as it holds
-    process.kill()
-    assert "the process that wrote it died" in pending.result(20.0).sentence
+    os.kill(process.pid, signal.SIGSTOP)  # it answers nothing until it is killed
+    with monkeypatch.context() as patch:
+        patch.setattr(own, "_connection", watched)
+        pending = own.submit(dataset, 0, values, dataset.path)
+        assert found.wait(20.0)
+        process.kill()
+        assert "the process that wrote it died" in pending.result(20.0).sentence
     assert written(dataset, values, own) == files
     own.close()
 
