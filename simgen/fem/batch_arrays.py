@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simgen.fem.device import launch_kernel, read
+from simgen.fem.device import launch_kernel, read, write
 
 wp.set_module_options({"enable_backward": False})
 
@@ -97,24 +97,28 @@ class ActiveEnvironments:
 
     def assign(self, numbers: np.ndarray):
         """Act in the environments of the list ``numbers`` (env,) from now on."""
-        self.numbers.assign(numbers)
-        count = max(int((numbers >= 0).sum()), 1)
-        self.lanes = count if self._exact else min(1 << (count - 1).bit_length(), len(self))
+        self._assign(numbers, int((numbers >= 0).sum()))
 
     def choose(self, environments: np.ndarray):
         """Act in the environments (env,) bool from now on."""
-        self.assign(env_indices(environments))
+        numbers = env_indices(environments)
+        self._assign(numbers, int(np.count_nonzero(environments)))
+
+    def _assign(self, numbers: np.ndarray, count: int):
+        write(numbers, self.numbers)
+        count = max(count, 1)
+        self.lanes = count if self._exact else min(1 << (count - 1).bit_length(), len(self))
 
     def factors(self, values: np.ndarray) -> wp.array:
         """Copy values (env,) to the device for the next kernel, always into the same array, see `simgen.fem.device`."""
-        self._factors.assign(values)
+        write(values, self._factors)
         return self._factors
 
     def pairs(self, sources: np.ndarray, targets: np.ndarray) -> wp.array:
         """Copy environments' numbers (k,) to the device in the same way: (2, env)."""
         pairs = np.zeros(self._pairs.shape, dtype=np.int32)
         pairs[:, : len(sources)] = sources, targets
-        self._pairs.assign(pairs)
+        write(pairs, self._pairs)
         return self._pairs
 
     def numpy(self) -> np.ndarray:

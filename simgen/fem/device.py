@@ -2,7 +2,9 @@
 
 While a GPU computes the results of one thread, another thread launches its own kernels on another stream. Warp copies
 with `array.numpy()`, and frees arrays, on CUDA's default stream, which waits for all others and makes all others wait.
-Code that runs in every iteration therefore uses `read`, and arrays that are allocated once.
+Code that runs in every iteration therefore uses `read` and `write`, and arrays that are allocated once.
+
+With few presses, or on a coarse mesh, Python takes longer than the kernels. So launches are recorded and repeated.
 """
 
 from __future__ import annotations
@@ -95,29 +97,124 @@ def kernel_for(kernel: wp.Kernel, cpu: bool) -> wp.Kernel:
     return getattr(kernel, "on_cpu", kernel) if cpu else kernel
 
 
-def launch_kernel(kernel: wp.Kernel, device, **arguments):
-    """Launch a kernel in blocks of `BLOCK` threads: all kernels of a module, or Warp compiles it twice."""
+# Launches by kernel, threads and contents of their arguments. Warp takes 40 to 80 us of a core to check and convert the
+# arguments of one, and 7 us to repeat it (AMD EPYC).
+_LAUNCHES: dict[tuple, wp.Launch | None] = {}
+_GRAPHS_UNDER_WAY: list = []  # devices of graphs that are being recorded
+MOST_LAUNCHES = 10_000  # a scene has some hundreds; arguments that change each time must not fill the memory
+
+
+def launch_kernel(kernel: wp.Kernel, device, dim, inputs: list, outputs: list):
+    """Launch a kernel in blocks of `BLOCK` threads: all kernels of a module, or Warp compiles it twice.
+
+    Arguments are arrays, structs and numbers.
+    """
+    if _GRAPHS_UNDER_WAY:  # on a CPU, a graph needs the arrays themselves
+        _launch(kernel, device, dim, inputs, outputs)
+        return
+    key = (kernel, str(device), dim, *map(_content, inputs), *map(_content, outputs))
+    if key not in _LAUNCHES:
+        if len(_LAUNCHES) >= MOST_LAUNCHES:
+            _LAUNCHES.clear()
+        _LAUNCHES[key] = _record(kernel, device, dim, inputs, outputs)
+    launch = _LAUNCHES[key]
+    if launch is not None:
+        launch.launch()
+
+
+def _launch(kernel: wp.Kernel, device, dim, inputs: list, outputs: list, record: bool = False) -> wp.Launch | None:
     device = wp.get_device(device)
-    wp.launch(kernel_for(kernel, device.is_cpu), device=device, block_dim=BLOCK, **arguments)
+    kernel = kernel_for(kernel, device.is_cpu)
+    return wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=BLOCK, record_cmd=record)
 
 
-def read(*arrays) -> list[np.ndarray]:
-    """Copy arrays of one device to the host; on a CPU these are views.
+def _content(argument):
+    """What tells an argument from others: a number itself, the descriptor of an array, all fields of a struct."""
+    describe = getattr(argument, "__ctype__", None)
+    return argument if describe is None else bytes(describe())
+
+
+def _record(kernel: wp.Kernel, device, dim, inputs: list, outputs: list) -> wp.Launch | None:
+    """Record a launch; None for one without threads."""
+    launch = _launch(kernel, device, dim, inputs, outputs, record=True)
+    if launch is None:
+        return None
+    for i, argument in enumerate([*inputs, *outputs]):
+        if hasattr(argument, "__ctype__") and not isinstance(argument, wp.array):  # a struct, whose fields may change
+            fields = argument.__ctype__()
+            launch.set_param_at_index_from_ctype(i, type(fields).from_buffer_copy(fields))
+    launch.fwd_args = None  # it would keep the memory of arrays
+    return launch
+
+
+class _HostArray:
+    """Host memory from or to which an array is copied, and its view as a NumPy array."""
+
+    def __init__(self, array: wp.array, pinned: bool):
+        self.array = wp.zeros(array.shape, dtype=array.dtype, device="cpu", pinned=pinned)
+        self.view = self.array.numpy()
+
+
+# Host memory by shape and type. Pinned memory also by CUDA stream and place among the arrays that are read together.
+_HOST: dict[tuple, _HostArray] = {}
+LARGEST_PINNED = 1 << 13  # elements: of larger arrays, the copy itself takes longest
+_EVENTS: dict[int, wp.Event] = {}  # by CUDA stream: its kernels and copies have ended
+
+
+def _host(array: wp.array, *place: int) -> _HostArray:
+    """Host memory for an array, always the same for the same place; pinned if a place is given."""
+    key = (array.shape, array.dtype, *place)
+    if key not in _HOST:
+        _HOST[key] = _HostArray(array, pinned=bool(place))
+    return _HOST[key]
+
+
+def write(values: np.ndarray, array: wp.array):
+    """Copy values from the host to an array, before kernels that are launched later.
+
+    `array.assign` would first make a Warp array of the values.
+    """
+    if array.device.is_cpu:
+        array.numpy()[...] = values
+        return
+    host = _host(array)
+    host.view[...] = values
+    wp.copy(array, host.array)  # CUDA has taken the values when this returns, because the memory is not pinned
+
+
+def read(*arrays: wp.array) -> list[np.ndarray]:
+    """Copy arrays of one device to the host.
 
     Until the kernels launched before have ended, other threads may use the device, but not change this thread's arrays.
     """
+    device = arrays[0].device
+    copies = [_begin_read(array, place) for place, array in enumerate(arrays)]
     if DEVICE.mine:
-        _wait_for(arrays[0].device)
+        _wait_for(device)
+    elif device.is_cuda:
+        wp.synchronize_stream(device.stream)
     # `array.numpy()` would copy on CUDA's default stream, which waits for all streams, those of other threads too.
-    return [array.to("cpu").numpy() for array in arrays]
+    pairs = zip(arrays, copies, strict=True)
+    return [array.to("cpu").numpy().copy() if host is None else host.view.copy() for array, host in pairs]
+
+
+def _begin_read(array: wp.array, place: int) -> _HostArray | None:
+    """Begin to copy a small array of a GPU; None for others."""
+    if array.device.is_cpu or array.size > LARGEST_PINNED:
+        return None
+    host = _host(array, array.device.stream.cuda_stream, place)
+    wp.copy(host.array, array)
+    return host
 
 
 def _wait_for(device: wp.Device):
-    """Let others in until the kernels of this thread's stream have ended; on a CPU they have."""
+    """Let others in until this thread's stream has done its kernels and copies; on a CPU they are done."""
     if device.is_cpu:
         return
     stream = device.stream
-    event = stream.record_event()
+    if stream.cuda_stream not in _EVENTS:
+        _EVENTS[stream.cuda_stream] = wp.Event(device)
+    event = stream.record_event(_EVENTS[stream.cuda_stream])
     with DEVICE.left():
         wp.synchronize_event(event)
     wp.set_stream(stream, device)  # others have set their own
@@ -127,5 +224,9 @@ def _wait_for(device: wp.Device):
 def recording(device) -> Iterator[wp.ScopedCapture]:
     """Record the kernels that are launched inside as a graph. No thread may wait for the device meanwhile."""
     DEVICE.wait_for_others()
-    with wp.ScopedCapture(device=device) as recorded:
-        yield recorded
+    _GRAPHS_UNDER_WAY.append(device)
+    try:
+        with wp.ScopedCapture(device=device) as recorded:
+            yield recorded
+    finally:
+        _GRAPHS_UNDER_WAY.pop()

@@ -34,7 +34,7 @@ from simgen.fem.contact.multipliers import (
 )
 from simgen.fem.contact.results import corner_forces_kernel, gap_kernel, nearest_kernel, resultant_kernel, room_kernel
 from simgen.fem.contact.traction import Surface
-from simgen.fem.device import launch_kernel, read
+from simgen.fem.device import launch_kernel, read, write
 from simgen.fem.elements.element import Element, face_geometry
 from simgen.fem.precision import mat33, vec3
 from simgen.geometry.rigid_shape import shape_array
@@ -133,7 +133,9 @@ class Contact:
         self._start_rotation, self._start_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
         self._in_contact = zeros((1, n_env), wp.int32)
         self._last_rotation, self._last_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
-        self._saved = [wp.zeros_like(array) for array in self._history()]
+        anchor = s.anchor.reshape((-1, n_env))
+        self._history = s.normal, s.tangential, anchor, s.stiffening, self._is_candidate
+        self._saved = [wp.zeros_like(array) for array in self._history]
         self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # at the last converged increment's start
 
     def _launch(self, kernel, inputs, outputs, rows: int | tuple[int, ...] = 0):
@@ -161,7 +163,7 @@ class Contact:
 
     def choose(self, shape_of: np.ndarray):
         """Choose one of the shapes, by its number, for each environment (env,)."""
-        self.surface.shape_of.assign(shape_of.astype(np.int32))
+        write(shape_of, self.surface.shape_of)
 
     def forget(self, marked):
         """Drop the tractions of the listed environments."""
@@ -170,8 +172,8 @@ class Contact:
 
     def set_pose(self, poses: np.ndarray):
         """Place the shapes: (env, 4, 4), shape frame -> sensor frame, mm."""
-        self.surface.rotation.assign(np.ascontiguousarray(poses[:, :3, :3]))
-        self.surface.origin.assign(np.ascontiguousarray(poses[:, :3, 3]))
+        write(poses[:, :3, :3], self.surface.rotation)
+        write(poses[:, :3, 3], self.surface.origin)
 
     def gap(self, x) -> np.ndarray:
         """Signed distance of the shape at all quadrature points, (face, q, env) mm."""
@@ -186,7 +188,7 @@ class Contact:
         point enters contact, its slip counts from its entry on the way from ``x_start`` to ``x_predicted``. The shapes
         move to ``poses`` in all environments.
         """
-        for array, saved in zip(self._history(), self._saved, strict=True):
+        for array, saved in zip(self._history, self._saved, strict=True):
             batch_arrays.copy(array, self.active, saved)
         self.set_pose(poses)
         self._find_candidates(x_predicted, travel)  # and all faces with a positive multiplier
@@ -201,8 +203,8 @@ class Contact:
         self.set_pose(poses)
         if self.friction > 0.0:
             last = last or Last(x_start, start_poses, np.zeros(self.n_env))
-            self._last_rotation.assign(np.ascontiguousarray(last.poses[:, :3, :3]))
-            self._last_origin.assign(np.ascontiguousarray(last.poses[:, :3, 3]))
+            write(last.poses[:, :3, :3], self._last_rotation)
+            write(last.poses[:, :3, 3], self._last_origin)
             poses = [self._last_rotation, self._last_origin, self._start_rotation, self._start_origin]
             ratio = self.active.factors(last.ratio)
             inputs = [last.x, x_start, x_predicted, *poses, ratio, self._carried, self._in_contact, self.active]
@@ -228,23 +230,19 @@ class Contact:
     def _find_candidates(self, x, travel: np.ndarray):
         """List the faces that can touch if points end at most ``travel`` (env,) mm from x."""
         s = self.surface
-        self._travel.assign(travel)
+        write(travel, self._travel)
         batch_arrays.launch(no_candidates_kernel, (), [self.active], [s.count])
         outputs = [s.count, s.candidates, self._is_candidate]
         self._launch(find_candidates_kernel, [x, self._travel, self.active], outputs)
 
-    def _history(self):
-        s = self.surface
-        return s.normal, s.tangential, s.anchor.reshape((-1, self.n_env)), s.stiffening, self._is_candidate
-
     @property
     def memory(self) -> list[wp.array]:
         """All that a press's contact keeps between two increments, (row, env)."""
-        return [*self._history(), *self._before]
+        return [*self._history, *self._before]
 
     def restore(self, marked):
         """Return the listed environments to the start of their increment."""
-        for array, saved in zip(self._history(), self._saved, strict=True):
+        for array, saved in zip(self._history, self._saved, strict=True):
             batch_arrays.copy(saved, marked, array)
 
     def residual(self, x, residual_out):
@@ -289,7 +287,7 @@ class Contact:
         for array in self._resultants:
             array.zero_()
         self._launch(resultant_kernel, [x, self.active], self._resultants)
-        force, moment, (area, squared, deepest, sliding) = map(np.copy, read(*self._resultants))
+        force, moment, (area, squared, deepest, sliding) = read(*self._resultants)
         divisor = np.where(area > 0.0, area, 1.0)
         rms = np.sqrt(squared / divisor)
         return Resultants(force, moment, rms, np.maximum(deepest, 0.0), area, sliding / divisor)
@@ -310,7 +308,7 @@ class Contact:
         self._least.fill_(np.inf)
         self._largest.zero_()
         self._launch(nearest_kernel, [x, dense, at_rest, self.active], [self._least, self._largest])
-        return tuple(map(np.copy, read(self._least, self._largest)))
+        return tuple(read(self._least, self._largest))
 
     def room(self, x, dense: wp.array, other: Contact) -> np.ndarray:
         """Least thickness (env,) mm of gel that is left between this contact's shape and another's.
@@ -321,4 +319,4 @@ class Contact:
         self._least.fill_(np.inf)
         self._launch(room_kernel, [other.surface, x, dense, self.active], [self._least])
         [room] = read(self._least)
-        return room.copy()
+        return room

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays, groups
-from simgen.fem.device import read
+from simgen.fem.device import read, write
 from simgen.fem.elements.elasticity_blocks import block_kernels
 from simgen.fem.elements.element import Element, tet_geometry
 from simgen.fem.elements.operators import operator_kernels
@@ -110,7 +110,7 @@ class Elasticity:
 
     def damp(self, eta: np.ndarray):
         """Damp the derivatives of the environments by eta (env,), see ``damping.py``."""
-        self._damping.assign((self.material.mu * eta).astype(np.float32)[None])
+        write(self.material.mu * eta, self._damping)
 
     def linearize(self, x):
         """Take derivatives at state x from now on."""
@@ -131,7 +131,7 @@ class Elasticity:
         self._least.fill_(np.inf)
         inputs = [self._solid, x, self._parts, LEVELS, self.active]
         self._launch(det_F_kernel, inputs, [self._count, self._least])
-        return tuple(map(np.copy, read(self._least, self._count)))
+        return tuple(read(self._least, self._count))
 
     def forget(self, marked):
         """Remove the stabilisation of all elements in the listed environments (env,)."""
@@ -159,7 +159,7 @@ class Elasticity:
 
     def _read_count(self) -> np.ndarray:
         [count] = read(self._count)
-        return count.copy()
+        return count
 
     @property
     def solid(self) -> Solid:

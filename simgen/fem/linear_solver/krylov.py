@@ -47,9 +47,10 @@ class Dots:
     def __init__(self, n: int, active):
         self._n_chunks, self._active = chunks(n), active
         self.values = wp.zeros(len(active), dtype=wp.float64, device=active.device)
+        self._row = self.values.reshape((1, -1))
 
     def __call__(self, a, b):
-        batch_arrays.clear(self._active, self.values.reshape((1, -1)))
+        batch_arrays.clear(self._active, self._row)
         batch_arrays.launch(dots_kernel, self._n_chunks, [a, b, self._active], [self.values])
         return self.values
 
@@ -135,7 +136,7 @@ class ConjugateResiduals:
         inputs = [self._directions, self._steps, self._count, self._size, self.active]
         batch_arrays.launch(end_kernel, len(x_out), inputs, [x_out])
         count, relative = read(self._count, self._relative)
-        return count.astype(int), relative.copy()
+        return count.astype(int), relative
 
     def solve(self, operator, preconditioner, b, x_out, tolerance: float):
         """Solve from beginning to end; returns the results of :meth:`end`, 0 in environments that were not active."""

@@ -132,9 +132,8 @@ class BlockTriangular:
             gradient = self.cavity.gradient  # (displacements, env): rows below stay zero
             active = self.elasticity.active
             batch_arrays.launch(free_part_kernel, len(gradient), [gradient, self._fixed, active], [self._gradient])
-            response = wp.zeros_like(self._response)
-            self._displacements.apply(self._gradient, response)
-            batch_arrays.copy(response, active, self._response)
+            batch_arrays.clear(active, self._response)
+            self._displacements.apply(self._gradient, self._response)
             self._stiffness(self._gradient, self._response)
         return singular
 
