@@ -95,6 +95,10 @@ class ActiveEnvironments:
     def __len__(self):
         return self.shape[0]
 
+    def few(self, most: int) -> bool:
+        """True on a GPU whose kernels act in at most so many environments; a CPU adds in the same order for all."""
+        return self.lanes <= most and not self._exact
+
     def assign(self, numbers: np.ndarray):
         """Act in the environments of the list ``numbers`` (env,) from now on."""
         self._assign(numbers, int((numbers >= 0).sum()))

@@ -99,7 +99,7 @@ def kernel_for(kernel: wp.Kernel, cpu: bool) -> wp.Kernel:
 
 # Launches by kernel, threads and contents of their arguments. Warp takes 40 to 80 us of a core to check and convert the
 # arguments of one, and 7 us to repeat it (AMD EPYC).
-_LAUNCHES: dict[tuple, wp.Launch | None] = {}
+_LAUNCHES: dict[tuple, wp.Launch] = {}
 _GRAPHS_UNDER_WAY: list = []  # devices of graphs that are being recorded
 MOST_LAUNCHES = 10_000  # a scene has some hundreds; arguments that change each time must not fill the memory
 
@@ -113,13 +113,15 @@ def launch_kernel(kernel: wp.Kernel, device, dim, inputs: list, outputs: list):
         _launch(kernel, device, dim, inputs, outputs)
         return
     key = (kernel, str(device), dim, *map(_content, inputs), *map(_content, outputs))
-    if key not in _LAUNCHES:
+    launch = _LAUNCHES.get(key)
+    if launch is None:
+        launch = _record(kernel, device, dim, inputs, outputs)
+        if launch is None:
+            return
         if len(_LAUNCHES) >= MOST_LAUNCHES:
             _LAUNCHES.clear()
-        _LAUNCHES[key] = _record(kernel, device, dim, inputs, outputs)
-    launch = _LAUNCHES[key]
-    if launch is not None:
-        launch.launch()
+        _LAUNCHES[key] = launch
+    launch.launch()
 
 
 def _launch(kernel: wp.Kernel, device, dim, inputs: list, outputs: list, record: bool = False) -> wp.Launch | None:
@@ -129,7 +131,9 @@ def _launch(kernel: wp.Kernel, device, dim, inputs: list, outputs: list, record:
 
 
 def _content(argument):
-    """What tells an argument from others: a number itself, the descriptor of an array, all fields of a struct."""
+    """What tells an argument from others: a number itself, type and descriptor of an array, all fields of a struct."""
+    if isinstance(argument, wp.array):
+        return argument.dtype, bytes(argument.__ctype__())
     describe = getattr(argument, "__ctype__", None)
     return argument if describe is None else bytes(describe())
 
@@ -158,7 +162,7 @@ class _HostArray:
 # Host memory by shape and type. Pinned memory also by CUDA stream and place among the arrays that are read together.
 _HOST: dict[tuple, _HostArray] = {}
 LARGEST_PINNED = 1 << 13  # elements: of larger arrays, the copy itself takes longest
-_EVENTS: dict[int, wp.Event] = {}  # by CUDA stream: its kernels and copies have ended
+_EVENTS: dict[tuple, wp.Event] = {}  # by device and CUDA stream: its kernels and copies have ended
 
 
 def _host(array: wp.array, *place: int) -> _HostArray:
@@ -188,14 +192,12 @@ def read(*arrays: wp.array) -> list[np.ndarray]:
     Until the kernels launched before have ended, other threads may use the device, but not change this thread's arrays.
     """
     device = arrays[0].device
-    copies = [_begin_read(array, place) for place, array in enumerate(arrays)]
+    begun = [_begin_read(array, place) for place, array in enumerate(arrays)]
     if DEVICE.mine:
         _wait_for(device)
     elif device.is_cuda:
         wp.synchronize_stream(device.stream)
-    # `array.numpy()` would copy on CUDA's default stream, which waits for all streams, those of other threads too.
-    pairs = zip(arrays, copies, strict=True)
-    return [array.to("cpu").numpy().copy() if host is None else host.view.copy() for array, host in pairs]
+    return [_end_read(array, host) for array, host in zip(arrays, begun, strict=True)]
 
 
 def _begin_read(array: wp.array, place: int) -> _HostArray | None:
@@ -207,14 +209,24 @@ def _begin_read(array: wp.array, place: int) -> _HostArray | None:
     return host
 
 
+def _end_read(array: wp.array, host: _HostArray | None) -> np.ndarray:
+    if host is not None:
+        return host.view.copy()
+    if array.device.is_cpu:
+        return array.numpy().copy()
+    # `array.numpy()` would copy on CUDA's default stream, which waits for all streams, those of other threads too.
+    return array.to("cpu").numpy()
+
+
 def _wait_for(device: wp.Device):
     """Let others in until this thread's stream has done its kernels and copies; on a CPU they are done."""
     if device.is_cpu:
         return
     stream = device.stream
-    if stream.cuda_stream not in _EVENTS:
-        _EVENTS[stream.cuda_stream] = wp.Event(device)
-    event = stream.record_event(_EVENTS[stream.cuda_stream])
+    place = str(device), stream.cuda_stream
+    if place not in _EVENTS:
+        _EVENTS[place] = wp.Event(device)
+    event = stream.record_event(_EVENTS[place])
     with DEVICE.left():
         wp.synchronize_event(event)
     wp.set_stream(stream, device)  # others have set their own

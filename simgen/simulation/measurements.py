@@ -150,7 +150,7 @@ for _name in Solution.__dataclass_fields__:
 
 @measurement
 def displacement(state: State) -> np.ndarray:
-    """Displacements of the output mesh's vertices. On a CPU the array is valid until the next call."""
+    """Displacements of the output mesh's vertices."""
     return state.sampler.displacements(len(state.environments))
 
 

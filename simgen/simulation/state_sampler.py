@@ -120,10 +120,7 @@ class StateSampler:
         return wp.dtype_to_numpy(self._displacement.dtype)
 
     def displacements(self, count: int) -> np.ndarray:
-        """Displacements (count, v, 3) of the output mesh, m, in the first active environments.
-
-        On a CPU the array is valid until the next call.
-        """
+        """Displacements (count, v, 3) of the output mesh, m, in the first active environments."""
         solver, dim = self.scene.solver, (self._displacement.shape[1], 3, count)
         inputs, outputs = [*self._weights, solver.x, solver.active.numbers], [self._displacement]
         launch_kernel(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)

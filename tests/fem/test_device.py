@@ -1,13 +1,28 @@
-"""Threads that take turns on the device, and arrays that they read from it."""
+"""Threads that take turns on the device, launches that are repeated, and arrays that are read and written."""
 
+import gc
 import threading
 import time
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
 
-from simgen.fem.device import DEVICE, Queue, read
+from simgen.fem import device
+from simgen.fem.device import DEVICE, Queue, launch_kernel, read, write
+
+
+@wp.struct
+class Line:
+    slope: float
+    points: wp.array(dtype=wp.float64)
+
+
+@wp.kernel
+def line_kernel(line: Line, offset: wp.float64, out: wp.array(dtype=wp.float64)):
+    i = wp.tid()
+    out[i] = wp.float64(line.slope) * line.points[i] + offset
 
 
 def test_a_queue_lets_threads_in_by_turns():
@@ -73,3 +88,77 @@ def test_arrays_are_read_together_with_and_without_the_device():
     for found in (inside, read(a, b)):
         np.testing.assert_array_equal(found[0], [0.0, 1.0])
         np.testing.assert_array_equal(found[1], [0.0, 1.0, 2.0])
+
+
+def zeros(*shape, dtype=wp.float64):
+    return wp.zeros(shape, dtype=dtype, device="cpu")
+
+
+def test_a_repeated_launch_has_the_values_that_its_arguments_have_now(monkeypatch):
+    """The content of arrays, the fields of structs, and numbers may change; so may the arrays themselves."""
+    monkeypatch.setattr(device, "_LAUNCHES", {})
+    line, out, other = Line(), zeros(3), zeros(3)
+    line.slope, line.points = 2.0, wp.array([0.0, 1.0, 2.0], dtype=wp.float64, device="cpu")
+
+    def launch(offset, into):
+        launch_kernel(line_kernel, "cpu", 3, [line, offset], [into])
+        return into.numpy().tolist()
+
+    assert launch(1.0, out) == [1.0, 3.0, 5.0]
+    write(np.array([0.0, 10.0, 20.0]), line.points)
+    assert launch(1.0, out) == [1.0, 21.0, 41.0] and len(device._LAUNCHES) == 1
+    assert launch(2.0, out) == [2.0, 22.0, 42.0]
+    assert launch(2.0, other) == [2.0, 22.0, 42.0]
+    line.slope = 3.0
+    assert launch(2.0, out) == [2.0, 32.0, 62.0]
+    line.points = wp.array([1.0, 1.0, 1.0], dtype=wp.float64, device="cpu")
+    assert launch(2.0, out) == [5.0, 5.0, 5.0]
+    line.slope = 2.0
+    assert launch(2.0, out) == [4.0, 4.0, 4.0]
+
+
+def test_launches_without_threads_do_nothing():
+    out = wp.array([7.0], dtype=wp.float64, device="cpu")
+    for _ in range(2):
+        launch_kernel(line_kernel, "cpu", 0, [Line(), 1.0], [out])
+    assert out.numpy().tolist() == [7.0]
+
+
+def test_recorded_launches_are_bounded(monkeypatch):
+    monkeypatch.setattr(device, "_LAUNCHES", {})
+    monkeypatch.setattr(device, "MOST_LAUNCHES", 4)
+    line, out = Line(), zeros(1)
+    line.points = zeros(1)
+    for offset in range(11):
+        launch_kernel(line_kernel, "cpu", 1, [line, float(offset)], [out])
+        assert out.numpy().tolist() == [offset] and len(device._LAUNCHES) <= 4
+
+
+def test_a_recorded_launch_does_not_keep_the_memory_of_its_arrays():
+    line, out = Line(), zeros(1)
+    line.points = zeros(1)
+    launch_kernel(line_kernel, "cpu", 1, [line, 1.0], [out])
+    gone = weakref.ref(out)
+    del out
+    gc.collect()
+    assert gone() is None
+
+
+def test_values_are_written_in_the_type_and_shape_of_the_array():
+    poses = np.arange(32.0).reshape(2, 4, 4)
+    rotation, origin, numbers = (zeros(2, dtype=kind) for kind in (wp.mat33d, wp.vec3d, wp.int32))
+    row = zeros(1, 2)
+    write(poses[:, :3, :3], rotation)
+    write(poses[:, :3, 3], origin)
+    write(np.array([3.0, 4.0]), numbers)
+    write(np.array([5.0, 6.0]), row)
+    np.testing.assert_array_equal(rotation.numpy(), poses[:, :3, :3])
+    np.testing.assert_array_equal(origin.numpy(), poses[:, :3, 3])
+    assert numbers.numpy().tolist() == [3, 4] and row.numpy().tolist() == [[5.0, 6.0]]
+
+
+def test_what_was_read_stays_when_the_array_changes():
+    array = wp.array([1.0], dtype=wp.float64, device="cpu")
+    [found] = read(array)
+    write(np.array([2.0]), array)
+    assert found.tolist() == [1.0] and read(array)[0].tolist() == [2.0]

@@ -82,7 +82,6 @@ class CoarseLevel:
 
     def correct(self, residual, x):
         """Add the coarse correction for the residual to x."""
-        batch_arrays.clear(self.active, self._forces)  # padding rows
         self._transfer.restrict(residual, self._forces)
         dense_inverse.multiply(self._inverse, self._m, self._forces, self.active, self._x)
         self._transfer.add_prolonged(self._x, x)

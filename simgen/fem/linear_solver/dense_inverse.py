@@ -21,7 +21,8 @@ wp.set_module_options({"enable_backward": False})
 SIDE = wp.constant(4)  # rows of a block
 WIDE = wp.constant(4)  # block rows of a panel
 STRIP, UNROLLED = 8, wp.constant(4)  # rows that one thread multiplies, and columns that it loads at once
-PART = wp.constant(64)  # columns of a thread: several threads a strip keep a GPU busy
+PART, SMALL_PART = 64, 8  # columns of a thread; fewer if few environments leave a GPU idle
+FEW_LANES = 32
 Matrices = wp.array3d(dtype=wp.float32)
 
 strip_of_rows = wp.types.vector(length=STRIP, dtype=wp.float32)
@@ -133,14 +134,16 @@ def update_kernel(
 
 
 @wp.kernel
-def multiply_kernel(matrices: Matrices, m: wp.int32, x: SingleVectors, active: Envs, y_out: SingleVectors):
+def multiply_kernel(
+    matrices: Matrices, m: wp.int32, columns: wp.int32, x: SingleVectors, active: Envs, y_out: SingleVectors
+):
     """Add a part of the columns of a strip of rows times x. The matrix is symmetric: rows are read as columns."""
     strip, part, lane = wp.tid()
     env = active[lane]
     if env < 0:
         return
     sums = strip_of_rows()
-    for first in range(part * PART, wp.min((part + 1) * PART, m), UNROLLED):
+    for first in range(part * columns, wp.min((part + 1) * columns, m), UNROLLED):
         for i in range(UNROLLED):
             k = first + i
             value = x[k, env]
@@ -194,4 +197,6 @@ class Inverter:
 def multiply(matrices: wp.array, m: int, x, active, y_out):
     """y = M x (m, env) with symmetric matrices, in the active environments."""
     batch_arrays.clear(active, y_out)
-    batch_arrays.launch(multiply_kernel, (m // STRIP, -(-m // PART)), [matrices, m, x, active], [y_out])
+    columns = SMALL_PART if active.few(FEW_LANES) else PART
+    inputs = [matrices, m, columns, x, active]
+    batch_arrays.launch(multiply_kernel, (m // STRIP, -(-m // columns)), inputs, [y_out])

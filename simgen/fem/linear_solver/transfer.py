@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import groups
+from simgen.fem import batch_arrays, groups
 from simgen.fem.batch_arrays import Envs, Indices, SingleVectors
 from simgen.fem.columns import number_at
 from simgen.fem.groups import cpu_kernel, gpu_kernel, group_at
@@ -14,6 +14,9 @@ from simgen.fem.linear_solver.group_rows import group_sparse_row
 from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
+
+PART = wp.constant(16)  # numbers of a long row that one thread of a GPU adds up
+LONG_ROW = 64  # an aggregate's row has some 300 numbers; one thread takes 150 us for it, however few rows there are
 
 
 @wp.func
@@ -44,6 +47,26 @@ def sparse_kernel(
         sparse_row(row_starts, columns, values, x, factor, keep, row, env, y_out)
 
 
+@gpu_kernel
+def sparse_parts_kernel(
+    row_starts: Indices, columns: Indices, values: wp.array(dtype=wp.float32), x: SingleVectors, factor: single,
+    active: Envs,
+    # outputs
+    y_out: SingleVectors,
+):
+    """Add factor times M x to y; each thread adds a part of a row."""
+    row, part, lane = wp.tid()
+    env = active[lane]
+    first = row_starts[row] + PART * part
+    last = wp.min(first + PART, row_starts[row + 1])
+    if env < 0 or first >= last:
+        return
+    total = single(0.0)
+    for k in range(first, last):
+        total += values[k] * number_at(x, columns[k], env)
+    wp.atomic_add(y_out, row, env, factor * total)
+
+
 @cpu_kernel
 def group_sparse_kernel(
     row_starts: Indices, columns: Indices, values: wp.array(dtype=wp.float32), x: SingleVectors, factor: single,
@@ -68,7 +91,11 @@ class Transfer:
 
     def __init__(self, matrix: sparse.csr_array, active):
         self.shape, self._active, device = matrix.shape, active, active.device
-        self._matrix, self._transpose = (self._on_device(m, device) for m in (matrix, sparse.csr_array(matrix.T)))
+        transpose = sparse.csr_array(matrix.T)
+        self._matrix, self._transpose = (self._on_device(m, device) for m in (matrix, transpose))
+        longest = int(np.diff(transpose.indptr).max(initial=0))
+        cut = longest >= LONG_ROW and not wp.get_device(device).is_cpu
+        self._parts = -(-longest // PART) if cut else 0  # in which threads of a GPU restrict a row
 
     @staticmethod
     def _on_device(matrix, device):
@@ -89,4 +116,9 @@ class Transfer:
 
     def restrict(self, x, y_out, factor: float = 1.0):
         """y = factor times M^T x."""
-        self._launch(self._transpose, self.shape[1], x, factor, False, y_out)
+        if not self._parts:
+            self._launch(self._transpose, self.shape[1], x, factor, False, y_out)
+            return
+        batch_arrays.clear(self._active, y_out)
+        inputs = [*self._transpose, x, factor, self._active]
+        batch_arrays.launch(sparse_parts_kernel, (self.shape[1], self._parts), inputs, [y_out])

@@ -1,6 +1,7 @@
 """Inverses of dense matrices in many environments."""
 
 import numpy as np
+import pytest
 import warp as wp
 
 from simgen.fem.batch_arrays import ActiveEnvironments
@@ -28,7 +29,10 @@ def test_an_inverse_is_that_of_its_own_environment():
     np.testing.assert_allclose(matrices.numpy()[0, :, 1], exact[1].ravel(), rtol=1e-6)
 
 
-def test_products_are_those_of_numpy():
+@pytest.mark.parametrize("few", [False, True])
+def test_products_are_those_of_numpy(few, monkeypatch):
+    """Also with the small parts that a GPU has in few environments."""
+    monkeypatch.setattr(ActiveEnvironments, "few", lambda active, most: few)
     rng, m, n_env = np.random.default_rng(1), 16, 40  # two tiles
     host = np.stack([spd(m, rng) for _ in range(n_env)]).astype(np.float32)
     matrices = dense_inverse.zeros(m, n_env, "cpu")
