@@ -9,6 +9,7 @@ import numpy as np
 from simgen.dataset.audit_finding import Finding, named, not_looked_at
 from simgen.dataset.contact_patch import FACET_M, FIRST_TOUCH, ContactPatches
 from simgen.dataset.reader import Dataset
+from simgen.dataset.stored_arrays import NOT_REACHED
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.surface_normals import nearest_on_surface
@@ -17,7 +18,7 @@ from simgen.units import UM_PER_M
 
 RIGID = 1e-9  # largest deviation of a rotation matrix from orthogonality: a few products in float64
 FACET_DEG = 6.0
-SHARDS_AT_ONCE = min(16, os.cpu_count() or 1)  # a shard takes about 0.3 GB of memory
+SHARDS_AT_ONCE = min(32, os.cpu_count() or 1)  # a shard takes about 0.1 GB of memory
 
 
 def pairing(dataset: Dataset, sensor: str) -> Iterator[Finding]:
@@ -89,6 +90,7 @@ class _DisplacementCheck:
         self.dataset, self.sensor = dataset, sensor
         self.status = dataset[f"{sensor}/status"]
         self.held = dataset.get(f"{sensor}/held")
+        self.scale = dataset.displacement_scale(sensor)  # of integers; None for floating-point numbers
         self.rounding, self.why_not = 0.0, ""
         if dataset.imported:
             self.rounding = dataset.attributes["source"]["meshes"][sensor]["rounding_m"]
@@ -110,27 +112,32 @@ class _DisplacementCheck:
         overlap of vertices and indenter beyond the certificate's, m; gap between indenter and nearest vertex, m."""
         presses = self.dataset.shard_presses(shard)
         rows = slice(presses.start, presses.stop)
-        displacement = self.dataset.displacement(self.sensor, rows)
+        stored = self.dataset.stored_displacement(self.sensor, rows)  # metres would take four times the memory
         converged = has_values(self.status[rows])
-        held = displacement[:, :, [] if self.held is None else self.held]
-        moved = np.nan_to_num(np.abs(held)).max(axis=(2, 3), initial=0.0)
-        gap = converged & ~np.isfinite(displacement).all(axis=(2, 3))
+        held = stored[:, :, [] if self.held is None else self.held]
+        moved = np.abs(np.where(self._missing(held), 0, held)).max(axis=(2, 3), initial=0) * (self.scale or 1.0)
+        gap = converged & self._missing(stored).any(axis=(2, 3))
         overlap, apart = np.zeros(converged.shape), np.zeros(converged.shape)
         at = np.nonzero(converged & ~gap)
         if len(at[0]) and not self.why_not and len(self.patches.points):
-            at_rest, nearest = self._nearest(presses, displacement, *at)
+            at_rest, nearest = self._nearest(presses, stored, *at)
             overlap[at] = -nearest - self.stated[rows][at]
             apart[at] = np.where(self.touched[rows][at], nearest - np.maximum(at_rest, 0.0)[at[0]], 0.0)
         return rows, moved, gap, overlap, apart
 
+    def _missing(self, stored: np.ndarray) -> np.ndarray:
+        """Mask of the displacements without a value."""
+        return ~np.isfinite(stored) if self.scale is None else stored == NOT_REACHED
+
     def _nearest(
-        self, presses: range, displacement: np.ndarray, press: np.ndarray, depth: np.ndarray
+        self, presses: range, stored: np.ndarray, press: np.ndarray, depth: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Least distance, m, of vertices and indenter: (n,) at rest, with the indenter at first touch of each press;
         and (s,) in samples, given by their press in the shard and their depth, (s,) each."""
         count, points = len(presses), self.patches.points
-        moved = displacement[press[:, None], depth[:, None], points]
-        moved = np.concatenate([np.zeros((count, *moved.shape[1:])), moved])
+        moved = np.zeros((count + len(press), len(points), 3))
+        moved[count:] = stored[press[:, None], depth[:, None], points]
+        moved *= self.scale or 1.0
         press, depth = np.append(np.arange(count), press), np.append(np.full(count, FIRST_TOUCH), depth)
         least = self.patches.gap(presses.start + press, depth, moved).min(axis=1)
         return least[:count], least[count:]
