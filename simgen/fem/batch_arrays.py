@@ -23,6 +23,8 @@ Envs = Indices  # numbers of the active environments, see `ActiveEnvironments`
 IndexTable = wp.array2d(dtype=wp.int32)
 
 FEW = 4  # few environments are active if their number times FEW is at most the number of all
+# With at most so many, several threads of a GPU share a long sum. Measured with 1 and 4 presses (host_h200.json).
+FEW_LANES = 32
 
 
 @wp.kernel
@@ -74,6 +76,7 @@ class ActiveEnvironments:
     """List of the environments that kernels act in: all of them at first.
 
     numbers : (env,) int32 on the device, see `env_indices`. Kernels may shorten the list without changing ``lanes``
+    chosen : (env,) bool, environments of the list before kernels shortened it
     lanes : threads for each row of a kernel: the number of environments, on a GPU rounded up to a power of two, which
         keeps the number of different graphs small
     """
@@ -82,7 +85,7 @@ class ActiveEnvironments:
         self.numbers = wp.array(np.arange(n_env), dtype=wp.int32, device=device)
         self._factors = wp.zeros(n_env, dtype=wp.float64, device=device)
         self._pairs = wp.zeros((2, n_env), dtype=wp.int32, device=device)
-        self.device, self.shape, self.lanes = device, (n_env,), n_env
+        self.device, self.shape, self.lanes, self.chosen = device, (n_env,), n_env, np.ones(n_env, dtype=bool)
         self._exact = wp.get_device(device).is_cpu
 
     @classmethod
@@ -95,22 +98,25 @@ class ActiveEnvironments:
     def __len__(self):
         return self.shape[0]
 
-    def few(self, most: int) -> bool:
-        """True on a GPU whose kernels act in at most so many environments; a CPU adds in the same order for all."""
-        return self.lanes <= most and not self._exact
+    @property
+    def few(self) -> bool:
+        """True on a GPU if kernels act in at most `FEW_LANES` environments.
+
+        Always False on a CPU, where the order of sums must not depend on their number.
+        """
+        return self.lanes <= FEW_LANES and not self._exact
 
     def assign(self, numbers: np.ndarray):
         """Act in the environments of the list ``numbers`` (env,) from now on."""
-        self._assign(numbers, int((numbers >= 0).sum()))
+        self._assign(numbers, env_mask(numbers))
 
     def choose(self, environments: np.ndarray):
         """Act in the environments (env,) bool from now on."""
-        numbers = env_indices(environments)
-        self._assign(numbers, int(np.count_nonzero(environments)))
+        self._assign(env_indices(environments), environments.astype(bool))
 
-    def _assign(self, numbers: np.ndarray, count: int):
+    def _assign(self, numbers: np.ndarray, chosen: np.ndarray):
         write(numbers, self.numbers)
-        count = max(count, 1)
+        self.chosen, count = chosen, max(int(np.count_nonzero(chosen)), 1)
         self.lanes = count if self._exact else min(1 << (count - 1).bit_length(), len(self))
 
     def factors(self, values: np.ndarray) -> wp.array:

@@ -9,6 +9,7 @@ With few presses, or on a coarse mesh, Python takes longer than the kernels. So 
 
 from __future__ import annotations
 
+import struct
 import threading
 import time
 from collections import deque
@@ -97,22 +98,22 @@ def kernel_for(kernel: wp.Kernel, cpu: bool) -> wp.Kernel:
     return getattr(kernel, "on_cpu", kernel) if cpu else kernel
 
 
-# Launches by kernel, threads and contents of their arguments. Warp takes 40 to 80 us of a core to check and convert the
-# arguments of one, and 7 us to repeat it (AMD EPYC).
+# Recorded launches by kernel, threads and arguments. Warp takes 40 to 80 us of a core to check and convert a launch's
+# arguments, and 7 us to repeat it (AMD EPYC).
 _LAUNCHES: dict[tuple, wp.Launch] = {}
-_GRAPHS_UNDER_WAY: list = []  # devices of graphs that are being recorded
 MOST_LAUNCHES = 10_000  # a scene has some hundreds; arguments that change each time must not fill the memory
+_ONCE: list[None] = []  # an entry for each `once` under way
 
 
 def launch_kernel(kernel: wp.Kernel, device, dim, inputs: list, outputs: list):
     """Launch a kernel in blocks of `BLOCK` threads: all kernels of a module, or Warp compiles it twice.
 
-    Arguments are arrays, structs and numbers.
+    The launch is recorded, and repeated when the same arguments come again. Arguments are arrays, structs and numbers.
     """
-    if _GRAPHS_UNDER_WAY:  # on a CPU, a graph needs the arrays themselves
+    if _ONCE:
         _launch(kernel, device, dim, inputs, outputs)
         return
-    key = (kernel, str(device), dim, *map(_content, inputs), *map(_content, outputs))
+    key = (kernel, str(device), dim, *map(_key, inputs), *map(_key, outputs))
     launch = _LAUNCHES.get(key)
     if launch is None:
         launch = _record(kernel, device, dim, inputs, outputs)
@@ -124,18 +125,30 @@ def launch_kernel(kernel: wp.Kernel, device, dim, inputs: list, outputs: list):
     launch.launch()
 
 
+@contextmanager
+def once() -> Iterator[None]:
+    """Do not record the launches inside: they belong to a graph, or do not come again."""
+    _ONCE.append(None)
+    try:
+        yield
+    finally:
+        _ONCE.pop()
+
+
 def _launch(kernel: wp.Kernel, device, dim, inputs: list, outputs: list, record: bool = False) -> wp.Launch | None:
     device = wp.get_device(device)
     kernel = kernel_for(kernel, device.is_cpu)
     return wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=BLOCK, record_cmd=record)
 
 
-def _content(argument):
-    """What tells an argument from others: a number itself, type and descriptor of an array, all fields of a struct."""
+def _key(argument):
+    """Key of an argument: bytes of a number, type and descriptor of an array, type and fields of a struct."""
     if isinstance(argument, wp.array):
         return argument.dtype, bytes(argument.__ctype__())
+    if isinstance(argument, float):  # nan differs from itself, and -0 equals 0
+        return struct.pack("d", argument)
     describe = getattr(argument, "__ctype__", None)
-    return argument if describe is None else bytes(describe())
+    return argument if describe is None else (type(argument), bytes(describe()))
 
 
 def _record(kernel: wp.Kernel, device, dim, inputs: list, outputs: list) -> wp.Launch | None:
@@ -151,39 +164,55 @@ def _record(kernel: wp.Kernel, device, dim, inputs: list, outputs: list) -> wp.L
     return launch
 
 
-class _HostArray:
-    """Host memory from or to which an array is copied, and its view as a NumPy array."""
+class _HostMemory:
+    """Memory of the host through which arrays of a GPU are copied, pinned or not."""
 
-    def __init__(self, array: wp.array, pinned: bool):
-        self.array = wp.zeros(array.shape, dtype=array.dtype, device="cpu", pinned=pinned)
-        self.view = self.array.numpy()
+    BYTES = 1 << 18  # copies of larger arrays take longer than Warp's preparations for them
+
+    def __init__(self, pinned: bool):
+        self._memory = wp.empty(self.BYTES, dtype=wp.uint8, device="cpu", pinned=pinned)
+        self._pinned, self._views = pinned, {}
+
+    def view(self, array: wp.array) -> tuple[wp.array, np.ndarray]:
+        """The first part of the memory as a Warp array with the shape and type of another, and as a NumPy array."""
+        key = array.shape, array.dtype
+        if key not in self._views:
+            place = {"ptr": self._memory.ptr, "device": "cpu", "pinned": self._pinned}
+            same = wp.array(shape=array.shape, dtype=array.dtype, **place)
+            self._views[key] = same, same.numpy()
+        return self._views[key]
+
+    @classmethod
+    def holds(cls, array: wp.array) -> bool:
+        return array.size * wp.types.type_size_in_bytes(array.dtype) <= cls.BYTES
 
 
-# Host memory by shape and type. Pinned memory also by CUDA stream and place among the arrays that are read together.
-_HOST: dict[tuple, _HostArray] = {}
-LARGEST_PINNED = 1 << 13  # elements: of larger arrays, the copy itself takes longest
-_EVENTS: dict[tuple, wp.Event] = {}  # by device and CUDA stream: its kernels and copies have ended
+# Memory that no thread uses at present. Each copy has its own, so threads and streams cannot disturb each other.
+_FREE: dict[bool, list[_HostMemory]] = {True: [], False: []}
 
 
-def _host(array: wp.array, *place: int) -> _HostArray:
-    """Host memory for an array, always the same for the same place; pinned if a place is given."""
-    key = (array.shape, array.dtype, *place)
-    if key not in _HOST:
-        _HOST[key] = _HostArray(array, pinned=bool(place))
-    return _HOST[key]
+def _take(pinned: bool) -> _HostMemory:
+    try:
+        return _FREE[pinned].pop()
+    except IndexError:
+        return _HostMemory(pinned)
 
 
 def write(values: np.ndarray, array: wp.array):
     """Copy values from the host to an array, before kernels that are launched later.
 
-    `array.assign` would first make a Warp array of the values.
+    Values are broadcast to the array's shape. `array.assign` would first make a Warp array of them.
     """
     if array.device.is_cpu:
-        array.numpy()[...] = values
-        return
-    host = _host(array)
-    host.view[...] = values
-    wp.copy(array, host.array)  # CUDA has taken the values when this returns, because the memory is not pinned
+        np.copyto(array.numpy(), values, casting="same_kind")
+    elif not _HostMemory.holds(array):
+        array.assign(np.broadcast_to(values, array.shape))
+    else:
+        memory = _take(pinned=False)
+        same, view = memory.view(array)
+        np.copyto(view, values, casting="same_kind")
+        wp.copy(array, same)  # CUDA has taken the values when this returns, because the memory is not pinned
+        _FREE[False].append(memory)
 
 
 def read(*arrays: wp.array) -> list[np.ndarray]:
@@ -192,26 +221,28 @@ def read(*arrays: wp.array) -> list[np.ndarray]:
     Until the kernels launched before have ended, other threads may use the device, but not change this thread's arrays.
     """
     device = arrays[0].device
-    begun = [_begin_read(array, place) for place, array in enumerate(arrays)]
+    begun = [_begin_read(array) for array in arrays]
     if DEVICE.mine:
         _wait_for(device)
     elif device.is_cuda:
-        wp.synchronize_stream(device.stream)
-    return [_end_read(array, host) for array, host in zip(arrays, begun, strict=True)]
+        wp.synchronize_device(device)
+    return [_end_read(array, memory) for array, memory in zip(arrays, begun, strict=True)]
 
 
-def _begin_read(array: wp.array, place: int) -> _HostArray | None:
+def _begin_read(array: wp.array) -> _HostMemory | None:
     """Begin to copy a small array of a GPU; None for others."""
-    if array.device.is_cpu or array.size > LARGEST_PINNED:
+    if array.device.is_cpu or not _HostMemory.holds(array):
         return None
-    host = _host(array, array.device.stream.cuda_stream, place)
-    wp.copy(host.array, array)
-    return host
+    memory = _take(pinned=True)
+    wp.copy(memory.view(array)[0], array)
+    return memory
 
 
-def _end_read(array: wp.array, host: _HostArray | None) -> np.ndarray:
-    if host is not None:
-        return host.view.copy()
+def _end_read(array: wp.array, memory: _HostMemory | None) -> np.ndarray:
+    if memory is not None:
+        found = memory.view(array)[1].copy()
+        _FREE[True].append(memory)
+        return found
     if array.device.is_cpu:
         return array.numpy().copy()
     # `array.numpy()` would copy on CUDA's default stream, which waits for all streams, those of other threads too.
@@ -223,10 +254,7 @@ def _wait_for(device: wp.Device):
     if device.is_cpu:
         return
     stream = device.stream
-    place = str(device), stream.cuda_stream
-    if place not in _EVENTS:
-        _EVENTS[place] = wp.Event(device)
-    event = stream.record_event(_EVENTS[place])
+    event = stream.record_event()
     with DEVICE.left():
         wp.synchronize_event(event)
     wp.set_stream(stream, device)  # others have set their own
@@ -236,9 +264,5 @@ def _wait_for(device: wp.Device):
 def recording(device) -> Iterator[wp.ScopedCapture]:
     """Record the kernels that are launched inside as a graph. No thread may wait for the device meanwhile."""
     DEVICE.wait_for_others()
-    _GRAPHS_UNDER_WAY.append(device)
-    try:
-        with wp.ScopedCapture(device=device) as recorded:
-            yield recorded
-    finally:
-        _GRAPHS_UNDER_WAY.pop()
+    with once(), wp.ScopedCapture(device=device) as recorded:  # on a CPU, a graph needs the arrays themselves
+        yield recorded

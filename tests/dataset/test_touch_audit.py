@@ -56,6 +56,28 @@ def test_a_held_vertex_that_moves_is_measured(dataset):
     assert found.bad == ((3, 1),) and float(found.found.split()[0]) == pytest.approx(4e-6)
 
 
+@pytest.mark.parametrize(
+    ("vertex", "value", "bad"),
+    [
+        ("held", np.inf, "held vertices move"),
+        ("held", 4e-6, "held vertices move"),
+        ("free", np.nan, "displacement gaps"),
+        ("free", np.inf, "displacement gaps"),
+    ],
+)
+def test_displacements_in_metres_are_looked_at_too(vertex, value, bad, tmp_path):
+    job = fake.make_job(
+        sensors={"digit": {"model": "digit"}}, trajectories={"count": 1},
+        dataset={"presses_per_shard": 2, "displacement": "float32"},
+    )  # fmt: skip
+    dataset = run(fake.make_plan(job), tmp_path / "f.zarr", build=fake.fake_presser)
+    assert all(finding.passed for finding in findings(displacements, dataset).values())
+    point = int(np.argmax(fake.HELD if vertex == "held" else ~fake.HELD))
+    fake.change(dataset, "digit/displacement", (1, 2, point, 0), value)
+    found = findings(displacements, dataset)[bad]
+    assert not found.passed and found.bad == ((1, 2),)
+
+
 def test_a_mesh_of_the_job_may_lie_2_percent_of_its_length_off_the_gel(sound, tmp_path):
     assert allowed_m(sound, "digit") == FACET_M
     choice = {"model": "digit", "output": {"file": "own.tet", "unit": "m"}}

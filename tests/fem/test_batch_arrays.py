@@ -48,3 +48,11 @@ def test_columns_move_to_other_environments(dtype):
     array = wp.array(values, dtype=dtype, device="cpu")
     batch_arrays.move([array], ActiveEnvironments(5, "cpu"), np.array([4, 3]), np.array([0, 2]))
     np.testing.assert_array_equal(array.numpy(), values[:, [4, 1, 3, 3, 4]])
+
+
+def test_few_environments_are_told_on_a_gpu_alone():
+    active = ActiveEnvironments(64, "cpu")
+    for exact, chosen, few in ((True, 1, False), (False, 1, True), (False, 32, True), (False, 33, False)):
+        active._exact = exact
+        active.choose(np.arange(64) < chosen)
+        assert active.few == few and active.chosen.sum() == chosen

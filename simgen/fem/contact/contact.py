@@ -163,7 +163,7 @@ class Contact:
 
     def choose(self, shape_of: np.ndarray):
         """Choose one of the shapes, by its number, for each environment (env,)."""
-        write(shape_of, self.surface.shape_of)
+        write(shape_of.astype(np.int32), self.surface.shape_of)
 
     def forget(self, marked):
         """Drop the tractions of the listed environments."""

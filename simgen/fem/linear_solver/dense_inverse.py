@@ -13,7 +13,7 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.batch_arrays import Envs, SingleVectors
 from simgen.fem.blocks import TILE
-from simgen.fem.device import recording
+from simgen.fem.device import once, recording
 from simgen.fem.precision import single
 
 wp.set_module_options({"enable_backward": False})
@@ -22,7 +22,6 @@ SIDE = wp.constant(4)  # rows of a block
 WIDE = wp.constant(4)  # block rows of a panel
 STRIP, UNROLLED = 8, wp.constant(4)  # rows that one thread multiplies, and columns that it loads at once
 PART, SMALL_PART = 64, 8  # columns of a thread; fewer if few environments leave a GPU idle
-FEW_LANES = 32
 Matrices = wp.array3d(dtype=wp.float32)
 
 strip_of_rows = wp.types.vector(length=STRIP, dtype=wp.float32)
@@ -178,11 +177,14 @@ class Inverter:
         if lanes in self._graphs:
             wp.capture_launch(self._graphs[lanes])
             return
-        self._invert()  # also loads the kernels, which a capture cannot do
-        if not wp.get_device(self._matrices.device).is_cpu:
-            with recording(self._matrices.device) as recorded:
-                self._invert()
-            self._graphs[lanes] = recorded.graph
+        if wp.get_device(self._matrices.device).is_cpu:
+            self._invert()
+            return
+        with once():
+            self._invert()  # also loads the kernels, which a capture cannot do
+        with recording(self._matrices.device) as recorded:
+            self._invert()
+        self._graphs[lanes] = recorded.graph
 
     def _invert(self):
         m, n, active, column, rows = self._m, self._m // SIDE, self._active, self._column, self._rows
@@ -197,6 +199,6 @@ class Inverter:
 def multiply(matrices: wp.array, m: int, x, active, y_out):
     """y = M x (m, env) with symmetric matrices, in the active environments."""
     batch_arrays.clear(active, y_out)
-    columns = SMALL_PART if active.few(FEW_LANES) else PART
+    columns = SMALL_PART if active.few else PART
     inputs = [matrices, m, columns, x, active]
     batch_arrays.launch(multiply_kernel, (m // STRIP, -(-m // columns)), inputs, [y_out])

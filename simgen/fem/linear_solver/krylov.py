@@ -14,12 +14,14 @@ On a GPU some iterations of all environments are one graph.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.chunks import chunks
-from simgen.fem.device import launch_kernel, read, recording
+from simgen.fem.device import launch_kernel, once, read, recording
 from simgen.fem.linear_solver.krylov_kernels import (
     IMAGES_PER_THREAD,
     STRICT_ITERATIONS,
@@ -75,6 +77,7 @@ class ConjugateResiduals:
         self._inverse_squares, self._steps = (array((size, self.n_env), wp.float64) for _ in range(2))
         self._square, self._along, self._residual_square = (array(self.n_env, wp.float64) for _ in range(3))
         self._norm, self._graphs = Dots(n, active), {}
+        self._ended = np.zeros(self.n_env, dtype=int), np.zeros(self.n_env)  # iterations, residuals: the last advance's
         self._size, self._relative = (array(self.n_env, wp.float64) for _ in range(2))
         self._count, self._stagnated = (array(self.n_env, wp.int32) for _ in range(2))
         self._keep, self._kept = (array(self.n_env, wp.int32) for _ in range(2))
@@ -99,7 +102,7 @@ class ConjugateResiduals:
             as much as one of all, and Newton's method profits
         capture : record the loop as one graph. Both functions must only launch kernels, always on the same arrays
         """
-        began = batch_arrays.env_mask(self.active.numpy())
+        began = self.active.chosen
         tolerances = tolerance, loose, TIGHT if together else np.inf
         n_chunks = chunks(len(self._residual))
         self._iterations.zero_()
@@ -117,17 +120,18 @@ class ConjugateResiduals:
         if capture and key in self._graphs:
             wp.capture_launch(self._graphs[key])
         else:
-            wp.capture_while(self._unfinished, iterate)  # also loads the kernels, which a capture cannot do
+            with once() if capture else nullcontext():
+                wp.capture_while(self._unfinished, iterate)  # also loads the kernels, which a capture cannot do
             if capture:
                 with recording(self.device) as recorded:
                     wp.capture_while(self._unfinished, iterate)
                 self._graphs[key] = recorded.graph
-        count, relative = read(self._count, self._relative)
+        count, relative = self._ended = read(self._count, self._relative)
         missed = relative > np.where(count >= STRICT_ITERATIONS, loose, tolerance)
         return began & missed & (count < self.size) & np.isfinite(relative)
 
     def end(self, x_out) -> tuple[np.ndarray, np.ndarray]:
-        """Write the solutions of the active environments to ``x_out``.
+        """Write the solutions of the active environments to ``x_out``, after :meth:`advance`.
 
         Returns iterations (env,) and relative residuals (env,) of all environments, infinite where a system broke down.
         """
@@ -135,18 +139,17 @@ class ConjugateResiduals:
         batch_arrays.launch(substitute_kernel, (), inputs, [self._steps])
         inputs = [self._directions, self._steps, self._count, self._size, self.active]
         batch_arrays.launch(end_kernel, len(x_out), inputs, [x_out])
-        count, relative = read(self._count, self._relative)
+        count, relative = self._ended
         return count.astype(int), relative
 
     def solve(self, operator, preconditioner, b, x_out, tolerance: float):
         """Solve from beginning to end; returns the results of :meth:`end`, 0 in environments that were not active."""
-        began = self.active.numpy().copy()
+        began = self.active.chosen
         self.begin(b)
         self.advance(operator, preconditioner, tolerance, tolerance, self.size)
-        self.active.assign(began)
+        self.active.choose(began)
         iterations, relative = self.end(x_out)
-        took_part = batch_arrays.env_mask(began)
-        return iterations * took_part, np.where(took_part, relative, 0.0)
+        return iterations * began, np.where(began, relative, 0.0)
 
     def _finish_iteration(self, n_chunks, tolerances: tuple[float, float, float], most: int):
         """Turn the new direction and its image into the next residual."""

@@ -16,7 +16,7 @@ from simgen.fem.precision import single
 wp.set_module_options({"enable_backward": False})
 
 PART = wp.constant(16)  # numbers of a long row that one thread of a GPU adds up
-LONG_ROW = 64  # an aggregate's row has some 300 numbers; one thread takes 150 us for it, however few rows there are
+LONG_ROW = 64  # an aggregate's row has some 300 numbers
 
 
 @wp.func
@@ -94,8 +94,7 @@ class Transfer:
         transpose = sparse.csr_array(matrix.T)
         self._matrix, self._transpose = (self._on_device(m, device) for m in (matrix, transpose))
         longest = int(np.diff(transpose.indptr).max(initial=0))
-        cut = longest >= LONG_ROW and not wp.get_device(device).is_cpu
-        self._parts = -(-longest // PART) if cut else 0  # in which threads of a GPU restrict a row
+        self._parts = -(-longest // PART) if longest >= LONG_ROW else 1  # of a row, one for each thread
 
     @staticmethod
     def _on_device(matrix, device):
@@ -116,7 +115,7 @@ class Transfer:
 
     def restrict(self, x, y_out, factor: float = 1.0):
         """y = factor times M^T x."""
-        if not self._parts:
+        if self._parts == 1 or not self._active.few:
             self._launch(self._transpose, self.shape[1], x, factor, False, y_out)
             return
         batch_arrays.clear(self._active, y_out)

@@ -31,8 +31,8 @@ def test_an_inverse_is_that_of_its_own_environment():
 
 @pytest.mark.parametrize("few", [False, True])
 def test_products_are_those_of_numpy(few, monkeypatch):
-    """Also with the small parts that a GPU has in few environments."""
-    monkeypatch.setattr(ActiveEnvironments, "few", lambda active, most: few)
+    """Also with parts of 8 columns, as on a GPU in few environments."""
+    monkeypatch.setattr(ActiveEnvironments, "few", few)
     rng, m, n_env = np.random.default_rng(1), 16, 40  # two tiles
     host = np.stack([spd(m, rng) for _ in range(n_env)]).astype(np.float32)
     matrices = dense_inverse.zeros(m, n_env, "cpu")
