@@ -142,7 +142,7 @@ def _launch(kernel: wp.Kernel, device, dim, inputs: list, outputs: list, record:
 
 
 def _key(argument):
-    """Key of an argument: bytes of a number, type and descriptor of an array, type and fields of a struct."""
+    """Key of an argument: the number, the type and descriptor of an array, or the type and fields of a struct."""
     if isinstance(argument, wp.array):
         return argument.dtype, bytes(argument.__ctype__())
     if isinstance(argument, float):  # nan differs from itself, and -0 equals 0
