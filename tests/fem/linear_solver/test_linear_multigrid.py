@@ -7,8 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 
+from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.linear_solver.linear_multigrid import LINEAR_SPREAD, LINEAR_STEPS, MARGIN, chebyshev
+from tests.fem.linear_solver.clamped_block import Block
 
 
 def test_chebyshev_smoothing_damps_the_upper_eigenvalues():
@@ -22,6 +25,19 @@ def test_chebyshev_smoothing_damps_the_upper_eigenvalues():
     bound = 1.0 / np.cosh(LINEAR_STEPS * np.arccosh((LINEAR_SPREAD + 1.0) / (LINEAR_SPREAD - 1.0)))
     assert np.abs(1.0 - eigenvalues * x).max() == pytest.approx(bound, rel=1e-3)
 
+
+def test_threads_that_share_rows_smooth_as_one_thread_does(monkeypatch):
+    """As on a GPU in few environments. The longest rows have several parts."""
+    linear = Block(4, 0.45, 0.05).preconditioner.multigrid.linear
+    assert linear._parts > 2
+    b = np.random.default_rng(3).normal(size=(3 * linear.elasticity.n_corners, 1)).astype(np.float32)
+    found = []
+    for few in (False, True):
+        monkeypatch.setattr(ActiveEnvironments, "few", few)
+        x = wp.zeros(b.shape, dtype=wp.float32, device="cpu")
+        linear.apply(wp.array(b, dtype=wp.float32, device="cpu"), x)
+        found.append(x.numpy())
+    np.testing.assert_allclose(found[1], found[0], atol=1e-5 * np.abs(found[0]).max())
 
 
 MADE = """
