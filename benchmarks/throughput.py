@@ -3,9 +3,11 @@
     python benchmarks/throughput.py --device cuda --workers 1 2 4 --trajectories 860 --output throughput.json
 
 Runs the full paired job, or its first trajectories, into a folder that is removed afterwards. Solves are converged
-samples of both sensors. The time includes set-up, loading of kernels, writing and the audit.
-``seconds_of_solving_by_sensor`` is the average of the workers. It includes loading at the first press, and excludes
-writing and the audit. Give no more workers than GPUs and shards.
+samples of both sensors. The time includes set-up, loading of kernels, writing and the audit, which looks at each shard
+as soon as it is written, as `simgen run --check` does. ``seconds_with_writing`` ends when all files are in place,
+``seconds_with_audit`` when the audit and all processes have ended. ``seconds_of_solving_by_sensor`` is the average of
+the workers. It includes loading at the first press, and excludes writing and the audit. Give no more workers than GPUs
+and shards.
 """
 
 import shutil
@@ -17,7 +19,8 @@ import numpy as np
 from record import arguments, write
 
 from simgen.config.job import load_job
-from simgen.dataset.audit import check, passes
+from simgen.dataset.audit import passes
+from simgen.dataset.running_audit import RunningAudit
 from simgen.fem.nonlinear.status import has_values
 from simgen.pipeline.plan import make_plan
 from simgen.pipeline.run import run
@@ -26,13 +29,19 @@ from simgen.pipeline.workers import start_workers
 
 def measure(job, device: str, workers: int, folder: Path) -> dict:
     """Run and audit the job once."""
-    begin, reports = time.perf_counter(), []
+    begin, reports, audit = time.perf_counter(), [], RunningAudit(folder)
+
+    def on_report(report):
+        reports.append(report)
+        if not report.error:
+            audit.look_at(report.shard)
+
     with start_workers(job, device, workers) as started:
         plan = make_plan(job, device)
         planned = time.perf_counter() - begin
-        dataset = run(plan, folder, started, on_report=reports.append)
-    solved = time.perf_counter() - begin
-    findings = check(dataset)
+        dataset = run(plan, folder, started, on_report=on_report)
+        solved = time.perf_counter() - begin
+        findings = audit.findings()
     total = time.perf_counter() - begin
     solving = {sensor: sum(report.seconds_by_sensor[sensor] for report in reports if report.seconds_by_sensor)
                for sensor in job.sensors}  # fmt: skip

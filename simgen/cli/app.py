@@ -87,10 +87,14 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Sample the contacts and estimate size and time; solve nothing.")
     ] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="Check shards while the run goes on; print what simgen check finds.")
+    ] = False,
 ):
     """Press a job's indenters into its sensors and write the paired dataset.
 
-    You can stop a run at any time. The same command continues it.
+    You can stop a run at any time. The same command continues it. Exit code 1 if shards could not be written or, with
+    --check, if the dataset fails.
     """
     from simgen.config.job import load_job
 
@@ -110,7 +114,7 @@ def run(
         start_imports()  # workers' imports run while this process imports
     from simgen.cli.console import run_with_progress
 
-    if run_with_progress(checked, output or checked.output(), workers, address, device):
+    if run_with_progress(checked, output or checked.output(), workers, address, device, check=check):
         raise typer.Exit(1)
 
 

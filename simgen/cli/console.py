@@ -83,13 +83,18 @@ def print_remarks(remarks: Iterable[str]) -> None:
 
 
 def run_with_progress(
-    job: Job, output: Path, workers: int | None, scheduler: str | None, device: str, again: Collection[int] = ()
-) -> int:
-    """Run a job with a progress bar; return the number of shards that could not be written.
+    job: Job, output: Path, workers: int | None, scheduler: str | None, device: str, again: Collection[int] = (),
+    check: bool = False,
+) -> int:  # fmt: skip
+    """Run a job with a progress bar; return the number of shards that could not be written and of findings that fail.
 
-    again : shards to solve again. Raises `SystemExit` with code 130 for an interrupt.
+    again : shards to solve again
+    check : look at each shard as soon as it is written, and print all findings at the end
+
+    Raises `SystemExit` with code 130 for an interrupt.
     """
     from simgen.dataset.growth import finish_growth
+    from simgen.dataset.running_audit import RunningAudit
     from simgen.dataset.writer import check_output, has_all
     from simgen.pipeline.plan import make_plan
     from simgen.pipeline.run import run
@@ -97,7 +102,13 @@ def run_with_progress(
 
     finish_growth(output)
     check_output(output, job)
-    bar = RunProgress(job)
+    bar, audit = RunProgress(job), RunningAudit(output) if check else None
+
+    def on_report(report: "ShardReport") -> None:
+        bar.on_report(report)
+        if audit is not None and not report.error:
+            audit.look_at(report.shard)
+
     if not again and has_all(output, job):
         scheduler = "sync"  # starts no processes
     try:
@@ -110,13 +121,20 @@ def run_with_progress(
             if workers and scheduler not in (None, "sync"):
                 console.print(f"waiting for {workers} workers at {scheduler}, at most 5 minutes", soft_wrap=True)
             with bar.progress:
-                dataset = run(plan, output, started, bar.on_start, bar.on_report, again=again)
-    except KeyboardInterrupt:
-        stop(output)
+                dataset = run(plan, output, started, bar.on_start, on_report, again=again)
+            findings = audit.findings() if audit is not None else []
+    except BaseException as error:
+        if audit is not None:
+            audit.abandon()
+        if isinstance(error, KeyboardInterrupt):
+            stop(output)
+        raise
     present = sum(len(dataset.shard_presses(shard)) for shard in dataset.finished())
     console.print(f"{output}: {present} of {dataset.presses} presses; {bar.failures()}")
-    console.print(f"next: simgen check {output}  and  simgen report {output}")
-    return bar.errors
+    if findings:
+        print_findings(output, findings)
+    console.print(f"next: {'' if check else f'simgen check {output}  and  '}simgen report {output}")
+    return bar.errors + sum(finding.failed for finding in findings)
 
 
 def stop(output: Path) -> NoReturn:

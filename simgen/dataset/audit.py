@@ -5,8 +5,9 @@ compute. Shards whose checksums differ are reported and not read any further.
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,10 @@ from simgen.config.outputs import Output
 from simgen.dataset import touch_audit
 from simgen.dataset.audit_finding import SHOWN, Finding, name, named, not_looked_at
 from simgen.dataset.layout import faults
-from simgen.dataset.reader import PLAN, Dataset
+from simgen.dataset.reader import PLAN, Dataset, manifest_name
 from simgen.dataset.splits import IN_NONE, SPLITS, number_presses, split_presses
 from simgen.dataset.stored_arrays import NOT_REACHED, path_arrays
+from simgen.dataset.touch_audit import Displacements
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import NOT_THERE, Status, has_values, is_planned_end
 from simgen.units import UM_PER_M
@@ -26,25 +28,47 @@ FORCE_BALANCE = 1e-3  # limit, over the contact force
 FLUID_VOLUME = 1e-6  # limit, over the cavity's volume
 
 
-def check(dataset: Dataset) -> list[Finding]:
-    """Audit a dataset: findings on the whole dataset, then on each sensor."""
-    checksums = _checksums(dataset)
-    findings = [_presses(dataset), checksums, _job(dataset)]
-    if PLAN in checksums.spoiled:  # all shards depend on the plan
+class Checksums(NamedTuple):
+    """Files of a manifest that were looked at, and the paths of those that have changed or are gone."""
+
+    files: int
+    changed: list[str]
+
+
+class ShardAudit(NamedTuple):
+    """Findings in one shard: its files, and its displacements by sensor."""
+
+    checksums: Checksums
+    displacements: dict[str, Displacements]
+
+
+def check(dataset: Dataset, known: Mapping[int, ShardAudit] | None = None) -> list[Finding]:
+    """Audit a dataset: findings on the whole dataset, then on each sensor.
+
+    known : shards that were looked at while the run went on, see `simgen.dataset.running_audit`
+    """
+    known = known or {}
+    sums = _checksums(dataset, known)
+    findings = [_presses(dataset), sums, _job(dataset)]
+    if PLAN in sums.spoiled:  # all shards depend on the plan
         return findings
     layout = _layout(dataset)
     findings.append(layout)
     if layout.failed:
         return findings
-    sound = SoundShards(dataset, {int(name.removesuffix(".json")) for name in checksums.spoiled})
+    sound = SoundShards(dataset, {int(name.removesuffix(".json")) for name in sums.spoiled})
     findings += [_depths(sound), *([] if dataset.imported else [_numbering(sound)]), *_splits(sound)]
     for sensor in dataset.sensors:
         findings += [
             *(_imported(sound, sensor) if dataset.imported else _certificates(sound, sensor)),
-            *touch_audit.displacements(sound, sensor),
+            *touch_audit.displacements(sound, sensor, _of_sensor(known, sensor)),
             *touch_audit.pairing(sound, sensor),
         ]
     return findings
+
+
+def _of_sensor(known: Mapping[int, ShardAudit], sensor: str) -> dict[int, Displacements]:
+    return {shard: each.displacements[sensor] for shard, each in known.items() if not each.checksums.changed}
 
 
 def passes(findings: list[Finding]) -> bool:
@@ -86,28 +110,29 @@ def _presses(dataset: Dataset) -> Finding:
     return Finding("dataset", "presses", found, "all", not missing)
 
 
-def _checksums(dataset: Dataset) -> Finding:
+def _checksums(dataset: Dataset, known: Mapping[int, ShardAudit]) -> Finding:
     """Find manifests that are unreadable or incomplete, and files whose sha256 differs from their manifest's."""
-    sums, wrong = {}, []  # manifest and path of a file
-    for manifest in {*dataset.manifests(), PLAN}:
-        try:
-            own = dataset.sums_of(manifest)
-        except InputError:
-            own = {}
-        expected = _required_files(dataset, manifest)
-        if own.keys() == expected if manifest != PLAN else own.keys() >= expected:
-            sums |= {(manifest, file): total for file, total in own.items()}
-        else:
-            wrong.append((manifest, f"manifest/{manifest}"))
-    count = len(sums) + len(wrong)
+    manifests = sorted({*dataset.manifests(), PLAN})
+    seen = {manifest_name(shard): audit.checksums for shard, audit in known.items()}
     with ThreadPoolExecutor() as threads:
-        found_sums = threads.map(lambda each: _sha256(dataset, each[1]), sums)
-        wrong += [each for each, found in zip(sums, found_sums, strict=True) if found != sums[each]]
-    names = sorted(file for _, file in wrong)
-    note = "changed or gone: " + "; ".join(names[:SHOWN]) if wrong else ""
+        found = list(threads.map(lambda each: seen.get(each) or checksums(dataset, each), manifests))
+    count, names = sum(each.files for each in found), sorted(file for each in found for file in each.changed)
+    note = "changed or gone: " + "; ".join(names[:SHOWN]) if names else ""
     note += f"; and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    found, spoiled = f"{count - len(wrong)} of {count}", tuple(sorted({manifest for manifest, _ in wrong}))
-    return Finding("dataset", "checksums", found, "all", not wrong, note, spoiled=spoiled)
+    spoiled = tuple(manifest for manifest, each in zip(manifests, found, strict=True) if each.changed)
+    return Finding("dataset", "checksums", f"{count - len(names)} of {count}", "all", not names, note, spoiled=spoiled)
+
+
+def checksums(dataset: Dataset, manifest: str) -> Checksums:
+    """Compare each file's sha256 with a manifest's. If the manifest is unreadable or incomplete, it has changed."""
+    try:
+        sums = dataset.sums_of(manifest)
+    except InputError:
+        sums = {}
+    expected = _required_files(dataset, manifest)
+    if not (sums.keys() >= expected if manifest == PLAN else sums.keys() == expected):
+        return Checksums(1, [f"manifest/{manifest}"])
+    return Checksums(len(sums), [file for file, total in sums.items() if _sha256(dataset, file) != total])
 
 
 def _required_files(dataset: Dataset, manifest: str) -> set[str]:

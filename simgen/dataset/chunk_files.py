@@ -9,14 +9,13 @@ import os
 import shutil
 import tempfile
 import threading
-from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import zarr
 from numcodecs import Blosc
-from zarr.codecs import BloscCodec, ShardingCodec
+from zarr.codecs import BloscCodec, BytesCodec, Endian, ShardingCodec
 from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
@@ -97,16 +96,30 @@ def chunk_file(name: str, number: int, stored: np.ndarray, presses_per_chunk: in
     return {chunk_path(name, number, stored.ndim): codec.encode(chunk)}
 
 
-def check_frames(array: zarr.Array, root: Path, name: str, not_read: Collection[str]) -> None:
-    """Raise `ValueError` if a file that Blosc has compressed is not as long as its header says.
+def read_chunk(root: Path, file: str, array: zarr.Array, presses: range) -> np.ndarray:
+    """Read the file of some presses (n, ...) of an array without shards. Raises `ValueError` as `check_frame`.
 
-    c-blosc would read beyond its end and end the process. Files at the paths ``not_read`` are left out.
+    Files that `chunk_file` makes are read without zarr: an audit of the paired job's 215 shards reads 8,000 of them.
     """
-    if not any(isinstance(codec, BloscCodec) for codec in array.metadata.codecs):
-        return
-    for file in (root / name / "c").rglob("*"):
-        if file.is_file() and file.relative_to(root).as_posix() not in not_read:
-            check_frame(root, file.relative_to(root).as_posix())
+    match array.metadata.codecs:
+        case [BytesCodec(endian=Endian.little | None), BloscCodec()] if array.chunks[1:] == array.shape[1:]:
+            check_frame(root, file)
+            chunk = np.frombuffer(Blosc().decode((root / file).read_bytes()), array.dtype.newbyteorder("<"))
+            return chunk.reshape(array.chunks)[: len(presses)]
+    check_frames(array, root, file)
+    return array[presses.start : presses.stop]
+
+
+def check_frames(array: zarr.Array, root: Path, name: str) -> None:
+    """Raise `ValueError` if a file below ``name`` that Blosc has compressed is not as long as its header says.
+
+    c-blosc would read beyond its end and end the process.
+    """
+    if any(isinstance(codec, BloscCodec) for codec in array.metadata.codecs):
+        below = root / name
+        for file in [below] if below.is_file() else (below / "c").rglob("*"):
+            if file.is_file():
+                check_frame(root, file.relative_to(root).as_posix())
 
 
 def check_frame(root: Path, file: str) -> None:

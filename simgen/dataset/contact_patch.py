@@ -5,7 +5,7 @@ import warp as wp
 
 from simgen.config.indenter_path import moved
 from simgen.config.warp_device import start_warp
-from simgen.dataset.pressed_indenters import first_touch, pressed_indenters
+from simgen.dataset.pressed_indenters import first_touch, poses_at_touch, pressed_indenters
 from simgen.dataset.reader import Dataset
 from simgen.dataset.touchable import touchable_points
 from simgen.errors import InputError
@@ -58,7 +58,15 @@ class ContactPatches:
         self._rest = dataset[f"{sensor}/rest_positions"][self.points]
         self._shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)], device)
         self._indenter, self._path = dataset["press/indenter"], dataset.indenter_path
+        self._to_sensor, self._sensor = dataset[f"{sensor}/pose"], sensor
         self._first_touch = first_touch(dataset, sensor)
+
+    def read_again(self, dataset: Dataset, shard: int):
+        """Read where the presses of a shard touch first: the shard was written after this object was made."""
+        presses = dataset.shard_presses(shard)
+        rows = slice(presses.start, presses.stop)
+        pose, touch = (dataset.of_shard(name, shard) for name in ("press/pose", f"{self._sensor}/touch"))
+        self._first_touch[rows] = poses_at_touch(pose, touch, self._to_sensor[rows])
 
     def touching(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
         """Mask (sample, point) of points that touch the indenter; arguments as in `gap`."""

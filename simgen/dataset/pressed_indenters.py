@@ -25,8 +25,12 @@ def pressed_indenter(dataset: Dataset, index: int) -> Indenter:
 
 def first_touch(dataset: Dataset, sensor: str) -> np.ndarray:
     """Poses (press, 4, 4) m at first touch, indenter frame -> sensor frame; NaN without first touch or sensor pose."""
-    pose = advanced(dataset["press/pose"], dataset[f"{sensor}/touch"])
-    to_sensor = dataset[f"{sensor}/pose"]
+    return poses_at_touch(dataset["press/pose"], dataset[f"{sensor}/touch"], dataset[f"{sensor}/pose"])
+
+
+def poses_at_touch(pose: np.ndarray, touch: np.ndarray, to_sensor: np.ndarray) -> np.ndarray:
+    """Poses as `first_touch`, from some presses' arrays press/pose, and touch and pose of the sensor."""
+    pose = advanced(pose, touch)
     known = np.isfinite(to_sensor).all(axis=(1, 2))
     pose[known] = np.linalg.inv(to_sensor[known]) @ pose[known]
     pose[~known] = np.nan

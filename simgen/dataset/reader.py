@@ -44,7 +44,6 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +52,7 @@ import zarr
 from simgen.config.indenter_path import IndenterPath
 from simgen.config.job import job_from_resolved
 from simgen.config.job_schema import Job
-from simgen.dataset.chunk_files import check_frame, check_frames, chunk_path, is_sharded, open_sharded
+from simgen.dataset.chunk_files import check_frame, check_frames, chunk_path, is_sharded, open_sharded, read_chunk
 from simgen.dataset.stored_arrays import NOT_REACHED, REST_DEPTH, Array, axis_lengths, written_arrays
 from simgen.errors import InputError, shown
 
@@ -67,6 +66,11 @@ GROWING = ".growing"  # folder with the plan of added trajectories, until its fi
 
 # Older datasets lack some of these.
 ADDED_LATER = ("certificate/stabilised_elements", "certificate/damping", "certificate/least_det_F")
+
+
+def manifest_name(shard: int) -> str:
+    """Name of a shard's manifest in the folder manifest/."""
+    return f"{shard:06d}.json"
 
 
 class Dataset:
@@ -89,7 +93,8 @@ class Dataset:
             self.attributes = dict(self.root.attrs)
         except Exception as error:  # zarr raises errors of many kinds
             raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({shown(str(error), 200)})") from None
-        self._open: dict[str, zarr.Array] = {}  # sharded arrays
+        self._found: dict[str, zarr.Array] = {}
+        self._open: dict[str, zarr.Array] = {}  # sharded arrays, read by zarrs
         if self.attributes.get("schema") != SCHEMA:
             found = shown(repr(self.attributes.get("schema")))
             raise InputError(f"{path}: schema {found}; this version reads {SCHEMA}")
@@ -103,35 +108,35 @@ class Dataset:
 
         Raises `InputError` if the array is missing, has another shape, or cannot be read.
         """
-        array = self.arrays.get(name)
-        stored = self.array(name)
-        if array is not None and stored.shape != (self.presses, *array.shape):
-            raise InputError(f"{self.path}/{name}: shape {stored.shape}; allowed: {(self.presses, *array.shape)}")
-        self._check_files_exist(name)
-        with self._reading(name):
-            missing = self.unfinished() if array is not None else []
-            skipped = {chunk_path(name, shard, stored.ndim) for shard in missing}
-            check_frames(stored, self.path, name, skipped)
-            if is_sharded(stored):
-                stored = self._sharded(name)
-            if not missing:
+        array, stored = self.arrays.get(name), self.array(name)
+        if array is None:
+            for file in self.sums_of(PLAN):
+                if file.startswith(f"{name}/c/"):
+                    self._check_exists(file)
+            with self._reading(name):
+                check_frames(stored, self.path, name)
                 return stored[...]
-            values = np.full((self.presses, *array.shape), array.fill, array.dtype)
-            bounds = [-1, *missing, self.shards]  # neighbouring finished shards are read at once
-            for first, end in pairwise(bounds):
-                if end > first + 1:
-                    rows = slice(self.shard_presses(first + 1).start, self.shard_presses(end - 1).stop)
-                    values[rows] = stored[rows]
-            return values
+        if stored.shape != (self.presses, *array.shape):
+            raise InputError(f"{self.path}/{name}: shape {stored.shape}; allowed: {(self.presses, *array.shape)}")
+        values = np.full(stored.shape, array.fill, array.dtype)
+        for shard in self.finished():
+            presses = self.shard_presses(shard)
+            values[presses.start : presses.stop] = self.of_shard(name, shard)
+        return values
 
-    def _check_files_exist(self, name: str) -> None:
-        """Raise `InputError` if a file of a manifest is gone: zarr would read fill values instead."""
-        if (array := self.arrays.get(name)) is None:
-            files = [file for file in self.sums_of(PLAN) if file.startswith(f"{name}/c/")]
-        else:
-            files = [chunk_path(name, shard, 1 + len(array.shape)) for shard in self.finished()]
-        for file in files:
-            self._check_exists(file)
+    def of_shard(self, name: str, shard: int) -> np.ndarray:
+        """Read an array that tasks write, for the presses (n, ...) of one finished shard.
+
+        Raises `InputError` if the array is missing or cannot be read, and for a file that is gone: zarr would read fill
+        values instead.
+        """
+        presses, stored = self.shard_presses(shard), self.array(name)
+        file = chunk_path(name, shard, stored.ndim)
+        self._check_exists(file)
+        with self._reading(name):
+            if is_sharded(stored):
+                return self._sharded(name)[presses.start : presses.stop]
+            return read_chunk(self.path, file, stored, presses)
 
     def _check_exists(self, file: str) -> None:
         if not (self.path / file).exists():
@@ -143,11 +148,13 @@ class Dataset:
 
     def array(self, name: str) -> zarr.Array:
         """The zarr array of this name, unread. Raises `InputError` if there is none."""
-        with self._reading(name):
-            found = self.root.get(name)
-        if not isinstance(found, zarr.Array):
-            raise InputError(f"{self.path}: no array {name}")
-        return found
+        if name not in self._found:
+            with self._reading(name):
+                found = self.root.get(name)
+            if not isinstance(found, zarr.Array):
+                raise InputError(f"{self.path}: no array {name}")
+            self._found[name] = found
+        return self._found[name]
 
     @contextmanager
     def _reading(self, name: str) -> Iterator[None]:
@@ -268,7 +275,7 @@ class Dataset:
     def of_samples(self, name: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """Read some presses and depths of an array that has a chunk for each sample, as stored."""
         for shard in self._shards_of(press):
-            if (self.path / "manifest" / f"{shard:06d}.json").exists():
+            if (self.path / "manifest" / manifest_name(shard)).exists():
                 self._check_exists(chunk_path(name, shard, 1 + len(self.arrays[name].shape)))
         with self._reading(name):
             return self._sharded(name)[press, depth]
@@ -276,7 +283,7 @@ class Dataset:
     def of_press(self, name: str, press: int) -> np.ndarray:
         """Read one press of an array that has one chunk for each shard; fill values if the press is not there yet."""
         array, (shard,) = self.arrays[name], self._shards_of(press)
-        if not (self.path / "manifest" / f"{shard:06d}.json").exists():
+        if not (self.path / "manifest" / manifest_name(shard)).exists():
             return np.full(array.shape, array.fill, array.dtype)
         file = chunk_path(name, shard, 1 + len(array.shape))
         self._check_exists(file)

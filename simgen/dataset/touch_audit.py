@@ -1,8 +1,11 @@
 """Audit of a sensor's geometry: contacts lie on its surface, held vertices rest, touched ones lie on the indenter."""
 
+from __future__ import annotations
+
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,18 +62,40 @@ def _has_mesh_of_the_job(dataset: Dataset, sensor: str) -> bool:
     return dataset.job.sensors[sensor].output is not None
 
 
-def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
-    """Check that held vertices rest, touched vertices lie on the indenter, and converged samples are complete."""
-    check = _DisplacementCheck(dataset, sensor)
+class Displacements(NamedTuple):
+    """Findings on the displacements of a shard's presses; arrays (press, depth).
+
+    moved : m, largest move of a held vertex
+    gap : True where displacements are missing
+    overlap : m, of vertices and indenter, beyond what the certificate says
+    apart : m, gap between the indenter and the nearest vertex
+    """
+
+    moved: np.ndarray
+    gap: np.ndarray
+    overlap: np.ndarray
+    apart: np.ndarray
+
+
+def displacements(
+    dataset: Dataset, sensor: str, known: Mapping[int, Displacements] | None = None
+) -> Iterator[Finding]:
+    """Check that held vertices rest, touched vertices lie on the indenter, and converged samples are complete.
+
+    known : shards that `DisplacementCheck` has looked at already
+    """
+    check, known = DisplacementCheck(dataset, sensor), known or {}
     if check.why_not:
         yield not_looked_at(sensor, "on the indenter", check.why_not)
+    finished = dataset.finished()
     with ThreadPoolExecutor(SHARDS_AT_ONCE) as threads:
-        checked = list(threads.map(check.shard, dataset.finished()))
-    shape = (dataset.presses, len(dataset["depth"]))
-    moved, gap, overlap, apart = (np.zeros(shape) for _ in range(4))
-    for rows, *values in checked:
-        for whole, part in zip((moved, gap, overlap, apart), values, strict=True):
-            whole[rows] = part
+        found = threads.map(lambda shard: known[shard] if shard in known else check.shard(shard), finished)
+        shape = (dataset.presses, len(dataset["depth"]))
+        moved, gap, overlap, apart = whole = Displacements(*(np.zeros(shape) for _ in range(4)))
+        for shard, of_shard in zip(finished, found, strict=True):
+            presses = dataset.shard_presses(shard)
+            for values, part in zip(whole, of_shard, strict=True):
+                values[presses.start : presses.stop] = part
     if check.held is None:
         yield not_looked_at(sensor, "held vertices move", "the mesh that was imported does not say which are held")
     else:
@@ -83,12 +108,11 @@ def displacements(dataset: Dataset, sensor: str) -> Iterator[Finding]:
     yield named(sensor, "off the indenter", apart * UM_PER_M, allowed, "{:.1f} um")
 
 
-class _DisplacementCheck:
+class DisplacementCheck:
     """Checks displacements of one sensor, a shard at a time; ``why_not`` says why the indenter is left out."""
 
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor = dataset, sensor
-        self.status = dataset[f"{sensor}/status"]
         self.held = dataset.get(f"{sensor}/held")
         self.scale = dataset.displacement_scale(sensor)  # of integers; None for floating-point numbers
         self.rounding, self.why_not = 0.0, ""
@@ -96,8 +120,6 @@ class _DisplacementCheck:
             self.rounding = dataset.attributes["source"]["meshes"][sensor]["rounding_m"]
             self.why_not = "the files that were imported do not say how far a mesh may overlap it"
             return
-        self.stated = dataset[f"{sensor}/certificate/max_penetration_m"]
-        self.touched = dataset[f"{sensor}/force"].any(axis=2)  # nothing touches a lifted indenter
         try:
             self.patches = ContactPatches(dataset, sensor)
         except InputError as error:
@@ -107,13 +129,12 @@ class _DisplacementCheck:
         if count := len(self.patches.points):
             self.patches.gap(np.zeros(1, int), np.array([FIRST_TOUCH]), np.zeros((1, count, 3)))
 
-    def shard(self, shard: int) -> tuple:
-        """Rows of presses, and four arrays (press, depth): largest move of held vertices, m; missing displacements;
-        overlap of vertices and indenter beyond the certificate's, m; gap between indenter and nearest vertex, m."""
+    def shard(self, shard: int) -> Displacements:
+        """Look at a finished shard."""
         presses = self.dataset.shard_presses(shard)
         rows = slice(presses.start, presses.stop)
         stored = self.dataset.stored_displacement(self.sensor, rows)  # int16 takes a quarter of float64
-        converged = has_values(self.status[rows])
+        converged = has_values(self._stored("status", shard))
         held = stored[:, :, [] if self.held is None else self.held]
         held = np.nan_to_num(held) if self.scale is None else np.where(self._missing(held), 0, held)
         moved = np.abs(held).max(axis=(2, 3), initial=0) * (self.scale or 1.0)
@@ -121,10 +142,15 @@ class _DisplacementCheck:
         overlap, apart = np.zeros(converged.shape), np.zeros(converged.shape)
         at = np.nonzero(converged & ~gap)
         if len(at[0]) and not self.why_not and len(self.patches.points):
+            self.patches.read_again(self.dataset, shard)
+            touched = self._stored("force", shard).any(axis=2)  # nothing touches a lifted indenter
             at_rest, nearest = self._nearest(presses, stored, *at)
-            overlap[at] = -nearest - self.stated[rows][at]
-            apart[at] = np.where(self.touched[rows][at], nearest - np.maximum(at_rest, 0.0)[at[0]], 0.0)
-        return rows, moved, gap, overlap, apart
+            overlap[at] = -nearest - self._stored("certificate/max_penetration_m", shard)[at]
+            apart[at] = np.where(touched[at], nearest - np.maximum(at_rest, 0.0)[at[0]], 0.0)
+        return Displacements(moved, gap, overlap, apart)
+
+    def _stored(self, key: str, shard: int) -> np.ndarray:
+        return self.dataset.of_shard(f"{self.sensor}/{key}", shard)
 
     def _missing(self, stored: np.ndarray) -> np.ndarray:
         """Mask of the displacements without a value."""

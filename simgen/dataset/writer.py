@@ -28,7 +28,7 @@ from simgen.dataset.chunk_files import COMPRESSION, chunk_file, sharded_files
 from simgen.dataset.folder_lock import LOCK, LockedError, locked, locked_new, remove_abandoned
 from simgen.dataset.layout import checked
 from simgen.dataset.provenance import difference
-from simgen.dataset.reader import PLAN, SCHEMA, TIMINGS, Dataset
+from simgen.dataset.reader import PLAN, SCHEMA, TIMINGS, Dataset, manifest_name
 from simgen.dataset.stored_arrays import Array, axis_lengths, written_arrays
 from simgen.errors import InputError, cannot_write, writing
 
@@ -226,7 +226,7 @@ def manifest_aside(shard: int, files: Mapping[str, Aside], folder: Path) -> dict
 
 
 def manifest_path(shard: int) -> str:
-    return f"manifest/{shard:06d}.json"
+    return f"manifest/{manifest_name(shard)}"
 
 
 def forget(dataset: Dataset, shards: Iterable[int]) -> None:

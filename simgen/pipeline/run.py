@@ -45,9 +45,10 @@ def run(
     build : makes the function that solves presses
     again : finished shards to solve once more
 
-    After an interrupt or a kill, the same call completes the dataset. A shard stays unfinished if its task fails twice,
-    by an exception or a dead process, or once by bad input. Its report then carries the error. Raises `InputError` if
-    `output` holds another dataset, is locked by another run or cannot be written, and if the scheduler is lost.
+    The workers end with the last shard. After an interrupt or a kill, the same call completes the dataset. A shard
+    stays unfinished if its task fails twice, by an exception or a dead process, or once by bad input. Its report then
+    carries the error. Raises `InputError` if `output` holds another dataset, is locked by another run or cannot be
+    written, and if the scheduler is lost.
     """
     if workers is None:
         check_device(plan.device)
@@ -71,6 +72,7 @@ def run(
         except BaseException:
             workers.close()
             raise
+        workers.begin_to_close()
         if not dataset.unfinished():
             with folder_aside(dataset) as folder:
                 write_card(dataset, folder)

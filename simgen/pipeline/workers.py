@@ -57,18 +57,25 @@ class Workers:
     count : number of processes
     start : starts them; returns dask's client and futures that prepare the processes. None: solve in this process
     close : ends them
+    beside : runs what this thread does not wait for
     tasks_at_once : tasks that a process solves at a time
     """
 
     def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, list]] | None = None,
-                 close: Callable[[], None] = lambda: None, tasks_at_once: int = 1):  # fmt: skip
+                 close: Callable[[], None] = lambda: None, beside: ThreadPoolExecutor | None = None,
+                 tasks_at_once: int = 1):  # fmt: skip
         self.device, self.count, self.tasks_at_once = device, count, tasks_at_once
-        self.close, self._start = close, start
+        self.close, self._start, self._beside = close, start, beside
 
     @cached_property
     def started(self) -> tuple[Any, list]:
         """dask's client and preparing futures; the first access starts the processes."""
         return self._start()
+
+    def begin_to_close(self):
+        """End the processes while the caller goes on: one that frees a GPU takes a second. `start_workers` waits."""
+        if self._beside is not None:
+            self._beside.submit(self.close)
 
     @property
     def about(self) -> str:
@@ -204,7 +211,7 @@ def start_workers(
             stack.close()
 
         starting = beside.submit(start)
-        yield Workers(there, len(environments), starting.result, close, TASKS_PER_GPU_PROCESS if gpus else 1)
+        yield Workers(there, len(environments), starting.result, close, beside, TASKS_PER_GPU_PROCESS if gpus else 1)
 
 
 def visible_gpus(device: str) -> list[str]:

@@ -104,8 +104,9 @@ def test_presses_that_would_leave_too_little_gel_end_as_planned(here, tmp_path):
     thin = ["trajectories.too_thin=stop", "trajectories.least_thickness_left=0.925"]
     depths = "depths_mm={first: 0.2, last: 0.8, count: 4}"
     indenters = "indenters=[sphere_7mm, ring_7mm]"
-    code, output, errors = here("run", "smoke", *thin, depths, indenters, "--scheduler", "sync")
-    assert code == 0, errors
+    command = "run", "smoke", *thin, depths, indenters, "--scheduler", "sync"
+    code, output, errors = here(*command, "--check")
+    assert code == 0 and "smoke.zarr passes" in output and "next: simgen report" in output, errors
     dataset = Dataset(tmp_path / "smoke.zarr")
     steps, status = (np.stack([dataset[f"{sensor}/{name}"] for sensor in ("digit", "biotac")])
                      for name in ("pressable_steps", "status"))  # fmt: skip
@@ -132,6 +133,12 @@ def test_presses_that_would_leave_too_little_gel_end_as_planned(here, tmp_path):
     spheres, rings = ends[0, :, -1].reshape(2, 2).sum(axis=0)
     row = f"<td>digit</td><td>not pressed</td><td>{sentence}</td><td>{spheres}</td><td>{rings}</td>"
     assert row in (tmp_path / "smoke.html").read_text()
+
+    file = tmp_path / "smoke.zarr/digit/force/c/0/0/0"
+    file.write_bytes(file.read_bytes() + b"x")
+    for options, expected in (((), 0), (("--check",), 1)):
+        code, output, _ = here(*command, *options)
+        assert code == expected and ("checksums" in output) == ("FAIL" in output) == bool(options)
 
 
 def test_check_passes_a_sound_dataset_and_fails_a_broken_one(here, dataset, tmp_path):

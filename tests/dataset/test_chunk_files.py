@@ -15,6 +15,7 @@ from simgen.dataset.chunk_files import (
     chunk_path,
     is_sharded,
     open_sharded,
+    read_chunk,
     sharded_files,
 )
 
@@ -62,9 +63,23 @@ def test_a_file_of_another_length_than_it_says_is_refused(tmp_path, spoil):
     array[:] = 1.0
     file = tmp_path / chunk_path("force", 1, 2)
     file.write_bytes(spoil(file.read_bytes()))
-    with pytest.raises(ValueError, match="force/c/1/0: not what Blosc writes"):
-        check_frames(array, tmp_path, "force", not_read=())
-    check_frames(array, tmp_path, "force", not_read=["force/c/1/0"])
+    last = tmp_path, "force/c/1/0", array, range(2, 4)
+    for read in (lambda: check_frames(array, tmp_path, "force"), lambda: read_chunk(*last)):
+        with pytest.raises(ValueError, match="force/c/1/0: not what Blosc writes"):
+            read()
+    assert (read_chunk(tmp_path, "force/c/0/0", array, range(2)) == 1.0).all()
+
+
+@pytest.mark.parametrize("compressors", [CODEC, None])
+def test_a_chunk_is_read_as_zarr_reads_it(tmp_path, compressors):
+    """Also if the last shard is short, and with other codecs."""
+    array = zarr.open_group(tmp_path).create_array(
+        "force", shape=(5, 4), chunks=(3, 4), dtype="float64", compressors=compressors
+    )
+    array[:] = np.random.default_rng(0).normal(size=(5, 4))
+    for number, presses in enumerate((range(3), range(3, 5))):
+        found = read_chunk(tmp_path, chunk_path("force", number, 2), array, presses)
+        np.testing.assert_array_equal(found, array[presses.start : presses.stop])
 
 
 def test_shards_do_not_wait_for_each_others_threads():

@@ -158,6 +158,13 @@ def test_processes_of_gpus_start_while_the_caller_goes_on(monkeypatch):
     assert client.status == "closed"
 
 
+def test_processes_end_while_the_caller_goes_on():
+    with start_workers(fake.make_job(), count=2, build=fake.fake_presser) as started:
+        processes = [psutil.Process(pid) for pid in started.started[0].run(os.getpid).values()]
+        started.begin_to_close()
+        assert len(processes) == 2 and not psutil.wait_procs(processes, timeout=60.0)[1]
+
+
 def test_a_caller_that_fails_while_processes_of_gpus_start_leaves_none(monkeypatch):
     monkeypatch.setattr(workers, "check_device", lambda device: None)
     monkeypatch.setattr(workers, "visible_gpus", lambda device: ["3"])
