@@ -7,8 +7,8 @@ samples of both sensors. The time includes set-up, loading of kernels, writing a
 as soon as it is written, as `simgen run --check` does. ``seconds_with_writing`` ends when all files are in place,
 ``seconds_with_audit`` when the audit and all processes have ended. ``seconds_of_solving_by_sensor`` is the average of
 the workers. It includes loading at the first press, and excludes writing and the audit. Each number of workers has a
-process of its own, whose imports are done when the clock starts; those of the workers are not. Give no more workers
-than GPUs and shards.
+process of its own. The clock starts after its imports. The workers' imports count. Give no more workers than GPUs and
+shards.
 """
 
 import shutil
@@ -33,18 +33,18 @@ from simgen.pipeline.workers import start_workers
 
 def measure(job, device: str, workers: int, folder: Path) -> dict:
     """Run and audit the job once."""
+    begin, reports = time.perf_counter(), []
     start_warp()
-    begin, reports, audit = time.perf_counter(), [], RunningAudit(folder)
+    with start_workers(job, device, workers) as started, RunningAudit(folder) as audit:
 
-    def on_report(report):
-        reports.append(report)
-        if not report.error:
-            audit.look_at(report.shard)
+        def on_report(report):
+            reports.append(report)
+            if not report.error:
+                audit.look_at(report.shard)
 
-    with start_workers(job, device, workers) as started:
         plan = make_plan(job, device)
         planned = time.perf_counter() - begin
-        dataset = run(plan, folder, started, on_report=on_report)
+        dataset = run(plan, folder, started, on_report=on_report, close_workers=True)
         solved = time.perf_counter() - begin
         findings = audit.findings()
     total = time.perf_counter() - begin

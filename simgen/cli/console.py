@@ -86,7 +86,7 @@ def run_with_progress(
     job: Job, output: Path, workers: int | None, scheduler: str | None, device: str, again: Collection[int] = (),
     check: bool = False,
 ) -> int:  # fmt: skip
-    """Run a job with a progress bar; return the number of shards that could not be written and of findings that fail.
+    """Run a job with a progress bar; return how many shards could not be written, plus how many findings fail.
 
     again : shards to solve again
     check : look at each shard as soon as it is written, and print all findings at the end
@@ -102,17 +102,17 @@ def run_with_progress(
 
     finish_growth(output)
     check_output(output, job)
-    bar, audit = RunProgress(job), RunningAudit(output) if check else None
-
-    def on_report(report: "ShardReport") -> None:
-        bar.on_report(report)
-        if audit is not None and not report.error:
-            audit.look_at(report.shard)
-
     if not again and has_all(output, job):
         scheduler = "sync"  # starts no processes
+    bar = RunProgress(job)
     try:
-        with start_workers(job, device, workers, scheduler) as started:
+        with start_workers(job, device, workers, scheduler) as started, RunningAudit(output) as audit:
+
+            def on_report(report: "ShardReport") -> None:
+                bar.on_report(report)
+                if check and scheduler != "sync" and not report.error:
+                    audit.look_at(report.shard)
+
             bar.workers = started
             with console.status("sampling contacts and posing them on each sensor"):
                 plan = make_plan(job, device)
@@ -121,19 +121,17 @@ def run_with_progress(
             if workers and scheduler not in (None, "sync"):
                 console.print(f"waiting for {workers} workers at {scheduler}, at most 5 minutes", soft_wrap=True)
             with bar.progress:
-                dataset = run(plan, output, started, bar.on_start, on_report, again=again)
-            findings = audit.findings() if audit is not None else []
-    except BaseException as error:
-        if audit is not None:
-            audit.abandon()
-        if isinstance(error, KeyboardInterrupt):
-            stop(output)
-        raise
+                dataset = run(plan, output, started, bar.on_start, on_report, again=again, close_workers=True)
+            with console.status("checking the dataset"):
+                findings = audit.findings() if check else []
+    except KeyboardInterrupt:
+        stop(output)
     present = sum(len(dataset.shard_presses(shard)) for shard in dataset.finished())
     console.print(f"{output}: {present} of {dataset.presses} presses; {bar.failures()}")
     if findings:
         print_findings(output, findings)
-    console.print(f"next: {'' if check else f'simgen check {output}  and  '}simgen report {output}")
+    next_check = "" if findings and passes(findings) else f"simgen check {output}{' --repair' * check}  and  "
+    console.print(f"next: {next_check}simgen report {output}")
     return bar.errors + sum(finding.failed for finding in findings)
 
 

@@ -19,7 +19,7 @@ from simgen.dataset.layout import faults
 from simgen.dataset.reader import PLAN, Dataset, manifest_name
 from simgen.dataset.splits import IN_NONE, SPLITS, number_presses, split_presses
 from simgen.dataset.stored_arrays import NOT_REACHED, path_arrays
-from simgen.dataset.touch_audit import Displacements
+from simgen.dataset.touch_audit import DisplacementFaults
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import NOT_THERE, Status, has_values, is_planned_end
 from simgen.units import UM_PER_M
@@ -28,7 +28,7 @@ FORCE_BALANCE = 1e-3  # limit, over the contact force
 FLUID_VOLUME = 1e-6  # limit, over the cavity's volume
 
 
-class Checksums(NamedTuple):
+class ComparedFiles(NamedTuple):
     """Files of a manifest that were looked at, and the paths of those that have changed or are gone."""
 
     files: int
@@ -36,10 +36,10 @@ class Checksums(NamedTuple):
 
 
 class ShardAudit(NamedTuple):
-    """Findings in one shard: its files, and its displacements by sensor."""
+    """What an audit saw in one shard: its files, and its displacements by sensor."""
 
-    checksums: Checksums
-    displacements: dict[str, Displacements]
+    files: ComparedFiles
+    displacements: dict[str, DisplacementFaults]
 
 
 def check(dataset: Dataset, known: Mapping[int, ShardAudit] | None = None) -> list[Finding]:
@@ -67,8 +67,8 @@ def check(dataset: Dataset, known: Mapping[int, ShardAudit] | None = None) -> li
     return findings
 
 
-def _of_sensor(known: Mapping[int, ShardAudit], sensor: str) -> dict[int, Displacements]:
-    return {shard: each.displacements[sensor] for shard, each in known.items() if not each.checksums.changed}
+def _of_sensor(known: Mapping[int, ShardAudit], sensor: str) -> dict[int, DisplacementFaults]:
+    return {shard: each.displacements[sensor] for shard, each in known.items() if not each.files.changed}
 
 
 def passes(findings: list[Finding]) -> bool:
@@ -113,9 +113,9 @@ def _presses(dataset: Dataset) -> Finding:
 def _checksums(dataset: Dataset, known: Mapping[int, ShardAudit]) -> Finding:
     """Find manifests that are unreadable or incomplete, and files whose sha256 differs from their manifest's."""
     manifests = sorted({*dataset.manifests(), PLAN})
-    seen = {manifest_name(shard): audit.checksums for shard, audit in known.items()}
+    seen = {manifest_name(shard): audit.files for shard, audit in known.items()}
     with ThreadPoolExecutor() as threads:
-        found = list(threads.map(lambda each: seen.get(each) or checksums(dataset, each), manifests))
+        found = list(threads.map(lambda each: seen.get(each) or compare_files(dataset, each), manifests))
     count, names = sum(each.files for each in found), sorted(file for each in found for file in each.changed)
     note = "changed or gone: " + "; ".join(names[:SHOWN]) if names else ""
     note += f"; and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
@@ -123,7 +123,7 @@ def _checksums(dataset: Dataset, known: Mapping[int, ShardAudit]) -> Finding:
     return Finding("dataset", "checksums", f"{count - len(names)} of {count}", "all", not names, note, spoiled=spoiled)
 
 
-def checksums(dataset: Dataset, manifest: str) -> Checksums:
+def compare_files(dataset: Dataset, manifest: str) -> ComparedFiles:
     """Compare each file's sha256 with a manifest's. If the manifest is unreadable or incomplete, it has changed."""
     try:
         sums = dataset.sums_of(manifest)
@@ -131,8 +131,8 @@ def checksums(dataset: Dataset, manifest: str) -> Checksums:
         sums = {}
     expected = _required_files(dataset, manifest)
     if not (sums.keys() >= expected if manifest == PLAN else sums.keys() == expected):
-        return Checksums(1, [f"manifest/{manifest}"])
-    return Checksums(len(sums), [file for file, total in sums.items() if _sha256(dataset, file) != total])
+        return ComparedFiles(1, [f"manifest/{manifest}"])
+    return ComparedFiles(len(sums), [file for file, total in sums.items() if _sha256(dataset, file) != total])
 
 
 def _required_files(dataset: Dataset, manifest: str) -> set[str]:

@@ -1,11 +1,13 @@
 """Contact patches: the points of a sensor's touchable surface that touch the indenter."""
 
+from functools import cached_property
+
 import numpy as np
 import warp as wp
 
 from simgen.config.indenter_path import moved
 from simgen.config.warp_device import start_warp
-from simgen.dataset.pressed_indenters import first_touch, poses_at_touch, pressed_indenters
+from simgen.dataset.pressed_indenters import first_touch, pressed_indenters
 from simgen.dataset.reader import Dataset
 from simgen.dataset.touchable import touchable_points
 from simgen.errors import InputError
@@ -58,29 +60,29 @@ class ContactPatches:
         self._rest = dataset[f"{sensor}/rest_positions"][self.points]
         self._shapes = shape_array([indenter.shape() for indenter in pressed_indenters(dataset)], device)
         self._indenter, self._path = dataset["press/indenter"], dataset.indenter_path
-        self._to_sensor, self._sensor = dataset[f"{sensor}/pose"], sensor
-        self._first_touch = first_touch(dataset, sensor)
+        self._dataset, self._sensor = dataset, sensor
 
-    def read_again(self, dataset: Dataset, shard: int):
-        """Read where the presses of a shard touch first: the shard was written after this object was made."""
-        presses = dataset.shard_presses(shard)
-        rows = slice(presses.start, presses.stop)
-        pose, touch = (dataset.of_shard(name, shard) for name in ("press/pose", f"{self._sensor}/touch"))
-        self._first_touch[rows] = poses_at_touch(pose, touch, self._to_sensor[rows])
+    @cached_property
+    def _first_touch(self) -> np.ndarray:
+        return first_touch(self._dataset, self._sensor)
 
     def touching(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
         """Mask (sample, point) of points that touch the indenter; arguments as in `gap`."""
         return self.gap(press, step, displacement) <= FACET_M
 
-    def gap(self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array) -> np.ndarray:
+    def gap(
+        self, press: np.ndarray, step: np.ndarray, displacement: np.ndarray | wp.array,
+        touch: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Signed distance (sample, point), m, of points from the indenter.
 
         press, step : (sample,) each; a step can be `FIRST_TOUCH`
         displacement : (sample, point, 3) m, of `points` alone; or (sample, point) of ``wp.vec3d`` on the device
+        touch : (sample, 4, 4) poses at first touch; by default those of the dataset
         """
         on_path = np.asarray(step) != FIRST_TOUCH
         offsets, turns = self._path.offsets_m[step] * on_path[:, None], self._path.turns_rad[step] * on_path
-        pose = moved(self._first_touch[press], offsets, turns)
+        pose = moved(self._first_touch[press] if touch is None else touch, offsets, turns)
         arrays = [
             (self._indenter[press], wp.int32),
             (pose[:, :3, :3], wp.mat33d),

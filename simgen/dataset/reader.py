@@ -52,7 +52,7 @@ import zarr
 from simgen.config.indenter_path import IndenterPath
 from simgen.config.job import job_from_resolved
 from simgen.config.job_schema import Job
-from simgen.dataset.chunk_files import check_frame, check_frames, chunk_path, is_sharded, open_sharded, read_chunk
+from simgen.dataset.chunk_files import check_frames, chunk_path, is_sharded, open_sharded, read_chunk
 from simgen.dataset.stored_arrays import NOT_REACHED, REST_DEPTH, Array, axis_lengths, written_arrays
 from simgen.errors import InputError, shown
 
@@ -93,7 +93,7 @@ class Dataset:
             self.attributes = dict(self.root.attrs)
         except Exception as error:  # zarr raises errors of many kinds
             raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({shown(str(error), 200)})") from None
-        self._found: dict[str, zarr.Array] = {}
+        self._arrays: dict[str, zarr.Array] = {}  # by name, opened once
         self._open: dict[str, zarr.Array] = {}  # sharded arrays, read by zarrs
         if self.attributes.get("schema") != SCHEMA:
             found = shown(repr(self.attributes.get("schema")))
@@ -118,6 +118,8 @@ class Dataset:
                 return stored[...]
         if stored.shape != (self.presses, *array.shape):
             raise InputError(f"{self.path}/{name}: shape {stored.shape}; allowed: {(self.presses, *array.shape)}")
+        if stored.dtype != array.dtype:
+            raise InputError(f"{self.path}/{name}: type {stored.dtype}; allowed: {array.dtype}")
         values = np.full(stored.shape, array.fill, array.dtype)
         for shard in self.finished():
             presses = self.shard_presses(shard)
@@ -131,12 +133,11 @@ class Dataset:
         values instead.
         """
         presses, stored = self.shard_presses(shard), self.array(name)
-        file = chunk_path(name, shard, stored.ndim)
-        self._check_exists(file)
+        self._check_exists(chunk_path(name, shard, stored.ndim))
         with self._reading(name):
             if is_sharded(stored):
                 return self._sharded(name)[presses.start : presses.stop]
-            return read_chunk(self.path, file, stored, presses)
+            return read_chunk(self.path, name, shard, stored, presses)
 
     def _check_exists(self, file: str) -> None:
         if not (self.path / file).exists():
@@ -148,13 +149,13 @@ class Dataset:
 
     def array(self, name: str) -> zarr.Array:
         """The zarr array of this name, unread. Raises `InputError` if there is none."""
-        if name not in self._found:
+        if name not in self._arrays:
             with self._reading(name):
                 found = self.root.get(name)
             if not isinstance(found, zarr.Array):
                 raise InputError(f"{self.path}: no array {name}")
-            self._found[name] = found
-        return self._found[name]
+            self._arrays[name] = found
+        return self._arrays[name]
 
     @contextmanager
     def _reading(self, name: str) -> Iterator[None]:
@@ -285,12 +286,7 @@ class Dataset:
         array, (shard,) = self.arrays[name], self._shards_of(press)
         if not (self.path / "manifest" / manifest_name(shard)).exists():
             return np.full(array.shape, array.fill, array.dtype)
-        file = chunk_path(name, shard, 1 + len(array.shape))
-        self._check_exists(file)
-        stored = self.array(name)
-        with self._reading(name):
-            check_frame(self.path, file)
-            return stored[press]
+        return self.of_shard(name, shard)[press - self.shard_presses(shard).start]
 
     def in_unit(self, name: str, press: int | slice, depth: int | slice = slice(None)) -> np.ndarray:
         """Read some presses and depths of an array that has a chunk for each sample, in its unit, as floats.

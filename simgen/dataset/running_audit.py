@@ -2,34 +2,38 @@
 
 import os
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import cached_property
+from contextlib import AbstractContextManager
 from pathlib import Path
 from threading import Lock
 
-from simgen.dataset.audit import ShardAudit, check, checksums
+from simgen.dataset.audit import ShardAudit, check, compare_files
 from simgen.dataset.audit_finding import Finding
 from simgen.dataset.reader import Dataset, manifest_name
 from simgen.dataset.touch_audit import DisplacementCheck
 
-# Shards at a time. One takes 0.3 s of a core. On a CPU the solver needs all cores.
-AT_ONCE = max(1, min(8, (os.cpu_count() or 1) // 4))
+# Shards at a time. One takes 0.3 s of a core. On a CPU the solver needs nearly all cores.
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+AT_ONCE = max(1, min(8, CORES // 4))
 
 
-class RunningAudit:
+class RunningAudit(AbstractContextManager):
     """Audit of a dataset that a run still writes. At the end of the run, little is left to look at.
 
-    The findings are those of `simgen.dataset.audit.check`. A file that changes after the audit has looked at its shard
-    is not found.
+    The findings are those of `simgen.dataset.audit.check`. The audit does not find files that change after it has
+    looked at their shard. At the end of the context it looks at no more shards, and waits for those under way.
+
+    Do not look at shards while this process solves: Warp cannot record launches of one thread on a CPU while another
+    thread launches kernels there.
     """
 
     def __init__(self, path: Path):
         self._path, self._opening = path, Lock()
+        self._dataset: Dataset | None = None  # does not exist before the run
+        self._checks: dict[str, DisplacementCheck] = {}
         self._threads, self._audits = ThreadPoolExecutor(AT_ONCE), {}
 
-    @cached_property
-    def _checks(self) -> dict[str, DisplacementCheck]:
-        dataset = Dataset(self._path)
-        return {sensor: DisplacementCheck(dataset, sensor) for sensor in dataset.sensors}
+    def __exit__(self, *error):
+        self._threads.shutdown(cancel_futures=True)
 
     def look_at(self, shard: int) -> Future[ShardAudit]:
         """Look at a complete shard in another thread."""
@@ -38,17 +42,17 @@ class RunningAudit:
 
     def _shard(self, shard: int) -> ShardAudit:
         with self._opening:
-            checks = self._checks
-        found = checksums(next(iter(checks.values())).dataset, manifest_name(shard))
-        changed = bool(found.changed)
-        return ShardAudit(found, {} if changed else {sensor: each.shard(shard) for sensor, each in checks.items()})
-
-    def abandon(self):
-        """Look at no more shards: the run has failed, or was stopped."""
-        self._threads.shutdown(cancel_futures=True)
+            if self._dataset is None:
+                dataset = Dataset(self._path)
+                self._checks = {sensor: DisplacementCheck(dataset, sensor) for sensor in dataset.sensors}
+                self._dataset = dataset
+        files = compare_files(self._dataset, manifest_name(shard))
+        checks = {} if files.changed else self._checks
+        return ShardAudit(files, {sensor: check.shard(shard) for sensor, check in checks.items()})
 
     def findings(self) -> list[Finding]:
         """Wait for the shards, look at the rest, and return all findings. Raises as `check`."""
-        with self._threads:
-            known = {shard: future.result() for shard, future in self._audits.items()}
+        audits = self._audits.items()
+        # What cannot be read is looked at again: the audit of the whole dataset knows which file is bad.
+        known = {shard: future.result() for shard, future in audits if future.exception() is None}
         return check(Dataset(self._path), known)

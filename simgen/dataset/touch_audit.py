@@ -11,6 +11,7 @@ import numpy as np
 
 from simgen.dataset.audit_finding import Finding, named, not_looked_at
 from simgen.dataset.contact_patch import FACET_M, FIRST_TOUCH, ContactPatches
+from simgen.dataset.pressed_indenters import first_touch
 from simgen.dataset.reader import Dataset
 from simgen.dataset.stored_arrays import NOT_REACHED
 from simgen.errors import InputError
@@ -62,23 +63,23 @@ def _has_mesh_of_the_job(dataset: Dataset, sensor: str) -> bool:
     return dataset.job.sensors[sensor].output is not None
 
 
-class Displacements(NamedTuple):
-    """Findings on the displacements of a shard's presses; arrays (press, depth).
+class DisplacementFaults(NamedTuple):
+    """What is wrong with the displacements of some presses; arrays (press, depth).
 
     moved : m, largest move of a held vertex
-    gap : True where displacements are missing
+    missing : True where displacements are missing
     overlap : m, of vertices and indenter, beyond what the certificate says
-    apart : m, gap between the indenter and the nearest vertex
+    apart : m, distance of the nearest vertex from an indenter that presses
     """
 
     moved: np.ndarray
-    gap: np.ndarray
+    missing: np.ndarray
     overlap: np.ndarray
     apart: np.ndarray
 
 
 def displacements(
-    dataset: Dataset, sensor: str, known: Mapping[int, Displacements] | None = None
+    dataset: Dataset, sensor: str, known: Mapping[int, DisplacementFaults] | None = None
 ) -> Iterator[Finding]:
     """Check that held vertices rest, touched vertices lie on the indenter, and converged samples are complete.
 
@@ -91,7 +92,7 @@ def displacements(
     with ThreadPoolExecutor(SHARDS_AT_ONCE) as threads:
         found = threads.map(lambda shard: known[shard] if shard in known else check.shard(shard), finished)
         shape = (dataset.presses, len(dataset["depth"]))
-        moved, gap, overlap, apart = whole = Displacements(*(np.zeros(shape) for _ in range(4)))
+        moved, missing, overlap, apart = whole = DisplacementFaults(*(np.zeros(shape) for _ in range(4)))
         for shard, of_shard in zip(finished, found, strict=True):
             presses = dataset.shard_presses(shard)
             for values, part in zip(whole, of_shard, strict=True):
@@ -100,7 +101,7 @@ def displacements(
         yield not_looked_at(sensor, "held vertices move", "the mesh that was imported does not say which are held")
     else:
         yield named(sensor, "held vertices move", moved, check.rounding, "{:g} m")
-    yield named(sensor, "displacement gaps", gap, 0.0, "{:.0f}", total=True)
+    yield named(sensor, "displacement gaps", missing, 0.0, "{:.0f}", total=True)
     if check.why_not or not len(check.patches.points):
         return
     allowed = allowed_m(dataset, sensor) * UM_PER_M
@@ -127,9 +128,9 @@ class DisplacementCheck:
             return
         # The first launch loads the kernel, which several threads must not do at once. Later ones run in parallel.
         if count := len(self.patches.points):
-            self.patches.gap(np.zeros(1, int), np.array([FIRST_TOUCH]), np.zeros((1, count, 3)))
+            self.patches.gap(np.zeros(1, int), np.array([FIRST_TOUCH]), np.zeros((1, count, 3)), np.eye(4)[None])
 
-    def shard(self, shard: int) -> Displacements:
+    def shard(self, shard: int) -> DisplacementFaults:
         """Look at a finished shard."""
         presses = self.dataset.shard_presses(shard)
         rows = slice(presses.start, presses.stop)
@@ -138,16 +139,15 @@ class DisplacementCheck:
         held = stored[:, :, [] if self.held is None else self.held]
         held = np.nan_to_num(held) if self.scale is None else np.where(self._missing(held), 0, held)
         moved = np.abs(held).max(axis=(2, 3), initial=0) * (self.scale or 1.0)
-        gap = converged & self._missing(stored).any(axis=(2, 3))
+        missing = converged & self._missing(stored).any(axis=(2, 3))
         overlap, apart = np.zeros(converged.shape), np.zeros(converged.shape)
-        at = np.nonzero(converged & ~gap)
+        at = np.nonzero(converged & ~missing)
         if len(at[0]) and not self.why_not and len(self.patches.points):
-            self.patches.read_again(self.dataset, shard)
             touched = self._stored("force", shard).any(axis=2)  # nothing touches a lifted indenter
-            at_rest, nearest = self._nearest(presses, stored, *at)
+            at_rest, nearest = self._nearest(shard, stored, *at)
             overlap[at] = -nearest - self._stored("certificate/max_penetration_m", shard)[at]
             apart[at] = np.where(touched[at], nearest - np.maximum(at_rest, 0.0)[at[0]], 0.0)
-        return Displacements(moved, gap, overlap, apart)
+        return DisplacementFaults(moved, missing, overlap, apart)
 
     def _stored(self, key: str, shard: int) -> np.ndarray:
         return self.dataset.of_shard(f"{self.sensor}/{key}", shard)
@@ -157,14 +157,16 @@ class DisplacementCheck:
         return ~np.isfinite(stored) if self.scale is None else stored == NOT_REACHED
 
     def _nearest(
-        self, presses: range, stored: np.ndarray, press: np.ndarray, depth: np.ndarray
+        self, shard: int, stored: np.ndarray, press: np.ndarray, depth: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Least distance, m, of vertices and indenter: (n,) at rest, with the indenter at first touch of each press;
         and (s,) in samples, given by their press in the shard and their depth, (s,) each."""
-        count, points = len(presses), self.patches.points
+        presses, points = self.dataset.shard_presses(shard), self.patches.points
+        count = len(presses)
         moved = np.zeros((count + len(press), len(points), 3))
         moved[count:] = stored[press[:, None], depth[:, None], points]
         moved *= self.scale or 1.0
         press, depth = np.append(np.arange(count), press), np.append(np.full(count, FIRST_TOUCH), depth)
-        least = self.patches.gap(presses.start + press, depth, moved).min(axis=1)
+        touch = first_touch(self.dataset, self.sensor, shard)[press]
+        least = self.patches.gap(presses.start + press, depth, moved, touch).min(axis=1)
         return least[:count], least[count:]

@@ -36,6 +36,7 @@ def run(
     on_report: Callable[[ShardReport], Any] = lambda report: None,
     build: Callable[[Job, str, str], Presser] = fem_presser,
     again: Collection[int] = (),
+    close_workers: bool = False,
 ) -> Dataset:
     """Create or open a dataset, add new trajectories, and solve every unfinished shard.
 
@@ -44,11 +45,11 @@ def run(
     on_report : called with the report of each shard
     build : makes the function that solves presses
     again : finished shards to solve once more
+    close_workers : let the processes of the workers end while the last files are written; no other run can use them
 
-    The workers end with the last shard. After an interrupt or a kill, the same call completes the dataset. A shard
-    stays unfinished if its task fails twice, by an exception or a dead process, or once by bad input. Its report then
-    carries the error. Raises `InputError` if `output` holds another dataset, is locked by another run or cannot be
-    written, and if the scheduler is lost.
+    After an interrupt or a kill, the same call completes the dataset. A shard stays unfinished if its task fails twice,
+    by an exception or a dead process, or once by bad input. Its report then carries the error. Raises `InputError` if
+    `output` holds another dataset, is locked by another run or cannot be written, and if the scheduler is lost.
     """
     if workers is None:
         check_device(plan.device)
@@ -72,7 +73,8 @@ def run(
         except BaseException:
             workers.close()
             raise
-        workers.begin_to_close()
+        if close_workers:
+            workers.begin_to_close()
         if not dataset.unfinished():
             with folder_aside(dataset) as folder:
                 write_card(dataset, folder)

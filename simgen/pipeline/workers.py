@@ -57,15 +57,16 @@ class Workers:
     count : number of processes
     start : starts them; returns dask's client and futures that prepare the processes. None: solve in this process
     close : ends them
-    beside : runs what this thread does not wait for
+    closing_thread : ends them while the caller goes on
     tasks_at_once : tasks that a process solves at a time
     """
 
     def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, list]] | None = None,
-                 close: Callable[[], None] = lambda: None, beside: ThreadPoolExecutor | None = None,
+                 close: Callable[[], None] = lambda: None, closing_thread: ThreadPoolExecutor | None = None,
                  tasks_at_once: int = 1):  # fmt: skip
         self.device, self.count, self.tasks_at_once = device, count, tasks_at_once
-        self.close, self._start, self._beside = close, start, beside
+        self.close, self._start, self._closing_thread = close, start, closing_thread
+        self._closing: list[futures.Future] = []
 
     @cached_property
     def started(self) -> tuple[Any, list]:
@@ -73,9 +74,17 @@ class Workers:
         return self._start()
 
     def begin_to_close(self):
-        """End the processes while the caller goes on: one that frees a GPU takes a second. `start_workers` waits."""
-        if self._beside is not None:
-            self._beside.submit(self.close)
+        """End the processes while the caller goes on. A process that frees a GPU takes a second to end.
+
+        `start_workers` waits for it at its own end.
+        """
+        if self._closing_thread is not None:
+            self._closing.append(self._closing_thread.submit(self.close))
+
+    def wait_until_closed(self):
+        """Wait for what `begin_to_close` has begun, if anything. Raises the errors of closing."""
+        for closing in self._closing:
+            closing.result()
 
     @property
     def about(self) -> str:
@@ -211,7 +220,10 @@ def start_workers(
             stack.close()
 
         starting = beside.submit(start)
-        yield Workers(there, len(environments), starting.result, close, beside, TASKS_PER_GPU_PROCESS if gpus else 1)
+        tasks_at_once = TASKS_PER_GPU_PROCESS if gpus else 1
+        started = Workers(there, len(environments), starting.result, close, beside, tasks_at_once)
+        yield started
+        started.wait_until_closed()
 
 
 def visible_gpus(device: str) -> list[str]:

@@ -63,22 +63,25 @@ def test_a_file_of_another_length_than_it_says_is_refused(tmp_path, spoil):
     array[:] = 1.0
     file = tmp_path / chunk_path("force", 1, 2)
     file.write_bytes(spoil(file.read_bytes()))
-    last = tmp_path, "force/c/1/0", array, range(2, 4)
+    last = tmp_path, "force", 1, array, range(2, 4)
     for read in (lambda: check_frames(array, tmp_path, "force"), lambda: read_chunk(*last)):
         with pytest.raises(ValueError, match="force/c/1/0: not what Blosc writes"):
             read()
-    assert (read_chunk(tmp_path, "force/c/0/0", array, range(2)) == 1.0).all()
+    assert (read_chunk(tmp_path, "force", 0, array, range(2)) == 1.0).all()
 
 
 @pytest.mark.parametrize("compressors", [CODEC, None])
-def test_a_chunk_is_read_as_zarr_reads_it(tmp_path, compressors):
-    """Also if the last shard is short, and with other codecs."""
+@pytest.mark.parametrize("chunks", [(3, 4), (1, 4), (3, 2), (5, 4)])
+@pytest.mark.parametrize("dtype", ["float64", "int8"])
+def test_a_chunk_is_read_as_zarr_reads_it(tmp_path, compressors, chunks, dtype):
+    """Also if the last shard is short, with other codecs, and with chunks that are not shards."""
     array = zarr.open_group(tmp_path).create_array(
-        "force", shape=(5, 4), chunks=(3, 4), dtype="float64", compressors=compressors
+        "force", shape=(5, 4), chunks=chunks, dtype=dtype, compressors=compressors
     )
-    array[:] = np.random.default_rng(0).normal(size=(5, 4))
+    array[:] = 100.0 * np.random.default_rng(0).random((5, 4))
     for number, presses in enumerate((range(3), range(3, 5))):
-        found = read_chunk(tmp_path, chunk_path("force", number, 2), array, presses)
+        found = read_chunk(tmp_path, "force", number, array, presses)
+        assert found.dtype == dtype
         np.testing.assert_array_equal(found, array[presses.start : presses.stop])
 
 

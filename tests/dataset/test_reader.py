@@ -109,6 +109,19 @@ def test_a_file_that_is_gone_is_not_read_as_fill_values(tmp_path, name):
         assert Dataset(copy).displacement("digit", presses - 1, 0).shape == (len(fake.VERTICES), 3)
 
 
+def test_an_array_of_another_type_than_the_job_s_is_refused(tmp_path):
+    copy = run(fake.make_plan(fake.make_job()), tmp_path / "copy.zarr", build=fake.fake_presser).path
+    for file in (copy / "digit/force/zarr.json", copy / "zarr.json"):  # zarr keeps a copy of all arrays' metadata
+        text = file.read_text()
+        found = json.loads(text)
+        own = found if "data_type" in found else found["consolidated_metadata"]["metadata"]["digit/force"]
+        own |= {"data_type": "int64", "fill_value": 0}
+        file.write_text(json.dumps(found))
+    with pytest.raises(InputError, match="digit/force: type int64; allowed: float"):
+        Dataset(copy)["digit/force"]
+
+
+
 def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
     with pytest.raises(InputError, match="not a dataset"):
         Dataset(tmp_path)

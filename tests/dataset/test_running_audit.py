@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from simgen.dataset import running_audit
-from simgen.dataset.audit import Checksums, check
+from simgen.dataset.audit import ComparedFiles, check
+from simgen.dataset.chunk_files import chunk_path
 from simgen.dataset.reader import Dataset
 from simgen.dataset.running_audit import RunningAudit
 from simgen.dataset.touch_audit import DisplacementCheck
@@ -82,6 +83,33 @@ def test_shards_are_looked_at_as_they_are_written(tmp_path):
     assert audit.findings() == check(dataset)
 
 
+@pytest.mark.parametrize("name", ["press/pose", "digit/touch", "biotac/displacement", "biotac/status"])
+def test_an_old_shard_with_a_bad_file_hides_nothing_in_new_ones(whole, tmp_path, monkeypatch, name):
+    """As when a run goes on: the old shard is not looked at during the run."""
+    spoil_displacement(whole, 4, monkeypatch)
+    dataset = Dataset(shutil.copytree(whole.path, tmp_path / "d.zarr"))
+    file = dataset.path / chunk_path(name, 0, dataset.array(name).ndim)
+    file.write_bytes(file.read_bytes()[:-1])
+    audit = RunningAudit(dataset.path)
+    for shard in range(1, 6):
+        audit.look_at(shard)
+    found = audit.findings()
+    assert {"checksums", "held vertices move"} <= {finding.what for finding in found if finding.failed}
+    assert found == check(dataset)
+
+
+@pytest.mark.parametrize("file", ["digit/held/c/0", "manifest/plan.json"])
+def test_a_plan_that_is_damaged_is_a_finding(whole, tmp_path, file):
+    dataset = Dataset(shutil.copytree(whole.path, tmp_path / "d.zarr"))
+    (dataset.path / file).write_bytes((dataset.path / file).read_bytes()[:-9])
+    audit = RunningAudit(dataset.path)
+    for shard in range(6):
+        audit.look_at(shard)
+    found = audit.findings()
+    assert "checksums" in {finding.what for finding in found if finding.failed}
+    assert found == check(dataset)
+
+
 def test_a_run_that_fails_does_not_wait_for_shards_to_look_at(whole, monkeypatch):
     began, end, seen = threading.Event(), threading.Event(), []
 
@@ -89,14 +117,14 @@ def test_a_run_that_fails_does_not_wait_for_shards_to_look_at(whole, monkeypatch
         seen.append(manifest)
         began.set()
         end.wait(60)
-        return Checksums(1, [manifest])
+        return ComparedFiles(1, [manifest])
 
-    monkeypatch.setattr(running_audit, "checksums", slow)
+    monkeypatch.setattr(running_audit, "compare_files", slow)
     monkeypatch.setattr(running_audit, "AT_ONCE", 1)
-    audit = RunningAudit(whole.path)
-    for shard in range(6):
-        audit.look_at(shard)
-    assert began.wait(60)
-    threading.Timer(0.2, end.set).start()
-    audit.abandon()
+    with pytest.raises(KeyboardInterrupt), RunningAudit(whole.path) as audit:
+        for shard in range(6):
+            audit.look_at(shard)
+        assert began.wait(60)
+        threading.Timer(0.2, end.set).start()
+        raise KeyboardInterrupt
     assert seen == ["000000.json"]

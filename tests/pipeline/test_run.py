@@ -262,6 +262,19 @@ def test_workers_that_are_not_needed_do_not_start(whole):
         assert "started" not in vars(workers)
 
 
+@pytest.mark.parametrize("close", [False, True])
+def test_workers_serve_another_run_unless_they_are_to_end_with_this_one(whole, tmp_path, close):
+    job = fake.make_job()
+    with start_workers(job, count=1, build=fake.fake_presser) as workers:
+        run(fake.make_plan(job), tmp_path / "1.zarr", workers, build=fake.fake_presser, close_workers=close)
+        if close:
+            workers.wait_until_closed()
+            assert workers.started[0].status == "closed"
+        else:
+            run(fake.make_plan(job), tmp_path / "2.zarr", workers, build=fake.fake_presser)
+            assert fake.contents(tmp_path / "2.zarr") == fake.contents(whole)
+
+
 def test_tasks_use_what_was_made_before_there_was_a_plan(tmp_path):
     """One presser for each sensor, of which the dataset has recorded what it is."""
     job = fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}})

@@ -165,6 +165,12 @@ def test_processes_end_while_the_caller_goes_on():
         assert len(processes) == 2 and not psutil.wait_procs(processes, timeout=60.0)[1]
 
 
+def test_an_error_of_closing_reaches_the_caller():
+    with pytest.raises(ZeroDivisionError), start_workers(fake.make_job(), count=1, build=fake.fake_presser) as started:
+        started.close = lambda: reciprocal(0)
+        started.begin_to_close()
+
+
 def test_a_caller_that_fails_while_processes_of_gpus_start_leaves_none(monkeypatch):
     monkeypatch.setattr(workers, "check_device", lambda device: None)
     monkeypatch.setattr(workers, "visible_gpus", lambda device: ["3"])

@@ -23,7 +23,8 @@ from simgen.fem.precision import single, vec3f
 wp.set_module_options({"enable_backward": False})
 
 LINEAR_SPREAD, LINEAR_STEPS = 10.0, 3  # largest over smallest eigenvalue that is smoothed; steps of the smoother
-UNROLLED = wp.constant(4)  # blocks of a row that a thread loads at once, or that it has alone if threads share rows
+UNROLLED = wp.constant(4)  # blocks of a row that a thread loads at once
+PART = wp.constant(4)  # blocks of a thread where threads share a row
 MARGIN = 1.15  # on the largest eigenvalue at rest, which contact and large strains raise a little
 
 
@@ -79,8 +80,8 @@ def subtract_parts_kernel(
     """Subtract M x; each thread subtracts a part of a row."""
     row, part, lane = wp.tid()
     env = active[lane]
-    first = row_starts[row] + UNROLLED * part
-    last = wp.min(first + UNROLLED, row_starts[row + 1])
+    first = row_starts[row] + PART * part
+    last = wp.min(first + PART, row_starts[row + 1])
     if env < 0 or first >= last:
         return
     total = vec3f()
@@ -218,7 +219,7 @@ class LinearMultigrid:
         faces = [contact.host_faces[:, :3] for contact in contacts]
         self.pattern = BlockPattern(n, elasticity.host_tetrahedra[:, :4], faces, device)
         self.fixed = fixed[: 3 * n]
-        self._parts = -(-int(np.diff(self.pattern.host_row_starts).max()) // UNROLLED)  # of a row
+        self._parts_of_longest_row = -(-int(np.diff(self.pattern.host_row_starts).max()) // PART)
         self._n, self._blocks = n, zeros(self.pattern.n_blocks, n_env, device)
         self._rounded = rounded_blocks.zeros(self.pattern.n_blocks, n_env, device)
         self._inverse = rounded_blocks.zeros(n, n_env, device)
@@ -260,13 +261,13 @@ class LinearMultigrid:
     def _find_residual(self, x, b):
         """Compute b - K x. With few presses, several threads of a GPU share a row.
 
-        A cycle of one press on the DIGIT then takes 110 us instead of 230, one of eight presses 126 us instead of 172
-        (one H200).
+        A cycle on the default DIGIT then takes 102 to 114 us instead of 161 to 248 with one to four presses, 126
+        instead of 172 with 8, and 164 instead of 178 with 32 (one H200, 58e493a, by a script that is not kept).
         """
         if self.active.few:
             batch_arrays.copy(b, self.active, self._residual)
             inputs = [*self._rows(), x, self.active]
-            batch_arrays.launch(subtract_parts_kernel, (self._n, self._parts), inputs, [self._residual])
+            batch_arrays.launch(subtract_parts_kernel, (self._n, self._parts_of_longest_row), inputs, [self._residual])
         else:
             inputs = [*self._rows(), x, b, self.active]
             groups.launch(group_residual_kernel, residual_kernel, self._n, inputs, [self._residual])

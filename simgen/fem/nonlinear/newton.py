@@ -186,8 +186,8 @@ class NewtonSolver:
     def _damp(self, environments: np.ndarray):
         """Damp the tangent more, and go on from the last accepted state.
 
-        The first time in an increment, inverted elements are stabilised, because they may be the cause. Not again: each
-        time, the residual grows by up to 30 times.
+        The first time in an increment, inverted elements are stabilised, because they may be the cause. Later times do
+        not stabilise again, because each stabilisation can raise the residual 30-fold.
         """
         first = environments & ~self.damping.used
         self.damping.increase(environments)

@@ -29,7 +29,7 @@ def test_chebyshev_smoothing_damps_the_upper_eigenvalues():
 def test_threads_that_share_rows_smooth_as_one_thread_does(monkeypatch):
     """As on a GPU in few environments. The longest rows have several parts."""
     linear = Block(4, 0.45, 0.05).preconditioner.multigrid.linear
-    assert linear._parts > 2
+    assert linear._parts_of_longest_row > 2
     b = np.random.default_rng(3).normal(size=(3 * linear.elasticity.n_corners, 1)).astype(np.float32)
     found = []
     for few in (False, True):
