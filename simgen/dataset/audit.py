@@ -36,7 +36,7 @@ class ComparedFiles(NamedTuple):
 
 
 class ShardAudit(NamedTuple):
-    """What an audit saw in one shard: its files, and its displacements by sensor."""
+    """Audit of one shard: its files, and the faults of its displacements by sensor."""
 
     files: ComparedFiles
     displacements: dict[str, DisplacementFaults]

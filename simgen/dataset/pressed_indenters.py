@@ -1,7 +1,5 @@
 """Indenters of a dataset: loaded again from its job if they have not changed, and their poses at first touch."""
 
-from functools import partial
-
 import numpy as np
 
 from simgen.dataset.provenance import difference
@@ -25,16 +23,14 @@ def pressed_indenter(dataset: Dataset, index: int) -> Indenter:
     return own
 
 
-def first_touch(dataset: Dataset, sensor: str, shard: int | None = None) -> np.ndarray:
-    """Poses (press, 4, 4) m at first touch, indenter frame -> sensor frame; NaN without first touch or sensor pose.
+def first_touch(dataset: Dataset, sensor: str) -> np.ndarray:
+    """Poses (press, 4, 4) m at first touch, indenter frame -> sensor frame; NaN without first touch or sensor pose."""
+    return poses_at_touch(dataset["press/pose"], dataset[f"{sensor}/touch"], dataset[f"{sensor}/pose"])
 
-    shard : a finished shard; by default the poses of all presses
-    """
-    read, rows = dataset.__getitem__, slice(None)
-    if shard is not None:
-        presses = dataset.shard_presses(shard)
-        read, rows = partial(dataset.of_shard, shard=shard), slice(presses.start, presses.stop)
-    pose, to_sensor = advanced(read("press/pose"), read(f"{sensor}/touch")), dataset[f"{sensor}/pose"][rows]
+
+def poses_at_touch(pose: np.ndarray, touch: np.ndarray, to_sensor: np.ndarray) -> np.ndarray:
+    """Poses (n, 4, 4) as `first_touch`, from the arrays press/pose, and touch and pose of the sensor, of n presses."""
+    pose = advanced(pose, touch)
     known = np.isfinite(to_sensor).all(axis=(1, 2))
     pose[known] = np.linalg.inv(to_sensor[known]) @ pose[known]
     pose[~known] = np.nan

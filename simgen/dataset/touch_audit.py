@@ -11,7 +11,7 @@ import numpy as np
 
 from simgen.dataset.audit_finding import Finding, named, not_looked_at
 from simgen.dataset.contact_patch import FACET_M, FIRST_TOUCH, ContactPatches
-from simgen.dataset.pressed_indenters import first_touch
+from simgen.dataset.pressed_indenters import poses_at_touch
 from simgen.dataset.reader import Dataset
 from simgen.dataset.stored_arrays import NOT_REACHED
 from simgen.errors import InputError
@@ -64,7 +64,7 @@ def _has_mesh_of_the_job(dataset: Dataset, sensor: str) -> bool:
 
 
 class DisplacementFaults(NamedTuple):
-    """What is wrong with the displacements of some presses; arrays (press, depth).
+    """Faults of the displacements of some presses; arrays (press, depth).
 
     moved : m, largest move of a held vertex
     missing : True where displacements are missing
@@ -114,7 +114,7 @@ class DisplacementCheck:
 
     def __init__(self, dataset: Dataset, sensor: str):
         self.dataset, self.sensor = dataset, sensor
-        self.held = dataset.get(f"{sensor}/held")
+        self.held, self.pose = dataset.get(f"{sensor}/held"), dataset.get(f"{sensor}/pose")
         self.scale = dataset.displacement_scale(sensor)  # of integers; None for floating-point numbers
         self.rounding, self.why_not = 0.0, ""
         if dataset.imported:
@@ -167,6 +167,7 @@ class DisplacementCheck:
         moved[count:] = stored[press[:, None], depth[:, None], points]
         moved *= self.scale or 1.0
         press, depth = np.append(np.arange(count), press), np.append(np.full(count, FIRST_TOUCH), depth)
-        touch = first_touch(self.dataset, self.sensor, shard)[press]
+        at_contact, touch = self.dataset.of_shard("press/pose", shard), self._stored("touch", shard)
+        touch = poses_at_touch(at_contact, touch, self.pose[presses.start : presses.stop])[press]
         least = self.patches.gap(presses.start + press, depth, moved, touch).min(axis=1)
         return least[:count], least[count:]

@@ -23,7 +23,8 @@ Envs = Indices  # numbers of the active environments, see `ActiveEnvironments`
 IndexTable = wp.array2d(dtype=wp.int32)
 
 FEW = 4  # few environments are active if their number times FEW is at most the number of all
-# With at most so many, several threads of a GPU share a long sum. Measured with 1 and 4 presses (host_h200.json).
+# With at most so many, several threads of a GPU share a long sum. Measured with 1 and 4 presses (host_h200.json), the
+# sums of the smoother with 1 to 32 (damping_h200.json).
 FEW_LANES = 32
 
 
