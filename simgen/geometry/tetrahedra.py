@@ -7,6 +7,7 @@ The mesher is pytetwild (fTetWild: Hu et al., "Fast tetrahedral meshing in the w
 import contextlib
 import tempfile
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -44,7 +45,7 @@ class OutputMesh:
     touchable: np.ndarray  # (v,) bool
     hash: str
 
-    @property
+    @cached_property
     def surface_vertices(self) -> np.ndarray:
         """(s,) indices of the vertices on the surface, in rising order."""
         return np.unique(self.surface_triangles)

@@ -187,9 +187,9 @@ def begin_presses(
 def result_of(stepping: LoadStepping, press: Press) -> PressResult:
     """Collect the samples of an ended press into arrays over the steps of its path."""
     scene, steps, samples = stepping.scene, len(stepping.path), press.samples
-    outputs = {}
+    outputs, lengths = {}, scene.axis_lengths
     for output in scene.outputs:
-        shape = (steps, *output.shape_of(scene.axis_lengths))
+        shape = (steps, *output.shape_of(lengths))
         if output.is_read_by_sample:
             values = press.large.get(output.name)
             if values is None:
