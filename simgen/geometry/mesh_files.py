@@ -171,13 +171,17 @@ def with_hash(kind: type, source: str, arrays: dict[str, np.ndarray]):
     return kind(**values, hash=array_hash(source, {k: np.asarray(v) for k, v in arrays.items()}))
 
 
+def cache_folder() -> Path:
+    """The user's cache."""
+    return Path(os.environ.get("SIMGEN_CACHE") or platformdirs.user_cache_dir("simgen"))
+
+
 def cached(source: str, kind: type, make):
     """The mesh of this ``source`` in the user's cache, or else ``make()``, which is then cached.
 
     Meshing differs from run to run. The first mesh stays, so that all processes use the same one.
     """
-    folder = Path(os.environ.get("SIMGEN_CACHE") or platformdirs.user_cache_dir("simgen")) / "meshes"
-    path = folder / f"{source}.npz"
+    path = cache_folder() / "meshes" / f"{source}.npz"
     found = load_mesh(path, kind, source)
     if found is not None:
         return found

@@ -245,8 +245,8 @@ def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
     """
     import dask
     from dask.distributed import Nanny, Scheduler, SpecCluster, Status
+    from distributed import utils
     from distributed.system import MEMORY_LIMIT
-    from distributed.utils import get_mp_context
 
     class QuickNanny(Nanny):
         """Ends its worker after half a second instead of five, because unfinished work is of no use.
@@ -282,7 +282,7 @@ def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
     options |= {"allowed_failures": 2, "worker_ttl": LONGEST_SILENCE}
     here = {"cls": Scheduler, "options": options}
     with dask.config.set(FORK if CAN_FORK else {}):
-        get_mp_context()  # sets a list of imports once; ours comes after it
+        utils._forkserver_preload_set = True  # otherwise dask imports pandas here, if it is there, which takes seconds
         start_imports()
         processes = []
         try:

@@ -1,5 +1,8 @@
 """Room for contacts on a sensor: places that are touchable, on a thick enough gel, and far enough from side walls."""
 
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -11,6 +14,8 @@ from simgen.geometry.rotations import least_rotations, roll_then_pitch
 from simgen.sensors.sensor import Sensor
 
 WALL_TURN_DEG = (60.0, 120.0)  # angles between a side wall's normal and the contact's; the back has larger ones
+
+LEAST_PART, MOST_THREADS = 64, 8  # least number of contacts that a thread tests; NumPy lets few threads run at once
 
 
 @dataclass(frozen=True)
@@ -91,8 +96,8 @@ class Room:
     def keep(self, contacts: Contacts) -> Contacts:
         """Contacts that are touchable, on a thick enough gel, and far enough from side walls."""
         kept = self.is_touchable(contacts.points)
-        kept[kept] = self.is_thick(contacts.points[kept], contacts.normals[kept])
-        kept[kept] = ~self.is_beside_a_wall(contacts.points[kept], contacts.normals[kept])
+        kept[kept] = _in_threads(self.is_thick, contacts.points[kept], contacts.normals[kept])
+        kept[kept] = ~_in_threads(self.is_beside_a_wall, contacts.points[kept], contacts.normals[kept])
         return subset(contacts, kept)
 
     def meets(self, contacts: Contacts) -> np.ndarray:
@@ -100,7 +105,7 @@ class Room:
         points, normals = self.skin.points(contacts.points[:, 0], contacts.arcs)
         meets = np.isfinite(roll_then_pitch(normals, contacts.normals)[:, 0, 0])
         meets[meets] = self.is_touchable(points[meets])
-        meets[meets] = ~self.is_beside_a_wall(points[meets], normals[meets])
+        meets[meets] = ~_in_threads(self.is_beside_a_wall, points[meets], normals[meets])
         return meets
 
     def is_touchable(self, points: np.ndarray) -> np.ndarray:
@@ -143,6 +148,18 @@ class Room:
         beside = np.zeros(len(points), dtype=bool)
         beside[ball[_within(pieces.mean(axis=1, keepdims=True), points[ball], distance[ball])[:, 0]]] = True
         return beside
+
+
+def _in_threads(
+    test: Callable[[np.ndarray, np.ndarray], np.ndarray], points: np.ndarray, normals: np.ndarray
+) -> np.ndarray:
+    """Mask (n,) of a test of points and normals (n, 3), which threads test part by part."""
+    threads = min(MOST_THREADS, os.cpu_count() or 1, -(-len(points) // LEAST_PART))
+    if threads < 2:
+        return test(points, normals)
+    with ThreadPoolExecutor(threads) as pool:
+        parts = pool.map(test, np.array_split(points, threads), np.array_split(normals, threads))
+        return np.concatenate(list(parts))
 
 
 def _within(points: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:

@@ -17,14 +17,15 @@ from simgen.geometry import mesh_files
 from simgen.geometry.curved_tetrahedra import CORE, FREE, HELD, LabelledSurface
 from simgen.geometry.region_edges import NEAR, cut
 from simgen.geometry.surface import ClosestPoint, enclosed_volume, patches_at, shells, smooth_patches
-from simgen.sensors import height_fields, polar_bodies
+from simgen.sensors import height_fields, polar_bodies, shape_cache
 from simgen.sensors.sensor_schema import Core, Gel, MeshSize, Selection, SensorDescription, read_description
+from simgen.sensors.shape_cache import BuiltShape
 from simgen.units import MM
 
 FINEST_PIECES = 100_000  # most triangles of a surface that is refined to follow its regions
 MESHING_VERSION = 2  # part of each mesh's source hash; raise it when the same settings give other meshes
 MOST_BUILT = 4
-_built: dict[tuple, tuple] = {}  # shapes by folder, source and the size that their surface is refined to
+_built: dict[tuple, BuiltShape] = {}  # shapes by folder, source and the size that their surface is refined to
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,8 @@ def bundled_sensors() -> list[str]:
 def load_geometry(model: str | Path) -> SensorGeometry:
     """Load the true surface with its regions, the core and the user's tetrahedra. Raises InputError.
 
-    A shape takes up to a second to build. So the process keeps the last ones: do not change their arrays.
+    A shape takes up to a second to build. So it is kept in the user's cache (see `shape_cache`), and the process keeps
+    the last ones: do not change their arrays.
     """
     folder = sensor_folder(model)
     description = read_description(folder / "sensor.yaml")
@@ -83,16 +85,17 @@ def load_geometry(model: str | Path) -> SensorGeometry:
     except OSError:
         _build(description, folder)  # raises an InputError that names the file
         raise
-    key = folder, source, str(description.meshes.default)
+    size = description.meshes.default
+    key = folder, source, str(size)
     if key not in _built:
-        _built[key] = _build(description, folder)
+        shape = hashlib.sha256(f"{source} {size}".encode()).hexdigest()
+        _built[key] = shape_cache.cached(shape, lambda: _build(description, folder))
         if len(_built) > MOST_BUILT:
             _built.pop(next(iter(_built)), None)
     return SensorGeometry(description, folder, *_built[key], source)
 
 
-def _build(description: SensorDescription, folder: Path) -> tuple:
-    """The fields ``plain`` to ``core`` of a `SensorGeometry`."""
+def _build(description: SensorDescription, folder: Path) -> BuiltShape:
     path = folder / "sensor.yaml"
     plain, vertices, tetrahedra = gel_surface(description.gel, folder)
     size = description.meshes.default
@@ -112,7 +115,7 @@ def _build(description: SensorDescription, folder: Path) -> tuple:
             raise InputError(f"{path}: held.{name}: selects no triangle of the surface, at least one is needed")
         held_regions[name] = inside
         region[inside] = HELD
-    return plain, LabelledSurface(surface, region), held_regions, vertices, tetrahedra, core
+    return BuiltShape(plain, LabelledSurface(surface, region), held_regions, vertices, tetrahedra, core)
 
 
 def geometry_source(description: SensorDescription, folder: Path) -> str:

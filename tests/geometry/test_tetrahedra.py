@@ -5,7 +5,7 @@ import trimesh
 
 from simgen.geometry.interpolation import TET_EDGES
 from simgen.geometry.surface import enclosed_volume
-from simgen.geometry.tetrahedra import boundary_triangles, signed_volumes, sizing_grid, tetrahedralize
+from simgen.geometry.tetrahedra import OutputMesh, boundary_triangles, signed_volumes, sizing_grid, tetrahedralize
 
 
 def test_a_sizing_grid_fills_its_box_with_positive_tetrahedra():
@@ -40,3 +40,11 @@ def test_meshes_are_positive_fill_the_surface_and_follow_the_sizing_field():
     height = vertices[tetrahedra].mean(axis=1)[:, 1]
     # fTetWild grades slowly: three meshes gave 0.66, 0.61 and 0.65; a field that is ignored gives about 1.
     assert length[height < -4e-3].mean() < 0.8 * length[height > 4e-3].mean()
+
+
+def test_the_vertices_on_the_surface_are_found_once():
+    """A run asks for them with the result of each press, and would keep Python's lock for that time."""
+    faces = np.array([[0, 4, 2], [4, 2, 9]], dtype=np.int32)
+    mesh = OutputMesh(np.zeros((10, 3)), np.zeros((1, 4)), faces, np.zeros(10, bool), np.ones(10, bool), "")
+    assert mesh.surface_vertices.tolist() == [0, 2, 4, 9]
+    assert mesh.surface_vertices is mesh.surface_vertices

@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 import threading
 
 import fake
@@ -192,3 +194,22 @@ def test_a_failure_after_processes_of_gpus_have_started_leaves_none(monkeypatch)
         [process] = started.started[0].run(os.getpid).values()
         reciprocal(0)
     assert not psutil.pid_exists(process)
+
+
+IMPORTS_OF_DASK = """
+import sys
+from simgen.pipeline.workers import local_cluster
+if __name__ == "__main__":
+    with local_cluster([{}]) as cluster:
+        print(len(cluster.workers), "pandas" in sys.modules)
+"""
+
+
+def test_dask_imports_no_package_for_the_workers_that_they_do_not_need(tmp_path):
+    """dask would import pandas, if it is there, before it starts processes."""
+    (tmp_path / "pandas.py").touch()
+    script = tmp_path / "script.py"
+    script.write_text(IMPORTS_OF_DASK)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["1", "False"], done.stderr

@@ -1,16 +1,10 @@
 """Contacts from places and angles. Rules of room are tested with the contacts that they leave, in test_pairing."""
 
 import numpy as np
-import pytest
 
+from simgen.config.trajectories import Trajectories
 from simgen.geometry.developed_skin import skin_of
-from simgen.sensors.room import contacts_at, subset
-from simgen.sensors.sensor import load_sensor
-
-
-@pytest.fixture(scope="module")
-def digit():
-    return load_sensor("digit")
+from simgen.sensors.room import Room, contacts_at, subset
 
 
 def test_contacts_stand_at_their_places_and_others_are_left_out(digit):
@@ -27,3 +21,17 @@ def test_contacts_stand_at_their_places_and_others_are_left_out(digit):
     np.testing.assert_allclose(between, [10.0, 0.0], atol=1e-5)
     np.testing.assert_array_equal(subset(contacts, np.array([False, True])).points, points[1:])
     np.testing.assert_array_equal(subset(contacts, slice(1)).axes, contacts.axes[:1])
+
+
+def test_threads_keep_the_same_contacts(digit, biotac, monkeypatch):
+    """Each thread tests a part of the contacts: eight threads find what one finds, in the same order."""
+    uniform = np.random.default_rng(3).random((600, 5))
+    rooms = [Room(sensor, 2e-3, Trajectories(count=1)) for sensor in (digit, biotac)]
+    found = []
+    for cores in (1, 16):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        kept = rooms[0].keep(rooms[0].propose(uniform))
+        found.append((kept.points, kept.rolls, rooms[1].meets(kept)))
+    assert 64 < len(found[0][0]) < 600  # more than one thread had work
+    for one, eight in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, eight)
