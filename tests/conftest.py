@@ -1,9 +1,24 @@
 """Fixtures that several test files share."""
 
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import pytest
+
+OWN_CACHE = pytest.StashKey[str]()
+
+
+def pytest_configure(config):
+    """Give all processes of these tests a cache of their own. Workers of pytest-xdist inherit the variable."""
+    if not hasattr(config, "workerinput"):
+        config.stash[OWN_CACHE] = os.environ["SIMGEN_CACHE"] = tempfile.mkdtemp(prefix="simgen-cache-")
+
+
+def pytest_unconfigure(config):
+    if OWN_CACHE in config.stash:
+        shutil.rmtree(config.stash[OWN_CACHE], ignore_errors=True)
 
 
 @pytest.fixture(scope="session", autouse=True)

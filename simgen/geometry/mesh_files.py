@@ -5,6 +5,7 @@ import hashlib
 import os
 import tempfile
 import uuid
+from dataclasses import fields
 from pathlib import Path
 
 import meshio
@@ -139,7 +140,7 @@ def array_hash(source: str, arrays: dict[str, np.ndarray]) -> str:
 
 def save_mesh(path: Path, mesh: SimulationMesh | OutputMesh, source: str) -> None:
     """Write a mesh and its ``source`` as .npz. The file is replaced in one step."""
-    arrays = {name: value for name, value in vars(mesh).items() if name != "hash"}
+    arrays = {field.name: getattr(mesh, field.name) for field in fields(mesh) if field.name != "hash"}
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
         np.savez_compressed(file, source=source, **arrays)

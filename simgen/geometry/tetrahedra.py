@@ -48,7 +48,9 @@ class OutputMesh:
     @cached_property
     def surface_vertices(self) -> np.ndarray:
         """(s,) indices of the vertices on the surface, in rising order."""
-        return np.unique(self.surface_triangles)
+        found = np.unique(self.surface_triangles)
+        found.setflags(write=False)  # all callers share it
+        return found
 
 
 def signed_volumes(vertices: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:

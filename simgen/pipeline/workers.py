@@ -282,7 +282,7 @@ def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
     options |= {"allowed_failures": 2, "worker_ttl": LONGEST_SILENCE}
     here = {"cls": Scheduler, "options": options}
     with dask.config.set(FORK if CAN_FORK else {}):
-        utils._forkserver_preload_set = True  # otherwise dask imports pandas here, if it is there, which takes seconds
+        utils._forkserver_preload_set = True  # otherwise dask imports pandas here, if it is there
         start_imports()
         processes = []
         try:

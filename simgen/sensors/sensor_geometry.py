@@ -89,7 +89,9 @@ def load_geometry(model: str | Path) -> SensorGeometry:
     key = folder, source, str(size)
     if key not in _built:
         shape = hashlib.sha256(f"{source} {size}".encode()).hexdigest()
-        _built[key] = shape_cache.cached(shape, lambda: _build(description, folder))
+        _built[key] = shape_cache.cached(
+            shape, lambda: _build(description, folder), lambda: geometry_source(description, folder) == source
+        )
         if len(_built) > MOST_BUILT:
             _built.pop(next(iter(_built)), None)
     return SensorGeometry(description, folder, *_built[key], source)
@@ -203,13 +205,18 @@ def select(selection: Selection, points: np.ndarray, folder: Path) -> np.ndarray
         low, high = cylinder.along_mm
         return (np.hypot(*across.T) <= cylinder.radius_mm) & (mm[:, axis] >= low) & (mm[:, axis] <= high)
     touching = selection.touching
-    path = folder / touching.file
-    changed = path.stat().st_mtime_ns if os.path.isfile(path) else 0
-    return _body(path, touching.unit, changed)(points)[1] <= touching.within_mm * MM
+    return _body(folder / touching.file, touching.unit)(points)[1] <= touching.within_mm * MM
+
+
+def _body(path: Path, unit: str) -> ClosestPoint:
+    """Closest points on a mesh file."""
+    found = path.stat() if os.path.isfile(path) else None
+    state = found and (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+    return _read_body(path, unit, state)
 
 
 @lru_cache(maxsize=4)
-def _body(path: Path, unit: str, changed: int) -> ClosestPoint:
-    """Closest points on a mesh file; ``changed``, its time stamp, is part of the cache's key."""
+def _read_body(path: Path, unit: str, state: tuple[int, ...] | None) -> ClosestPoint:
+    """Closest points on a mesh file; ``state``, its inode, size and time stamps, is part of the cache's key."""
     body, _, _ = mesh_files.read_mesh(path, unit)
     return ClosestPoint(body.vertices, body.faces)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
-from zipfile import BadZipFile
 
+import meshio
 import numpy as np
 import scipy
 import trimesh
@@ -20,7 +20,8 @@ from simgen.config.resources import PACKAGE
 from simgen.geometry.curved_tetrahedra import LabelledSurface
 from simgen.geometry.mesh_files import cache_folder
 
-BUILDERS = ("geometry", "sensors")  # folders with the code that builds shapes
+BUILDERS = ("config", "geometry", "sensors", "units.py")  # code that builds shapes
+OLD_S = 86_400.0  # age of an unfinished file that a killed process left
 
 
 class BuiltShape(NamedTuple):
@@ -34,47 +35,62 @@ class BuiltShape(NamedTuple):
     core: trimesh.Trimesh | None
 
 
-def cached(source: str, build: Callable[[], BuiltShape]) -> BuiltShape:
+def cached(source: str, build: Callable[[], BuiltShape], is_current: Callable[[], bool]) -> BuiltShape:
     """The shape of this ``source`` in the user's cache, or else ``build()``, which is then cached.
 
-    A shape that other code or other packages have built counts as missing. So does a file that cannot be read. A folder
-    that cannot be written does no harm.
+    It is not cached if ``is_current()`` is false after the build, because a file has changed meanwhile. A shape that
+    other code or other packages have built counts as missing. So does a broken file. A folder that cannot be written
+    does no harm.
     """
     path = cache_folder() / "shapes" / f"{source}.npz"
-    arrays = _read(path)
-    if arrays is None:
-        arrays = _arrays(build())
-        with suppress(OSError):
+    if (found := _read(path)) is not None:
+        return found
+    arrays = _arrays(build())
+    with suppress(OSError):
+        if is_current():
             _write(path, arrays)
-    return _shape(arrays)  # of the same arrays in both cases
+    return _shape(arrays)  # the shape from the cache has the same arrays
 
 
-@cache
 def _builder() -> str:
     """Hash of the code that builds shapes, and versions of its packages."""
-    digest = hashlib.sha256(f"{np.__version__} {scipy.__version__} {trimesh.__version__}".encode())
-    for folder in BUILDERS:
-        for file in sorted((PACKAGE / folder).glob("*.py")):
+    versions = (np.__version__, scipy.__version__, trimesh.__version__, meshio.__version__)
+    digest = hashlib.sha256(" ".join(versions).encode())
+    for place in BUILDERS:
+        for file in sorted((PACKAGE / place).glob("*.py")) or [PACKAGE / place]:
             digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
-def _read(path: Path) -> dict[str, np.ndarray] | None:
+BUILDER = _builder()  # of the loaded code: files may change later
+
+
+def _read(path: Path) -> BuiltShape | None:
     try:
         with np.load(path) as file:
-            if str(file["builder"]) != _builder():
-                return None
-            return {name: file[name] for name in file.files if name != "builder"}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+            arrays = {name: file[name] for name in file.files}
+        if str(arrays.pop("builder")) != BUILDER or sorted(arrays.pop("names")) != sorted(arrays):
+            return None
+        return _shape(arrays)
+    except Exception:  # a broken file raises many kinds
         return None
 
 
 def _write(path: Path, arrays: dict[str, np.ndarray]):
     """Write a shape. The file is replaced in one step: other processes may read or write it."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    for left in path.parent.glob("*.tmp"):
+        if time.time() - left.stat().st_mtime > OLD_S:
+            left.unlink()
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-        np.savez(file, builder=_builder(), **arrays)
-    os.replace(file.name, path)
+        try:
+            np.savez(file, builder=BUILDER, names=list(arrays), **arrays)
+            file.flush()
+            os.chmod(file.name, 0o644)  # other users may share the cache
+            os.replace(file.name, path)
+        except BaseException:
+            os.unlink(file.name)
+            raise
 
 
 def _arrays(shape: BuiltShape) -> dict[str, np.ndarray]:

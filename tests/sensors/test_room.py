@@ -24,7 +24,7 @@ def test_contacts_stand_at_their_places_and_others_are_left_out(digit):
 
 
 def test_threads_keep_the_same_contacts(digit, biotac, monkeypatch):
-    """Each thread tests a part of the contacts: eight threads find what one finds, in the same order."""
+    """Each thread tests a part of the contacts: several threads find what one finds, in the same order."""
     uniform = np.random.default_rng(3).random((600, 5))
     rooms = [Room(sensor, 2e-3, Trajectories(count=1)) for sensor in (digit, biotac)]
     found = []
@@ -33,5 +33,5 @@ def test_threads_keep_the_same_contacts(digit, biotac, monkeypatch):
         kept = rooms[0].keep(rooms[0].propose(uniform))
         found.append((kept.points, kept.rolls, rooms[1].meets(kept)))
     assert 64 < len(found[0][0]) < 600  # more than one thread had work
-    for one, eight in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, eight)
+    for one, several in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, several)

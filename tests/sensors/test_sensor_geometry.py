@@ -1,5 +1,6 @@
 """Shapes of sensors before meshing: regions of the surface, folders, the bundled sensors' measured dimensions."""
 
+import os
 import shutil
 
 import numpy as np
@@ -9,7 +10,7 @@ import trimesh
 from sensors.slab import SLAB, write_sensor
 from simgen.geometry.curved_tetrahedra import FREE, HELD
 from simgen.geometry.mesh_quality import curved_area
-from simgen.sensors.sensor_geometry import bundled_sensors, cavity_faces, load_geometry
+from simgen.sensors.sensor_geometry import _body, bundled_sensors, cavity_faces, load_geometry
 from simgen.sensors.sensor_meshes import LIMIT, make_curved
 from simgen.units import MM
 
@@ -86,3 +87,13 @@ def test_a_shell_that_faces_inwards_is_a_cavity():
     inner.invert()
     both = trimesh.util.concatenate([outer, inner])
     np.testing.assert_array_equal(cavity_faces(both), np.arange(len(both.faces)) >= len(outer.faces))
+
+
+def test_a_changed_body_is_read_again_even_with_the_same_time_stamp(tmp_path):
+    file, stamp, reach = tmp_path / "body.stl", None, []
+    for size in (2.0, 4.0):
+        trimesh.creation.box([size, size, size]).export(file)
+        stamp = stamp or file.stat().st_mtime_ns
+        os.utime(file, ns=(stamp, stamp))
+        reach.append(_body(file, "mm")(np.array([[0.01, 0.0, 0.0]]))[1][0] / MM)
+    np.testing.assert_allclose(reach, [9.0, 8.0])
