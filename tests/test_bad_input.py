@@ -34,6 +34,7 @@ from refusal import check_refusal, contents, rows, simgen
 
 from simgen.pipeline import workers
 from simgen.pipeline.run import run
+from simgen.sensors import shape_cache
 
 DRY = "run job.yaml --dry-run"
 BUNDLED = "biotac, digit, gelsight_mini"  # sensors
@@ -296,9 +297,10 @@ def dataset(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
-    """The current folder, empty; the cache of meshes is in it, too."""
+    """The current folder, empty; the cache of meshes is in it, too. Good shapes are not cached here."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SIMGEN_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(shape_cache, "_write", lambda *given: None)
     monkeypatch.setattr(workers, "ANSWER_S", 0.5)
     return tmp_path
 
