@@ -15,8 +15,7 @@ from simgen.sensors.sensor import Sensor
 
 WALL_TURN_DEG = (60.0, 120.0)  # angles between a side wall's normal and the contact's; the back has larger ones
 
-LEAST_PART = 64  # contacts that a thread tests at least
-MOST_THREADS = 8
+LEAST_PART, MOST_THREADS = 64, 8  # least number of contacts that a thread tests; most threads
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,11 @@ from simgen.geometry.curved_tetrahedra import LabelledSurface
 from simgen.geometry.mesh_files import cache_folder
 
 BUILDERS = ("config", "geometry", "sensors", "units.py")  # code that builds shapes
-OLD_S = 86_400.0  # age of an unfinished file that a killed process left
+OLD_S = 86_400.0  # age from which an unfinished file counts as left by a killed process
 
 
 class BuiltShape(NamedTuple):
-    """What `simgen.sensors.sensor_geometry` builds from a ``sensor.yaml``; see `SensorGeometry`."""
+    """Shape that is built from a ``sensor.yaml``; `sensor_geometry.SensorGeometry` says what its fields are."""
 
     plain: trimesh.Trimesh
     true: LabelledSurface
