@@ -63,8 +63,8 @@ class _Refused(yaml.MarkedYAMLError):
     """Valid YAML that simgen refuses."""
 
 
-class _Loader(yaml.SafeLoader):
-    """A YAML loader for plain values only."""
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+    """A YAML loader for plain values only. PyYAML's loader in C, where it is there, is ten times as fast."""
 
 
 _Loader.yaml_implicit_resolvers = {

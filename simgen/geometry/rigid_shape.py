@@ -113,7 +113,7 @@ def sampled_distance(
 ) -> RigidShape:
     """Make a cubic B-spline of a signed distance. It is twice differentiable, so it has a curvature.
 
-    distance: function of points (n, 3) mm that returns distances (n,) mm.
+    distance: function of the points (x, y, z, 3) mm of a grid that returns their distances (x * y * z) mm in any shape.
     bounds_mm: (2, 3) bounds of the body. The grid reaches ``margin_mm`` beyond them.
 
     Outside the grid, the distance to the grid is added. Raises InputError if the grid would have more than
@@ -126,7 +126,7 @@ def sampled_distance(
         raise InputError(f"spacing_mm: {spacing_mm:g} makes {counts.prod():.2g} grid points; {allowed}")
     axes = [low[axis] + spacing_mm * np.arange(counts[axis]) for axis in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    values = distance(points.reshape(-1, 3)).reshape(counts)
+    values = distance(points).reshape(counts)
     shape = RigidShape()
     shape.kind = int(Kind.SAMPLED)
     shape.grid_origin = wp.vec3d(*low)

@@ -108,7 +108,9 @@ def gel_under_indenters(
     if not job.trajectories.least_thickness_left:
         return {}
     shapes = [indenter.shape() for indenter in indenters]
-    return {name: LeastThickness(sensor, shapes, job.indenter_path) for name, sensor in sensors.items()}
+    with ThreadPoolExecutor() as threads:
+        made = threads.map(lambda sensor: LeastThickness(sensor, shapes, job.indenter_path), sensors.values())
+        return dict(zip(sensors, made, strict=True))
 
 
 def first_contacts(

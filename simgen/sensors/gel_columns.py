@@ -111,6 +111,49 @@ def columns_kernel(
             x += real(1.0)
 
 
+@wp.kernel
+def thickness_kernel(
+    layers: wp.array3d(dtype=wp.float64),
+    # outputs
+    surface: wp.array2d(dtype=wp.float64),
+    rigid: wp.array2d(dtype=wp.float64),
+    thickness: wp.array2d(dtype=wp.float64),
+):
+    """Heights and thickness (pose, column) of `Columns` from the least heights (pose, layer, column) of the layers."""
+    n, m = wp.tid()
+    nothing = wp.float64(wp.inf)
+    entry, free, held = layers[n, ENTRY, m], layers[n, FREE_EXIT, m], layers[n, HELD_EXIT, m]
+    inner, body = layers[n, INNER_EXIT, m], layers[n, BODY_ENTRY, m]
+    on_back = held < free and held < inner
+    on_core = inner < free and inner < held and body < nothing
+    surface[n, m] = entry
+    rigid[n, m] = nothing
+    thickness[n, m] = wp.float64(1.0)
+    if on_back or on_core:
+        gel = wp.where(on_back, held, inner) - entry
+        if gel > wp.float64(0.0):
+            rigid[n, m] = wp.where(on_back, held, body)
+            thickness[n, m] = gel
+
+
+class Buffers:
+    """Arrays for the columns of a few poses, which are used again and again: new memory takes longer than the columns.
+
+    surface, rigid, thickness : (pose, column) mm, as in `Columns`
+    rotation (pose, 3, 3), origin (pose, 3) mm : poses, indenter frame -> sensor frame
+    """
+
+    def __init__(self, poses: int, vertices: int, columns: int):
+        self.rotation, self.origin = np.empty((poses, 3, 3)), np.empty((poses, 3))
+        self.frames = [
+            wp.array(self.rotation, dtype=mat33, device="cpu", copy=False),
+            wp.array(self.origin, dtype=vec3, device="cpu", copy=False),
+        ]
+        self.seen = wp.empty((poses, vertices), dtype=vec3, device="cpu")
+        self.layers = wp.empty((poses, len(LAYERS), columns), dtype=real, device="cpu")
+        self.columns = [wp.empty((poses, columns), dtype=real, device="cpu") for _ in range(3)]
+
+
 class GelColumns:
     """Surfaces of one sensor, ready to be cut into `Columns` for any pose of an indenter."""
 
@@ -131,22 +174,20 @@ class GelColumns:
 
     def __call__(self, poses: np.ndarray, lattice: Lattice) -> Columns:
         """Cut columns under poses (n, 4, 4) m, indenter frame -> sensor frame."""
-        seen = wp.empty((len(poses), len(self._vertices)), dtype=vec3, device="cpu")
-        rotation = wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=mat33, device="cpu")
-        origin = wp.array(poses[:, :3, 3] * MM_PER_M, dtype=vec3, device="cpu")
-        count = (2 * lattice.half_x + 1) * (2 * lattice.half_z + 1)
-        layers = wp.full((len(poses), len(LAYERS), count), np.inf, dtype=wp.float64, device="cpu")
-        inputs = [self._vertices, rotation, origin, lattice.spacing, *self._surfaces, lattice.half_x, lattice.half_z]
-        wp.launch(columns_kernel, len(poses), inputs=inputs, outputs=[seen, layers], device="cpu")
-        return _columns(*np.moveaxis(layers.numpy(), 1, 0))
+        buffers = self.buffers(len(poses), lattice)
+        self.cut(poses, lattice, buffers)
+        return Columns(*(each.numpy() for each in buffers.columns))
 
+    def buffers(self, poses: int, lattice: Lattice) -> Buffers:
+        """Make arrays for the columns of so many poses."""
+        return Buffers(poses, len(self._vertices), len(lattice.points))
 
-def _columns(entry: np.ndarray, free: np.ndarray, held: np.ndarray, inner: np.ndarray, body: np.ndarray) -> Columns:
-    """Columns from the least heights (n, columns) of the five layers."""
-    on_back = (held < free) & (held < inner)
-    on_core = (inner < free) & (inner < held) & (body < np.inf)
-    with np.errstate(invalid="ignore"):
-        thickness = np.where(on_back, held, inner) - entry
-        counts = (on_back | on_core) & (thickness > 0.0)
-    rigid = np.where(counts, np.where(on_back, held, body), np.inf)
-    return Columns(entry, rigid, np.where(counts, thickness, 1.0))
+    def cut(self, poses: np.ndarray, lattice: Lattice, into: Buffers):
+        """Cut columns under poses (n, 4, 4) m into the first n rows of arrays for at least so many."""
+        count = len(poses)
+        into.rotation[:count], into.origin[:count] = poses[:, :3, :3], poses[:, :3, 3] * MM_PER_M
+        into.layers.fill_(np.inf)
+        inputs = [self._vertices, *into.frames, lattice.spacing, *self._surfaces, lattice.half_x, lattice.half_z]
+        wp.launch(columns_kernel, count, inputs=inputs, outputs=[into.seen, into.layers], device="cpu")
+        dim = count, into.layers.shape[2]
+        wp.launch(thickness_kernel, dim, inputs=[into.layers], outputs=into.columns, device="cpu")

@@ -34,7 +34,7 @@ LEAST_ACROSS = 20  # least columns between the axis and the widest indenter's ri
 STARTS_MM = 1.0  # above the highest indenter: sphere tracing begins here
 ENDS_MM = 10.0  # plus the widest indenter's reach, below the tip plane: sphere tracing ends here
 STEPS, CLOSE_MM = 200, 1e-6  # of sphere tracing: most steps, tolerance
-MOST_VALUES = 4_000_000  # values of columns in memory at a time
+MOST_VALUES = 32_768  # columns that a thread measures at a time: they fit into a cache
 
 
 @wp.kernel
@@ -203,31 +203,37 @@ class LeastThickness:
     def _least(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
         """Least share, and largest depth mm that leaves ``share``: (n, shapes, position) each. Runs in threads."""
         threads = os.cpu_count() or 1  # kernels release the interpreter's lock
-        at_once = MOST_VALUES // (8 * self._height.shape[2])
-        size = max(1, -(-min(at_once, len(poses)) // threads))
-        with ThreadPoolExecutor(threads) as pool:
-            parts = list(pool.map(lambda i: self._batch(poses[i : i + size], share), range(0, len(poses), size)))
-        empty = np.empty((0, *self._height.shape[1::-1]))
-        return tuple(np.concatenate([empty, *each]) for each in zip(*parts, strict=True)) if parts else (empty, empty)
+        each = max(1, -(-len(poses) // threads))
+        least, room = np.empty((2, len(poses), *self._height.shape[1::-1]))
 
-    def _batch(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-        columns = self._gel(poses, self._lattice)
-        surface, rigid, thickness = (
-            wp.array(np.ascontiguousarray(each), dtype=wp.float64, device="cpu")
-            for each in (columns.surface, columns.rigid, columns.thickness)
-        )
-        positions, shapes, _ = self._height.shape
-        touch = wp.empty((len(poses), shapes), dtype=wp.float64, device="cpu")
-        wp.launch(touch_kernel, touch.shape, inputs=[surface, self._height], outputs=[touch], device="cpu")
-        least, room = (wp.empty((len(poses), shapes, positions), dtype=wp.float64, device="cpu") for _ in range(2))
-        inputs = [rigid, thickness, self._height, touch, self._depths, share]
-        wp.launch(left_kernel, least.shape, inputs=inputs, outputs=[least, room], device="cpu")
-        if self._support is not None:
-            frames = [wp.array(np.ascontiguousarray(poses[:, :3, :3]), dtype=wp.mat33d, device="cpu"),
-                      wp.array(poses[:, :3, 3] * MM_PER_M, dtype=wp.vec3d, device="cpu")]  # fmt: skip
-            inputs = [self._support, *frames, self._columns, rigid, self._height, touch, self._depths]
-            wp.launch(support_kernel, least.shape, inputs=inputs, outputs=[least, room], device="cpu")
-        return least.numpy(), room.numpy()
+        def measure(first: int):
+            part = slice(first, first + each)
+            self._measure(poses[part], share, least[part], room[part])
+
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(measure, range(0, len(poses), each)))
+        return least, room
+
+    def _measure(self, poses: np.ndarray, share: float, least_out: np.ndarray, room_out: np.ndarray):
+        """Write the results of poses (n, 4, 4) into arrays (n, shapes, position), a few poses at a time."""
+        positions, shapes, columns = self._height.shape
+        size = min(len(poses), max(1, MOST_VALUES // columns))
+        buffers = self._gel.buffers(size, self._lattice)
+        surface, rigid, thickness = buffers.columns
+        touch = wp.empty((size, shapes), dtype=wp.float64, device="cpu")
+        least, room = (wp.empty((size, shapes, positions), dtype=wp.float64, device="cpu") for _ in range(2))
+        for first in range(0, len(poses), size):
+            some = poses[first : first + size]
+            self._gel.cut(some, self._lattice, buffers)
+            dim = len(some), shapes, positions
+            wp.launch(touch_kernel, dim[:2], inputs=[surface, self._height], outputs=[touch], device="cpu")
+            inputs = [rigid, thickness, self._height, touch, self._depths, share]
+            wp.launch(left_kernel, dim, inputs=inputs, outputs=[least, room], device="cpu")
+            if self._support is not None:
+                inputs = [self._support, *buffers.frames, self._columns, rigid, self._height, touch, self._depths]
+                wp.launch(support_kernel, dim, inputs=inputs, outputs=[least, room], device="cpu")
+            for values, out in ((least, least_out), (room, room_out)):
+                out[first : first + size] = values.numpy()[: len(some)]
 
 
 def _cropped(square: Lattice, height: np.ndarray) -> tuple[Lattice, wp.array]:

@@ -8,6 +8,7 @@ Shared frame, metres: x along the finger, pad side -y, z lateral.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -65,11 +66,12 @@ def draw_contacts(
     scrambled Sobol sequence in (x, arc, tilt, azimuth, roll) with rejection, so the first n contacts do not depend on
     ``count``. Raises InputError if there is too little room, or if there are too few partners.
     """
-    from scipy.stats import qmc  # takes a third of a second, so processes that only press do not import it
-
     settings = settings or Trajectories(count=count)
     sensors = (reference, *others)
-    room, *others = [Room(sensor, max_depth_m, settings, lateral_reach_m) for sensor in sensors]
+    with ThreadPoolExecutor() as threads:
+        rooms = threads.map(lambda sensor: Room(sensor, max_depth_m, settings, lateral_reach_m), sensors)
+        from scipy.stats import qmc  # takes a third of a second, so processes that only press do not import it
+    room, *others = rooms
     if not settings.least_thickness_left:
         indented = ()
     sequence = qmc.Sobol(5, scramble=True, rng=seed)
@@ -108,15 +110,12 @@ def draw_contacts(
 
 
 def _blocks(count: int, found: int, proposed: int) -> int:
-    """Number of blocks to propose next: about as many as are missing, but no more than were proposed before.
+    """Number of blocks to propose next: as many as contacts are missing, by the share that was found so far.
 
-    With many contacts at a time, all cores measure the gel under the indenters. Proposals that are not needed cost time
-    for nothing.
+    The first proposals assume that all of them are found. With many contacts at a time, all cores measure them.
     """
-    if not found:
-        return 1
-    missing = -(-(count - found) * proposed // (found * BLOCK))
-    return min(missing, proposed // BLOCK, MOST_BLOCKS)
+    share = found / proposed if found else 1.0
+    return max(1, min(int(np.ceil((count - found) / (share * BLOCK))), MOST_BLOCKS))
 
 
 def _too_few(room: Room, others: Sequence[Room], count: int, counts: tuple[int, int, int, int]) -> str:

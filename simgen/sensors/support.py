@@ -63,11 +63,17 @@ class Plate:
         The formula for an extruded outline is Quilez's ("Distance functions", iquilezles.org). It is exact outside;
         deep inside, at corners that point inwards, it is a bound.
         """
-        flat = np.delete(points_mm, self.axis, axis=1)
-        flat, inverse = np.unique(flat[:, 0] + 1j * flat[:, 1], return_inverse=True)  # a grid's columns once each
-        flat = np.column_stack([flat.real, flat.imag])
-        across = (distance_to_outline(flat, self.outline_mm) - self.beyond_mm)[inverse]
-        height = self.side * (points_mm[:, self.axis] - self.at_mm)
+        return self._extruded(points_mm, points_mm)
+
+    def distance_on_grid(self, points_mm: np.ndarray) -> np.ndarray:
+        """Signed distance (x, y, z) mm at the points (x, y, z, 3) mm of a grid; see `distance`."""
+        return self._extruded(points_mm, points_mm.take([0], axis=self.axis))
+
+    def _extruded(self, points_mm: np.ndarray, columns_mm: np.ndarray) -> np.ndarray:
+        """Signed distance (...) mm of points (..., 3) mm in columns along the axis, given by a point of each column."""
+        flat = np.delete(columns_mm, self.axis, axis=-1)
+        across = distance_to_outline(flat.reshape(-1, 2), self.outline_mm).reshape(flat.shape[:-1]) - self.beyond_mm
+        height = self.side * (points_mm[..., self.axis] - self.at_mm)
         along = np.abs(height + THICKNESS_MM / 2.0) - THICKNESS_MM / 2.0
         outside = np.hypot(np.maximum(across, 0.0), np.maximum(along, 0.0))
         return outside + np.minimum(np.maximum(across, along), 0.0)
@@ -98,10 +104,10 @@ class Support:
 
 @lru_cache(maxsize=4)
 def _sampled(support: Support, device: str) -> RigidShape:
-    """Sample a support, which takes 0.4 s: scenes of other materials, and places of contacts, need the same one."""
+    """Sample a support, which takes 0.1 s: scenes of other materials, and places of contacts, need the same one."""
     body = support.body
     if isinstance(body, Plate):
-        return sampled_distance(body.distance, body.bounds_mm, SPACING_MM, MARGIN_MM)
+        return sampled_distance(body.distance_on_grid, body.bounds_mm, SPACING_MM, MARGIN_MM)
     return sampled_shape(body, SPACING_MM, MARGIN_MM, device)
 
 
@@ -153,16 +159,17 @@ def plate_under(gel: trimesh.Trimesh, plane: SupportPlane, path: Path) -> Plate:
 
 def distance_to_outline(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
     """Signed distance (n,) of points (n, 2) from closed outlines of segments (s, 2, 2); negative inside (even-odd)."""
-    nearest, inside = np.full(len(points), np.inf), np.zeros(len(points), dtype=bool)
-    for start, end in outline:
-        along, to_point = end - start, points - start
-        length_2 = along @ along  # 0 for ends that coincide
-        share = np.clip(to_point @ along / length_2, 0.0, 1.0) if length_2 > 0.0 else np.zeros(len(points))
-        np.minimum(nearest, np.hypot(*(to_point - share[:, None] * along).T), out=nearest)
-        crosses = (start[1] > points[:, 1]) != (end[1] > points[:, 1])
-        left = (to_point[:, 0] * along[1] < to_point[:, 1] * along[0]) == (along[1] > 0.0)
+    x, y = np.ascontiguousarray(points.T)
+    nearest_2, inside = np.full(len(points), np.inf), np.zeros(len(points), dtype=bool)
+    for (start_x, start_y), (end_x, end_y) in outline:
+        along_x, along_y, to_x, to_y = end_x - start_x, end_y - start_y, x - start_x, y - start_y
+        length_2 = along_x**2 + along_y**2  # 0 for ends that coincide
+        share = np.clip((to_x * along_x + to_y * along_y) / length_2, 0.0, 1.0) if length_2 > 0.0 else 0.0
+        np.minimum(nearest_2, (to_x - share * along_x) ** 2 + (to_y - share * along_y) ** 2, out=nearest_2)
+        crosses = (start_y > y) != (end_y > y)
+        left = (to_x * along_y < to_y * along_x) == (along_y > 0.0)
         inside ^= crosses & left
-    return np.where(inside, -nearest, nearest)
+    return np.where(inside, -1.0, 1.0) * np.sqrt(nearest_2)
 
 
 def faces_in_reach(support: Support, mesh: SimulationMesh) -> np.ndarray:
