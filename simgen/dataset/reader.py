@@ -41,7 +41,7 @@ in int16) and a status. Converged samples with an inverted element keep their va
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
@@ -95,6 +95,7 @@ class Dataset:
             raise InputError(f"{path}/zarr.json: not what `simgen run` wrote ({shown(str(error), 200)})") from None
         self._arrays: dict[str, zarr.Array] = {}  # by name, opened once
         self._open: dict[str, zarr.Array] = {}  # sharded arrays, read by zarrs
+        self._kept: dict[tuple[str, int], np.ndarray] = {}  # by name and shard
         if self.attributes.get("schema") != SCHEMA:
             found = shown(repr(self.attributes.get("schema")))
             raise InputError(f"{path}: schema {found}; this version reads {SCHEMA}")
@@ -132,12 +133,24 @@ class Dataset:
         Raises `InputError` if the array is missing or cannot be read, and for a file that is gone: zarr would read fill
         values instead.
         """
+        if (name, shard) in self._kept:
+            return self._kept[name, shard]
         presses, stored = self.shard_presses(shard), self.array(name)
         self._check_exists(chunk_path(name, shard, stored.ndim))
         with self._reading(name):
             if is_sharded(stored):
                 return self._sharded(name)[presses.start : presses.stop]
             return read_chunk(self.path, name, shard, stored, presses)
+
+    def keep(self, shard: int, names: Iterable[str]):
+        """Read arrays of a finished shard that will not change any more, and keep them. Raises as `of_shard` does."""
+        for name in names:
+            self._kept.pop((name, shard), None)
+            self._kept[name, shard] = self.of_shard(name, shard)
+
+    def drop_kept(self):
+        """Read all arrays from their files again."""
+        self._kept.clear()
 
     def _check_exists(self, file: str) -> None:
         if not (self.path / file).exists():

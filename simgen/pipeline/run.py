@@ -12,12 +12,14 @@ from typing import Any
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import check_device
 from simgen.dataset.card import write_card
+from simgen.dataset.card.readme import arrays_read
 from simgen.dataset.growth import grow
 from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import complete, filling, folder_aside, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
 from simgen.pipeline.plan import Plan
-from simgen.pipeline.shard import Presser, ShardReport, fem_presser, run_shards
+from simgen.pipeline.presser import Presser, fem_presser
+from simgen.pipeline.shard import ShardReport, run_shards
 from simgen.pipeline.shard_files import Failure
 from simgen.pipeline.workers import Workers
 
@@ -67,6 +69,8 @@ def run(
         try:
             for report in _reports(dataset, divide(shards, size), plan.job, workers, build):
                 log_timing(dataset, {"finished": time.time(), **asdict(report)})
+                if not report.error:  # so that the card needs no time at the end
+                    dataset.keep(report.shard, arrays_read(dataset))
                 on_report(report)
                 if report.errno in NOT_WRITABLE:
                     raise InputError(cannot_write(output, report.errno))
@@ -78,6 +82,7 @@ def run(
         if not dataset.unfinished():
             with folder_aside(dataset) as folder:
                 write_card(dataset, folder)
+        dataset.drop_kept()
     return dataset
 
 

@@ -5,16 +5,15 @@ A worker process makes the scene of a sensor once and keeps it between tasks. Th
 """
 
 import json
-import math
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -29,37 +28,11 @@ from simgen.fem.device import DEVICE
 from simgen.fem.material import LAWS
 from simgen.fem.material.law import Law
 from simgen.fem.nonlinear.status import Status, is_failure, is_planned_end
-from simgen.pipeline.plan import (
-    chosen_camera,
-    chosen_fluid,
-    chosen_material,
-    chosen_sensor,
-    coarser_sensor,
-    indenter_identities,
-    sensor_identity,
-)
+from simgen.pipeline.plan import chosen_material, indenter_identities, sensor_identity
+from simgen.pipeline.presser import Presser, fem_presser, loaded_indenters, loaded_sensor
 from simgen.pipeline.shard_files import version_of, writing
 from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
-from simgen.sensors.indenter import Indenter, chosen_indenters
-from simgen.sensors.sensor import Sensor
-from simgen.simulation.batch_size import presses_at_once
-from simgen.simulation.error_estimate import share_of_difference, surface_error_estimate
 from simgen.simulation.kernel_loading import load_kernels, load_press_kernels
-from simgen.simulation.pool import Pool
-from simgen.simulation.press import PressResult, Scene
-
-
-class Presser(Protocol):
-    """Presses one sensor along the job's path.
-
-    indenters (b,): indices; poses (b, 4, 4) m, in the sensor's frame; steps (b,): number of steps of the path that
-    each press may reach, all by default. Returns one result for each press, in order. Iterating waits for the results.
-    """
-
-    def __call__(
-        self, indenters: Sequence[int], poses: np.ndarray, steps: np.ndarray | None = None
-    ) -> Iterable[PressResult]: ...
-
 
 # Versions at the start of the process: files may change while a worker lives, its loaded code does not.
 LOADED_VERSIONS = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
@@ -87,65 +60,9 @@ class ShardReport:
     errno: int | None = None
 
 
-@cache
-def _sensor(job: Job, name: str) -> Sensor:
-    """A sensor, loaded once: that takes a second."""
-    return chosen_sensor(job, name)
-
-
-@cache
-def _indenters(job: Job) -> list[Indenter]:
-    """The job's indenters, loaded once."""
-    return chosen_indenters(job)
-
-
 def _laws(job: Job) -> set[type[Law]]:
     """Material laws of the job's sensors."""
-    return {LAWS[chosen_material(job, name, _sensor(job, name)).law] for name in job.sensors}
-
-
-def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
-    """Make the presser of one sensor by finite elements. One scene serves all presses."""
-    start_warp()
-    load_kernels(device)
-    pool, unknowns = _pool(job, sensor_name, _sensor(job, sensor_name), device, job.slow_outputs(sensor_name))
-    coarser, share = None, 0.0
-    if job.has_coarser_mesh(sensor_name):
-        coarser, coarser_unknowns = _pool(job, sensor_name, coarser_sensor(job, sensor_name), device, ())
-        share = share_of_difference(coarser_unknowns, unknowns)
-
-    def presser(
-        indenters: Sequence[int], poses: np.ndarray, steps: np.ndarray | None = None
-    ) -> Iterable[PressResult]:
-        steps = np.full(len(poses), len(job.indenter_path)) if steps is None else steps
-        results = pool.press(indenters, poses, steps)
-        if coarser is None:
-            return results
-        return _with_surface_errors(results, coarser.press(indenters, poses, steps), share)
-
-    return presser
-
-
-def _pool(job: Job, name: str, sensor: Sensor, device: str, outputs: tuple[str, ...]) -> tuple[Pool, int]:
-    """Make the pool of a sensor, and return it with the number of unknowns. outputs: names of the slow ones."""
-    material, fluid = chosen_material(job, name, sensor), chosen_fluid(job, name, sensor)
-    batch = presses_at_once(sensor, device, job.solver, job.presses_in_shard)
-    camera = chosen_camera(job, name, sensor) if job.has_images(name) else None
-    scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs, camera, job.height_step_m)
-    shapes, path = [indenter.shape() for indenter in _indenters(job)], job.indenter_path
-    max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
-    return Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n), scene.unknowns
-
-
-def _with_surface_errors(
-    results: Iterable[PressResult], coarser: Iterable[PressResult], share: float
-) -> Iterable[PressResult]:
-    """Wait for the results on both meshes, and add the estimates that need both."""
-    for result, other in zip(results, coarser, strict=True):
-        estimate = surface_error_estimate(result.displacement, other.displacement, share)
-        result.outputs["surface_error_estimate_m"] = estimate
-        result.seconds += other.seconds
-        yield result
+    return {LAWS[chosen_material(job, name, loaded_sensor(job, name)).law] for name in job.sensors}
 
 
 @lru_cache(maxsize=8)
@@ -161,8 +78,8 @@ def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
     """Identities of the loaded sensors, indenters, code and packages: JSON in the form of the dataset's attributes."""
     own = {
         **LOADED_VERSIONS,
-        "sensors": {name: sensor_identity(job, name, _sensor(job, name)) for name in sensors},
-        "indenters": indenter_identities(_indenters(job)),
+        "sensors": {name: sensor_identity(job, name, loaded_sensor(job, name)) for name in sensors},
+        "indenters": indenter_identities(loaded_indenters(job)),
     }
     return json.dumps(own, sort_keys=True)
 
@@ -182,7 +99,7 @@ def _check_inputs(job: Job, recorded: str) -> None:
     """
     sensors = tuple(json.loads(recorded)["sensors"])
     if _inputs(job, sensors) != recorded:
-        for read in (_sensor, _indenters, _inputs):  # files may have changed since this process read them
+        for read in (loaded_sensor, loaded_indenters, _inputs):  # files may have changed since this process read them
             read.cache_clear()
     if changes := difference(json.loads(recorded), json.loads(_inputs(job, sensors))):
         raise InputError(

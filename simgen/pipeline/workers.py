@@ -22,7 +22,8 @@ from simgen.config.job_schema import Job
 from simgen.config.warp_device import check_device
 from simgen.errors import InputError
 from simgen.pipeline.forked_imports import CAN_FORK, start_imports
-from simgen.pipeline.shard import Presser, fem_presser, prepare
+from simgen.pipeline.presser import Presser, fem_presser
+from simgen.pipeline.shard import prepare
 
 # Threads of a GPU's process. Each solves a task, and the presses of all tasks share the device (see ``pool``). A task
 # of the paired job is one shard, so finished shards are written early. With 128 threads, 74 s of the paired job's

@@ -99,9 +99,9 @@ class Pool:
 
     @cached_property
     def _stream(self) -> wp.Stream | None:
-        """A stream for the kernels of this pool. On the device, those of the first pool have priority."""
+        """A stream for the kernels of this pool. On the device, those of the first sensor's pools have priority."""
         with FREED:
-            priority = -1 if self is _in_order()[0] else 0
+            priority = -1 if self.rank[0] == _in_order()[0].rank[0] else 0
         return wp.Stream(self._device, priority) if self._device.is_cuda else None
 
     def drop(self):
@@ -189,9 +189,10 @@ class Crew:
             self._asleep.pop(results)[0].set()
 
 
-# On a GPU, pools run beside each other: kernels of one run while other threads prepare those of the next. Of three
-# pools, one often has only its last few presses, which take long and leave the device idle.
-CREW = Crew(3)
+# On a GPU, pools run beside each other: kernels of one run while other threads prepare those of the next. Two of four
+# pools often have only their last few presses, which take long and leave the device idle.
+THREADS = 4
+CREW = Crew(THREADS)
 
 
 def _advance(results: PendingResults):

@@ -109,6 +109,17 @@ def test_a_file_that_is_gone_is_not_read_as_fill_values(tmp_path, name):
         assert Dataset(copy).displacement("digit", presses - 1, 0).shape == (len(fake.VERTICES), 3)
 
 
+def test_arrays_that_are_kept_are_not_read_again_until_they_are_dropped(tmp_path):
+    dataset = run(fake.make_plan(fake.make_job()), tmp_path / "d.zarr", build=fake.fake_presser)
+    whole = dataset["digit/status"]
+    dataset.keep(1, ["digit/status"])
+    (dataset.path / chunk_path("digit/status", 1, 2)).unlink()
+    np.testing.assert_array_equal(dataset["digit/status"], whole)
+    dataset.drop_kept()
+    with pytest.raises(InputError, match="is gone"):
+        dataset["digit/status"]
+
+
 def test_an_array_of_another_type_than_the_job_s_is_refused(tmp_path):
     copy = run(fake.make_plan(fake.make_job()), tmp_path / "copy.zarr", build=fake.fake_presser).path
     for file in (copy / "digit/force/zarr.json", copy / "zarr.json"):  # zarr keeps a copy of all arrays' metadata

@@ -16,7 +16,7 @@ from simgen.config.job import load_job
 from simgen.dataset.audit import check, passes
 from simgen.dataset.provenance import code_version, package_versions
 from simgen.dataset.reader import Dataset
-from simgen.pipeline import shard
+from simgen.pipeline import presser, shard
 from simgen.pipeline.plan import indenter_identities, make_plan, sensor_identity
 from simgen.pipeline.run import run
 from simgen.sensors.indenter import chosen_indenters, load_indenter
@@ -86,15 +86,15 @@ def test_a_worker_with_another_mesh_writes_nothing(tmp_path):
 def test_what_was_checked_last_is_what_is_pressed(monkeypatch):
     """A worker that solves for two datasets in turn, between which the sensor's files change and change back."""
     job, files = fake.make_job(), {}
-    monkeypatch.setattr("simgen.pipeline.shard.chosen_sensor", lambda job, name: files[name])
+    monkeypatch.setattr("simgen.pipeline.presser.chosen_sensor", lambda job, name: files[name])
     monkeypatch.setattr("simgen.pipeline.shard.sensor_identity", lambda job, name, sensor: {"mesh": sensor})
     for mesh in ("one", "other", "one"):
         files["digit"] = mesh
         indenters = indenter_identities(chosen_indenters(job))
         here = {"code": code_version(), "packages": package_versions(), "indenters": indenters}
         shard._check_inputs(job, shard.recorded_inputs({**here, "sensors": {"digit": {"mesh": mesh}}}))
-        assert shard._sensor(job, "digit") == mesh
-    shard._sensor.cache_clear()
+        assert presser.loaded_sensor(job, "digit") == mesh
+    presser.loaded_sensor.cache_clear()
     shard._inputs.cache_clear()
 
 

@@ -8,7 +8,7 @@ from simgen.config.solver_settings import SolverSettings
 from simgen.errors import InputError
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
-from simgen.simulation.batch_size import bytes_per_press, presses_at_once
+from simgen.simulation.batch_size import bytes_per_press, has_room_for_another, presses_at_once
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import Scene
 
@@ -58,6 +58,14 @@ def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
     monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name: Gpu(1.2 * each))
     with pytest.raises(InputError, match="coarser mesh"):
         presses_at_once(sensor, "cuda", settings, 36)
+
+
+def test_another_batch_leaves_as_much_memory_for_other_sensors(monkeypatch):
+    sensor, settings = load_sensor("digit", "coarse"), SolverSettings()
+    each = bytes_per_press(sensor)
+    for free, expected in ((260.0, True), (240.0, False)):
+        monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name, free=free: Gpu(free * each))
+        assert has_room_for_another(sensor, "cuda:0", settings, 100) == expected
 
 
 def test_a_core_computes_eight_presses_or_one():

@@ -10,7 +10,7 @@ import pytest
 
 import simgen.simulation.pool
 from simgen.fem.device import DEVICE
-from simgen.simulation.pool import CREW, FREED, POOLS, Pool, _give_back, _take
+from simgen.simulation.pool import CREW, FREED, POOLS, THREADS, Pool, _give_back, _take
 from simgen.simulation.press import Scene, follow
 from simulation.blocks import CUBE, GEL, SPHERE, make_block, pose
 
@@ -107,14 +107,14 @@ def test_a_pool_that_nobody_has_is_no_pool_any_more(block):
     assert len(POOLS) == count - 1
 
 
-def test_at_most_three_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
-    """Run ten tasks; none is lost when the thread that solved its presses leaves. The first three threads meet."""
+def test_at_most_four_threads_carry_pools_on_and_the_others_sleep(block, monkeypatch):
+    """Run ten tasks; none is lost when the thread that solved its presses leaves. The first four threads meet."""
     pool, carrying, most, asleep = make_pool(block, 2), set(), [], []
-    advance, calls, meeting = simgen.simulation.pool._advance, count(), threading.Barrier(3)
+    advance, calls, meeting = simgen.simulation.pool._advance, count(), threading.Barrier(THREADS)
 
     def watch(results):
         carrying.add(threading.get_ident())
-        if next(calls) < 3:
+        if next(calls) < THREADS:
             meeting.wait(timeout=60.0)
         most.append(len(carrying))
         asleep.append(len(CREW._asleep))
@@ -125,8 +125,8 @@ def test_at_most_three_threads_carry_pools_on_and_the_others_sleep(block, monkey
     with ThreadPoolExecutor(10) as threads:
         tasks = list(threads.map(lambda i: list(press(pool, i % 4, i % 4 + 1)), range(10)))
     assert all((result.status == 0).all() for task in tasks for result in task)
-    assert max(asleep) >= 4 and max(most) == 3
-    assert not CREW._asleep and CREW._free == 3
+    assert max(asleep) >= 4 and max(most) == THREADS
+    assert not CREW._asleep and CREW._free == THREADS
 
 
 def let_others_in(device):
@@ -183,7 +183,7 @@ def test_an_error_of_one_pool_waits_for_the_iteration_of_another_and_then_ends_b
         errors = [type(task.exception(timeout=20.0)) for task in tasks]
     assert set(errors) == {MemoryError, RuntimeError}  # either thread may carry the first pool on
     assert seen[0] == [False, False]  # nothing was taken from it while it was at work
-    assert not any(pool.remaining for pool in pools) and CREW._free == 3
+    assert not any(pool.remaining for pool in pools) and CREW._free == THREADS
 
 
 def test_threads_take_pools_in_their_order_and_wait_for_one(block):

@@ -98,9 +98,7 @@ def _worth(dataset: Dataset) -> Iterator[str]:
     yield "A sample is valid if its forces balance and no element is inverted anywhere."
     yield "The worst values over the valid samples; every sample has its own."
     yield ""
-    least = "least_det_F" if f"{dataset.sensors[0]}/certificate/least_det_F" in dataset.arrays else "min_det_F"
-    keys = {"residual": "{:.1e}", "contact_error": "{:.1e}", "force_balance": "{:.1e}", least: "{:.3f}",
-            "inverted_elements": "{:.0f}", "max_penetration_m": "{:.1e}"}  # fmt: skip
+    keys = _certificate_formats(dataset)
     yield from _row(["sensor", *keys])
     yield from _row(["---"] * (1 + len(keys)))
     for sensor in dataset.sensors:
@@ -108,11 +106,24 @@ def _worth(dataset: Dataset) -> Iterator[str]:
         worst = []
         for key, form in keys.items():
             values = dataset[f"{sensor}/certificate/{key}"][good]
-            pick = np.min if key == least else np.max
+            pick = np.min if key.endswith("det_F") else np.max
             worst.append(form.format(pick(values)) if len(values) else "")
         yield from _row([sensor, *worst])
     yield from _estimates(dataset)
     yield from _others(dataset)
+
+
+def _certificate_formats(dataset: Dataset) -> dict[str, str]:
+    """Formats of the worst values of certificates, by key."""
+    least = "least_det_F" if f"{dataset.sensors[0]}/certificate/least_det_F" in dataset.arrays else "min_det_F"
+    return {"residual": "{:.1e}", "contact_error": "{:.1e}", "force_balance": "{:.1e}", least: "{:.3f}",
+            "inverted_elements": "{:.0f}", "max_penetration_m": "{:.1e}"}  # fmt: skip
+
+
+def arrays_read(dataset: Dataset) -> list[str]:
+    """Names of the arrays that tasks write and this text needs."""
+    keys = ["status", *(f"certificate/{key}" for key in _certificate_formats(dataset))]
+    return [f"{sensor}/{key}" for sensor in dataset.sensors for key in keys]
 
 
 def _estimates(dataset: Dataset) -> Iterator[str]:

@@ -8,6 +8,7 @@ import shutil
 
 import fake
 
+import simgen.pipeline.run
 from dataset.card.conftest import JOB
 from simgen.dataset.card import CARD
 from simgen.dataset.reader import Dataset
@@ -42,6 +43,22 @@ def test_a_repair_leaves_the_owner_s_text_and_renews_the_table(dataset, tmp_path
     assert {row["digit_converged"] for row in rows} == {"4"}
     known = json.loads((path / "croissant.json").read_text())["distribution"][0]
     assert known["sha256"] == hashlib.sha256((path / "presses.csv").read_bytes()).hexdigest()
+
+
+def test_a_run_needs_no_files_of_shards_for_it_at_its_end(tmp_path, monkeypatch):
+    """The run has kept what the card needs of each shard. Here these files are gone when it is written."""
+    plan, write = fake.make_plan(fake.make_job()), simgen.pipeline.run.write_card
+    expected = run(plan, tmp_path / "first.zarr", build=fake.fake_presser)
+
+    def write_without_files(dataset, aside):
+        for name in dataset.arrays:
+            shutil.rmtree(dataset.path / name / "c", ignore_errors=True)
+        write(dataset, aside)
+
+    monkeypatch.setattr(simgen.pipeline.run, "write_card", write_without_files)
+    found = run(plan, tmp_path / "second.zarr", build=fake.fake_presser)
+    for name in CARD:
+        assert (found.path / name).read_bytes() == (expected.path / name).read_bytes()
 
 
 def test_an_unfinished_dataset_has_none(tmp_path):
