@@ -1,5 +1,7 @@
 """Sharing of the device by threads: one at a time launches kernels, and lets another in while it waits for results.
 
+A thread also lets another in between two launches if that has fewer presses: its iterations are short.
+
 While a GPU computes the results of one thread, another thread launches its own kernels on another stream. Warp copies
 with `array.numpy()`, and frees arrays, on CUDA's default stream, which waits for all others and makes all others wait.
 Code that runs in every iteration therefore uses `read` and `write`, and arrays that are allocated once.
@@ -10,9 +12,6 @@ With few presses, or on a coarse mesh, Python takes longer than the kernels. So 
 from __future__ import annotations
 
 import struct
-import threading
-import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -20,54 +19,7 @@ from functools import partial
 import numpy as np
 import warp as wp
 
-
-class Queue:
-    """Lock that serves threads in the order of their arrival; a plain lock may serve the same thread again."""
-
-    def __init__(self):
-        self._lock, self._turns = threading.Lock(), deque()
-        self._owner, self._waits = None, 0
-
-    def __enter__(self):
-        turn = threading.Lock()
-        turn.acquire()
-        with self._lock:
-            first = not self._turns
-            self._turns.append(turn)
-        if not first:
-            turn.acquire()  # until the thread before releases the lock
-        self._owner = threading.get_ident()
-
-    def __exit__(self, *error):
-        self._owner = None
-        with self._lock:
-            self._turns.popleft()
-            if self._turns:
-                self._turns[0].release()
-
-    @property
-    def mine(self) -> bool:
-        """True for the thread that holds the lock."""
-        return self._owner == threading.get_ident()
-
-    @contextmanager
-    def left(self) -> Iterator[None]:
-        """Release the lock while this thread waits for the device."""
-        with self._lock:
-            self._waits += 1
-        self.__exit__()
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._waits -= 1
-            self.__enter__()
-
-    def wait_for_others(self):
-        """Wait until no other thread waits for the device: this one may then act on the whole device."""
-        while self._waits:
-            time.sleep(1e-4)
-
+from simgen.fem.turns import Queue
 
 DEVICE = Queue()
 
@@ -113,6 +65,8 @@ def launch_kernel(kernel: wp.Kernel, device, dim, inputs: list, outputs: list):
     if _ONCE:
         _launch(kernel, device, dim, inputs, outputs)
         return
+    if DEVICE.delays_others:
+        _step_aside(wp.get_device(device))
     key = (kernel, str(device), dim, *map(_key, inputs), *map(_key, outputs))
     launch = _LAUNCHES.get(key)
     if launch is None:
@@ -123,6 +77,13 @@ def launch_kernel(kernel: wp.Kernel, device, dim, inputs: list, outputs: list):
             _LAUNCHES.clear()
         _LAUNCHES[key] = launch
     launch.launch()
+
+
+def _step_aside(device: wp.Device):
+    stream = device.stream if device.is_cuda else None
+    DEVICE.step_aside()
+    if stream is not None:
+        wp.set_stream(stream, device)  # others have set their own
 
 
 @contextmanager

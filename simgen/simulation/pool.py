@@ -28,6 +28,7 @@ from simgen.units import MM_PER_M
 POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 FREED = threading.Condition()  # guards `Pool.taken`; notified when a thread gives a pool back
 NUMBERS = count()
+MANY = 64  # presses; pools with more take turns on the device
 
 
 class Pool:
@@ -67,6 +68,14 @@ class Pool:
     def remaining(self) -> int:
         """Number of presses that have arrived or wait, and of running tries."""
         return self._stepping.remaining + sum(len(each.shape_of) for each in list(self._arrived))
+
+    @property
+    def device_rank(self) -> int:
+        """Rank of this pool's thread among those that wait for the device: the number of running presses, if few.
+
+        An iteration of few presses is short, and the last presses of a run decide when it ends.
+        """
+        return min(int(self._stepping.running.sum()), MANY)
 
     def advance(self):
         """Advance the presses by one iteration. The calling thread has taken the pool and holds the device."""
@@ -204,7 +213,7 @@ def _advance(results: PendingResults):
     if pool is None:
         return
     try:
-        with DEVICE:
+        with DEVICE.with_rank(pool.device_rank):
             pool.advance()
     except BaseException:
         with FREED:

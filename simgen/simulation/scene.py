@@ -17,7 +17,8 @@ from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
 from simgen.fem.elements.cavity import Cavity
 from simgen.fem.elements.elasticity import Elasticity
-from simgen.fem.elements.element import ELEMENTS
+from simgen.fem.elements.element import ELEMENTS, Element
+from simgen.fem.elements.rest_geometry import rest_geometries
 from simgen.fem.linear_solver.pattern import corners_to_nodes
 from simgen.fem.material import LAWS
 from simgen.fem.nonlinear.newton import NewtonSolver, per_component
@@ -25,6 +26,7 @@ from simgen.geometry.interpolation import interpolation_matrix
 from simgen.geometry.node_ordering import in_cuthill_mckee_order
 from simgen.geometry.rigid_shape import sampled_shape
 from simgen.geometry.signed_distance import RigidShape
+from simgen.geometry.tetrahedra import SimulationMesh
 from simgen.sensors.sensor import Camera, Material, Sensor
 from simgen.sensors.support import faces_in_reach
 from simgen.units import MM_PER_M
@@ -42,6 +44,21 @@ def _core_shape(core: trimesh.Trimesh, device: str) -> RigidShape:
 def _to_output(sensor: Sensor) -> sparse.csr_matrix:
     """Interpolation from nodes to output points. It takes half of a scene's time, and other materials have the same."""
     return interpolation_matrix(in_cuthill_mckee_order(sensor.simulation_mesh), sensor.output_points)
+
+
+def _mesh_and_nodes(sensor: Sensor, kind: Element) -> tuple[SimulationMesh, np.ndarray]:
+    """The mesh in the order of a scene, and the nodes (n, 3) mm that the element uses."""
+    mesh = in_cuthill_mckee_order(sensor.simulation_mesh)
+    n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
+    return mesh, mesh.nodes[:n] * MM_PER_M
+
+
+def prepare_geometry(sensor: Sensor, settings: SolverSettings):
+    """Compute what scenes of a sensor share. This launches no kernels, so another thread may hold the device."""
+    kind = ELEMENTS[settings.element]
+    mesh, nodes = _mesh_and_nodes(sensor, kind)
+    rest_geometries(kind, nodes, mesh.tetrahedra)
+    _to_output(sensor)
 
 
 class Scene:
@@ -71,28 +88,26 @@ class Scene:
         self.sampler = None  # `StateSampler.of` makes it once
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[self.settings.element]
-        mesh = self.mesh = in_cuthill_mckee_order(sensor.simulation_mesh)
+        self.mesh, self.nodes = mesh, nodes = _mesh_and_nodes(sensor, kind)
         beside = ThreadPoolExecutor(1)  # while the rest is made
         to_output = beside.submit(_to_output, sensor)
         beside.shutdown(wait=False)
-        n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
-        self.nodes = mesh.nodes[:n] * MM_PER_M
-        fixed = per_component(mesh.held[:n])
+        fixed = per_component(mesh.held[: len(nodes)])
         split = self.settings.volumetric_split if kind.pressures else None
         law = LAWS[material.law]
         solid = law.from_engineering(1.0, material.poisson_ratio, split, **material.law_constants)
         active = ActiveEnvironments(batch, device)
-        body = Elasticity(kind, self.nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
+        body = Elasticity(kind, nodes, mesh.tetrahedra, mesh.n_corners, solid, device, active)
         k = (self.settings.contact_stiffness, self.settings.friction_stiffness)
-        self.indenter_contact = Contact(kind, self.nodes, mesh.touchable, k, material.friction, device, active)
+        self.indenter_contact = Contact(kind, nodes, mesh.touchable, k, material.friction, device, active)
         self.core_contact = None
         if sensor.core is not None and len(mesh.facing_core):
-            self.core_contact = Contact(kind, self.nodes, mesh.facing_core, k, sensor.core_friction, device, active)
+            self.core_contact = Contact(kind, nodes, mesh.facing_core, k, sensor.core_friction, device, active)
         self.support_contact = None
         supported = faces_in_reach(sensor.support, mesh) if sensor.support is not None else ()
         if len(supported):
             friction = material.friction if sensor.support.friction is None else sensor.support.friction
-            self.support_contact = Contact(kind, self.nodes, supported, k, friction, device, active)
+            self.support_contact = Contact(kind, nodes, supported, k, friction, device, active)
         self.fixed_contacts = [c for c in (self.core_contact, self.support_contact) if c is not None]
         contacts = [self.indenter_contact, *self.fixed_contacts]
         self.cavity = None
@@ -100,7 +115,7 @@ class Scene:
             if not len(mesh.facing_core):
                 raise InputError(f"sensor {sensor.name}: fluid = {fluid!r}: it has no cavity; allowed: none")
             row = body.n_displacements + body.n_pressures
-            self.cavity = Cavity(kind, self.nodes, mesh.facing_core, fixed, row, device, active)
+            self.cavity = Cavity(kind, nodes, mesh.facing_core, fixed, row, device, active)
         self.solver = NewtonSolver(body, contacts, fixed, batch, self.settings, self.cavity)
         self.unknowns = self.solver.n_unknowns
         if self.core_contact is not None:

@@ -5,16 +5,15 @@ The kernels are in ``operators.py`` and ``elasticity_blocks.py``.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays, groups
 from simgen.fem.device import read, write
 from simgen.fem.elements.elasticity_blocks import block_kernels
-from simgen.fem.elements.element import Element, tet_geometry
+from simgen.fem.elements.element import Element
 from simgen.fem.elements.operators import operator_kernels
+from simgen.fem.elements.rest_geometry import rest_geometries
 from simgen.fem.elements.solid import SingleSolid, Solid
 from simgen.fem.elements.stabilisation import (
     MOST_EXTRA_OF_LAM,
@@ -59,7 +58,8 @@ class Elasticity:
         self.host_nodes, self.n_corners = nodes, n_corners
         self.n_displacements = 3 * len(nodes)
         self.n_pressures = n_corners if element.pressures else 0
-        geometry = tet_geometry(element, nodes, tetrahedra)
+        full, reduced = rest_geometries(element, nodes, tetrahedra)
+        geometry = full.tets
         self.host_tetrahedra = np.ascontiguousarray(tetrahedra[:, : element.nodes], dtype=np.int32)
         self.pressure_mass = np.zeros(self.n_pressures)  # lumped, mm3
         for b in range(element.pressures):
@@ -70,21 +70,19 @@ class Elasticity:
         self.weight = wp.zeros((len(tetrahedra), active.shape[0]), dtype=wp.float32, device=device)
         self._solid, self._single, self._reduced = Solid(), SingleSolid(), SingleSolid()
         self._solid.rest = wp.array(geometry.corner_jacobians, dtype=mat33, device=device)
-        reduced = tet_geometry(replace(element, quadrature_points=element.preconditioner_points), nodes, tetrahedra)
         self._gradients = wp.array(geometry.local_gradients, dtype=vec3f, device=device)
         tets = wp.array(self.host_tetrahedra, dtype=wp.int32, device=device)
         constants = np.pad(material.kernel_constants, (0, MOST_CONSTANTS - len(material.kernel_constants)))
         doubles, singles = (real, wp.vec4d, mat33), (single, wp.vec4f, mat33f)
-        for s, g, (scalar, vec4, mat) in (
-            (self._solid, geometry, doubles), (self._single, geometry, singles), (self._reduced, reduced, singles)
+        for s, rest, (scalar, vec4, mat) in (
+            (self._solid, full, doubles), (self._single, full, singles), (self._reduced, reduced, singles)
         ):  # fmt: skip
-            metric = material.mu * np.einsum("eqij,eqkj->eqik", g.inverse, g.inverse)
             s.tetrahedra = tets
-            s.shapes = wp.array(g.corner_shapes, dtype=vec4, device=device)
-            s.metric = wp.array(metric, dtype=mat, device=device)
-            s.contraction = wp.array(np.linalg.det(g.inverse), dtype=scalar, device=device)
-            s.volumes = wp.array(g.volumes, dtype=scalar, device=device)
-            s.mean_metric = wp.array(np.einsum("eq,eqij->eij", g.volumes, metric), dtype=mat, device=device)
+            s.shapes = wp.array(rest.tets.corner_shapes, dtype=vec4, device=device)
+            s.metric = wp.array(material.mu * rest.metric, dtype=mat, device=device)
+            s.contraction = wp.array(rest.contraction, dtype=scalar, device=device)
+            s.volumes = wp.array(rest.tets.volumes, dtype=scalar, device=device)
+            s.mean_metric = wp.array(material.mu * rest.mean_metric, dtype=mat, device=device)
             s.weight = self.weight
             s.first_pressure = self.n_displacements
             s.constants = vec4(*constants)
