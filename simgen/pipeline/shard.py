@@ -99,9 +99,10 @@ def _check_inputs(job: Job, recorded: str) -> None:
     meshes if it made them itself, because fTetWild never makes the same mesh twice.
     """
     sensors = tuple(json.loads(recorded)["sensors"])
-    if _inputs(job, sensors) != recorded:
-        for read in (loaded_sensor, loaded_indenters, _inputs):  # files may have changed since this process read them
-            read.cache_clear()
+    if _inputs(job, sensors) == recorded:
+        return
+    for read in (loaded_sensor, loaded_indenters, _inputs):  # files may have changed since this process read them
+        read.cache_clear()
     if changes := difference(json.loads(recorded), json.loads(_inputs(job, sensors))):
         raise InputError(
             f"the inputs on {socket.gethostname()} differ from the dataset's ({'; '.join(changes)}); give all workers "

@@ -115,7 +115,11 @@ class Multigrid:
             self._launch(start_kernel, [self._inverse, self._negative, self._step, self.active], [out])
             return out[:n_u, 0].contiguous().numpy()
 
-        return largest_eigenvalue(apply, n_u)
+        before = self.active.chosen
+        self.active.choose(np.arange(len(before)) == 0)
+        found = largest_eigenvalue(apply, n_u)
+        self.active.choose(before)
+        return found
 
     def _invert_diagonal(self):
         clear(self._blocks, self.active)
