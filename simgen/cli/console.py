@@ -29,8 +29,8 @@ from simgen.pipeline.run_status import RunStatus
 if TYPE_CHECKING:  # these need the solver; an audit does not
     from simgen.dataset.exchange.selection import PressSelection
     from simgen.dataset.reader import Dataset
+    from simgen.pipeline.parts import ShardReport
     from simgen.pipeline.preview import Preview
-    from simgen.pipeline.shard import ShardReport
     from simgen.pipeline.workers import Workers
 
 console = Console(highlight=False)

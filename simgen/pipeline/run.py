@@ -17,9 +17,10 @@ from simgen.dataset.growth import grow
 from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import complete, filling, folder_aside, log_timing, open_or_create
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write
+from simgen.pipeline.parts import PartReport, Parts, ShardReport
 from simgen.pipeline.plan import Plan
 from simgen.pipeline.presser import Presser, fem_presser
-from simgen.pipeline.shard import ShardReport, run_shards
+from simgen.pipeline.shard import run_parts, run_shards
 from simgen.pipeline.shard_files import Failure
 from simgen.pipeline.workers import Workers
 
@@ -27,6 +28,8 @@ from simgen.pipeline.workers import Workers
 # device solves at a time: while some shards wait for their hardest press, others keep the device busy. The host keeps
 # samples until their shard has ended, 2.5 MB for a press of the paired job in single precision.
 PRESSES_PER_GPU_PROCESS = 4608
+# Presses on each further sensor that a GPU has at a time if several GPUs share them: more than its pools hold.
+PRESSES_SHARED_AT_ONCE = 1152
 SMALLER = 8  # parts in which a failed task is tried again; most of them may succeed
 
 
@@ -66,8 +69,12 @@ def run(
         on_start(dataset.presses - sum(len(dataset.shard_presses(shard)) for shard in shards))
         log_timing(dataset, {"began": time.time(), "shards": len(shards), "folder": str(plan.job.folder.resolve())})
         size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers)
+        whole, last = shards, []
+        if workers.share_presses and plan.device != "cpu" and not again:
+            at_once = workers.count * workers.tasks_at_once * size
+            whole, last = shards[:-at_once], shards[-at_once:]
         try:
-            for report in _reports(dataset, divide(shards, size), plan.job, workers, build):
+            for report in _reports(dataset, divide(whole, size), divide(last, size), plan.job, workers, build):
                 log_timing(dataset, {"finished": time.time(), **asdict(report)})
                 if not report.error:  # so that the card needs no time at the end
                     dataset.keep(report.shard, arrays_read(dataset))
@@ -87,49 +94,65 @@ def run(
 
 
 def _reports(
-    dataset: Dataset, parts: list[list[int]], job: Job, workers: Workers, build: Callable[[Job, str, str], Presser]
-) -> Iterator[ShardReport]:
-    """Yield reports of all shards. Failed parts are tried once more after the others, in smaller parts.
+    dataset: Dataset, whole: list[list[int]], last: list[list[int]], job: Job, workers: Workers,
+    build: Callable[[Job, str, str], Presser],
+) -> Iterator[ShardReport]:  # fmt: skip
+    """Yield reports of all shards. The ``last`` are solved sensor by sensor, so that all workers end together.
 
-    A task that kills its process kills the tasks beside it, so failed parts are tried one at a time.
+    What fails is tried once more after the others, in smaller tasks with all sensors. A task that kills its process
+    kills the tasks beside it, so these are tried one at a time.
     """
-    again = []
-    for part, outcome in _solve(dataset, parts, job, workers, build):
-        if isinstance(outcome, Failure) and not outcome.final:
-            again += divide(part, max(1, len(part) // SMALLER))
-        else:
-            yield from _of_shards(dataset, part, outcome)
-    for part in again:
-        for _, outcome in _solve(dataset, [part], job, workers, build):
-            yield from _of_shards(dataset, part, outcome)
+    again, settled = [], set()  # settled: shards that have a report, or are tried again
+    with folder_aside(dataset) as folder:
+        parts = Parts(dataset, folder)
+        for shards, outcome in _solve(dataset, whole, last, job, workers, build):
+            if isinstance(outcome, Failure):
+                left = [shard for shard in shards if shard not in settled]
+                settled.update(left)
+                if outcome.final:
+                    yield from _failed(dataset, left, outcome)
+                else:
+                    again += divide(left, max(1, len(left) // SMALLER))
+                continue
+            for each in outcome:
+                report = parts.add(each) if isinstance(each, PartReport) else each
+                if report is not None and report.shard not in settled:
+                    settled.add(report.shard)
+                    yield report
+    for task in again:
+        for _, outcome in _solve(dataset, [task], [], job, workers, build):
+            yield from _failed(dataset, task, outcome) if isinstance(outcome, Failure) else outcome
 
 
 def _solve(
-    dataset: Dataset, parts: list[list[int]], job: Job, workers: Workers, build: Callable[[Job, str, str], Presser]
-) -> Iterator[tuple[list[int], list[ShardReport] | Failure]]:
-    """Yield parts with their outcomes, as they end."""
-    path = dataset.path.resolve()
-    tasks = [(path, part, job, workers.device, build) for part in parts]
-    for task, outcome in workers.map(_guarded, tasks):
+    dataset: Dataset, whole: list[list[int]], last: list[list[int]], job: Job, workers: Workers,
+    build: Callable[[Job, str, str], Presser],
+) -> Iterator[tuple[list[int], list[ShardReport] | list[PartReport] | Failure]]:  # fmt: skip
+    """Yield shards of tasks with their outcomes, as they end."""
+    (reference, *others), given = dataset.sensors, (dataset.path.resolve(), job, workers.device, build)
+    tasks = [(run_shards, shards, given, ()) for shards in whole]
+    tasks += [(run_parts, shards, given, (reference,)) for shards in last]
+    shared = [(run_parts, shards, given, (sensor,)) for sensor in others for shards in last]
+    at_once = -(-PRESSES_SHARED_AT_ONCE // (job.dataset.presses_per_shard * max(map(len, last), default=1)))
+    for task, outcome in workers.map(_guarded, tasks, shared, at_once):
         yield task[1], Failure.of(outcome) if isinstance(outcome, Exception) else outcome
 
 
-def _guarded(arguments: tuple) -> list[ShardReport] | Failure:
+def _guarded(task: tuple) -> list[ShardReport] | list[PartReport] | Failure:
     """Solve some shards; an exception becomes a `Failure`."""
+    run_task, shards, (path, job, device, build), sensors = task
     try:
-        return run_shards(*arguments)
+        return run_task(path, shards, job, device, build, *sensors)
     except Exception as error:
         failure = Failure.of(error)
-        if failure.errno is not None and not str(getattr(error, "filename", "")).startswith(str(arguments[0])):
+        if failure.errno is not None and not str(getattr(error, "filename", "")).startswith(str(path)):
             return replace(failure, errno=None, final=False)  # a file outside the dataset
         return failure
 
 
-def _of_shards(dataset: Dataset, part: list[int], outcome: list[ShardReport] | Failure) -> list[ShardReport]:
-    if not isinstance(outcome, Failure):
-        return outcome
-    counts = {shard: len(dataset.shard_presses(shard)) for shard in part}
-    return [ShardReport(shard, counts[shard], error=outcome.sentence, errno=outcome.errno) for shard in part]
+def _failed(dataset: Dataset, shards: list[int], failure: Failure) -> list[ShardReport]:
+    counts = {shard: len(dataset.shard_presses(shard)) for shard in shards}
+    return [ShardReport(shard, counts[shard], error=failure.sentence, errno=failure.errno) for shard in shards]
 
 
 def divide(shards: list[int], size: int) -> list[list[int]]:

@@ -1,4 +1,4 @@
-"""A task of a run: solve the presses of some shards on every sensor, and write the shards.
+"""A task of a run: solve the presses of some shards on every sensor, or on one, and write their files.
 
 A worker process makes the scene of a sensor once and keeps it between tasks. Threads of a worker share it (see
 `simgen.simulation.pool`). Results of one sensor are written while the next sensor is solved.
@@ -8,7 +8,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -27,7 +27,7 @@ from simgen.errors import InputError
 from simgen.fem.device import DEVICE
 from simgen.fem.material import LAWS
 from simgen.fem.material.law import Law
-from simgen.fem.nonlinear.status import Status, is_failure, is_planned_end
+from simgen.pipeline.parts import PartReport, ShardReport, whole_report
 from simgen.pipeline.plan import chosen_material, indenter_identities, sensor_identity
 from simgen.pipeline.presser import Presser, fem_presser, loaded_indenters, loaded_sensor
 from simgen.pipeline.shard_files import version_of, writing
@@ -37,28 +37,6 @@ from simgen.simulation.scene import prepare_geometry
 
 # Versions at the start of the process: files may change while a worker lives, its loaded code does not.
 LOADED_VERSIONS = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
-
-
-@dataclass(frozen=True)
-class ShardReport:
-    """Outcome of one shard; an `error` means that nothing was written.
-
-    failed, planned, inside_out : numbers of samples, over all sensors: failed; not pressed, as planned; converged with
-        an inverted element
-    seconds : the shard's share of its task's time, from the first press to the last file. Tasks of threads overlap
-    errno : the operating system's number of the error, if there is one
-    """
-
-    shard: int
-    presses: int
-    failed: int = 0
-    planned: int = 0
-    inside_out: int = 0
-    seconds: float = 0.0
-    seconds_by_sensor: dict[str, float] | None = None
-    host: str = ""
-    error: str | None = None
-    errno: int | None = None
 
 
 def _laws(job: Job) -> set[type[Law]]:
@@ -175,51 +153,57 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     Raises `InputError` if sensors, indenters, code or packages of this process differ from the dataset's. If one shard
     cannot be written, its report says why.
     """
+    return [whole_report([part]) for part in _run(path, shards, job, device, build, job.sensors)]
+
+
+def run_parts(
+    path: Path, shards: Sequence[int], job: Job, device: str, build, sensor: str
+) -> list[PartReport]:
+    """Solve all presses of some shards on one sensor, and write its files, without manifests. Raises as `run_shards`.
+
+    `simgen.pipeline.parts.Parts` puts the shards together.
+    """
+    return _run(path, shards, job, device, build, [sensor])
+
+
+def _run(
+    path: Path, shards: Sequence[int], job: Job, device: str, build, sensors: Collection[str]
+) -> list[PartReport]:
     plan = _planned(path, job)
     dataset = plan.dataset
     with folder_aside(dataset) as folder, writing() as threads:
         writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
         try:
             begin = time.perf_counter()
-            _solve(plan, writers, job, device, build)
+            _solve(plan, writers, job, device, build, [name for name in dataset.sensors if name in sensors])
             put_shards_in_place(dataset, writers)
         except BaseException:
             for writer in writers:
                 writer.abandon()
             raise
     share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
-    return [_report(writer, share) for writer in writers]
+    return [PartReport.of(writer, share) for writer in writers]
 
 
-def _solve(plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, device: str, build) -> None:
-    """Solve the presses of all shards on every sensor, and pass the results to the shards' writers."""
+def _solve(
+    plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, device: str, build, sensors: Sequence[str]
+) -> None:
+    """Solve the presses of all shards on some sensors, and pass the results to the shards' writers."""
     dataset, rows = plan.dataset, np.concatenate([writer.presses for writer in writers])
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose, indenters = plan.contact_pose[rows], plan.indenter[rows].tolist()
     inputs = recorded_inputs(dataset.attributes)
     with DEVICE:
         _check_inputs(job, inputs)
-        pressers = {sensor: _presser(build, job, sensor, device, inputs) for sensor in dataset.sensors}
+        pressers = {sensor: _presser(build, job, sensor, device, inputs) for sensor in sensors}
     under_way = {}
     for sensor, presser in pressers.items():
         poses = np.linalg.inv(plan.sensor_pose[sensor][rows]) @ contact_pose
         limits = [plan.steps[sensor][rows]] if plan.steps else []
         under_way[sensor] = presser(indenters, poses, *limits)
-    for sensor in dataset.sensors:
+    for sensor in sensors:
         results = list(under_way.pop(sensor))
         for writer, end in zip(writers, ends, strict=True):
             own = slice(end - len(writer.presses), end)
             writer.take(sensor, results[own], contact_pose[own])
         del results  # gigabytes: each writer frees its own part
-
-
-def _report(writer: ShardWriter, seconds_per_press: float) -> ShardReport:
-    count = len(writer.presses)
-    if failure := writer.failure:
-        return ShardReport(writer.shard, count, error=failure.sentence, errno=failure.errno)
-    seconds = round(seconds_per_press * count, 3)
-    samples = writer.outcomes
-    failed = sum(number for code, number in samples.items() if is_failure(code))
-    planned = sum(number for code, number in samples.items() if is_planned_end(code))
-    counts = (failed, planned, samples[Status.INSIDE_OUT])
-    return ShardReport(writer.shard, count, *counts, seconds, writer.seconds, socket.gethostname())

@@ -17,9 +17,11 @@ from simgen.simulation.press import PressResult
 
 
 class ShardWriter:
-    """Writes one shard's files into a folder aside.
+    """Writes one shard's files into a folder aside, for all sensors or some.
 
     presses : (n,) numbers of the shard's presses
+    touch : sensor -> (n,) m, travel to first touch, NaN without one
+    sums : sha256 of the files by path; known once `files` has returned
     outcomes : status -> number of samples that are not valid, of all sensors
     seconds : sensor -> seconds of solving
     failure : the first sensor's error in writing, or None; known once `files` has returned
@@ -29,26 +31,30 @@ class ShardWriter:
         self.dataset, self.shard, self.presses = dataset, shard, np.array(dataset.shard_presses(shard))
         self.outcomes, self.seconds, self.failure = Counter(), {}, None
         self._folder, self._threads, self._writing = folder, threads, []
-        self._first_touch = np.zeros(len(self.presses))
+        self.touch: dict[str, np.ndarray] = {}
+        self.sums: dict[str, str] = {}
 
     def take(self, sensor: str, results: Sequence[PressResult], contact_pose: np.ndarray) -> None:
-        """Begin to write the results (n,) of a sensor; the reference sensor must come first.
+        """Begin to write the results (n,) of a sensor; the reference sensor must come first, if it comes at all.
 
         contact_pose (n, 4, 4): indenter frame -> shared frame, m.
         """
-        dataset, touch = self.dataset, np.array([result.touch for result in results])
+        dataset, reference = self.dataset, self.dataset.sensors[0]
+        self.touch[sensor] = np.array([result.touch for result in results])
         values = _columns(dataset, sensor, results)
-        if sensor == dataset.sensors[0]:
-            # If a press never touches the reference sensor, press/pose stays at the contact, and travel counts from it.
-            self._first_touch = np.nan_to_num(touch)
-            values["press/pose"] = advanced(contact_pose, self._first_touch)
-        values[f"{sensor}/touch"] = touch - self._first_touch
+        if sensor == reference:
+            values["press/pose"] = advanced(contact_pose, np.nan_to_num(self.touch[sensor]))
+        if reference in self.touch:
+            values[touch_name(sensor)] = travel(self.touch[sensor], self.touch[reference])
         self.outcomes.update(int(code) for result in results for code in result.status[~is_valid(result.status)])
         self.seconds[sensor] = round(sum(result.seconds for result in results), 3)
         self._writing.append(self._threads.submit(dataset, self.shard, values, self._folder))
 
     def files(self) -> tuple[dict[str, Aside], dict[str, Aside]]:
-        """Wait for the shard's files and manifest, by path; both are empty after a failure."""
+        """Wait for the shard's files and manifest, by path; both are empty after a failure.
+
+        Some sensors alone have no manifest.
+        """
         files: dict[str, Aside] = {}
         for writing in self._writing:
             written = writing.result()
@@ -57,6 +63,9 @@ class ShardWriter:
             else:
                 files |= written
         if self.failure is None:
+            self.sums = {path: file.sha256 for path, file in files.items()}
+            if set(self.touch) != set(self.dataset.sensors):
+                return files, {}
             try:
                 return files, manifest_aside(self.shard, files, self._folder)
             except OSError as error:
@@ -83,6 +92,19 @@ def put_shards_in_place(dataset: Dataset, writers: Sequence[ShardWriter]) -> Non
     forget(dataset, [writer.shard for writer in writers if manifest_path(writer.shard) in changed])
     put_in_place(dataset.path, files)
     put_in_place(dataset.path, manifests)
+
+
+def touch_name(sensor: str) -> str:
+    """Name of the array of a sensor's travel to first touch."""
+    return f"{sensor}/touch"
+
+
+def travel(touch: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Travel (n,) m to first touch of a sensor, counted from first touch of the reference sensor.
+
+    If a press never touches the reference sensor, press/pose stays at the contact, and travel counts from it.
+    """
+    return touch - np.nan_to_num(reference)
 
 
 def _columns(dataset: Dataset, sensor: str, results: Sequence[PressResult]) -> dict[str, Sequence]:

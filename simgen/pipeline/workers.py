@@ -6,13 +6,13 @@ Only this file imports dask.
 import json
 import logging
 import os
-from collections.abc import Callable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from importlib.util import find_spec
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +88,11 @@ class Workers:
             closing.result()
 
     @property
+    def share_presses(self) -> bool:
+        """True if several processes solve many tasks at a time: some would be done long before others."""
+        return self.count > 1 and self.tasks_at_once > 1
+
+    @property
     def about(self) -> str:
         """Number and address of the workers, and dask's dashboard, which needs bokeh."""
         if self._start is None:
@@ -101,13 +106,17 @@ class Workers:
         workers = f"{count} worker{'s' if count != 1 else ''} with {threads} threads" if count else "no worker yet"
         return f"{workers} at {client.scheduler.address}{dashboard}"
 
-    def map(self, function: Callable, arguments: list) -> Iterator[tuple[Any, Any]]:
+    def map(
+        self, function: Callable, arguments: list, shared: Sequence = (), shared_at_once: int = 1
+    ) -> Iterator[tuple[Any, Any]]:
         """Yield arguments with their results as they come; an exception takes the place of a missing result.
 
-        Workers can join and leave meanwhile. Raises `InputError` if the scheduler is lost.
+        Each worker has at most ``shared_at_once`` of the ``shared`` arguments at a time, so that all end together. They
+        are handed out once the last of the others are. Workers can join and leave meanwhile. Raises `InputError` if
+        the scheduler is lost.
         """
-        if not arguments or self._start is None:
-            yield from ((argument, function(argument)) for argument in arguments)
+        if not (arguments or shared) or self._start is None:
+            yield from ((argument, function(argument)) for argument in (*arguments, *shared))
             return
         from dask.distributed import CancelledError, KilledWorker, as_completed, wait
         from distributed.comm import CommClosedError
@@ -116,15 +125,27 @@ class Workers:
         # Otherwise dask gives a ready worker with a free thread the task that prepares another worker.
         wait(preparing)
         preparing.clear()  # do not wait again for a worker that dies
-        waiting, submitted, futures = iter(arguments), {}, as_completed()
+        waiting, submitted, futures = deque(arguments), {}, as_completed()
+        sharing, places = deque(shared), {}  # places: address of the worker that has a shared argument
+
+        def submit_one(argument: Any, **where) -> Any:
+            future = client.submit(function, argument, pure=False, **where)
+            submitted[future] = argument
+            futures.add(future)
+            return future
 
         def submit() -> None:
             """Submit only what workers will soon take, to keep the scheduler's load small."""
-            bound = TASKS_PER_THREAD * max(1, sum(client.nthreads().values()))
-            for argument in islice(waiting, max(0, bound - len(submitted))):
-                future = client.submit(function, argument, pure=False)
-                submitted[future] = argument
-                futures.add(future)
+            threads = client.nthreads()
+            bound = TASKS_PER_THREAD * max(1, sum(threads.values()))
+            while waiting and len(submitted) - len(places) < bound:
+                submit_one(waiting.popleft())
+            while sharing and not waiting and threads:
+                taken = Counter(places.values())
+                address = min(threads, key=lambda each: taken[each])
+                if taken[address] >= shared_at_once:
+                    break
+                places[submit_one(sharing.popleft(), workers=[address], allow_other_workers=True)] = address
 
         try:
             submit()
@@ -138,6 +159,7 @@ class Workers:
                     result = RuntimeError(f"{died} processes died while they solved it, killed or out of memory")
                 except Exception as error:  # for instance if a worker lacks simgen
                     result = error
+                places.pop(future, None)
                 yield submitted.pop(future), result
                 submit()
         except (CancelledError, CommClosedError, OSError) as error:

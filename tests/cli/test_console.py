@@ -9,8 +9,8 @@ import pytest
 
 from simgen.cli import console
 from simgen.dataset.audit_finding import Finding
+from simgen.pipeline.parts import ShardReport
 from simgen.pipeline.run_status import RunStatus
-from simgen.pipeline.shard import ShardReport
 
 
 def printed(capsys) -> str:

@@ -5,8 +5,10 @@ import os
 import subprocess
 import sys
 import threading
+from collections import Counter
 
 import fake
+import numpy as np
 import psutil
 import pytest
 from dask.distributed import Client
@@ -122,6 +124,23 @@ def test_a_worker_that_is_ready_first_does_not_get_the_task_of_another():
                      for seconds, address in zip((0.1, 2.0), client.nthreads(), strict=True)]  # fmt: skip
         found = dict(Workers("cpu", 2, lambda: (client, preparing)).map(fake.process_after, [1.0, 1.1]))
     assert found.keys() == {1.0, 1.1} and len(set(found.values())) == 2
+
+
+def test_shared_tasks_go_to_the_processes_that_are_done_with_theirs():
+    """One process takes ten times as long for each. It never has more than two at a time, and gets fewer."""
+    with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in "01"]) as cluster, Client(cluster) as client:
+        client.wait_for_workers(2)
+        own, shared = [0.01] * 6, [0.1 + 1e-6 * number for number in range(24)]
+        workers = Workers("cuda", 2, lambda: (client, []), tasks_at_once=TASKS_PER_GPU_PROCESS)
+        found = list(workers.map(fake.uneven_task, own, shared, 2))
+    assert sorted(argument for argument, _ in found) == sorted([*own, *shared])
+    results = [result for argument, result in found if argument in shared]
+    for gpu in "01":
+        times = [(begin, 1) for each, begin, _ in results if each == gpu]
+        times += [(end, -1) for each, _, end in results if each == gpu]
+        assert np.cumsum([change for _, change in sorted(times)]).max() <= 2
+    counts = Counter(gpu for gpu, _, _ in results)
+    assert counts["1"] >= 2 and counts["0"] >= 2 * counts["1"]
 
 
 def writes_by() -> str:
