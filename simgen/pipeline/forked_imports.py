@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 CAN_FORK = sys.platform == "linux"  # other systems have no safe fork
-IMPORTED = ["distributed", "simgen.pipeline.shard"]
+IMPORTED = ["simgen.pipeline.worker_imports"]
 # What dask sets before it starts a worker; libraries read it as they are imported. Each worker uses one core.
 ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -18,8 +18,8 @@ ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 def start_imports() -> None:
     """Start the process that workers are forked from, unless it runs already. It imports while the caller goes on.
 
-    That process has no threads, and initialises neither Warp nor CUDA. Without it, each worker takes 3 s for its
-    imports.
+    That process has no threads, and initialises neither Warp nor CUDA. Without it, each worker takes 2 to 3 s for
+    its imports.
     """
     if not CAN_FORK:
         return

@@ -42,7 +42,7 @@ def environment() -> dict[str, str]:
 
 def test_a_worker_has_the_imports_and_one_thread_and_the_caller_has_neither(tmp_path, environment):
     script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(imported=set(IMPORTED)))
+    script.write_text(SCRIPT.format(imported={*IMPORTED, "distributed", "simgen.pipeline.shard"}))
     command = [sys.executable, script]
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
     assert ended.stdout.split() == ["True", "True", "1", "False", "True"], ended.stderr
