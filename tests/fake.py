@@ -217,9 +217,9 @@ ONE_AT_A_TIME = threading.Lock()
 
 
 def uneven_task(seconds: float) -> tuple[str, float, float]:
-    """Wait, ten times as long if this process sees GPU 1. Returns the GPU, and when the wait began and ended."""
+    """Wait, fifteen times as long if this process sees GPU 1. Returns the GPU, and when the wait began and ended."""
     gpu, begin = os.environ["CUDA_VISIBLE_DEVICES"], time.time()
-    time.sleep(10.0 * seconds if gpu == "1" else seconds)
+    time.sleep(15.0 * seconds if gpu == "1" else seconds)
     return gpu, begin, time.time()
 
 

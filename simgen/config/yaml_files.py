@@ -5,6 +5,7 @@ all aliases written out, because a few lines of aliases can stand for gigabytes.
 """
 
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -39,13 +40,10 @@ def read_yaml(path: Path, source: str | None = None) -> Any:
 
 def parse_yaml(data: str | bytes, source: str) -> Any:
     """Read YAML from a text, or from bytes in UTF-8 or UTF-16. Raises `InputError` as `read_yaml` does."""
+    with suppress(Exception):  # its messages lack details
+        return _parse(data, _QuickLoader)
     try:
-        loader = _Loader(data)
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        _check_size(node, {}, 0)
-        return loader.construct_document(node)
+        return _parse(data, _Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f" line {mark.line + 1}" if mark else ""
@@ -59,23 +57,37 @@ def parse_yaml(data: str | bytes, source: str) -> Any:
         raise InputError(f"{source}: not YAML: {shown(str(error), 200)}") from None
 
 
+def _parse(data: str | bytes, kind: type) -> Any:
+    loader = kind(data)
+    node = loader.get_single_node()
+    if node is None:
+        return None
+    _check_size(node, {}, 0)
+    return loader.construct_document(node)
+
+
 class _Refused(yaml.MarkedYAMLError):
     """Valid YAML that simgen refuses."""
 
 
-class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
-    """A YAML loader for plain values only. PyYAML's loader in C, where it is there, is ten times as fast."""
+class _Loader(yaml.SafeLoader):
+    """A YAML loader for plain values only."""
 
 
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+\.\d*|\.?\d+)([eE][-+]?\d+)$"),
-    list("-+0123456789."),
-)
+class _QuickLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+    """The same, ten times as fast where PyYAML has its loader in C."""
+
+
+for _kind in (_Loader, _QuickLoader):
+    _kind.yaml_implicit_resolvers = {
+        first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+    _kind.add_implicit_resolver(
+        "tag:yaml.org,2002:float",
+        re.compile(r"^[-+]?(\d+\.\d*|\.?\d+)([eE][-+]?\d+)$"),
+        list("-+0123456789."),
+    )
 
 
 def _check_size(node: yaml.Node, known: dict[int, tuple[int, int]], depth: int) -> tuple[int, int]:

@@ -143,10 +143,15 @@ class Dataset:
             return read_chunk(self.path, name, shard, stored, presses)
 
     def keep(self, shard: int, names: Iterable[str]):
-        """Read arrays of a finished shard that will not change any more, and keep them. Raises as `of_shard` does."""
+        """Read arrays of a finished shard, and keep them until `drop_kept`, even if its files change.
+
+        Raises as `of_shard` does.
+        """
         for name in names:
             self._kept.pop((name, shard), None)
-            self._kept[name, shard] = self.of_shard(name, shard)
+            values = self.of_shard(name, shard)
+            values.flags.writeable = False
+            self._kept[name, shard] = values
 
     def drop_kept(self):
         """Read all arrays from their files again."""

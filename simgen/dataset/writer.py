@@ -221,12 +221,8 @@ def write_aside(
 
 def manifest_aside(shard: int, files: Mapping[str, Aside], folder: Path) -> dict[str, Aside]:
     """Write the manifest of a shard with these files, not in its place yet; return it by path."""
-    return manifest_of_sums(shard, {path: file.sha256 for path, file in files.items()}, folder)
-
-
-def manifest_of_sums(shard: int, sums: Mapping[str, str], folder: Path) -> dict[str, Aside]:
-    """Write the manifest of a shard whose files have these sha256, as `manifest_aside` does."""
-    return {manifest_path(shard): atomic_files.write_aside(folder, _manifest(sums, shard=shard))}
+    text = _manifest({path: file.sha256 for path, file in files.items()}, shard=shard)
+    return {manifest_path(shard): atomic_files.write_aside(folder, text)}
 
 
 def manifest_path(shard: int) -> str:

@@ -15,7 +15,7 @@ LAST = 1_000_000  # rank of threads that have not set their own
 class Queue:
     """Lock that serves waiting threads by rank, and threads of the same rank in the order of their arrival.
 
-    Lower ranks go first.
+    Lower ranks go first. A thread without a rank of its own has `LAST`: it may wait as long as others come.
     """
 
     def __init__(self):
@@ -71,8 +71,7 @@ class Queue:
     @property
     def delays_others(self) -> bool:
         """True if a thread of lower rank than the calling one waits."""
-        turns = self._turns
-        return bool(turns) and turns[0][0] < self._rank and self.mine
+        return self.mine and bool(self._turns) and self._turns[0][0] < self._rank  # only the owner takes turns away
 
     def step_aside(self):
         """Let threads of lower rank in, and come back before all others of the own rank."""

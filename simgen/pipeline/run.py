@@ -4,7 +4,8 @@ Tasks do not depend on each other, so the dataset does not depend on the number 
 """
 
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Set
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,8 @@ from simgen.dataset.card.readme import arrays_read
 from simgen.dataset.growth import grow
 from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import complete, filling, folder_aside, log_timing, open_or_create
-from simgen.errors import NOT_WRITABLE, InputError, cannot_write
-from simgen.pipeline.parts import PartReport, Parts, ShardReport
+from simgen.errors import NOT_WRITABLE, InputError, cannot_write, writing
+from simgen.pipeline.parts import Part, Parts, ShardReport
 from simgen.pipeline.plan import Plan
 from simgen.pipeline.presser import Presser, fem_presser
 from simgen.pipeline.shard import run_parts, run_shards
@@ -28,7 +29,7 @@ from simgen.pipeline.workers import Workers
 # device solves at a time: while some shards wait for their hardest press, others keep the device busy. The host keeps
 # samples until their shard has ended, 2.5 MB for a press of the paired job in single precision.
 PRESSES_PER_GPU_PROCESS = 4608
-# Presses on each further sensor that a GPU has at a time if several GPUs share them: more than its pools hold.
+# Presses on each sensor but the first that a GPU should have at a time if several share them: more than pools hold.
 PRESSES_SHARED_AT_ONCE = 1152
 SMALLER = 8  # parts in which a failed task is tried again; most of them may succeed
 
@@ -70,17 +71,20 @@ def run(
         log_timing(dataset, {"began": time.time(), "shards": len(shards), "folder": str(plan.job.folder.resolve())})
         size = 1 if plan.device == "cpu" else shards_per_task(len(shards), plan.job, workers)
         whole, last = shards, []
-        if workers.share_presses and plan.device != "cpu" and not again:
-            at_once = workers.count * workers.tasks_at_once * size
-            whole, last = shards[:-at_once], shards[-at_once:]
+        several_gpus = plan.device != "cpu" and workers.count > 1 and workers.tasks_at_once > 1
+        if several_gpus and len(dataset.sensors) > 1 and not again:
+            under_way = workers.count * workers.tasks_at_once * size
+            whole, last = shards[:-under_way], shards[-under_way:]
         try:
-            for report in _reports(dataset, divide(whole, size), divide(last, size), plan.job, workers, build):
-                log_timing(dataset, {"finished": time.time(), **asdict(report)})
-                if not report.error:  # so that the card needs no time at the end
-                    dataset.keep(report.shard, arrays_read(dataset))
-                on_report(report)
-                if report.errno in NOT_WRITABLE:
-                    raise InputError(cannot_write(output, report.errno))
+            solving = _reports(dataset, divide(whole, size), divide(last, size), plan.job, workers, build)
+            with closing(solving) as reports:
+                for report in reports:
+                    log_timing(dataset, {"finished": time.time(), **asdict(report)})
+                    if not report.error:  # so that the card needs no time at the end
+                        dataset.keep(report.shard, arrays_read(dataset))
+                    on_report(report)
+                    if report.errno in NOT_WRITABLE:
+                        raise InputError(cannot_write(output, report.errno))
         except BaseException:
             workers.close()
             raise
@@ -103,46 +107,64 @@ def _reports(
     kills the tasks beside it, so these are tried one at a time.
     """
     again, settled = [], set()  # settled: shards that have a report, or are tried again
-    with folder_aside(dataset) as folder:
-        parts = Parts(dataset, folder)
-        for shards, outcome in _solve(dataset, whole, last, job, workers, build):
+    with _folder_of_parts(dataset) as folder, closing(Parts(dataset, folder)) as parts:
+        for shards, outcome in _solve(dataset, whole, last, job, workers, build, folder, settled):
             if isinstance(outcome, Failure):
-                left = [shard for shard in shards if shard not in settled]
-                settled.update(left)
+                new = [shard for shard in shards if shard not in settled]
+                settled.update(new)
                 if outcome.final:
-                    yield from _failed(dataset, left, outcome)
+                    yield from _failed(dataset, new, outcome)
                 else:
-                    again += divide(left, max(1, len(left) // SMALLER))
+                    again += divide(new, max(1, len(new) // SMALLER))
                 continue
             for each in outcome:
-                report = parts.add(each) if isinstance(each, PartReport) else each
-                if report is not None and report.shard not in settled:
+                if each.shard in settled:
+                    continue
+                for report in parts.add(each) if isinstance(each, Part) else [each]:
                     settled.add(report.shard)
                     yield report
+        for report in parts.rest():
+            settled.add(report.shard)
+            yield report
+    lost = sorted({shard for shards in (*whole, *last) for shard in shards} - settled)
+    yield from _failed(dataset, lost, Failure("no worker solved it", None))
     for task in again:
         for _, outcome in _solve(dataset, [task], [], job, workers, build):
             yield from _failed(dataset, task, outcome) if isinstance(outcome, Failure) else outcome
 
 
+@contextmanager
+def _folder_of_parts(dataset: Dataset) -> Iterator[Path]:
+    """A folder for unfinished files of parts, which this process locks. Raises `InputError` if there can be none."""
+    with ExitStack() as stack:
+        with writing(dataset.path):
+            folder = stack.enter_context(folder_aside(dataset))
+        yield folder
+
+
 def _solve(
     dataset: Dataset, whole: list[list[int]], last: list[list[int]], job: Job, workers: Workers,
-    build: Callable[[Job, str, str], Presser],
-) -> Iterator[tuple[list[int], list[ShardReport] | list[PartReport] | Failure]]:  # fmt: skip
-    """Yield shards of tasks with their outcomes, as they end."""
+    build: Callable[[Job, str, str], Presser], folder: Path | None = None, settled: Set[int] = frozenset(),
+) -> Iterator[tuple[list[int], list[ShardReport] | list[Part] | Failure]]:  # fmt: skip
+    """Yield shards of tasks with their outcomes, as they end. Shared tasks of ``settled`` shards are left out."""
     (reference, *others), given = dataset.sensors, (dataset.path.resolve(), job, workers.device, build)
     tasks = [(run_shards, shards, given, ()) for shards in whole]
-    tasks += [(run_parts, shards, given, (reference,)) for shards in last]
-    shared = [(run_parts, shards, given, (sensor,)) for sensor in others for shards in last]
-    at_once = -(-PRESSES_SHARED_AT_ONCE // (job.dataset.presses_per_shard * max(map(len, last), default=1)))
+    tasks += [(run_parts, shards, given, (reference, folder)) for shards in last]
+    shared = (
+        (run_parts, shards, given, (sensor, folder))
+        for shards in last for sensor in others if not settled.issuperset(shards)
+    )  # fmt: skip
+    each = job.dataset.presses_per_shard * max(map(len, last), default=1)
+    at_once = -(-PRESSES_SHARED_AT_ONCE // each) * len(others)
     for task, outcome in workers.map(_guarded, tasks, shared, at_once):
         yield task[1], Failure.of(outcome) if isinstance(outcome, Exception) else outcome
 
 
-def _guarded(task: tuple) -> list[ShardReport] | list[PartReport] | Failure:
+def _guarded(task: tuple) -> list[ShardReport] | list[Part] | Failure:
     """Solve some shards; an exception becomes a `Failure`."""
-    run_task, shards, (path, job, device, build), sensors = task
+    run_task, shards, (path, job, device, build), of_part = task
     try:
-        return run_task(path, shards, job, device, build, *sensors)
+        return run_task(path, shards, job, device, build, *of_part)
     except Exception as error:
         failure = Failure.of(error)
         if failure.errno is not None and not str(getattr(error, "filename", "")).startswith(str(path)):

@@ -8,8 +8,9 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -27,7 +28,7 @@ from simgen.errors import InputError
 from simgen.fem.device import DEVICE
 from simgen.fem.material import LAWS
 from simgen.fem.material.law import Law
-from simgen.pipeline.parts import PartReport, ShardReport, whole_report
+from simgen.pipeline.parts import Part, ShardReport, whole_report
 from simgen.pipeline.plan import chosen_material, indenter_identities, sensor_identity
 from simgen.pipeline.presser import Presser, fem_presser, loaded_indenters, loaded_sensor
 from simgen.pipeline.shard_files import version_of, writing
@@ -153,36 +154,44 @@ def run_shards(path: Path, shards: Sequence[int], job: Job, device: str, build=f
     Raises `InputError` if sensors, indenters, code or packages of this process differ from the dataset's. If one shard
     cannot be written, its report says why.
     """
-    return [whole_report([part]) for part in _run(path, shards, job, device, build, job.sensors)]
+    plan = _planned(path, job)
+    with folder_aside(plan.dataset) as folder:
+        begin = time.perf_counter()
+        with _solved(plan, shards, job, device, build, plan.dataset.sensors, folder) as writers:
+            put_shards_in_place(plan.dataset, writers)
+    share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
+    return [whole_report([Part.of(writer, {}, share)]) for writer in writers]
 
 
 def run_parts(
-    path: Path, shards: Sequence[int], job: Job, device: str, build, sensor: str
-) -> list[PartReport]:
-    """Solve all presses of some shards on one sensor, and write its files, without manifests. Raises as `run_shards`.
+    path: Path, shards: Sequence[int], job: Job, device: str, build, sensor: str, folder: Path
+) -> list[Part]:
+    """Solve all presses of some shards on one sensor, and write its files into a folder aside. Raises as `run_shards`.
 
-    `simgen.pipeline.parts.Parts` puts the shards together.
+    `simgen.pipeline.parts.Parts` puts the files in place. So a task that is solved twice, because a process has died,
+    does no harm.
     """
-    return _run(path, shards, job, device, build, [sensor])
+    begin = time.perf_counter()
+    with _solved(_planned(path, job), shards, job, device, build, [sensor], folder) as writers:
+        files = [writer.arrays() for writer in writers]
+    share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
+    return [Part.of(writer, own, share) for writer, own in zip(writers, files, strict=True)]
 
 
-def _run(
-    path: Path, shards: Sequence[int], job: Job, device: str, build, sensors: Collection[str]
-) -> list[PartReport]:
-    plan = _planned(path, job)
-    dataset = plan.dataset
-    with folder_aside(dataset) as folder, writing() as threads:
-        writers = [ShardWriter(dataset, shard, folder, threads) for shard in shards]
+@contextmanager
+def _solved(
+    plan: PlannedPresses, shards: Sequence[int], job: Job, device: str, build, sensors: Sequence[str], folder: Path
+) -> Iterator[list[ShardWriter]]:
+    """Yield writers of the shards that have the results of some sensors."""
+    with writing() as threads:
+        writers = [ShardWriter(plan.dataset, shard, folder, threads) for shard in shards]
         try:
-            begin = time.perf_counter()
-            _solve(plan, writers, job, device, build, [name for name in dataset.sensors if name in sensors])
-            put_shards_in_place(dataset, writers)
+            _solve(plan, writers, job, device, build, sensors)
+            yield writers
         except BaseException:
             for writer in writers:
                 writer.abandon()
             raise
-    share = (time.perf_counter() - begin) / sum(len(writer.presses) for writer in writers)
-    return [PartReport.of(writer, share) for writer in writers]
 
 
 def _solve(
@@ -193,7 +202,7 @@ def _solve(
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose, indenters = plan.contact_pose[rows], plan.indenter[rows].tolist()
     inputs = recorded_inputs(dataset.attributes)
-    with DEVICE:
+    with DEVICE.with_rank(0):  # new presses keep the device busy
         _check_inputs(job, inputs)
         pressers = {sensor: _presser(build, job, sensor, device, inputs) for sensor in sensors}
     under_way = {}

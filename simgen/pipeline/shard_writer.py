@@ -21,10 +21,9 @@ class ShardWriter:
 
     presses : (n,) numbers of the shard's presses
     touch : sensor -> (n,) m, travel to first touch, NaN without one
-    sums : sha256 of the files by path; known once `files` has returned
     outcomes : status -> number of samples that are not valid, of all sensors
     seconds : sensor -> seconds of solving
-    failure : the first sensor's error in writing, or None; known once `files` has returned
+    failure : the first sensor's error in writing, or None; known once `files` or `arrays` has returned
     """
 
     def __init__(self, dataset: Dataset, shard: int, folder: Path, threads: WritingThreads):
@@ -32,7 +31,6 @@ class ShardWriter:
         self.outcomes, self.seconds, self.failure = Counter(), {}, None
         self._folder, self._threads, self._writing = folder, threads, []
         self.touch: dict[str, np.ndarray] = {}
-        self.sums: dict[str, str] = {}
 
     def take(self, sensor: str, results: Sequence[PressResult], contact_pose: np.ndarray) -> None:
         """Begin to write the results (n,) of a sensor; the reference sensor must come first, if it comes at all.
@@ -51,10 +49,17 @@ class ShardWriter:
         self._writing.append(self._threads.submit(dataset, self.shard, values, self._folder))
 
     def files(self) -> tuple[dict[str, Aside], dict[str, Aside]]:
-        """Wait for the shard's files and manifest, by path; both are empty after a failure.
+        """Wait for the shard's files and manifest, by path; both are empty after a failure."""
+        files = self.arrays()
+        if self.failure is None:
+            try:
+                return files, manifest_aside(self.shard, files, self._folder)
+            except OSError as error:
+                self.failure = Failure.of(error)
+        return {}, {}
 
-        Some sensors alone have no manifest.
-        """
+    def arrays(self) -> dict[str, Aside]:
+        """Wait for the files of the arrays, by path; empty after a failure."""
         files: dict[str, Aside] = {}
         for writing in self._writing:
             written = writing.result()
@@ -62,15 +67,7 @@ class ShardWriter:
                 self.failure = self.failure or written
             else:
                 files |= written
-        if self.failure is None:
-            self.sums = {path: file.sha256 for path, file in files.items()}
-            if set(self.touch) != set(self.dataset.sensors):
-                return files, {}
-            try:
-                return files, manifest_aside(self.shard, files, self._folder)
-            except OSError as error:
-                self.failure = Failure.of(error)
-        return {}, {}
+        return files if self.failure is None else {}
 
     def abandon(self):
         """Write no more files, and wait for those that are being written."""

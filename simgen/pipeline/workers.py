@@ -7,12 +7,13 @@ import json
 import logging
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -88,11 +89,6 @@ class Workers:
             closing.result()
 
     @property
-    def share_presses(self) -> bool:
-        """True if several processes solve many tasks at a time: some would be done long before others."""
-        return self.count > 1 and self.tasks_at_once > 1
-
-    @property
     def about(self) -> str:
         """Number and address of the workers, and dask's dashboard, which needs bokeh."""
         if self._start is None:
@@ -107,16 +103,16 @@ class Workers:
         return f"{workers} at {client.scheduler.address}{dashboard}"
 
     def map(
-        self, function: Callable, arguments: list, shared: Sequence = (), shared_at_once: int = 1
+        self, function: Callable, arguments: list, shared: Iterable = (), shared_at_once: int = 1
     ) -> Iterator[tuple[Any, Any]]:
         """Yield arguments with their results as they come; an exception takes the place of a missing result.
 
-        Each worker has at most ``shared_at_once`` of the ``shared`` arguments at a time, so that all end together. They
-        are handed out once the last of the others are. Workers can join and leave meanwhile. Raises `InputError` if
-        the scheduler is lost.
+        Each worker should have ``shared_at_once`` of the ``shared`` arguments at a time, so that all end together. They
+        are handed out when no other argument waits. Workers can join and leave meanwhile. Raises `InputError` if the
+        scheduler is lost.
         """
-        if not (arguments or shared) or self._start is None:
-            yield from ((argument, function(argument)) for argument in (*arguments, *shared))
+        if not arguments or self._start is None:
+            yield from ((argument, function(argument)) for argument in chain(arguments, shared))
             return
         from dask.distributed import CancelledError, KilledWorker, as_completed, wait
         from distributed.comm import CommClosedError
@@ -125,13 +121,13 @@ class Workers:
         # Otherwise dask gives a ready worker with a free thread the task that prepares another worker.
         wait(preparing)
         preparing.clear()  # do not wait again for a worker that dies
-        waiting, submitted, futures = deque(arguments), {}, as_completed()
-        sharing, places = deque(shared), {}  # places: address of the worker that has a shared argument
+        waiting, sharing, submitted, ended = deque(arguments), iter(shared), {}, as_completed()
+        places = {}  # future of a shared argument -> address of the worker that should take it
 
         def submit_one(argument: Any, **where) -> Any:
             future = client.submit(function, argument, pure=False, **where)
             submitted[future] = argument
-            futures.add(future)
+            ended.add(future)
             return future
 
         def submit() -> None:
@@ -140,16 +136,17 @@ class Workers:
             bound = TASKS_PER_THREAD * max(1, sum(threads.values()))
             while waiting and len(submitted) - len(places) < bound:
                 submit_one(waiting.popleft())
-            while sharing and not waiting and threads:
+            while not waiting and (threads or not submitted):
                 taken = Counter(places.values())
-                address = min(threads, key=lambda each: taken[each])
-                if taken[address] >= shared_at_once:
+                address = min(threads, key=lambda each: taken[each], default=None)
+                if taken[address] >= shared_at_once or (argument := next(sharing, None)) is None:
                     break
-                places[submit_one(sharing.popleft(), workers=[address], allow_other_workers=True)] = address
+                where = {"workers": [address], "allow_other_workers": True} if threads else {}
+                places[submit_one(argument, **where)] = address
 
         try:
             submit()
-            for future in futures:
+            for future in ended:
                 try:
                     result = future.result()
                 except (CancelledError, CommClosedError):

@@ -34,7 +34,7 @@ LEAST_ACROSS = 20  # least columns between the axis and the widest indenter's ri
 STARTS_MM = 1.0  # above the highest indenter: sphere tracing begins here
 ENDS_MM = 10.0  # plus the widest indenter's reach, below the tip plane: sphere tracing ends here
 STEPS, CLOSE_MM = 200, 1e-6  # of sphere tracing: most steps, tolerance
-MOST_VALUES = 32_768  # columns that a thread measures at a time: they fit into a cache
+MOST_COLUMNS = 32_768  # columns that a thread measures at a time: they fit into a cache
 
 
 @wp.kernel
@@ -217,7 +217,7 @@ class LeastThickness:
     def _measure(self, poses: np.ndarray, share: float, least_out: np.ndarray, room_out: np.ndarray):
         """Write the results of poses (n, 4, 4) into arrays (n, shapes, position), a few poses at a time."""
         positions, shapes, columns = self._height.shape
-        size = min(len(poses), max(1, MOST_VALUES // columns))
+        size = min(len(poses), max(1, MOST_COLUMNS // columns))
         buffers = self._gel.buffers(size, self._lattice)
         surface, rigid, thickness = buffers.columns
         touch = wp.empty((size, shapes), dtype=wp.float64, device="cpu")

@@ -90,4 +90,4 @@ def presses_at_once(sensor: Sensor, device: str, settings: SolverSettings, press
 
 def has_room_for_another(sensor: Sensor, device: str, settings: SolverSettings, presses: int) -> bool:
     """True if half of a GPU's free memory is enough for so many more presses; the rest is for other sensors."""
-    return presses * bytes_per_press(sensor, settings) <= 0.5 * USABLE * wp.get_device(device).free_memory
+    return presses * bytes_per_press(sensor, settings) <= 0.5 * wp.get_device(device).free_memory

@@ -71,11 +71,11 @@ class Pool:
 
     @property
     def device_rank(self) -> int:
-        """Rank of this pool's thread among those that wait for the device: the number of running presses, if few.
+        """Rank of this pool's thread among those that wait for the device: the number of its presses, if few.
 
         An iteration of few presses is short, and the last presses of a run decide when it ends.
         """
-        return min(int(self._stepping.running.sum()), MANY)
+        return min(self.remaining, MANY)
 
     def advance(self):
         """Advance the presses by one iteration. The calling thread has taken the pool and holds the device."""

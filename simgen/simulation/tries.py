@@ -12,8 +12,8 @@ from simgen.simulation.measurements import PressSample
 SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the first
 # Newton iterations since the last sample, after which the second try begins beside the first if an environment is free.
 # Where a press fails, each try takes up to a thousand, and a run ends when its last press ends. About 20 of the paired
-# job's 7,740 presses on the DIGIT need more than 300 for a depth (f124716, one H200).
-SECOND_TRY_ITERATIONS = 150
+# job's 7,740 presses on the DIGIT need more than this for a depth (f124716, one H200).
+SECOND_TRY_ITERATIONS = 300
 
 
 @dataclass(eq=False)

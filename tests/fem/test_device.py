@@ -1,7 +1,9 @@
 """Launches that are repeated, and arrays that are read and written."""
 
 import gc
+import time
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -142,3 +144,33 @@ def test_host_memory_has_the_shape_and_type_of_each_array():
         np.testing.assert_array_equal(array.numpy(), values)
         assert memory.view(array)[0] is same
     assert not memory.holds(zeros(1 + memory.BYTES // 8)) and memory.holds(zeros(memory.BYTES // 8))
+
+
+def test_a_thread_with_fewer_presses_runs_between_two_launches_but_not_among_those_of_a_graph():
+    values, order = wp.zeros(1, dtype=wp.float64, device="cpu"), []
+    line = Line()
+    line.points = wp.zeros(1, dtype=wp.float64, device="cpu")
+
+    def few(name):
+        with DEVICE.with_rank(1):
+            order.append(name)
+
+    def launch(name):
+        launch_kernel(line_kernel, "cpu", 1, [line, wp.float64(0.0)], [values])
+        order.append(name)
+
+    def wait_for_turn(threads, name):
+        threads.submit(few, name)
+        deadline = time.monotonic() + 20.0
+        while not DEVICE._turns:
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+
+    with ThreadPoolExecutor(1) as threads, DEVICE.with_rank(64):
+        launch("first")
+        wait_for_turn(threads, "few")
+        launch("second")
+        wait_for_turn(threads, "later")
+        with once():
+            launch("in a graph")
+    assert order == ["first", "few", "second", "in a graph", "later"]

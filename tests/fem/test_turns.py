@@ -2,9 +2,17 @@
 
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from simgen.fem.turns import Queue
+
+
+def wait_until(reached: Callable[[], bool]):
+    deadline = time.monotonic() + 20.0
+    while not reached():
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
 
 
 def test_a_queue_lets_threads_in_by_turns():
@@ -19,8 +27,7 @@ def test_a_queue_lets_threads_in_by_turns():
         with queue:
             for count, name in enumerate("ab"):
                 threads.submit(work, name)
-                while len(queue._turns) < 1 + count:
-                    time.sleep(0.001)
+                wait_until(lambda count=count: len(queue._turns) == 1 + count)
         work("c")
     assert order == ["a", "b", "c"]
 
@@ -73,8 +80,7 @@ def test_threads_of_lower_rank_go_first():
     with ThreadPoolExecutor(4) as threads, queue:
         for count, rank in enumerate((64, 3, 64, 1)):
             threads.submit(work, rank)
-            while len(queue._turns) < 1 + count:
-                time.sleep(0.001)
+            wait_until(lambda count=count: len(queue._turns) == 1 + count)
     assert order == [1, 3, 64, 64]
 
 
@@ -88,12 +94,10 @@ def test_a_thread_steps_aside_for_a_lower_rank_and_comes_back_before_its_equals(
     with ThreadPoolExecutor(2) as threads, queue.with_rank(64):
         assert not queue.delays_others
         threads.submit(work, 64, "equal")
-        while not queue._turns:
-            time.sleep(0.001)
+        wait_until(lambda: len(queue._turns) == 1)
         assert not queue.delays_others
         threads.submit(work, 2, "few")
-        while len(queue._turns) < 2:
-            time.sleep(0.001)
+        wait_until(lambda: len(queue._turns) == 2)
         assert queue.delays_others
         queue.step_aside()
         assert queue.mine and not queue.delays_others

@@ -1,6 +1,6 @@
 """Parts of shards: any order and any process give the bytes of whole shards, and failures are reported once."""
 
-from itertools import zip_longest
+from itertools import chain, zip_longest
 from types import SimpleNamespace
 
 import fake
@@ -18,11 +18,9 @@ from simgen.pipeline.shard import run_parts
 from simgen.pipeline.workers import TASKS_PER_GPU_PROCESS, Workers, local_cluster
 
 ORDERS = {
-    "as given": lambda own, shared: [*own, *shared],
-    "shared first": lambda own, shared: [*shared, *own],
-    "mixed": lambda own, shared: [
-        task for pair in zip_longest(own, reversed(shared)) for task in pair if task is not None
-    ],
+    "as given": chain,
+    "shared first": lambda own, shared: chain(list(shared), own),
+    "mixed": lambda own, shared: filter(None, chain.from_iterable(zip_longest(own, reversed(list(shared))))),
 }
 
 
@@ -34,9 +32,8 @@ class TwoGpus(Workers):
         self.order, self.own, self.shared = ORDERS[order], [], []
 
     def map(self, function, arguments, shared=(), shared_at_once=1):
-        self.own += arguments
-        self.shared += shared
         for task in self.order(arguments, shared):
+            (self.own if task in arguments else self.shared).append(task)
             yield task, function(task)
 
 
@@ -57,7 +54,7 @@ def test_parts_give_the_bytes_of_whole_shards_in_any_order(whole, tmp_path, orde
     dataset = run(gpu_plan(fake.make_job()), tmp_path / "d.zarr", workers, on_report=reports.append,
                   build=fake.fake_presser)  # fmt: skip
     for tasks in (workers.own, workers.shared):
-        assert [shards for _, shards, *_ in tasks] == [[0, 1, 2], [3, 4, 5]]
+        assert sorted(shards for _, shards, *_ in tasks) == [[0, 1, 2], [3, 4, 5]]
     assert fake.contents(dataset.path) == fake.contents(whole.path)
     assert sorted(report.shard for report in reports) == list(range(dataset.shards))
     assert all(set(report.seconds_by_sensor) == set(dataset.sensors) and not report.error for report in reports)
@@ -71,20 +68,46 @@ def test_processes_of_two_gpus_give_the_bytes_of_whole_shards(whole, tmp_path):
     assert fake.contents(dataset.path) == fake.contents(whole.path)
 
 
-def test_a_shard_is_not_finished_before_its_last_part(tmp_path):
+@pytest.fixture
+def empty(tmp_path):
+    """A dataset without shards, and a folder for its parts."""
     plan = fake.make_plan(fake.make_job())
     dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
     with folder_aside(dataset) as folder:
-        parts = Parts(dataset, folder)
-        for shard in (0, 2):
-            [part] = run_parts(dataset.path, [shard], plan.job, "cpu", fake.failing_presser, "biotac")
-            assert parts.add(part) is None
-        assert dataset.finished() == []
-        [part] = run_parts(dataset.path, [0], plan.job, "cpu", fake.failing_presser, "digit")
-        report = parts.add(part)
+        yield dataset, folder
+
+
+def solve(dataset, shard, sensor, folder, build=fake.failing_presser):
+    [part] = run_parts(dataset.path, [shard], dataset.job, "cpu", build, sensor, folder)
+    return part
+
+
+def test_a_shard_is_not_finished_before_its_last_part(empty):
+    dataset, folder = empty
+    parts = Parts(dataset, folder)
+    for shard in (0, 2):
+        assert parts.add(solve(dataset, shard, "biotac", folder)) == []
+    assert parts.rest() == [] and dataset.finished() == []
+    [report] = [*parts.add(solve(dataset, 0, "digit", folder)), *parts.rest()]
+    parts.close()
     assert dataset.finished() == [0]
     failed = sum(np.count_nonzero(dataset[f"{sensor}/status"] == Status.NEWTON_STALLED) for sensor in dataset.sensors)
     assert (report.shard, report.presses, report.error) == (0, 2, None) and report.failed == failed > 0
+
+
+def test_a_part_that_is_solved_twice_leaves_the_finished_shard_as_it_is(empty):
+    """dask may solve a part again when a process dies, and a GPU then gives other bytes."""
+    dataset, folder = empty
+    parts = Parts(dataset, folder)
+    for sensor in dataset.sensors:
+        parts.add(solve(dataset, 0, sensor, folder))
+    parts.rest()
+    before = fake.contents(dataset.path)
+    assert solve(dataset, 0, "digit", folder, fake.missing_presser).files
+    assert dataset.finished() == [0]
+    after = fake.contents(dataset.path)
+    assert {path: after[path] for path in before} == before
+    parts.close()
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -105,21 +128,44 @@ def test_what_failed_once_is_solved_the_second_time(whole, tmp_path):
     assert fake.contents(dataset.path) == fake.contents(whole.path)
 
 
-def test_a_part_that_cannot_be_written_is_reported_at_once(tmp_path):
+def test_a_part_that_cannot_be_written_is_reported_at_once(empty):
     """A displacement of the first shard does not fit. Solving its other part is in vain."""
-    plan = fake.make_plan(fake.make_job())
-    dataset = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
-    with folder_aside(dataset) as folder:
-        [part] = run_parts(dataset.path, [0], plan.job, "cpu", fake.overflowing_presser, "digit")
-        report = Parts(dataset, folder).add(part)
+    dataset, folder = empty
+    [report] = Parts(dataset, folder).add(solve(dataset, 0, "digit", folder, fake.overflowing_presser))
     assert "OverflowError" in report.error and dataset.finished() == []
+
+
+def test_other_parts_of_failed_shards_are_not_solved(tmp_path, monkeypatch):
+    solved, reports = [], []
+
+    def refuse(path, shards, job, device, build, sensor, folder):
+        solved.append((sensor, shards))
+        if shards == [0, 1, 2]:
+            raise InputError("bad input")
+        return run_parts(path, shards, job, device, build, sensor, folder)
+
+    monkeypatch.setattr("simgen.pipeline.run.run_parts", refuse)
+    dataset = run(gpu_plan(fake.make_job()), tmp_path / "d.zarr", TwoGpus(), on_report=reports.append,
+                  build=fake.fake_presser)  # fmt: skip
+    assert solved == [("digit", [0, 1, 2]), ("digit", [3, 4, 5]), ("biotac", [3, 4, 5])]
+    assert {report.shard for report in reports if report.error} == {0, 1, 2} and dataset.finished() == [3, 4, 5]
+
+
+def test_shards_that_no_worker_has_solved_are_reported(tmp_path):
+    class Lost(TwoGpus):
+        def map(self, function, arguments, shared=(), shared_at_once=1):
+            yield from super().map(function, arguments)
+
+    reports = []
+    run(gpu_plan(fake.make_job()), tmp_path / "d.zarr", Lost(), on_report=reports.append, build=fake.fake_presser)
+    assert len(reports) == 6 and all("no worker solved it" in report.error for report in reports)
 
 
 def test_a_full_disk_ends_the_run(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("simgen.pipeline.parts.manifest_of_sums", full)
+    monkeypatch.setattr("simgen.pipeline.parts.manifest_aside", full)
     with pytest.raises(InputError, match="No space left"):
         run(gpu_plan(fake.make_job()), tmp_path / "d.zarr", TwoGpus(), build=fake.fake_presser)
 

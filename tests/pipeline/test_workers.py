@@ -127,7 +127,7 @@ def test_a_worker_that_is_ready_first_does_not_get_the_task_of_another():
 
 
 def test_shared_tasks_go_to_the_processes_that_are_done_with_theirs():
-    """One process takes ten times as long for each. It never has more than two at a time, and gets fewer."""
+    """One process takes fifteen times as long for each. It never has more than two at a time, and gets fewer."""
     with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in "01"]) as cluster, Client(cluster) as client:
         client.wait_for_workers(2)
         own, shared = [0.01] * 6, [0.1 + 1e-6 * number for number in range(24)]
@@ -141,6 +141,15 @@ def test_shared_tasks_go_to_the_processes_that_are_done_with_theirs():
         assert np.cumsum([change for _, change in sorted(times)]).max() <= 2
     counts = Counter(gpu for gpu, _, _ in results)
     assert counts["1"] >= 2 and counts["0"] >= 2 * counts["1"]
+
+
+def test_shared_tasks_are_not_lost_if_no_worker_is_there_when_they_are_handed_out(monkeypatch):
+    with local_cluster([{"CUDA_VISIBLE_DEVICES": "0"}]) as cluster, Client(cluster) as client:
+        client.wait_for_workers(1)
+        monkeypatch.setattr(client, "nthreads", dict)
+        workers = Workers("cuda", 2, lambda: (client, []), tasks_at_once=TASKS_PER_GPU_PROCESS)
+        found = [argument for argument, _ in workers.map(fake.uneven_task, [0.01, 0.02], [0.03, 0.04, 0.05], 2)]
+    assert sorted(found) == [0.01, 0.02, 0.03, 0.04, 0.05]
 
 
 def writes_by() -> str:

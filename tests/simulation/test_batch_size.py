@@ -63,7 +63,7 @@ def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
 def test_another_batch_leaves_as_much_memory_for_other_sensors(monkeypatch):
     sensor, settings = load_sensor("digit", "coarse"), SolverSettings()
     each = bytes_per_press(sensor)
-    for free, expected in ((260.0, True), (240.0, False)):
+    for free, expected in ((210.0, True), (190.0, False)):
         monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name, free=free: Gpu(free * each))
         assert has_room_for_another(sensor, "cuda:0", settings, 100) == expected
 
