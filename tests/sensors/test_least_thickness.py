@@ -196,7 +196,7 @@ def test_results_do_not_depend_on_how_many_are_measured_together(monkeypatch):
     poses = np.concatenate([pose(x, tilt) for x, tilt in ((0.0, 0.0), (15.0, 3.0), (-4.0, -6.0))])
     measure = LeastThickness(wedge(0.1), [CUBE, LONG], PRESS)
     together = measure.shares(poses)
-    monkeypatch.setattr("simgen.sensors.least_thickness.MOST_VALUES", 1)
+    monkeypatch.setattr("simgen.sensors.least_thickness.MOST_COLUMNS", 1)
     np.testing.assert_array_equal(measure.shares(poses), together)
     assert measure.shares(poses[:0]).shape == (0, 2)
 
