@@ -61,7 +61,7 @@ class Pools:
 
 
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
-    """Make the presser of one sensor by finite elements. One scene serves all presses."""
+    """Make the presser of one sensor by finite elements. Its scenes serve all presses."""
     start_warp()
     load_kernels(device)
     sensor = loaded_sensor(job, sensor_name)

@@ -139,7 +139,7 @@ def _folder_of_parts(dataset: Dataset) -> Iterator[Path]:
     with ExitStack() as stack:
         with writing(dataset.path):
             folder = stack.enter_context(folder_aside(dataset))
-        yield folder
+        yield folder.resolve()  # workers may have another working folder
 
 
 def _solve(

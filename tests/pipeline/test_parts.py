@@ -1,6 +1,7 @@
 """Parts of shards: any order and any process give the bytes of whole shards, and failures are reported once."""
 
 from itertools import chain, zip_longest
+from pathlib import Path
 from types import SimpleNamespace
 
 import fake
@@ -60,11 +61,13 @@ def test_parts_give_the_bytes_of_whole_shards_in_any_order(whole, tmp_path, orde
     assert all(set(report.seconds_by_sensor) == set(dataset.sensors) and not report.error for report in reports)
 
 
-def test_processes_of_two_gpus_give_the_bytes_of_whole_shards(whole, tmp_path):
+def test_processes_of_two_gpus_give_the_bytes_of_whole_shards(whole, tmp_path, monkeypatch):
+    """They work in another folder than the command, whose output is relative to its own."""
     with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in "01"]) as cluster, Client(cluster) as client:
         client.wait_for_workers(2)
         workers = Workers("cuda", 2, lambda: (client, []), tasks_at_once=TASKS_PER_GPU_PROCESS)
-        dataset = run(gpu_plan(fake.make_job()), tmp_path / "d.zarr", workers, build=fake.fake_presser)
+        monkeypatch.chdir(tmp_path)
+        dataset = run(gpu_plan(fake.make_job()), Path("d.zarr"), workers, build=fake.fake_presser)
     assert fake.contents(dataset.path) == fake.contents(whole.path)
 
 
