@@ -34,7 +34,6 @@ from simgen.pipeline.presser import Presser, fem_presser, loaded_indenters, load
 from simgen.pipeline.shard_files import version_of, writing
 from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
 from simgen.simulation.kernel_loading import load_kernels, load_press_kernels
-from simgen.simulation.scene import prepare_geometry
 
 # Versions at the start of the process: files may change while a worker lives, its loaded code does not.
 LOADED_VERSIONS = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
@@ -131,19 +130,15 @@ def prepare(
 ) -> None:
     """Make all pressers of a job before its tasks: sensors, scenes, and most kernels.
 
-    A GPU's kernels compile while sensors load, and geometry is computed while kernels load. ``parts`` CPU processes
-    that start together compile different kernels.
+    A GPU's kernels compile while sensors load. ``parts`` CPU processes that start together compile different kernels.
     """
     start_warp()
-    with DEVICE, ThreadPoolExecutor() as beside:
-        loading = [beside.submit(load_kernels, device)]
+    with DEVICE, ThreadPoolExecutor(1) as beside:
+        loading = beside.submit(load_kernels, device)
         inputs = _inputs(job, tuple(sorted(job.sensors)))
-        if build is fem_presser:  # others have no scenes and launch no kernels
-            loading += [beside.submit(prepare_geometry, loaded_sensor(job, name), job.solver) for name in job.sensors]
-            loading[0].result()
+        loading.result()
+        if build is fem_presser:  # others launch no kernels
             load_press_kernels(device, _laws(job), part, parts)
-        for each in loading:
-            each.result()
         for sensor in job.sensors:
             _presser(build, job, sensor, device, inputs)
 

@@ -1,13 +1,12 @@
 """Workers that solve tasks: a local cluster, the workers of a dask scheduler, or this process.
 
-Only this file imports dask.
+Only this file and `local_cluster` import dask.
 """
 
 import json
-import logging
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent import futures
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
@@ -17,39 +16,18 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import psutil
-
 from simgen.config.job_schema import Job
 from simgen.config.warp_device import check_device
 from simgen.errors import InputError
-from simgen.pipeline.forked_imports import CAN_FORK, start_imports
+from simgen.pipeline.forked_imports import start_imports
+from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
 from simgen.pipeline.presser import Presser, fem_presser
 from simgen.pipeline.shard import prepare
 
-# Threads of a GPU's process. Each solves a task, and the presses of all tasks share the device (see ``pool``). A task
-# of the paired job is one shard, so finished shards are written early. With 128 threads, 74 s of the paired job's
-# 377 s went into its last presses (2b75018, one H200), because hard presses of the last shards began late.
-TASKS_PER_GPU_PROCESS = 256
 TASKS_PER_THREAD = 2  # submitted tasks: one runs, one waits
-LONGEST_SILENCE = "1 hour"  # of a process before it counts as lost; one call of the mesher can take minutes
 ANSWER_S = 10.0  # timeout for the scheduler's answer
 LONGEST_WAIT_S = 300.0  # for the wanted number of workers
-LONGEST_END_S = 10.0  # for the processes of GPUs to end
-STARTS = 3  # attempts to start a process that is killed as it starts
-
-# A terminal interrupts the whole process group; only the parent answers, and ends the workers.
-IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-# Threads that collect and hand over results must not block threads that feed a GPU for Python's usual 5 ms.
-SHORT_TURNS = "import sys; sys.setswitchinterval(3e-4)"
-WRITE_BY_PROCESSES = "from simgen.pipeline import shard_files; shard_files.BY_PROCESSES = True"
-FORK = {
-    "distributed.worker.multiprocessing-method": "forkserver",
-    "distributed.worker.daemon": False,  # Python does not let a daemon start the processes that write
-    # Otherwise dask makes processes return freed memory at once. Getting it back takes half of a sensor's loading time.
-    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
-}
-# Otherwise dask samples the stacks of all threads every 10 ms, for its dashboard.
-NO_PROFILE = {"distributed.worker.profile.enabled": False}
+LOOK_S = 1.0  # between two looks whether workers live
 
 
 class Workers:
@@ -57,13 +35,14 @@ class Workers:
 
     device : as each process sees it; a process with a GPU of its own sees no other GPU
     count : number of processes
-    start : starts them; returns dask's client and futures that prepare the processes. None: solve in this process
+    start : starts them; returns dask's client, and futures that prepare the processes with the processes' addresses.
+        None: solve in this process
     close : ends them
     closing_thread : ends them while the caller goes on
     tasks_at_once : tasks that a process solves at a time
     """
 
-    def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, list]] | None = None,
+    def __init__(self, device: str, count: int = 1, start: Callable[[], tuple[Any, dict]] | None = None,
                  close: Callable[[], None] = lambda: None, closing_thread: ThreadPoolExecutor | None = None,
                  tasks_at_once: int = 1):  # fmt: skip
         self.device, self.count, self.tasks_at_once = device, count, tasks_at_once
@@ -71,8 +50,8 @@ class Workers:
         self._closing: list[futures.Future] = []
 
     @cached_property
-    def started(self) -> tuple[Any, list]:
-        """dask's client and preparing futures; the first access starts the processes."""
+    def started(self) -> tuple[Any, dict[Any, str]]:
+        """dask's client and preparing futures with addresses; the first access starts the processes."""
         return self._start()
 
     def begin_to_close(self):
@@ -114,13 +93,13 @@ class Workers:
         if not arguments or self._start is None:
             yield from ((argument, function(argument)) for argument in chain(arguments, shared))
             return
-        from dask.distributed import CancelledError, KilledWorker, as_completed, wait
+        from dask.distributed import CancelledError, KilledWorker, as_completed
         from distributed.comm import CommClosedError
 
         client, preparing = self.started
         # Otherwise dask gives a ready worker with a free thread the task that prepares another worker.
-        wait(preparing)
-        preparing.clear()  # do not wait again for a worker that dies
+        wait_until_prepared(client, preparing)
+        preparing.clear()
         waiting, sharing, submitted, ended = deque(arguments), iter(shared), {}, as_completed()
         places = {}  # future of a shared argument -> address of the worker that should take it
 
@@ -204,11 +183,11 @@ def start_workers(
             raise InputError(f"scheduler {scheduler!r}: {str(error) or type(error).__name__}; {allowed}") from None
         with silence_logging_cmgr("CRITICAL"), client:  # a lost scheduler logs pages of tracebacks
 
-            def joined() -> tuple[Any, list]:
+            def joined() -> tuple[Any, dict]:
                 if count:
                     with suppress(TimeoutError):  # fewer will do
                         client.wait_for_workers(count, timeout=LONGEST_WAIT_S)
-                return client, []
+                return client, {}
 
             threads = client.nthreads().values()
             yield Workers(device, count or max(1, len(threads)), joined, tasks_at_once=min(threads, default=1))
@@ -220,7 +199,7 @@ def start_workers(
     # The executor ends first: it waits for the start, and then this thread closes what has started.
     with ExitStack() as stack, ThreadPoolExecutor(1) as beside:
 
-        def start() -> tuple[Any, list]:
+        def start() -> tuple[Any, dict]:
             from dask.distributed import Client  # takes a second
 
             try:
@@ -232,8 +211,8 @@ def start_workers(
             stack.callback(client.close)
             own = {"allow_other_workers": True, "pure": False}  # others if this one is lost
             addresses = list(client.nthreads())
-            return client, [client.submit(prepare, job, there, build, part, len(addresses), workers=[address], **own)
-                            for part, address in enumerate(addresses)]  # fmt: skip
+            return client, {client.submit(prepare, job, there, build, part, len(addresses), workers=[address], **own):
+                            address for part, address in enumerate(addresses)}  # fmt: skip
 
         def close() -> None:
             futures.wait([starting])
@@ -246,6 +225,23 @@ def start_workers(
         started.wait_until_closed()
 
 
+def wait_until_prepared(client: Any, preparing: Mapping[Any, str]) -> None:
+    """Wait for futures that prepare the workers at these addresses.
+
+    If a worker dies, another process takes its place at another address. dask may then never run the worker's task: it
+    looks for an address that fits the task only while there are other workers.
+    """
+    from dask.distributed import wait
+
+    while waiting := [future for future in preparing if not future.done()]:
+        there = client.nthreads()
+        waiting = [future for future in waiting if preparing[future] in there]
+        if not waiting:
+            return
+        with suppress(TimeoutError):
+            wait(waiting, timeout=LOOK_S)
+
+
 def visible_gpus(device: str) -> list[str]:
     """Names in CUDA_VISIBLE_DEVICES of the GPUs of ``cuda`` (all visible ones) or ``cuda:N``."""
     import warp as wp
@@ -254,76 +250,6 @@ def visible_gpus(device: str) -> list[str]:
     names = names.split(",") if names else [str(i) for i in range(wp.get_cuda_device_count())]
     number = device.partition(":")[2]
     return [names[int(number)]] if number else names
-
-
-@contextmanager
-def local_cluster(environments: list[dict[str, str]]) -> Iterator[Any]:
-    """Make a dask cluster on this machine, with a process for each environment.
-
-    A process that starts again keeps its environment. A process with a GPU of its own has several threads. The presses
-    of their tasks are solved together (see ``pool``), and no task waits while another one writes.
-    """
-    import dask
-    from dask.distributed import Nanny, Scheduler, SpecCluster, Status
-    from distributed import utils
-    from distributed.system import MEMORY_LIMIT
-
-    class QuickNanny(Nanny):
-        """Ends its worker after half a second instead of five, because unfinished work is of no use.
-
-        A worker that is killed during its first start is started again; dask would give up all workers.
-        """
-
-        async def instantiate(self) -> Status:
-            if self.status != Status.init:
-                return await super().instantiate()
-            for _ in range(STARTS):
-                if (status := await super().instantiate()) == Status.running:
-                    return status
-            raise RuntimeError(f"killed or out of memory {STARTS} times as it started")
-
-        async def close(self, timeout: float = 0.5, reason: str = "nanny-close"):
-            with suppress(TimeoutError):  # the worker was killed and has not ended yet
-                return await super().close(timeout, reason)
-
-    logging.getLogger("distributed.process").setLevel(logging.WARNING)  # a worker that frees a GPU outlives the cluster
-    shared = {"silence_logs": "CRITICAL", "dashboard": False, "config": NO_PROFILE}
-    shared["memory_limit"] = MEMORY_LIMIT // max(1, len(environments))  # dask's default is a share by cores
-    threads = [TASKS_PER_GPU_PROCESS if environment else 1 for environment in environments]
-    of_gpu = [SHORT_TURNS, *([WRITE_BY_PROCESSES] if CAN_FORK else [])]
-    preload = [[IGNORE_INTERRUPTS, *(of_gpu if environment else [])] for environment in environments]
-    variables = [{**os.environ, **environment} for environment in environments]  # those of now, not of the first fork
-    workers = {
-        i: {"cls": QuickNanny, "options": {**shared, "nthreads": count, "env": own, "preload": before}}
-        for i, (count, own, before) in enumerate(zip(threads, variables, preload, strict=True))
-    }
-    options = {"host": "127.0.0.1", "port": 0, "dashboard_address": "127.0.0.1:0", "dashboard": None}
-    # Two other processes try the tasks of a dead one, then `simgen.pipeline.run` decides.
-    options |= {"allowed_failures": 2, "worker_ttl": LONGEST_SILENCE}
-    here = {"cls": Scheduler, "options": options}
-    with dask.config.set(FORK if CAN_FORK else {}):
-        utils._forkserver_preload_set = True  # otherwise dask imports pandas here, if it is there
-        start_imports()
-        processes = []
-        try:
-            with SpecCluster(workers=workers, scheduler=here, silence_logs="CRITICAL") as cluster:
-                try:
-                    yield cluster
-                finally:
-                    processes += processes_of(cluster)
-        finally:
-            # One that frees a GPU takes a second to end. Another run that starts meanwhile may not get the GPU.
-            if any(environments):
-                psutil.wait_procs(processes, timeout=LONGEST_END_S)
-
-
-def processes_of(cluster: Any) -> list[psutil.Process]:
-    """Processes of the workers of a local cluster."""
-    found = []
-    for nanny in cluster.workers.values():
-        with suppress(psutil.NoSuchProcess):
-            found += [psutil.Process(nanny.pid)] if nanny.pid is not None else []
-    return found
 
 
 def scheduler_address(file: Path) -> str:

@@ -17,8 +17,7 @@ from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.contact.contact import Contact
 from simgen.fem.elements.cavity import Cavity
 from simgen.fem.elements.elasticity import Elasticity
-from simgen.fem.elements.element import ELEMENTS, Element
-from simgen.fem.elements.rest_geometry import rest_geometries
+from simgen.fem.elements.element import ELEMENTS
 from simgen.fem.linear_solver.pattern import corners_to_nodes
 from simgen.fem.material import LAWS
 from simgen.fem.nonlinear.newton import NewtonSolver, per_component
@@ -26,7 +25,6 @@ from simgen.geometry.interpolation import interpolation_matrix
 from simgen.geometry.node_ordering import in_cuthill_mckee_order
 from simgen.geometry.rigid_shape import sampled_shape
 from simgen.geometry.signed_distance import RigidShape
-from simgen.geometry.tetrahedra import SimulationMesh
 from simgen.sensors.sensor import Camera, Material, Sensor
 from simgen.sensors.support import faces_in_reach
 from simgen.units import MM_PER_M
@@ -44,21 +42,6 @@ def _core_shape(core: trimesh.Trimesh, device: str) -> RigidShape:
 def _to_output(sensor: Sensor) -> sparse.csr_matrix:
     """Interpolation from nodes to output points. It takes half of a scene's time, and other materials have the same."""
     return interpolation_matrix(in_cuthill_mckee_order(sensor.simulation_mesh), sensor.output_points)
-
-
-def _mesh_and_nodes(sensor: Sensor, kind: Element) -> tuple[SimulationMesh, np.ndarray]:
-    """The mesh in the order of a scene, and the nodes (n, 3) mm that the element uses."""
-    mesh = in_cuthill_mckee_order(sensor.simulation_mesh)
-    n = len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners
-    return mesh, mesh.nodes[:n] * MM_PER_M
-
-
-def prepare_geometry(sensor: Sensor, settings: SolverSettings):
-    """Compute what scenes of a sensor share. This launches no kernels, so another thread may hold the device."""
-    kind = ELEMENTS[settings.element]
-    mesh, nodes = _mesh_and_nodes(sensor, kind)
-    rest_geometries(kind, nodes, mesh.tetrahedra)
-    _to_output(sensor)
 
 
 class Scene:
@@ -88,7 +71,8 @@ class Scene:
         self.sampler = None  # `StateSampler.of` makes it once
         self.settings = settings or SolverSettings()
         kind = ELEMENTS[self.settings.element]
-        self.mesh, self.nodes = mesh, nodes = _mesh_and_nodes(sensor, kind)
+        self.mesh = mesh = in_cuthill_mckee_order(sensor.simulation_mesh)
+        self.nodes = nodes = mesh.nodes[: len(mesh.nodes) if kind.nodes == 10 else mesh.n_corners] * MM_PER_M
         beside = ThreadPoolExecutor(1)  # while the rest is made
         to_output = beside.submit(_to_output, sensor)
         beside.shutdown(wait=False)

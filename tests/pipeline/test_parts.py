@@ -13,10 +13,11 @@ from simgen.dataset.reader import Dataset
 from simgen.dataset.writer import folder_aside, open_or_create
 from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
+from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
 from simgen.pipeline.parts import Parts
 from simgen.pipeline.run import run
 from simgen.pipeline.shard import run_parts
-from simgen.pipeline.workers import TASKS_PER_GPU_PROCESS, Workers, local_cluster
+from simgen.pipeline.workers import Workers
 
 ORDERS = {
     "as given": chain,
@@ -65,7 +66,7 @@ def test_processes_of_two_gpus_give_the_bytes_of_whole_shards(whole, tmp_path, m
     """They work in another folder than the command, whose output is relative to its own."""
     with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in "01"]) as cluster, Client(cluster) as client:
         client.wait_for_workers(2)
-        workers = Workers("cuda", 2, lambda: (client, []), tasks_at_once=TASKS_PER_GPU_PROCESS)
+        workers = Workers("cuda", 2, lambda: (client, {}), tasks_at_once=TASKS_PER_GPU_PROCESS)
         monkeypatch.chdir(tmp_path)
         dataset = run(gpu_plan(fake.make_job()), Path("d.zarr"), workers, build=fake.fake_presser)
     assert fake.contents(dataset.path) == fake.contents(whole.path)
