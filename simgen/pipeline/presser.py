@@ -1,5 +1,7 @@
 """The presser of a sensor: a function that presses indenters into it, by finite elements."""
 
+from __future__ import annotations
+
 import math
 import threading
 from collections.abc import Iterable, Sequence
@@ -45,7 +47,7 @@ def loaded_indenters(job: Job) -> list[Indenter]:
 
 
 class Pools:
-    """Pools of one sensor; presses of each task go to the one with the fewest.
+    """Pools of one sensor, which share the presses that wait. The presses of a task begin in the one with the fewest.
 
     While Python prepares the next kernels of one pool, the GPU is busy with those of the other.
     """
@@ -94,14 +96,14 @@ def _pools(job: Job, name: str, sensor: Sensor, device: str, outputs: tuple[str,
     shapes, path = [indenter.shape() for indenter in loaded_indenters(job)], job.indenter_path
     max_force_n = math.inf if job.trajectories.max_force_n is None else job.trajectories.max_force_n
 
-    def make() -> tuple[Pool, int]:
+    def make(beside: Pool | None = None) -> tuple[Pool, int]:
         scene = Scene(sensor, material, device, batch, job.solver, fluid, outputs, camera, job.height_step_m)
-        return Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n), scene.unknowns
+        return Pool(scene, shapes, path.offsets_m, path.turns_rad, max_force_n, beside), scene.unknowns
 
     pool, unknowns = make()
     if device == "cpu" or job.presses <= batch or not has_room_for_another(sensor, device, job.solver, batch):
         return Pools([pool]), unknowns
-    return Pools([pool, make()[0]]), unknowns
+    return Pools([pool, make(pool)[0]]), unknowns
 
 
 def _with_surface_errors(

@@ -44,14 +44,14 @@ class LoadStepping:
     path (d, 4): offsets, mm, and turns about the press axis, rad. A press ends after its last step, or where its force
     along the press axis exceeds ``max_force_n``, which may be infinite. The scene holds the indenters' shapes.
     ``travelled``, ``target`` and ``goal`` (env,) are path lengths in mm: at the last converged increment, at the end of
-    the current increment, and at the next point to store.
+    the current increment, and at the next point to store. ``queue`` has the presses that wait for an environment.
     """
 
     _counted = 0.0  # s, time up to which wall time has been shared out among presses
 
-    def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float):
+    def __init__(self, scene: Scene, path: np.ndarray, max_force_n: float, queue: PressQueue | None = None):
         self.scene, self.solver, self.path, self._max_force_n = scene, scene.solver, PressPath(path), max_force_n
-        self.sampler, self._waiting = StateSampler.of(scene), PressQueue()
+        self.sampler, self.queue = StateSampler.of(scene), PressQueue() if queue is None else queue
         batch = scene.batch
         self.press: list[Press | None] = [None] * batch
         self.tries: list[Try | None] = [None] * batch
@@ -76,23 +76,23 @@ class LoadStepping:
             if press.status is None and press.steps == 0:
                 press.status = Status.NO_ROOM
             if press.status is None:
-                self._waiting.add(press)
+                self.queue.add(press)
 
     def drop(self, presses: Collection[Press]):
         """Forget presses whose results are not needed any more."""
         for press in presses:
             press.dropped = True
-        self._waiting.remove_dropped()
+        self.queue.remove_dropped()
         self._release(np.array([press is not None and press.dropped for press in self.press]))
 
     @property
     def unfinished(self) -> list[Press]:
-        return [*self._waiting, *(press for press in self.press if press is not None)]
+        return [*self.queue, *(press for press in self.press if press is not None)]
 
     @property
     def remaining(self) -> int:
         """Number of waiting presses and running tries."""
-        return len(self._waiting) + int(self.running.sum())
+        return len(self.queue) + int(self.running.sum())
 
     def advance(self):
         """Advance all running presses by one iteration."""
@@ -121,8 +121,8 @@ class LoadStepping:
             return fresh
         slow = [self.press[env] for env in np.flatnonzero(self.running & (self.cost[0] > SECOND_TRY_ITERATIONS))]
         slow = [press for press in slow if len(press.tries) == 1]
-        for env in free[: len(slow) + len(self._waiting)]:
-            press = slow.pop() if slow else self._waiting.pop()
+        for env in free[: len(slow) + len(self.queue)]:
+            press = slow.pop() if slow else self.queue.pop()
             self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
             self._step_scale[env] = self.tries[env].step_scale
@@ -293,10 +293,10 @@ class LoadStepping:
         """End a try. If its press's result is now certain, end the press; else the press waits for its other try."""
         press, ended = self.press[env], self.tries[env]
         ended.status, ended.failed = status, failed
-        self._waiting.learn(press.shape, self._try_iterations[env])
+        self.queue.learn(press.shape, self._try_iterations[env])
         press.decide()
         if press.status is None and len(press.tries) == 1:
-            self._waiting.add(press)
+            self.queue.add(press)
         if press.status is None:
             self._release(np.arange(self.scene.batch) == env)
         else:  # the other try may be running, too

@@ -22,6 +22,7 @@ from simgen.fem.device import DEVICE
 from simgen.geometry.signed_distance import RigidShape
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import PressResult, Scene, begin_presses, result_of
+from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.tries import Press
 from simgen.units import MM_PER_M
 
@@ -34,17 +35,26 @@ MANY = 64  # presses; pools with more take turns on the device
 class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
+    beside : another pool with an equal scene, or None. The two share the presses that wait: the other one takes the
+        hardest, and this one the easiest
     taken : True while a thread advances the presses
     condemned : True if that thread must drop the presses when it gives the pool back
     rank : sort key; pools with more unknowns go first, because their presses take longer, then those made first
     """
 
     def __init__(
-        self, scene: Scene, shapes: Sequence[RigidShape], path_m: np.ndarray, turns_rad: np.ndarray, max_force_n: float
+        self,
+        scene: Scene,
+        shapes: Sequence[RigidShape],
+        path_m: np.ndarray,
+        turns_rad: np.ndarray,
+        max_force_n: float,
+        beside: Pool | None = None,
     ):
         scene.reset(list(shapes))
         path = np.column_stack([path_m * MM_PER_M, turns_rad])
-        self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n)
+        queue = None if beside is None else PressQueue(beside._stepping.queue)
+        self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n, queue)
         self._device = wp.get_device(scene.device)
         self.taken = self.condemned = False
         self.rank = -scene.unknowns, next(NUMBERS)
@@ -108,9 +118,9 @@ class Pool:
 
     @cached_property
     def _stream(self) -> wp.Stream | None:
-        """A stream for the kernels of this pool. On the device, those of the first sensor's pools have priority."""
+        """A stream for the kernels of this pool. That of the first pool, with the hard presses, has priority."""
         with FREED:
-            priority = -1 if self.rank[0] == _in_order()[0].rank[0] else 0
+            priority = -1 if self is _in_order()[0] else 0
         return wp.Stream(self._device, priority) if self._device.is_cuda else None
 
     def drop(self):

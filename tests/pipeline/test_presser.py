@@ -29,15 +29,21 @@ def test_presses_go_to_the_pool_with_the_fewest():
     [("cuda", 2, True, 2), ("cuda", 2, False, 1), ("cuda", 12, True, 1), ("cpu", 2, True, 1)],
 )
 def test_a_gpu_with_room_has_two_pools_for_more_presses_than_one_holds(monkeypatch, device, batch, room, pools):
-    made, job = [], fake.make_job()
+    made, beside, job = [], [], fake.make_job()
     assert job.presses == 12
     monkeypatch.setattr(presser, "presses_at_once", lambda *_: batch)
     monkeypatch.setattr(presser, "has_room_for_another", lambda *_: room)
     monkeypatch.setattr(presser, "load_kernels", lambda device: None)
     monkeypatch.setattr(presser, "Scene", lambda *_: type("Scene", (), {"unknowns": 7}))
-    monkeypatch.setattr(presser, "Pool", lambda *_: made.append(CountingPool()) or made[-1])
+
+    def make_pool(*given):
+        beside.append(given[-1])
+        made.append(CountingPool())
+        return made[-1]
+
+    monkeypatch.setattr(presser, "Pool", make_pool)
     press = fem_presser(job, "digit", device)
-    assert len(made) == pools
+    assert len(made) == pools and beside == [None, *made][:pools]
     for _ in range(2):
         press([0, 0], np.stack([np.eye(4)] * 2))
     assert sum(pool.remaining for pool in made) == 4 and {pool.remaining for pool in made} == {4 // pools}

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 
@@ -18,8 +19,8 @@ PATH = np.array([[0.0, 0.2e-3, 0.0], [0.0, 0.4e-3, 0.0]])
 POSES = np.concatenate([pose(), pose(x=1.0), pose(tilt_deg=5.0), pose(x=-1.0)])
 
 
-def make_pool(block, batch):
-    return Pool(Scene(block, GEL, batch=batch), [SPHERE, CUBE], PATH, np.zeros(2), np.inf)
+def make_pool(block, batch, beside=None):
+    return Pool(Scene(block, GEL, batch=batch), [SPHERE, CUBE], PATH, np.zeros(2), np.inf, beside)
 
 
 def press(pool, first, last):
@@ -37,6 +38,23 @@ def test_tasks_side_by_side_give_the_bytes_of_each_alone(block, batch):
         np.testing.assert_array_equal(one.displacement, other.displacement)
         np.testing.assert_array_equal(one.force, other.force)
         assert one.touch == other.touch and other.seconds > 0.0
+
+
+def test_two_pools_share_the_presses_of_a_task_and_give_the_bytes_of_each_alone(block, monkeypatch):
+    """All arrive in the first pool. The second one has nothing left to do whenever the first took the last press."""
+    alone = follow(Scene(block, GEL), [SPHERE, CUBE, SPHERE, CUBE], POSES, PATH)
+    pool = make_pool(block, 1)
+    other, tries = make_pool(block, 1, pool), Counter()
+    for each in (pool, other):
+        end = each._stepping._end
+        monkeypatch.setattr(each._stepping, "_end", lambda *a, e=each, f=end, **k: tries.update([e]) or f(*a, **k))
+    with ThreadPoolExecutor(2) as threads:
+        tasks = list(threads.map(lambda task: list(press(pool, *task)), [(0, 2), (2, 4)]))
+    for one, result in zip(alone, [*tasks[0], *tasks[1]], strict=True):
+        np.testing.assert_array_equal(one.displacement, result.displacement)
+    assert tries[pool] and tries[other] and tries.total() == 4
+    other.advance()
+    assert not pool.remaining and not other.remaining
 
 
 def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):

@@ -72,3 +72,28 @@ def test_dropped_presses_do_not_wait():
     assert order(queue, presses) == [0, 2]
     with pytest.raises(IndexError, match="no press waits"):
         queue.pop()
+
+
+def test_two_queues_take_the_hardest_and_the_easiest_of_the_same_presses():
+    queue, presses = filled(0, 1, 0, 1, 0, 1)
+    other = PressQueue(queue)
+    assert len(other) == 6 and presses.index(other.pop()) == 0  # nothing is known yet
+    for shape, iterations in ((0, 80), (0, 90), (0, 100), (1, 500)):
+        other.learn(shape, iterations)
+    assert [presses.index(each.pop()) for each in (other, queue, other, queue, other)] == [2, 1, 4, 3, 5]
+    assert not len(queue) and not len(other)
+
+
+def test_a_second_try_stays_in_its_own_queue():
+    queue, presses = filled(0)
+    other, again = PressQueue(queue), a_press(0, again=True)
+    other.add(again)
+    assert (len(queue), len(other)) == (1, 2)
+    assert queue.pop() is presses[0] and other.pop() is again
+
+
+def test_presses_dropped_from_one_queue_do_not_wait_in_the_other():
+    queue, presses = filled(0, 1, 0)
+    presses[2].dropped = True
+    PressQueue(queue).remove_dropped()
+    assert list(queue) == presses[:2]
