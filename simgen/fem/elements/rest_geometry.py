@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from simgen.fem.elements.element import Element, TetGeometry, tet_geometry
+from simgen.fem.elements.element import Element, TetGeometry, tet_geometry, tet_rule
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,10 @@ def _kept(
 ) -> tuple[RestGeometry, RestGeometry]:
     at = np.frombuffer(nodes).reshape(shape), np.frombuffer(tetrahedra, kind).reshape(tet_shape)
     fewer = replace(element, quadrature_points=element.preconditioner_points)
-    return _rest_geometry(tet_geometry(element, *at)), _rest_geometry(tet_geometry(fewer, *at))
+    return tuple(_rest_geometry(tet_geometry(each, *at), each) for each in (element, fewer))
 
 
-def _rest_geometry(tets: TetGeometry) -> RestGeometry:
-    metric = np.einsum("eqij,eqkj->eqik", tets.inverse, tets.inverse)
-    return RestGeometry(tets, metric, np.linalg.det(tets.inverse), np.einsum("eq,eqij->eij", tets.volumes, metric))
+def _rest_geometry(tets: TetGeometry, element: Element) -> RestGeometry:
+    metric = tets.inverse @ tets.inverse.swapaxes(2, 3)
+    contraction = tet_rule(element.quadrature_points)[1] / (6.0 * tets.volumes)
+    return RestGeometry(tets, metric, contraction, np.einsum("eq,eqij->eij", tets.volumes, metric))

@@ -81,6 +81,17 @@ def test_curved_elements_measure_a_ball():
     assert error[1] < error[0] / 8.0
 
 
+@pytest.mark.parametrize("element", [P1, P2P1])
+def test_the_inverse_of_the_geometry_map_of_bent_elements(element):
+    nodes, tets, _, _ = box((2, 2, 2))
+    nodes = nodes + 0.1 * np.random.default_rng(2).normal(size=nodes.shape)
+    geometry = tet_geometry(element, nodes, tets)
+    jacobian = np.einsum("eai,qaj->eqij", nodes[tets[:, : element.nodes]], geometry.local_gradients)
+    np.testing.assert_allclose(geometry.inverse, np.linalg.inv(jacobian), rtol=1e-10, atol=1e-12)
+    weights = tet_rule(element.quadrature_points)[1]
+    np.testing.assert_allclose(geometry.volumes, np.linalg.det(jacobian) * weights / 6.0, rtol=1e-12)
+
+
 def test_an_inverted_element_is_refused():
     nodes, tets, _, _ = box((1, 1, 1))
     with pytest.raises(ValueError, match=r"tetrahedron .* is inverted"):

@@ -18,6 +18,7 @@ def test_the_metric_is_that_of_the_geometry_map(mesh):
         inverse = rest.tets.inverse
         assert inverse.shape == (len(mesh.tetrahedra), points, 3, 3)
         np.testing.assert_allclose(rest.metric, inverse @ inverse.swapaxes(2, 3), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(rest.contraction, np.linalg.det(inverse), rtol=1e-12)
         np.testing.assert_allclose(rest.contraction * rest.tets.volumes.sum(axis=1, keepdims=True), 1.0 / 6.0)
         mean = (rest.tets.volumes[..., None, None] * rest.metric).sum(axis=1)
         np.testing.assert_allclose(rest.mean_metric, mean, rtol=1e-12, atol=1e-12)
