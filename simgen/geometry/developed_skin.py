@@ -18,22 +18,17 @@ def corner_normals(surface: trimesh.Trimesh) -> np.ndarray:
     corners = surface.faces.ravel()
     order = np.argsort(corners, kind="stable")
     valence = np.bincount(corners, minlength=len(surface.vertices))
-    first = np.concatenate([[0], np.cumsum(valence)[:-1]])
-    vertex = corners[order]
-    rank = np.arange(len(order)) - first[vertex]
-    own = surface.face_normals[order // 3]
-    angle = surface.face_angles.ravel()[order]
-    total = np.zeros_like(own)
-    for shift in range(valence.max()):
-        has_partner = np.flatnonzero(valence[vertex] > shift)
-        v = vertex[has_partner]
-        partner = first[v] + (rank[has_partner] + shift) % valence[v]
-        normal = own[partner]
-        smooth = np.einsum("ni,ni->n", normal, own[has_partner]) > np.cos(np.radians(CREASE_DEG))
-        total[has_partner] += (smooth * angle[partner])[:, None] * normal
-    normals = np.empty_like(total)
-    normals[order] = total / np.linalg.norm(total, axis=1)[:, None]
-    return normals.reshape(-1, 3, 3)
+    first = np.cumsum(valence) - valence
+    normals, angles = surface.face_normals[order // 3], surface.face_angles.ravel()[order]
+    total = np.empty_like(normals)
+    for number in np.unique(valence[valence > 0]):  # vertices with equally many corners together
+        around = first[valence == number][:, None] + np.arange(number)  # (vertex, corner)
+        own = normals[around]
+        smooth = own @ own.swapaxes(1, 2) > np.cos(np.radians(CREASE_DEG))
+        total[around] = (smooth * angles[around][:, None]) @ own
+    found = np.empty_like(total)
+    found[order] = total / np.linalg.norm(total, axis=1)[:, None]
+    return found.reshape(-1, 3, 3)
 
 
 @lru_cache(maxsize=4)

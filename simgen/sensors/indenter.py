@@ -32,6 +32,7 @@ from simgen.geometry.rigid_shape import (
     signed_distance,
 )
 from simgen.geometry.signed_distance import Kind, Probe, RigidShape, probe
+from simgen.units import MM_PER_M
 
 __all__ = [
     "Indenter", "Kind", "Probe", "RigidShape", "indenter_names", "load_indenter", "mesh_distance", "probe",
@@ -118,7 +119,9 @@ class Indenter:
     @property
     def extent(self) -> np.ndarray:
         """Bounding box (2, 3) of `mesh`, m."""
-        return np.array(self.mesh().bounds)
+        if self.source is not None:
+            return np.array(self.source.bounds)
+        return _extent_mm(self.spec) / MM_PER_M
 
 
 @lru_cache(maxsize=4)
@@ -256,6 +259,21 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
         if not mesh.volume > 0.0:
             raise InputError(f"{path}: the surface encloses no volume; an indenter needs a body")
     return mesh
+
+
+def _extent_mm(spec: Spec) -> np.ndarray:
+    """Bounding box (2, 3) mm of an analytic shape, cut as `Indenter.mesh` is."""
+    match spec:
+        case SphereSpec():
+            x = z = spec.radius_mm
+        case CylinderSpec():
+            x, z = spec.half_length_mm, spec.radius_mm
+        case RingSpec():
+            x = z = spec.outer_radius_mm
+        case _:
+            x = z = spec.half_width_mm
+    length = MM_PER_M * DRAWN_LENGTH + (spec.bump_radius_mm if isinstance(spec, TextureSpec) else 0.0)
+    return np.array([[-x, -length, -z], [x, 0.0, z]])
 
 
 def _draw(indenter: Indenter) -> trimesh.Trimesh:

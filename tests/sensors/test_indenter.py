@@ -36,10 +36,11 @@ def test_tip_matches_published_shape(name, reference):
     assert np.abs(distance).mean() < 0.05
 
 
-def test_tip_lies_in_the_tip_plane():
+def test_tip_lies_in_the_tip_plane_and_the_extent_is_that_of_the_mesh():
     for name in NAMES:
-        top = load_indenter(name).extent[1, 1]
-        assert top == pytest.approx(0.0, abs=1e-12), name
+        bounds = load_indenter(name).mesh().bounds
+        assert bounds[1, 1] == pytest.approx(0.0, abs=1e-12), name
+        np.testing.assert_allclose(load_indenter(name).extent, bounds, atol=1e-12, err_msg=name)
 
 
 def test_a_closed_mesh_is_an_indenter(tmp_path):
