@@ -93,7 +93,9 @@ def draw_contacts(
         ]
         first = 0
         while first < len(some.points) and found < count:
-            part = slice(first, first + max(SLICE, count - found))
+            tested = sum(map(len, enough))
+            wanted = (count - found) * tested / found if found else count
+            part = slice(first, first + max(SLICE, int(np.ceil(wanted))))
             fitting.append(subset(some, part))
             enough.append(np.ones(len(fitting[-1].points), dtype=bool))
             for thickness, poses in zip(indented, presses, strict=False):
