@@ -11,7 +11,9 @@ With few presses, or on a coarse mesh, Python takes longer than the kernels. So 
 
 from __future__ import annotations
 
+import ctypes
 import struct
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -48,6 +50,22 @@ def large_kernel(
 def kernel_for(kernel: wp.Kernel, cpu: bool) -> wp.Kernel:
     """The kernel that a CPU, or a GPU, launches: a `large_kernel` exists twice."""
     return getattr(kernel, "on_cpu", kernel) if cpu else kernel
+
+
+DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+
+
+def stream_of_priority(device: wp.Device, level: int) -> wp.Stream:
+    """Make a stream whose kernels start before those of streams of lower levels, from 0 on. It is never destroyed.
+
+    Warp knows two levels, CUDA has more. CUDA limits levels to those that the device has.
+    """
+    handle = ctypes.c_void_p()
+    device.make_current()
+    error = ctypes.CDLL(DRIVER).cuStreamCreateWithPriority(ctypes.byref(handle), 0, -level)
+    if error:
+        raise RuntimeError(f"{device}: CUDA cannot make a stream (error {error} of cuStreamCreateWithPriority)")
+    return wp.Stream(device, cuda_stream=handle.value)
 
 
 # Recorded launches by kernel, threads and arguments. Warp takes 40 to 80 us of a core to check and convert a launch's

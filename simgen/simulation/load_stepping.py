@@ -121,8 +121,12 @@ class LoadStepping:
             return fresh
         slow = [self.press[env] for env in np.flatnonzero(self.running & (self.cost[0] > SECOND_TRY_ITERATIONS))]
         slow = [press for press in slow if len(press.tries) == 1]
-        for env in free[: len(slow) + len(self.queue)]:
-            press = slow.pop() if slow else self.queue.pop()
+        running = {press.shape for press in self.press if press is not None}
+        for env in free:
+            press = slow.pop() if slow else self.queue.pop(running)
+            if press is None:
+                break
+            running.add(press.shape)
             self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
             self._step_scale[env] = self.tries[env].step_scale

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterator
+from collections import Counter, deque
+from collections.abc import Collection, Iterator
 from itertools import count
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 
 HARD = 2.0  # an indenter is hard if one of its tries took more than this times the mean of all tries
+SLOW = 1.5  # an indenter is slow if its tries take more than this times the mean of all; on the DIGIT only the cube is
 
 
 class PressQueue:
@@ -24,11 +25,14 @@ class PressQueue:
     ended try counts as the hardest. A second try goes before all others.
 
     beside : another queue. The two share all presses that begin their first try: the other one takes the hardest, and
-        this one the easiest
+        this one the easiest. While the other one's environments have presses of slow indenters, it takes only slow and
+        hard ones: few presses have short iterations, and the slowest of them decide when a run ends
+    slow : shapes that count as slow until one of their tries has ended
     """
 
-    def __init__(self, beside: PressQueue | None = None):
-        self._shared = _Shared() if beside is None else beside._shared
+    def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = ()):
+        self._shared = _Shared(slow) if beside is None else beside._shared
+        self._shared.queues += 1
         self._takes_hardest = beside is None
         self._again: deque[Press] = deque()
 
@@ -39,23 +43,26 @@ class PressQueue:
             shared = self._shared
             shared.by_shape.setdefault(press.shape, deque()).append((next(shared.numbers), press))
 
-    def pop(self) -> Press:
-        """Take the press that should begin now. Raises IndexError if none waits."""
+    def pop(self, running: Collection[int] = ()) -> Press | None:
+        """Take the press that should begin now, beside running ones of these shapes; None if none should."""
         if self._again:
             return self._again.popleft()
-        shared, sign = self._shared, -1.0 if self._takes_hardest else 1.0
-        order = {shape: (sign * shared.hardness(shape), waiting[0][0])
-                 for shape, waiting in shared.by_shape.items() if waiting}  # fmt: skip
-        if not order:
-            raise IndexError("no press waits")
-        return shared.by_shape[min(order, key=order.get)].popleft()[1]
+        shared, first = self._shared, self._takes_hardest
+        only_slow = first and shared.queues > 1 and any(map(shared.is_slow, running))
+        order = {}
+        for shape, waiting in shared.by_shape.items():
+            hardness, slow = shared.hardness(shape), shared.is_slow(shape)
+            if waiting and (not only_slow or slow or 0.0 < hardness < math.inf):
+                unlike = hardness == math.inf and slow is not first  # of the indenters without an ended try
+                order[shape] = (-hardness if first else hardness, unlike, waiting[0][0])
+        return shared.by_shape[min(order, key=order.get)].popleft()[1] if order else None
 
     def learn(self, shape: int, iterations: int):
         """Note that a try with this shape has ended after this number of Newton iterations."""
         shared = self._shared
         shared.longest[shape] = max(iterations, shared.longest.get(shape, 0))
-        shared.iterations += iterations
-        shared.tries += 1
+        shared.iterations[shape] += iterations
+        shared.tries[shape] += 1
 
     def remove_dropped(self):
         self._again = deque(press for press in self._again if not press.dropped)
@@ -74,20 +81,32 @@ class PressQueue:
 class _Shared:
     """First tries that wait, and what is known of the indenters' tries.
 
+    queues : number of queues that share this
     by_shape : shape -> (number of arrival, press)
     longest : shape -> Newton iterations of its longest try that has ended
-    iterations, tries : of all shapes
+    iterations, tries : shape -> sum of Newton iterations of ended tries, and their number
     """
 
-    def __init__(self):
+    def __init__(self, slow: Collection[int]):
+        self.queues, self._slow = 0, set(slow)
         self.by_shape: dict[int, deque[tuple[int, Press]]] = {}
         self.numbers = count()
         self.longest: dict[int, int] = {}
-        self.iterations = self.tries = 0
+        self.iterations, self.tries = Counter(), Counter()
 
     def hardness(self, shape: int) -> float:
         """Newton iterations of a hard indenter's longest try; 0 if the indenter is not hard."""
         if shape not in self.longest:
             return math.inf
         longest = self.longest[shape]
-        return longest if longest * self.tries > HARD * self.iterations else 0
+        return longest if self._is_above(longest, 1, HARD) else 0
+
+    def is_slow(self, shape: int) -> bool:
+        """True if the tries of an indenter take much longer than those of all indenters, or probably will."""
+        if not self.tries[shape]:
+            return shape in self._slow
+        return self._is_above(self.iterations[shape], self.tries[shape], SLOW)
+
+    def _is_above(self, iterations: int, tries: int, factor: float) -> bool:
+        """True if so many iterations are more than a factor times the mean of as many tries."""
+        return iterations * self.tries.total() > factor * tries * self.iterations.total()

@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 
 from simgen.fem import device
-from simgen.fem.device import DEVICE, launch_kernel, once, read, write
+from simgen.fem.device import DEVICE, launch_kernel, once, read, stream_of_priority, write
 
 
 @wp.struct
@@ -174,3 +174,10 @@ def test_a_thread_with_fewer_presses_runs_between_two_launches_but_not_among_tho
         with once():
             launch("in a graph")
     assert order == ["first", "few", "second", "in a graph", "later"]
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_streams_have_more_priorities_than_two():
+    """Lower numbers go first."""
+    priorities = [stream_of_priority(wp.get_device("cuda"), level).priority for level in range(3)]
+    assert priorities == [0, -1, -2]

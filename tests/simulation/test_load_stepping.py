@@ -55,7 +55,8 @@ def test_multipliers_rest_far_from_balance(block, monkeypatch):
     monkeypatch.setattr(Contact, "update_multipliers", watch_update)
     result = press(Scene(block, GEL), [CUBE], pose(tilt_deg=10.0), np.array([0.1e-3, 0.2e-3]))[0]
     assert (result.status == 0).all()
-    assert max(out_of_balance) > 1.0 and 0.0 < max(followed) <= MULTIPLIER_UPDATE_RESIDUAL
+    assert max(out_of_balance) > 0.99  # 1: the whole contact force is out of balance
+    assert 0.0 < max(followed) <= MULTIPLIER_UPDATE_RESIDUAL
 
 
 def test_a_press_moves_to_a_free_environment_without_a_change(block, scene, monkeypatch):

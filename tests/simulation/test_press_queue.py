@@ -1,7 +1,6 @@
 """Order of presses in the queue."""
 
 import numpy as np
-import pytest
 
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.tries import Press
@@ -14,8 +13,8 @@ def a_press(shape, again=False):
     return press
 
 
-def filled(*shapes):
-    queue, presses = PressQueue(), [a_press(shape) for shape in shapes]
+def filled(*shapes, slow=()):
+    queue, presses = PressQueue(slow=slow), [a_press(shape) for shape in shapes]
     for press in presses:
         queue.add(press)
     return queue, presses
@@ -70,8 +69,7 @@ def test_dropped_presses_do_not_wait():
     queue.remove_dropped()
     assert len(queue) == 2 and {id(press) for press in queue} == {id(presses[0]), id(presses[2])}
     assert order(queue, presses) == [0, 2]
-    with pytest.raises(IndexError, match="no press waits"):
-        queue.pop()
+    assert queue.pop() is None
 
 
 def test_two_queues_take_the_hardest_and_the_easiest_of_the_same_presses():
@@ -97,3 +95,30 @@ def test_presses_dropped_from_one_queue_do_not_wait_in_the_other():
     presses[2].dropped = True
     PressQueue(queue).remove_dropped()
     assert list(queue) == presses[:2]
+
+
+def test_beside_slow_presses_only_slow_and_hard_ones_begin_in_the_queue_of_the_hardest():
+    """So their iterations become short; the other queue takes the rest. Alone, a queue takes all."""
+    queue, presses = filled(0, 1, 2, 1, 3)
+    for shape, iterations in ((0, 100), (1, 200), (2, 100), (2, 90), (3, 10), (3, 300), (3, 10), (3, 10)):
+        queue.learn(shape, iterations)
+    other = PressQueue(queue)
+    assert queue.pop({0, 1}) is presses[4]  # hard, because one of its tries was long
+    assert queue.pop({0, 1}) is presses[1]
+    assert other.pop({0, 1}) is presses[0]
+    assert queue.pop({1}) is presses[3] and queue.pop({1}) is None
+    assert queue.pop({0}) is presses[2]
+    alone, presses = filled(0)
+    alone.learn(0, 100)
+    alone.learn(1, 500)
+    assert alone.pop({1}) is presses[0]
+
+
+def test_shapes_count_as_slow_until_one_of_their_tries_has_ended():
+    queue, presses = filled(0, 1, 0, 1, slow=[1])
+    other = PressQueue(queue)
+    assert queue.pop() is presses[1] and other.pop() is presses[0]
+    queue.learn(0, 100)
+    assert queue.pop({1}) is presses[3] and queue.pop({1}) is None
+    queue.learn(1, 110)
+    assert queue.pop({1}) is presses[2]
