@@ -47,7 +47,7 @@ def loaded_indenters(job: Job) -> list[Indenter]:
 
 
 class Pools:
-    """Pools of one sensor, which share the presses that wait. The presses of a task begin in the one with the fewest.
+    """Pools of one sensor, which share the presses that wait. A task adds its presses to the pool with the fewest.
 
     While Python prepares the next kernels of one pool, the GPU is busy with those of the other.
     """
@@ -59,7 +59,9 @@ class Pools:
         """Add presses as `simgen.simulation.pool.Pool.press` does."""
         with self._choosing:
             fewest = min(self._pools, key=lambda pool: pool.remaining)
-            return fewest.press(shape_of, poses, steps)
+            results = fewest.press(shape_of, poses, steps)
+        results.pools = self._pools
+        return results
 
 
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:

@@ -31,9 +31,9 @@ from simgen.pipeline.workers import Workers
 # samples until their shard has ended, 2.5 MB for a press of the paired job in single precision.
 PRESSES_PER_GPU_PROCESS = 4608
 # Presses on each sensor but the first that a GPU should have at a time if several share them. Pools hold 1,024, but a
-# shard waits for its slowest press: with 1,152, pools were half empty for 60 of 160 s (two H200s).
+# shard waits for its slowest press. With 1,152, pools were half empty for 60 of 160 s (e58a048, two H200s).
 PRESSES_SHARED_AT_ONCE = 2048
-HANDED_OUT = 0.8  # most of these presses that GPUs have at the beginning; the rest is for those that are faster
+SHARED_AT_ONCE = 0.8  # largest part of all these presses that GPUs have together at a time, so that some are left
 SMALLER = 8  # parts in which a failed task is tried again; most of them may succeed
 
 
@@ -157,8 +157,8 @@ def _solve(
         (run_parts, shards, given, (sensor, folder))
         for shards in last for sensor in others if not settled.issuperset(shards)
     )  # fmt: skip
-    each = job.dataset.presses_per_shard * max(map(len, last), default=1)
-    at_once = min(-(-PRESSES_SHARED_AT_ONCE // each), math.ceil(HANDED_OUT * len(last) / workers.count)) * len(others)
+    size = max(map(len, last), default=1)
+    at_once = shared_at_once(len(last), size * job.dataset.presses_per_shard, workers.count) * len(others)
     for task, outcome in workers.map(_guarded, tasks, shared, at_once):
         yield task[1], Failure.of(outcome) if isinstance(outcome, Exception) else outcome
 
@@ -178,6 +178,11 @@ def _guarded(task: tuple) -> list[ShardReport] | list[Part] | Failure:
 def _failed(dataset: Dataset, shards: list[int], failure: Failure) -> list[ShardReport]:
     counts = {shard: len(dataset.shard_presses(shard)) for shard in shards}
     return [ShardReport(shard, counts[shard], error=failure.sentence, errno=failure.errno) for shard in shards]
+
+
+def shared_at_once(tasks: int, presses_per_task: int, gpus: int) -> int:
+    """Number of shared tasks on one sensor that each GPU should have at a time; ``tasks``: of all GPUs."""
+    return max(1, min(-(-PRESSES_SHARED_AT_ONCE // presses_per_task), math.ceil(SHARED_AT_ONCE * tasks / gpus)))
 
 
 def divide(shards: list[int], size: int) -> list[list[int]]:

@@ -30,16 +30,16 @@ POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 FREED = threading.Condition()  # guards `Pool.taken`; notified when a thread gives a pool back
 NUMBERS = count()
 MANY = 64  # presses; pools with more take turns on the device
-# Indenters that press with a face: all of its edge touches at once. Cubes and rings on the DIGIT take 2.1 and 1.4 times
-# the mean number of Newton iterations.
-FLAT = {Kind.CUBE, Kind.RING}
+# Kinds of indenters that press with a face, whose whole edge touches at once. On the DIGIT, cubes and rings take 2.1
+# and 1.4 times the mean number of Newton iterations, and the last presses of a run are theirs.
+PROBABLY_SLOW = {Kind.CUBE, Kind.RING}
 
 
 class Pool:
     """Presses of some shapes along one path (d, 3) m with turns (d,) rad in a scene; see `press.follow`.
 
-    beside : another pool with an equal scene, or None. The two share the presses that wait, see `PressQueue`: the
-        other one takes the hardest, and this one the easiest
+    beside : the first pool of the sensor, with an equal scene, for a second one. The two share the presses that wait,
+        see `PressQueue`
     taken : True while a thread advances the presses
     condemned : True if that thread must drop the presses when it gives the pool back
     rank : sort key; pools with more unknowns go first, because their presses take longer, then those made first
@@ -56,9 +56,12 @@ class Pool:
     ):
         scene.reset(list(shapes))
         path = np.column_stack([path_m * MM_PER_M, turns_rad])
-        flat = [i for i, shape in enumerate(shapes) if Kind(shape.kind) in FLAT]
-        queue = PressQueue(slow=flat) if beside is None else PressQueue(beside._stepping.queue)
+        slow = [i for i, shape in enumerate(shapes) if Kind(shape.kind) in PROBABLY_SLOW]
+        queue = PressQueue(slow=slow) if beside is None else PressQueue(beside._stepping.queue)
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n, queue)
+        self._second: weakref.ref[Pool] | None = None
+        if beside is not None:
+            beside._second = weakref.ref(self)
         self._device = wp.get_device(scene.device)
         self.taken = self.condemned = False
         self.rank = -scene.unknowns, next(NUMBERS)
@@ -95,6 +98,8 @@ class Pool:
         """Advance the presses by one iteration. The calling thread has taken the pool and holds the device."""
         self._use_stream()
         self._begin_arrived()
+        second = self._second and self._second()
+        self._stepping.queue.has_help = second is not None and second.taken
         self._stepping.advance()
 
     def _begin_arrived(self):
@@ -122,12 +127,18 @@ class Pool:
 
     @cached_property
     def _stream(self) -> wp.Stream | None:
-        """A stream for the kernels of this pool. Pools of the first sensor go first, and the one with hard presses."""
-        if not self._device.is_cuda:
-            return None
+        """A stream for the kernels of this pool."""
+        return stream_of_priority(self._device, self._priority) if self._device.is_cuda else None
+
+    @property
+    def _priority(self) -> int:
+        """Level of this pool's kernels on the device: 2 for the first pool that has presses, 1 for its second, 0 else.
+
+        Pools with equally many unknowns are those of one sensor.
+        """
         with FREED:
-            first = _in_order()[0]
-        return stream_of_priority(self._device, 2 if self is first else 1 if self.rank[0] == first.rank[0] else 0)
+            first = next(pool for pool in _in_order() if pool.remaining or pool is self)
+        return 2 if self is first else int(self.rank[0] == first.rank[0])
 
     def drop(self):
         """Drop all unfinished presses."""
@@ -151,10 +162,11 @@ class PendingResults:
 
     presses : None until the presses begin
     dropped : True if they will not begin
+    pools : those in which the presses may begin; they live until the presses end
     """
 
     def __init__(self, pool: Pool):
-        self._pool, self._stepping = pool, pool._stepping  # the pool must live until the presses end
+        self.pools, self._stepping = [pool], pool._stepping
         self.presses: list[Press] | None = None
         self.dropped = False
 
@@ -256,10 +268,12 @@ def _take(results: PendingResults) -> Pool | None:
     """
     with FREED:
         while results.unfinished:
-            for pool in _in_order():
-                if not pool.taken and pool.remaining:
-                    pool.taken = True
-                    return pool
+            pools = _in_order()
+            if not any(pool.condemned for pool in pools):  # what it drops may be in another pool's queue, too
+                for pool in pools:
+                    if not pool.taken and pool.remaining:
+                        pool.taken = True
+                        return pool
             FREED.wait()
     return None
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections import Counter, deque
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from itertools import count
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 HARD = 2.0  # an indenter is hard if one of its tries took more than this times the mean of all tries
-SLOW = 1.5  # an indenter is slow if its tries take more than this times the mean of all; on the DIGIT only the cube is
+SLOW = 1.5  # an indenter is slow if its tries take more than this times the mean of all
 
 
 class PressQueue:
@@ -24,89 +25,123 @@ class PressQueue:
     end one after the other. The queue learns the lengths of tries from tries that have ended. An indenter without an
     ended try counts as the hardest. A second try goes before all others.
 
-    beside : another queue. The two share all presses that begin their first try: the other one takes the hardest, and
-        this one the easiest. While the other one's environments have presses of slow indenters, it takes only slow and
-        hard ones: few presses have short iterations, and the slowest of them decide when a run ends
+    A second queue can share the presses that begin their first try. The first queue then takes the hardest, and the
+    second queue takes hard and slow ones last. While the second one is in use and a slow press runs beside the first
+    one, the first queue takes only slow and hard presses: with few presses, its iterations are short.
+
+    beside : the first queue, for a second one
     slow : shapes that count as slow until one of their tries has ended
+    has_help : True while a thread starts presses from the second queue
     """
 
     def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = ()):
         self._shared = _Shared(slow) if beside is None else beside._shared
-        self._shared.queues += 1
-        self._takes_hardest = beside is None
+        self._is_first = beside is None
+        self.has_help = False
         self._again: deque[Press] = deque()
 
     def add(self, press: Press):
         if press.tries:
             self._again.append(press)
         else:
-            shared = self._shared
-            shared.by_shape.setdefault(press.shape, deque()).append((next(shared.numbers), press))
+            self._shared.add(press)
 
     def pop(self, running: Collection[int] = ()) -> Press | None:
         """Take the press that should begin now, beside running ones of these shapes; None if none should."""
         if self._again:
             return self._again.popleft()
-        shared, first = self._shared, self._takes_hardest
-        only_slow = first and shared.queues > 1 and any(map(shared.is_slow, running))
-        order = {}
-        for shape, waiting in shared.by_shape.items():
-            hardness, slow = shared.hardness(shape), shared.is_slow(shape)
-            if waiting and (not only_slow or slow or 0.0 < hardness < math.inf):
-                unlike = hardness == math.inf and slow is not first  # of the indenters without an ended try
-                order[shape] = (-hardness if first else hardness, unlike, waiting[0][0])
-        return shared.by_shape[min(order, key=order.get)].popleft()[1] if order else None
+        shared = self._shared
+        if not self._is_first:
+            return shared.pop(shared.easiest_first)
+        only_slow = self.has_help and any(map(shared.is_slow, running))
+        return shared.pop(shared.hardest_first, only_slow)
 
     def learn(self, shape: int, iterations: int):
         """Note that a try with this shape has ended after this number of Newton iterations."""
-        shared = self._shared
-        shared.longest[shape] = max(iterations, shared.longest.get(shape, 0))
-        shared.iterations[shape] += iterations
-        shared.tries[shape] += 1
+        self._shared.learn(shape, int(iterations))
 
     def remove_dropped(self):
         self._again = deque(press for press in self._again if not press.dropped)
-        for shape, waiting in list(self._shared.by_shape.items()):
-            self._shared.by_shape[shape] = deque(each for each in list(waiting) if not each[1].dropped)
+        self._shared.remove_dropped()
 
     def __len__(self) -> int:
-        return len(self._again) + sum(map(len, self._shared.by_shape.values()))
+        return len(self._again) + self._shared.count
 
     def __iter__(self) -> Iterator[Press]:
         yield from self._again
-        for waiting in list(self._shared.by_shape.values()):  # a thread with the other queue may take some meanwhile
-            yield from (press for _, press in list(waiting))
+        yield from self._shared.presses()
 
 
 class _Shared:
-    """First tries that wait, and what is known of the indenters' tries.
+    """First tries that wait, and what is known of the indenters' tries. Threads of two pools may use it.
 
-    queues : number of queues that share this
-    by_shape : shape -> (number of arrival, press)
-    longest : shape -> Newton iterations of its longest try that has ended
-    iterations, tries : shape -> sum of Newton iterations of ended tries, and their number
+    count : number of presses
     """
 
     def __init__(self, slow: Collection[int]):
-        self.queues, self._slow = 0, set(slow)
-        self.by_shape: dict[int, deque[tuple[int, Press]]] = {}
-        self.numbers = count()
-        self.longest: dict[int, int] = {}
-        self.iterations, self.tries = Counter(), Counter()
+        self._lock, self._slow = threading.Lock(), set(slow)
+        self._by_shape: dict[int, deque[tuple[int, Press]]] = {}  # shape -> (number of arrival, press)
+        self._arrivals = count()
+        self._longest: dict[int, int] = {}  # shape -> Newton iterations of its longest try that has ended
+        self._iterations, self._tries = Counter(), Counter()  # of ended tries, by shape
+        self._all_iterations = self._all_tries = 0
 
-    def hardness(self, shape: int) -> float:
-        """Newton iterations of a hard indenter's longest try; 0 if the indenter is not hard."""
-        if shape not in self.longest:
-            return math.inf
-        longest = self.longest[shape]
-        return longest if self._is_above(longest, 1, HARD) else 0
+    @property
+    def count(self) -> int:
+        with self._lock:
+            return sum(map(len, self._by_shape.values()))
+
+    def add(self, press: Press):
+        with self._lock:
+            self._by_shape.setdefault(press.shape, deque()).append((next(self._arrivals), press))
+
+    def pop(self, key: Callable[[int, int], tuple], only_slow: bool = False) -> Press | None:
+        """Take the oldest press of the shape with the least key of (shape, arrival). Slow and hard shapes, or all."""
+        with self._lock:
+            keys = {shape: key(shape, waiting[0][0]) for shape, waiting in self._by_shape.items()
+                    if waiting and not (only_slow and not self._is_slow_or_hard(shape))}  # fmt: skip
+            return self._by_shape[min(keys, key=keys.get)].popleft()[1] if keys else None
+
+    def presses(self) -> list[Press]:
+        with self._lock:
+            return [press for waiting in self._by_shape.values() for _, press in waiting]
+
+    def remove_dropped(self):
+        with self._lock:
+            for shape, waiting in self._by_shape.items():
+                self._by_shape[shape] = deque(each for each in waiting if not each[1].dropped)
+
+    def learn(self, shape: int, iterations: int):
+        self._longest[shape] = max(iterations, self._longest.get(shape, 0))
+        self._iterations[shape] += iterations
+        self._tries[shape] += 1
+        self._all_iterations += iterations
+        self._all_tries += 1
+
+    def hardest_first(self, shape: int, arrival: int) -> tuple:
+        """Sort key. Of the indenters without an ended try, those that are probably slow go first."""
+        unknown = not self._tries[shape]
+        return -self._hardness(shape), not (unknown and self.is_slow(shape)), arrival
+
+    def easiest_first(self, shape: int, arrival: int) -> tuple:
+        return self.is_slow(shape), self._hardness(shape), arrival
 
     def is_slow(self, shape: int) -> bool:
         """True if the tries of an indenter take much longer than those of all indenters, or probably will."""
-        if not self.tries[shape]:
+        if not self._tries[shape]:
             return shape in self._slow
-        return self._is_above(self.iterations[shape], self.tries[shape], SLOW)
+        return self._is_above(self._iterations[shape], self._tries[shape], SLOW)
+
+    def _is_slow_or_hard(self, shape: int) -> bool:
+        return self.is_slow(shape) or 0.0 < self._hardness(shape) < math.inf
+
+    def _hardness(self, shape: int) -> float:
+        """Newton iterations of a hard indenter's longest try; 0 if the indenter is not hard, inf if it is unknown."""
+        if shape not in self._longest:
+            return math.inf
+        longest = self._longest[shape]
+        return longest if self._is_above(longest, 1, HARD) else 0.0
 
     def _is_above(self, iterations: int, tries: int, factor: float) -> bool:
         """True if so many iterations are more than a factor times the mean of as many tries."""
-        return iterations * self.tries.total() > factor * tries * self.iterations.total()
+        return iterations * self._all_tries > factor * tries * self._all_iterations

@@ -11,6 +11,7 @@ from dask.distributed import Client
 from distributed import utils
 
 import simgen.pipeline.local_cluster
+from pipeline.tasks import reciprocal
 from simgen.errors import InputError
 from simgen.pipeline import shard_files
 from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
@@ -27,22 +28,11 @@ for lot in pathlib.Path({folder!r}).iterdir():
 """
 
 
-def reciprocal(number: int) -> float:
-    return 1.0 / number
-
-
-@pytest.fixture(scope="module")
-def client():
-    with local_cluster([{}, {}]) as cluster, Client(cluster) as client:
-        client.wait_for_workers(2)
-        yield client
-
-
 def test_a_local_cluster_is_patient_with_long_calls(client):
     """A mesh may take minutes in one call that lets no heartbeat through; dask's own limit is five."""
-    silence, failures = client.run_on_scheduler(lambda dask_scheduler: (
-        dask_scheduler.worker_ttl, dask_scheduler.allowed_failures))  # fmt: skip
-    assert (silence, failures) == (3600.0, 2)
+    found = client.run_on_scheduler(lambda dask_scheduler: (
+        dask_scheduler.worker_ttl, dask_scheduler.allowed_failures, dask_scheduler.no_workers_timeout))  # fmt: skip
+    assert found == (3600.0, 2, 300.0)
 
 
 @pytest.fixture

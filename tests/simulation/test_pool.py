@@ -2,6 +2,7 @@
 
 import threading
 import time
+import weakref
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
@@ -11,6 +12,7 @@ import pytest
 
 import simgen.simulation.pool
 from simgen.fem.device import DEVICE
+from simgen.pipeline.presser import Pools
 from simgen.simulation.pool import CREW, FREED, POOLS, THREADS, Pool, _give_back, _take
 from simgen.simulation.press import Scene, follow
 from simulation.blocks import CUBE, GEL, SPHERE, make_block, pose
@@ -52,9 +54,65 @@ def test_two_pools_share_the_presses_of_a_task_and_give_the_bytes_of_each_alone(
         tasks = list(threads.map(lambda task: list(press(pool, *task)), [(0, 2), (2, 4)]))
     for one, result in zip(alone, [*tasks[0], *tasks[1]], strict=True):
         np.testing.assert_array_equal(one.displacement, result.displacement)
+        np.testing.assert_array_equal(one.force, result.force)
     assert tries[pool] and tries[other] and tries.total() == 4
     other.advance()
     assert not pool.remaining and not other.remaining
+
+
+@pytest.mark.parametrize("helps", [False, True])
+def test_the_first_of_two_pools_leaves_environments_to_slow_presses_only_if_a_thread_has_the_second(block, helps):
+    pool = make_pool(block, 4)
+    other = make_pool(block, 4, pool)
+    other.taken = helps
+    tasks = [press(pool, 0, 4)]
+    pool.advance()
+    assert pool._stepping.running.sum() == (2 if helps else 4)  # two cubes, or all
+    other.taken = False
+    for each in (pool, other):
+        each.drop()
+    with pytest.raises(RuntimeError, match="another task of this process has failed"):
+        list(tasks[0])
+
+
+def test_the_kernels_of_the_first_pool_with_presses_go_first_on_the_device_and_then_those_of_its_second(block):
+    idle, small = (make_pool(make_block((width, 4, width)), 1) for width in (8, 2))
+    pool = make_pool(block, 1)
+    other = make_pool(block, 1, pool)
+    waiting = [press(each, 0, 1) for each in (pool, small)]
+    assert idle.rank < pool.rank < other.rank < small.rank
+    assert [each._priority for each in (pool, other, small)] == [2, 1, 0]
+    for each, results in zip((pool, small), waiting, strict=True):
+        each.drop()
+        assert results.dropped
+
+
+def test_an_error_of_one_pool_ends_the_presses_that_another_one_would_have_taken(block, monkeypatch):
+    """All threads wait until every pool has dropped its presses. Then the pools are sound."""
+    pool = make_pool(block, 1)
+    other = make_pool(block, 1, pool)
+
+    def break_down(ended):
+        raise MemoryError("no more")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(other._stepping, "_accept_or_reject", break_down)
+        with ThreadPoolExecutor(2) as threads:
+            tasks = [threads.submit(lambda i: list(press(pool, i, i + 2)), i) for i in (0, 2)]
+            errors = {type(task.exception(timeout=60.0)) for task in tasks}
+    assert errors <= {MemoryError, RuntimeError} and MemoryError in errors
+    assert not pool.remaining and not other.remaining
+    assert (next(iter(press(other, 0, 1))).status == 0).all()
+
+
+def test_results_keep_both_pools_alive(block):
+    pool = make_pool(block, 1)
+    results = Pools([pool, make_pool(block, 1, pool)]).press([0, 1, 0], POSES[:3], np.full(3, 2))
+    second = weakref.ref(results.pools[1])
+    del pool
+    assert second() is not None and len(list(results)) == 3
+    del results
+    assert second() is None
 
 
 def test_a_task_ends_while_a_hard_press_of_another_goes_on(block):

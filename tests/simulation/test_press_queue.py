@@ -1,5 +1,9 @@
 """Order of presses in the queue."""
 
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from simgen.simulation.press_queue import PressQueue
@@ -82,6 +86,14 @@ def test_two_queues_take_the_hardest_and_the_easiest_of_the_same_presses():
     assert not len(queue) and not len(other)
 
 
+def test_the_second_queue_takes_slow_presses_last_even_if_none_was_hard():
+    queue, presses = filled(0, 1)
+    for shape, iterations in ((0, 190), (0, 190), (1, 100), (1, 100), (1, 100), (1, 100), (1, 100)):
+        queue.learn(shape, iterations)
+    other = PressQueue(queue)
+    assert other.pop() is presses[1] and other.pop() is presses[0]
+
+
 def test_a_second_try_stays_in_its_own_queue():
     queue, presses = filled(0)
     other, again = PressQueue(queue), a_press(0, again=True)
@@ -97,26 +109,45 @@ def test_presses_dropped_from_one_queue_do_not_wait_in_the_other():
     assert list(queue) == presses[:2]
 
 
-def test_beside_slow_presses_only_slow_and_hard_ones_begin_in_the_queue_of_the_hardest():
-    """So their iterations become short; the other queue takes the rest. Alone, a queue takes all."""
+def test_no_press_is_lost_while_another_thread_removes_those_that_were_dropped():
+    queue, _ = filled(*[0] * 100)
+    other, done = PressQueue(queue), threading.Event()
+
+    def remove():
+        while not done.is_set():
+            other.remove_dropped()
+
+    before, each = sys.getswitchinterval(), 2000
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(1) as thread:
+            removing = thread.submit(remove)
+            for _ in range(each):
+                queue.add(a_press(0))
+            done.set()
+            removing.result()
+    finally:
+        sys.setswitchinterval(before)
+    assert len(queue) == 100 + each
+
+
+def test_beside_slow_presses_only_slow_and_hard_ones_begin_in_the_first_queue():
+    """So their iterations become short; the second queue takes the rest. Without its help, the first one takes all."""
     queue, presses = filled(0, 1, 2, 1, 3)
     for shape, iterations in ((0, 100), (1, 200), (2, 100), (2, 90), (3, 10), (3, 300), (3, 10), (3, 10)):
         queue.learn(shape, iterations)
-    other = PressQueue(queue)
+    other, queue.has_help = PressQueue(queue), True
     assert queue.pop({0, 1}) is presses[4]  # hard, because one of its tries was long
     assert queue.pop({0, 1}) is presses[1]
     assert other.pop({0, 1}) is presses[0]
     assert queue.pop({1}) is presses[3] and queue.pop({1}) is None
-    assert queue.pop({0}) is presses[2]
-    alone, presses = filled(0)
-    alone.learn(0, 100)
-    alone.learn(1, 500)
-    assert alone.pop({1}) is presses[0]
+    queue.has_help = False
+    assert queue.pop({1}) is presses[2]
 
 
 def test_shapes_count_as_slow_until_one_of_their_tries_has_ended():
     queue, presses = filled(0, 1, 0, 1, slow=[1])
-    other = PressQueue(queue)
+    other, queue.has_help = PressQueue(queue), True
     assert queue.pop() is presses[1] and other.pop() is presses[0]
     queue.learn(0, 100)
     assert queue.pop({1}) is presses[3] and queue.pop({1}) is None
