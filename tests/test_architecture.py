@@ -85,7 +85,7 @@ def test_no_module_imports_itself_in_a_circle():
 
 
 def test_each_heavy_package_has_its_place():
-    assert modules_with("dask", "distributed") == {"pipeline.workers"}
+    assert modules_with("dask", "distributed") == {"pipeline.workers", "pipeline.local_cluster"}
     assert {module.split(".")[0] for module in modules_with("typer")} == {"cli"}
     assert {module.split(".")[0] for module in modules_with("nicegui", "fastapi", "starlette")} <= {"view"}
     torch = modules_with("torch", "safetensors")
