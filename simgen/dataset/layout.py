@@ -11,7 +11,6 @@ from simgen.dataset.stored_arrays import REST_DEPTH, path_arrays
 from simgen.errors import InputError
 
 REFUSED = ("refused/points", "refused/normals")
-SINGULAR = 1e-9  # determinant; that of a pose is 1. Ranks take ten times as long
 
 
 def faults(dataset: Dataset) -> dict[str, str]:
@@ -111,6 +110,6 @@ def _faulty_values(dataset: Dataset) -> dict[str, str]:
     for name in (*finite, *poses):
         if not np.isfinite(values := dataset[name]).all():
             found[name] = "values that are not finite numbers"
-        elif name in poses and (np.abs(np.linalg.det(values)) < SINGULAR).any():
+        elif name in poses and (np.linalg.matrix_rank(values) < 4).any():
             found[name] = "matrices that cannot be inverted"
     return found

@@ -58,7 +58,8 @@ DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
 def stream_of_priority(device: wp.Device, level: int) -> wp.Stream:
     """Make a stream whose kernels start before those of streams of lower levels, from 0 on. It is never destroyed.
 
-    Warp knows two levels, CUDA has more. CUDA limits levels to those that the device has.
+    Warp knows two levels, CUDA has more. CUDA limits levels to those that the device has. Raises `RuntimeError` if CUDA
+    makes no stream.
     """
     handle = ctypes.c_void_p()
     device.make_current()

@@ -33,7 +33,7 @@ PRESSES_PER_GPU_PROCESS = 4608
 # Presses on each sensor but the first that a GPU should have at a time if several share them. Pools hold 1,024, but a
 # shard waits for its slowest press. With 1,152, pools were half empty for 60 of 160 s (e58a048, two H200s).
 PRESSES_SHARED_AT_ONCE = 2048
-SHARED_AT_ONCE = 0.8  # largest part of all these presses that GPUs have together at a time, so that some are left
+LARGEST_PART = 0.8  # largest part of all these presses that GPUs have together at a time, so that some are left
 SMALLER = 8  # parts in which a failed task is tried again; most of them may succeed
 
 
@@ -182,7 +182,7 @@ def _failed(dataset: Dataset, shards: list[int], failure: Failure) -> list[Shard
 
 def shared_at_once(tasks: int, presses_per_task: int, gpus: int) -> int:
     """Number of shared tasks on one sensor that each GPU should have at a time; ``tasks``: of all GPUs."""
-    return max(1, min(-(-PRESSES_SHARED_AT_ONCE // presses_per_task), math.ceil(SHARED_AT_ONCE * tasks / gpus)))
+    return max(1, min(-(-PRESSES_SHARED_AT_ONCE // presses_per_task), math.ceil(LARGEST_PART * tasks / gpus)))
 
 
 def divide(shards: list[int], size: int) -> list[list[int]]:

@@ -37,7 +37,7 @@ def test_a_local_cluster_is_patient_with_long_calls(client):
 
 @pytest.fixture
 def dying(tmp_path, monkeypatch):
-    """Of processes that start from now on, so many are killed before they are workers."""
+    """Kill so many of the processes that start from now on, before they are workers."""
     monkeypatch.setattr(simgen.pipeline.local_cluster, "IGNORE_INTERRUPTS", DIES.format(folder=str(tmp_path)))
     return lambda times: [(tmp_path / str(number)).touch() for number in range(times)]
 
