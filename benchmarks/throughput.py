@@ -22,7 +22,6 @@ import numpy as np
 from record import arguments, write
 
 from simgen.config.job import load_job
-from simgen.config.warp_device import start_warp
 from simgen.dataset.audit import passes
 from simgen.dataset.running_audit import RunningAudit
 from simgen.fem.nonlinear.status import has_values
@@ -34,7 +33,6 @@ from simgen.pipeline.workers import start_workers
 def measure(job, device: str, workers: int, folder: Path) -> dict:
     """Run and audit the job once."""
     begin, reports = time.perf_counter(), []
-    start_warp()
     with start_workers(job, device, workers) as started, RunningAudit(folder) as audit:
 
         def on_report(report):

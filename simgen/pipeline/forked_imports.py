@@ -1,32 +1,87 @@
 """Imports of worker processes, done once: workers are forked from a process that has imported what they need."""
 
+import ctypes
 import multiprocessing
 import multiprocessing.forkserver
 import multiprocessing.resource_tracker
+import multiprocessing.util
 import os
 import signal
 import sys
+import threading
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import NoReturn
 
 CAN_FORK = sys.platform == "linux"  # other systems have no safe fork
+DRIVER, NOT_INITIALISED = "libcuda.so.1", 3  # CUDA's driver, and its error before `cuInit`
 IMPORTED = ["simgen.pipeline.worker_imports"]
 # What dask sets before it starts a worker; libraries read it as they are imported. Each worker uses one core.
 ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
-def start_imports() -> None:
+def start_imports(as_copy: bool = False) -> None:
     """Start the process that workers are forked from, unless it runs already. It imports while the caller goes on.
 
     That process has no threads, and initialises neither Warp nor CUDA. Without it, each worker takes 2 to 3 s for
     its imports.
+
+    as_copy : if possible, that process begins as a copy of this one, which has most of the imports. Libraries of linear
+        algebra then use as many threads there as here
     """
     if not CAN_FORK:
         return
     multiprocessing.set_forkserver_preload(IMPORTED)
     multiprocessing.resource_tracker.ensure_running()  # otherwise it starts inside, and lets interrupts in
-    with _no_interrupts(), _environment():
+    with _no_interrupts(), _environment(), _copies() if as_copy and can_be_copied() else nullcontext():
         multiprocessing.forkserver.ensure_running()
+
+
+def can_be_copied() -> bool:
+    """True if a copy of this process would work: it has one thread of Python, and has not initialised CUDA."""
+    return threading.active_count() == 1 and not cuda_is_initialised()
+
+
+def cuda_is_initialised() -> bool:
+    """True if a library has called `cuInit` in this process. CUDA does not work in a copy that is made later."""
+    if "libcuda.so" not in Path("/proc/self/maps").read_text():
+        return False
+    return ctypes.CDLL(DRIVER).cuDeviceGetCount(ctypes.byref(ctypes.c_int())) != NOT_INITIALISED
+
+
+@contextmanager
+def _copies() -> Iterator[None]:
+    """Let `multiprocessing` copy this process where it would start Python anew."""
+    start_anew = multiprocessing.util.spawnv_passfds
+
+    def copy(path: bytes, arguments: list[str], descriptors: list[int]) -> int:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about the threads of libraries, which prepare for a fork themselves
+            process = os.fork()
+        if not process:
+            multiprocessing.util.spawnv_passfds = start_anew
+            _serve(arguments[-1], descriptors)
+        return process
+
+    multiprocessing.util.spawnv_passfds = copy
+    try:
+        yield
+    finally:
+        multiprocessing.util.spawnv_passfds = start_anew
+
+
+def _serve(program: str, descriptors: list[int]) -> NoReturn:
+    """Run the program of the process that workers are forked from, in a copy of the caller's process."""
+    try:
+        multiprocessing.forkserver._forkserver._lock = threading.Lock()  # the caller holds it while it makes the copy
+        for each in {int(name) for name in os.listdir("/proc/self/fd")} - {0, 1, 2, *descriptors}:
+            with suppress(OSError):
+                os.close(each)
+        exec(program)
+    finally:
+        os._exit(0)
 
 
 @contextmanager

@@ -163,7 +163,7 @@ def start_workers(
     Raises it also for a device that this machine lacks, unless a scheduler's workers solve.
     """
     if scheduler is None:
-        start_imports()  # while this process looks for GPUs and plans
+        start_imports(as_copy=device != "cpu")  # while this process looks for GPUs and plans; before it loads CUDA
     if scheduler is None or scheduler == "sync":
         check_device(device)
     if scheduler == "sync":

@@ -20,7 +20,7 @@ from simgen.simulation.press_path import PressPath, longest_way
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
 from simgen.simulation.state_sampler import StateSampler
-from simgen.simulation.tries import SECOND_TRY_ITERATIONS, Press, Try
+from simgen.simulation.tries import SECOND_TRY_AFTER, SECOND_TRY_ITERATIONS, Press, Try
 
 MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last load step
 GROWTH_DELAY = 4  # converged increments before a halved load step is doubled; a failed increment costs as much as four
@@ -94,6 +94,14 @@ class LoadStepping:
         """Number of waiting presses and running tries."""
         return len(self.queue) + int(self.running.sum())
 
+    @property
+    def has_slow_press(self) -> bool:
+        """True if a running press is slow: see `PressQueue.is_slow`."""
+        return any(
+            press is not None and self.queue.is_slow(press.shape, self._try_iterations[env])
+            for env, press in enumerate(self.press)
+        )
+
     def advance(self):
         """Advance all running presses by one iteration."""
         begin = time.perf_counter()
@@ -119,7 +127,8 @@ class LoadStepping:
         free = np.flatnonzero(~self.running)
         if not len(free):
             return fresh
-        slow = [self.press[env] for env in np.flatnonzero(self.running & (self.cost[0] > SECOND_TRY_ITERATIONS))]
+        slow = (self.cost[0] > SECOND_TRY_ITERATIONS) | (self._try_iterations > SECOND_TRY_AFTER)
+        slow = [self.press[env] for env in np.flatnonzero(self.running & slow)]
         slow = [press for press in slow if len(press.tries) == 1]
         running = {press.shape for press in self.press if press is not None}
         for env in free:

@@ -29,7 +29,7 @@ from simgen.units import MM_PER_M
 POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 FREED = threading.Condition()  # guards `Pool.taken`; notified when a thread gives a pool back
 NUMBERS = count()
-MANY = 64  # presses; pools with more take turns on the device
+MANY = 64  # presses; pools with as many take turns on the device
 # Kinds of indenters that press with a face, whose whole edge touches at once. On the DIGIT, cubes and rings take 2.1
 # and 1.4 times the mean number of Newton iterations, and the last presses of a run are theirs.
 PROBABLY_SLOW = {Kind.CUBE, Kind.RING}
@@ -57,7 +57,7 @@ class Pool:
         scene.reset(list(shapes))
         path = np.column_stack([path_m * MM_PER_M, turns_rad])
         slow = [i for i, shape in enumerate(shapes) if Kind(shape.kind) in PROBABLY_SLOW]
-        queue = PressQueue(slow=slow) if beside is None else PressQueue(beside._stepping.queue)
+        queue = PressQueue(slow=slow, few=scene.batch) if beside is None else PressQueue(beside._stepping.queue)
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n, queue)
         self._second: weakref.ref[Pool] | None = None
         if beside is not None:
@@ -88,11 +88,13 @@ class Pool:
 
     @property
     def device_rank(self) -> int:
-        """Rank of this pool's thread among those that wait for the device: the number of its running presses, if few.
+        """Rank of this pool's thread among those that wait for the device.
 
-        An iteration of few presses is short, and the last presses of a run decide when it ends.
+        It is the number of presses, if they are few and one is slow: their iterations are short, and slow presses
+        decide when a run ends. All other pools take turns.
         """
-        return min(int(self._stepping.running.sum()) or MANY, MANY)
+        running = int(self._stepping.running.sum())
+        return running if 0 < running < MANY and self._stepping.has_slow_press else MANY
 
     def advance(self):
         """Advance the presses by one iteration. The calling thread has taken the pool and holds the device."""

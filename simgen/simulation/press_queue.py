@@ -22,8 +22,9 @@ class PressQueue:
 
     A run ends when its last press ends, and a few presses take ten times the Newton iterations of most. So presses of
     hard indenters begin first, in the order of their longest tries. All other presses keep their order, so that tasks
-    end one after the other. The queue learns the lengths of tries from tries that have ended. An indenter without an
-    ended try counts as the hardest. A second try goes before all others.
+    end one after the other. But once few presses wait, those of indenters with longer tries begin first, so that the
+    last ones are short. The queue learns the lengths of tries from tries that have ended. An indenter without an ended
+    try counts as the hardest. A second try goes before all others.
 
     A second queue can share the presses that begin their first try. The first queue then takes the hardest, and the
     second queue takes hard and slow ones last. While the second one is in use and a slow press runs beside the first
@@ -31,11 +32,12 @@ class PressQueue:
 
     beside : the first queue, for a second one
     slow : shapes that count as slow until one of their tries has ended
+    few : so many waiting presses are few
     has_help : True while a thread starts presses from the second queue
     """
 
-    def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = ()):
-        self._shared = _Shared(slow) if beside is None else beside._shared
+    def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = (), few: int = 0):
+        self._shared = _Shared(slow, few) if beside is None else beside._shared
         self._is_first = beside is None
         self.has_help = False
         self._again: deque[Press] = deque()
@@ -60,6 +62,10 @@ class PressQueue:
         """Note that a try with this shape has ended after this number of Newton iterations."""
         self._shared.learn(shape, int(iterations))
 
+    def is_slow(self, shape: int, iterations: int) -> bool:
+        """True if a running try is slow: its indenter is, or the try has taken long already."""
+        return self._shared.is_slow(shape) or self._shared.is_long(int(iterations))
+
     def remove_dropped(self):
         self._again = deque(press for press in self._again if not press.dropped)
         self._shared.remove_dropped()
@@ -78,8 +84,8 @@ class _Shared:
     count : number of presses
     """
 
-    def __init__(self, slow: Collection[int]):
-        self._lock, self._slow = threading.Lock(), set(slow)
+    def __init__(self, slow: Collection[int], few: int):
+        self._lock, self._slow, self._few = threading.Lock(), set(slow), few
         self._by_shape: dict[int, deque[tuple[int, Press]]] = {}  # shape -> (number of arrival, press)
         self._arrivals = count()
         self._longest: dict[int, int] = {}  # shape -> Newton iterations of its longest try that has ended
@@ -95,10 +101,16 @@ class _Shared:
         with self._lock:
             self._by_shape.setdefault(press.shape, deque()).append((next(self._arrivals), press))
 
-    def pop(self, key: Callable[[int, int], tuple], only_slow: bool = False) -> Press | None:
-        """Take the oldest press of the shape with the least key of (shape, arrival). Slow and hard shapes, or all."""
+    def pop(self, key: Callable[[int], tuple], only_slow: bool = False) -> Press | None:
+        """Take the oldest press of the shape with the least key. Slow and hard shapes, or all.
+
+        Of shapes with the same key, the one whose press came first goes first. If few presses wait, it is the one with
+        the longest tries.
+        """
         with self._lock:
-            keys = {shape: key(shape, waiting[0][0]) for shape, waiting in self._by_shape.items()
+            few = sum(map(len, self._by_shape.values())) <= self._few
+            keys = {shape: (*key(shape), -self._mean(shape) if few else 0.0, waiting[0][0])
+                    for shape, waiting in self._by_shape.items()
                     if waiting and not (only_slow and not self._is_slow_or_hard(shape))}  # fmt: skip
             return self._by_shape[min(keys, key=keys.get)].popleft()[1] if keys else None
 
@@ -118,13 +130,13 @@ class _Shared:
         self._all_iterations += iterations
         self._all_tries += 1
 
-    def hardest_first(self, shape: int, arrival: int) -> tuple:
+    def hardest_first(self, shape: int) -> tuple:
         """Sort key. Of the indenters without an ended try, those that are probably slow go first."""
         unknown = not self._tries[shape]
-        return -self._hardness(shape), not (unknown and self.is_slow(shape)), arrival
+        return -self._hardness(shape), not (unknown and self.is_slow(shape))
 
-    def easiest_first(self, shape: int, arrival: int) -> tuple:
-        return self.is_slow(shape), self._hardness(shape), arrival
+    def easiest_first(self, shape: int) -> tuple:
+        return self.is_slow(shape), self._hardness(shape)
 
     def is_slow(self, shape: int) -> bool:
         """True if the tries of an indenter take much longer than those of all indenters, or probably will."""
@@ -140,7 +152,15 @@ class _Shared:
         if shape not in self._longest:
             return math.inf
         longest = self._longest[shape]
-        return longest if self._is_above(longest, 1, HARD) else 0.0
+        return longest if self.is_long(longest) else 0.0
+
+    def is_long(self, iterations: int) -> bool:
+        """True if a try of so many Newton iterations is much longer than most."""
+        return self._is_above(iterations, 1, HARD)
+
+    def _mean(self, shape: int) -> float:
+        """Mean number of Newton iterations of an indenter's ended tries; 0 without one."""
+        return self._iterations[shape] / max(1, self._tries[shape])
 
     def _is_above(self, iterations: int, tries: int, factor: float) -> bool:
         """True if so many iterations are more than a factor times the mean of as many tries."""

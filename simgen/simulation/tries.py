@@ -14,6 +14,9 @@ SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the f
 # Where a press fails, each try takes up to a thousand, and a run ends when its last press ends. About 20 of the paired
 # job's 7,740 presses on the DIGIT need more than this for a depth (f124716, one H200).
 SECOND_TRY_ITERATIONS = 300
+# The same for the iterations of a whole try. 110 tries of four runs of that job took more, and 9 of the 11 that failed
+# (3fa6dd0 and a later version; H200s). If a try fails late, nothing else is left to run beside the second one.
+SECOND_TRY_AFTER = 450
 
 
 @dataclass(eq=False)

@@ -48,6 +48,67 @@ def test_a_worker_has_the_imports_and_one_thread_and_the_caller_has_neither(tmp_
     assert ended.stdout.split() == ["True", "True", "1", "False", "True"], ended.stderr
 
 
+COPY = """
+import multiprocessing, os, sys
+from simgen.pipeline.forked_imports import start_imports
+
+def write(found):
+    found.put(os.getppid())
+
+def look(found):
+    context = multiprocessing.get_context("forkserver")  # a worker starts processes that write in this way
+    inner = context.SimpleQueue()
+    context.Process(target=write, args=(inner,)).start()
+    found.put((os.getppid(), inner.get() not in (os.getpid(), os.getppid())))
+
+if __name__ == "__main__":
+    reading, writing = os.pipe()
+    before = multiprocessing.util.spawnv_passfds
+    start_imports(as_copy=True)
+    os.close(writing)
+    os.read(reading, 1)  # returns if no other process has a copy of the descriptor
+    context = multiprocessing.get_context("forkserver")
+    found = context.SimpleQueue()
+    context.Process(target=look, args=(found,)).start()
+    server, fresh = found.get()
+    command = open(f"/proc/{server}/cmdline").read().split(chr(0))
+    print(sys.argv[0] in command, fresh, multiprocessing.util.spawnv_passfds is before, flush=True)
+"""
+
+
+def test_the_process_that_workers_are_forked_from_can_be_a_copy_of_the_caller(tmp_path, environment):
+    """The copy keeps no file of the caller open, its workers can start processes, and it ends with the caller."""
+    script = tmp_path / "script.py"
+    script.write_text(COPY)
+    command = [sys.executable, script]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
+    assert ended.stdout.split() == ["True", "True", "True"], ended.stderr
+
+
+THREAD = "import threading, time; threading.Thread(target=time.sleep, args=(1,)).start()"
+DRIVER = """
+import ctypes, mmap
+from types import SimpleNamespace
+file = open({path!r}, "w+b")
+file.write(b".")
+file.flush()
+mapped = mmap.mmap(file.fileno(), 1)  # as the driver would be
+ctypes.CDLL = lambda name: SimpleNamespace(cuDeviceGetCount=lambda count: {error})
+"""
+
+
+@pytest.mark.parametrize(("prepare", "can"), [
+    ("", True), (THREAD, False), (DRIVER.replace("{error}", "3"), True), (DRIVER.replace("{error}", "0"), False),
+])  # fmt: skip
+def test_a_process_with_threads_or_with_cuda_is_not_copied(prepare, can, tmp_path, environment):
+    """Error 3 means that nothing has initialised CUDA yet."""
+    look = "from simgen.pipeline.forked_imports import can_be_copied; print(can_be_copied())"
+    prepare = prepare.format(path=str(tmp_path / "libcuda.so.1"))
+    command = [sys.executable, "-c", f"{prepare}\n{look}"]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
+    assert ended.stdout.split() == [str(can)], ended.stderr
+
+
 def test_an_interrupt_while_workers_import_prints_no_traceback(environment):
     """A terminal interrupts all processes of a command."""
     waits = "from simgen.pipeline.forked_imports import start_imports as s; import time; s(); print(1, flush=True)"

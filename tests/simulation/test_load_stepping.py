@@ -232,6 +232,15 @@ def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_for_a_d
     assert spent > doubt and len(one.tries[0].samples) == 1
 
 
+def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_in_all(block, monkeypatch):
+    stepping, one = two_tries(block, monkeypatch, 10_000)
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_AFTER", 15)
+    while len(one.tries) < 2:
+        spent, since_sample = stepping._try_iterations[0], stepping.cost[0, 0]
+        stepping.advance()
+    assert 15 < spent < 40 and since_sample < spent and len(one.tries[0].samples) == 1
+
+
 def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
     stepping, one = two_tries(block, monkeypatch, -1)
     for _ in range(3):

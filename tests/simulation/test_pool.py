@@ -13,7 +13,7 @@ import pytest
 import simgen.simulation.pool
 from simgen.fem.device import DEVICE
 from simgen.pipeline.presser import Pools
-from simgen.simulation.pool import CREW, FREED, POOLS, THREADS, Pool, _give_back, _take
+from simgen.simulation.pool import CREW, FREED, MANY, POOLS, THREADS, Pool, _give_back, _take
 from simgen.simulation.press import Scene, follow
 from simulation.blocks import CUBE, GEL, SPHERE, make_block, pose
 
@@ -85,6 +85,23 @@ def test_the_kernels_of_the_first_pool_with_presses_go_first_on_the_device_and_t
     for each, results in zip((pool, small), waiting, strict=True):
         each.drop()
         assert results.dropped
+
+
+def test_a_pool_of_few_presses_goes_first_on_the_device_only_if_one_of_them_is_slow(block):
+    """The block's cube counts as slow until one of its tries has ended. Two pools with short presses take turns."""
+    pool, spheres = make_pool(block, 2), make_pool(block, 2)
+    ranks = [(pool.device_rank, spheres.device_rank)]
+    tasks = [press(pool, 0, 2), spheres.press([0, 0], POSES[:2], np.full(2, 2))]
+    for each in (pool, spheres):
+        each.advance()
+    ranks.append((pool.device_rank, spheres.device_rank))
+    spheres._stepping.queue.learn(0, 1)
+    spheres._stepping._try_iterations[:] = 3  # much longer than the only ended try
+    ranks.append((pool.device_rank, spheres.device_rank))
+    assert ranks == [(MANY, MANY), (2, MANY), (2, 2)]
+    for each, results in zip((pool, spheres), tasks, strict=True):
+        each.drop()
+        assert all(one.dropped for one in results.presses)
 
 
 def test_an_error_of_one_pool_ends_the_presses_that_another_one_would_have_taken(block, monkeypatch):

@@ -17,8 +17,8 @@ def a_press(shape, again=False):
     return press
 
 
-def filled(*shapes, slow=()):
-    queue, presses = PressQueue(slow=slow), [a_press(shape) for shape in shapes]
+def filled(*shapes, **more):
+    queue, presses = PressQueue(**more), [a_press(shape) for shape in shapes]
     for press in presses:
         queue.add(press)
     return queue, presses
@@ -55,6 +55,31 @@ def test_presses_of_other_indenters_keep_their_order():
     for shape, iterations in ((0, 80), (1, 100), (2, 120)):
         queue.learn(shape, iterations)
     assert order(queue, presses) == [0, 1, 2, 3, 4]
+
+
+def test_once_few_presses_wait_the_longest_begin_first():
+    """So the last ones of a run are short. Hard indenters still go before all."""
+    queue, presses = filled(0, 1, 0, 1, 2, 3, few=4)
+    for shape, iterations in ((0, 80), (1, 100), (2, 120), (3, 60), (3, 250)):
+        queue.learn(shape, iterations)
+    assert order(queue, presses) == [5, 0, 4, 1, 3, 2]
+
+
+def test_once_few_presses_wait_the_second_queue_also_takes_the_longest_first():
+    queue, presses = filled(0, 1, 2, few=2)
+    for shape, iterations in ((0, 80), (1, 100), (2, 110)):
+        queue.learn(shape, iterations)
+    other = PressQueue(queue)
+    assert order(other, presses) == [0, 2, 1]
+
+
+def test_a_try_is_slow_if_its_indenter_is_or_if_it_takes_long():
+    queue = PressQueue(slow=[0])
+    assert queue.is_slow(0, 0) and not queue.is_slow(1, 10_000)  # nothing to compare with yet
+    for shape, iterations in ((0, 200), (1, 100), (1, 100), (1, 100)):
+        queue.learn(shape, iterations)
+    assert queue.is_slow(0, 0)
+    assert queue.is_slow(1, 251) and not queue.is_slow(1, 250)  # twice the mean of 125
 
 
 def test_a_press_that_is_tried_again_goes_before_all():
