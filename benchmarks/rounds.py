@@ -40,7 +40,7 @@ from simgen.simulation.tries import Try
 
 PHASES = {
     LoadStepping: ("_begin_increments", "_start_tries", "_repeat", "_accept_or_reject", "_store_samples"),
-    StateSampler: ("overlap", "room", "displacements", "bound_det_F", "reactions"),
+    StateSampler: ("overlap", "measure"),
     Try: ("keep",),
     device: ("_wait_for",),
     NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving"),

@@ -16,7 +16,10 @@ import struct
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
+from itertools import islice
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -207,6 +210,24 @@ def read(*arrays: wp.array) -> list[np.ndarray]:
     elif device.is_cuda:
         wp.synchronize_device(device)
     return [_end_read(array, memory) for array, memory in zip(arrays, begun, strict=True)]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A value to come: arrays that kernels fill, launched before, and the function that makes it of their contents."""
+
+    arrays: tuple[wp.array, ...]
+    value: Callable[..., Any]
+
+    def read(self) -> Any:
+        """Return the value."""
+        return read_together(self)[0]
+
+
+def read_together(*readings: Reading) -> list[Any]:
+    """Return the values of readings. The host waits for the device once, not once for each."""
+    contents = iter(read(*(array for reading in readings for array in reading.arrays)))
+    return [reading.value(*islice(contents, len(reading.arrays))) for reading in readings]
 
 
 def _begin_read(array: wp.array) -> _HostMemory | None:

@@ -60,13 +60,12 @@ class LoadStepping:
         self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
         self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
         self._repeats = np.zeros(batch, dtype=int)  # of the current increment
-        self._damping = np.zeros(batch)  # largest since the last sample
+        self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since a sample; deepest where one is due
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self._step_scale = np.ones(batch)  # of the current tries
-        self.goal = np.zeros(batch)
-        self.max_step = np.full(batch, self.path.max_steps[0])  # on the current leg
-        self._try_iterations = np.zeros(batch, dtype=np.int64)  # Newton iterations of the current tries
-        self.cost = np.zeros((3, batch), dtype=np.int64)  # Newton, Krylov iterations, sub-steps since the last sample
+        self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
+        # Newton iterations of the current tries; Newton and Krylov iterations and sub-steps since the last sample
+        self._try_iterations, self.cost = np.zeros(batch, dtype=np.int64), np.zeros((3, batch), dtype=np.int64)
         self.x_start, self.x_previous = self.solver.vector(), self.solver.vector()
         self._target_poses = np.tile(np.eye(4), (batch, 1, 1))
 
@@ -184,9 +183,8 @@ class LoadStepping:
         if not starting.any():
             return
         solver = self.solver
-        stored = np.array([0 if each is None else len(each.samples) for each in self.tries])
-        segment = np.minimum(stored, len(self.path) - 1)
-        self.goal = self.path.lengths[1 + segment]
+        segment = [0 if each is None else min(len(each.samples), len(self.path) - 1) for each in self.tries]
+        self.goal = self.path.lengths[1:][segment]
         max_step = self._step_scale * self.path.max_steps[segment]
         self.step = np.where(max_step != self.max_step, max_step, self.step)
         self.max_step = max_step
@@ -238,8 +236,9 @@ class LoadStepping:
         due = converged & (self.target == self.goal)
         if due.any():
             solver.mark(due)
-            sampler = self.sampler
-            too_far = due & ((sampler.overlap()[1] > MAX_OVERLAP_RATIO) | (sampler.room() < 0.0))
+            overlap = self.sampler.overlap()
+            self._overlap_mm[due] = overlap.deepest_mm[due]
+            too_far = due & ((overlap.of_edge > MAX_OVERLAP_RATIO) | (overlap.room_mm < 0.0))
             out.status[too_far & ~repeatable] = Status.NOT_RESOLVED
             too_far &= repeatable
             if too_far.any():
@@ -329,21 +328,23 @@ class LoadStepping:
             return
         out = self.solver.increment
         solution = Solution(out.residual, out.contact_error, out.min_det, self._damping, *self.cost)
-        for env, sample in take_samples(self.sampler, reached, self._poses, solution):
+        samples = take_samples(self.sampler, reached, self._poses, solution, self._overlap_mm)
+        force, environments = samples.values["force"], samples.environments
+        too_strong = np.abs((force * self._poses[environments, :3, 1]).sum(axis=1)) > self._max_force_n
+        missed, overlaps = ~force.any(axis=1), self._overlap_mm[environments] > MIN_OVERLAP_MM
+        for place, env in enumerate(environments):
             if (current := self.tries[env]) is None:  # the press has just ended with its other try
                 continue
-            press, force = self.press[env], sample.values["force"]
-            if abs(force @ press.pose[:3, 1]) > self._max_force_n:
+            if too_strong[place]:
                 self._end(env, Status.FORCE_LIMIT)
                 continue
             entered = not current.samples and self.path.points[0, 1] > MIN_OVERLAP_MM
-            missed = not force.any() and (entered or sample.overlap_mm > MIN_OVERLAP_MM)
-            if missed:
+            if missed[place] and (overlaps[place] or entered):
                 self._end(env, Status.NOT_RESOLVED)
                 continue
-            current.keep(sample, len(self.path))
-            self.cost[:, env], self._damping[env] = 0, 0.0
+            current.keep(samples, place, len(self.path))
             if len(current.samples) == len(self.path):
                 self._end(env, Status.CONVERGED)
-            elif len(current.samples) == press.steps:
+            elif len(current.samples) == self.press[env].steps:
                 self._end(env, Status.NO_ROOM)
+        self.cost[:, environments], self._damping[environments] = 0, 0.0

@@ -6,9 +6,9 @@ returns an array (environment, ...) with the output's shape and unit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from simgen.fem.device import read
 from simgen.fem.nonlinear.newton import SMALLEST_FORCE
 from simgen.fem.nonlinear.status import Status
 from simgen.simulation.scene import Scene
-from simgen.simulation.state_sampler import StateSampler
+from simgen.simulation.state_sampler import Measured, StateSampler
 from simgen.units import MM_PER_M
 
 
@@ -54,10 +54,19 @@ class State:
 
     environments : (k,) numbers of the environments
     frames : (k, 3, 3) contact frame -> sensor frame: the indenters' axes at first touch
+    overlap_mm : (env,) deepest overlap with indenter, core and support
     """
 
-    def __init__(self, sampler: StateSampler, environments: np.ndarray, frames: np.ndarray, solution: Solution):
-        self.sampler, self.environments, self.frames, self.solution = sampler, environments, frames, solution
+    def __init__(
+        self,
+        sampler: StateSampler,
+        environments: np.ndarray,
+        frames: np.ndarray,
+        solution: Solution,
+        overlap_mm: np.ndarray,
+    ):
+        self.sampler, self.environments, self.frames = sampler, environments, frames
+        self.solution, self.overlap_mm = solution, overlap_mm
 
     @property
     def scene(self) -> Scene:
@@ -69,18 +78,23 @@ class State:
         return self.scene.material.youngs_modulus_pa / MM_PER_M**2
 
     @_cached
+    def measured(self) -> Measured:
+        """What most outputs need, of all environments."""
+        return self.sampler.measure(len(self.environments))
+
+    @property
     def contact(self) -> Resultants:
         """Resultants of the indenter's contact in all environments, in the solver's units."""
-        return self.scene.indenter_contact.resultants(self.scene.solver.x)
+        return self.measured.contact
 
-    @_cached
+    @property
     def total_force(self) -> np.ndarray:
         """Sum of all forces on the gel (env, 3), zero in equilibrium, in the solver's units."""
-        scene, x = self.scene, self.scene.solver.x
-        total = self.contact.force + self.sampler.reactions().T
-        for fixed in scene.fixed_contacts:
-            total += fixed.resultants(x).force
-        return total if scene.cavity is None else total + scene.cavity.resultant(x)
+        scene = self.scene
+        total = self.contact.force + self.measured.reactions.T
+        for fixed in self.measured.fixed:
+            total += fixed.force
+        return total if scene.cavity is None else total + scene.cavity.resultant(scene.solver.x)
 
     @_cached
     def cavity(self) -> tuple[np.ndarray, np.ndarray]:
@@ -88,42 +102,55 @@ class State:
         solver, row = self.scene.solver, self.scene.cavity.row
         return tuple(read(solver.balance.surface[row], solver.x[row]))
 
-    @_cached
-    def overlap_mm(self) -> np.ndarray:
-        """Deepest overlap (env,) mm with indenter, core and support."""
-        return self.sampler.overlap()[0]
 
-    @_cached
-    def det_F(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower bound (env,) of det F over all elements, and number (env,) of elements that are inverted somewhere."""
-        return self.sampler.bound_det_F()
+class PressSample(NamedTuple):
+    """A converged step of a press, without outputs at vertices and pixels.
 
-
-@dataclass(frozen=True)
-class PressSample:
-    """A converged step of a press.
-
-    values : value of each of the scene's outputs by name, with the output's shape and unit
-    overlap_mm : deepest overlap with indenter, core and support
+    all_values : arrays (k, ...) by name, with each output's shape and unit, of k presses that were measured together
+    place : this press's place among them
     """
 
+    all_values: dict[str, np.ndarray]
+    place: int
+
+    def value(self, name: str) -> Any:
+        """Value of one output."""
+        return self.all_values[name][self.place]
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Value of each output by name."""
+        return {name: self.value(name) for name in self.all_values}
+
+
+class PressSamples(NamedTuple):
+    """Converged steps of k presses, measured together.
+
+    environments : (k,) of the presses
+    values : arrays (k, ...) of the scene's outputs by name, with their shapes and units
+    large : the same for outputs at vertices and pixels
+    """
+
+    environments: np.ndarray
     values: dict[str, np.ndarray]
-    overlap_mm: float
+    large: dict[str, np.ndarray]
 
 
 def take_samples(
-    sampler: StateSampler, reached: np.ndarray, poses: np.ndarray, solution: Solution
-) -> Iterator[tuple[int, PressSample]]:
-    """Yield environment and sample for all environments (env,) bool that have just converged.
+    sampler: StateSampler, reached: np.ndarray, poses: np.ndarray, solution: Solution, overlap_mm: np.ndarray
+) -> PressSamples:
+    """Measure all environments (env,) bool that have just converged.
 
-    The solver has measured the forces of these states. poses (env, 4, 4) mm: indenters at first touch.
+    The solver has measured the forces of these states. poses (env, 4, 4) mm: indenters at first touch. overlap_mm
+    (env,): deepest overlap with indenter, core and support.
     """
     sampler.scene.solver.mark(reached)
     environments = np.flatnonzero(reached)
-    state = State(sampler, environments, poses[environments, :3, :3], solution)
-    values = {output.name: measurement_of(output)(state) for output in sampler.scene.outputs}
-    for k, env in enumerate(environments):
-        yield env, PressSample({name: each[k] for name, each in values.items()}, state.overlap_mm[env])
+    state = State(sampler, environments, poses[environments, :3, :3], solution, overlap_mm)
+    values, large = {}, {}
+    for output in sampler.scene.outputs:
+        (large if output.is_read_by_sample else values)[output.name] = measurement_of(output)(state)
+    return PressSamples(environments, values, large)
 
 
 MEASUREMENTS: dict[str, Callable[[State], np.ndarray]] = {}
@@ -151,7 +178,7 @@ for _name in Solution.__dataclass_fields__:
 @measurement
 def displacement(state: State) -> np.ndarray:
     """Displacements of the output mesh's vertices."""
-    return state.sampler.displacements(len(state.environments))
+    return state.measured.displacement
 
 
 @measurement
@@ -222,17 +249,17 @@ def force_balance(state: State) -> np.ndarray:
 
 @measurement
 def inverted_elements(state: State) -> np.ndarray:
-    return state.det_F[1][state.environments]
+    return state.measured.inverted[state.environments]
 
 
 @measurement
 def least_det_F(state: State) -> np.ndarray:
-    return state.det_F[0][state.environments]
+    return state.measured.least_det_F[state.environments]
 
 
 @measurement
 def stabilised_elements(state: State) -> np.ndarray:
-    return state.scene.solver.elasticity.stabilised_elements()[state.environments]
+    return state.measured.stabilised[state.environments]
 
 
 @measurement

@@ -198,8 +198,8 @@ def result_of(stepping: LoadStepping, press: Press) -> PressResult:
             values[len(samples) :] = NOT_REACHED if output.is_image else np.nan
         else:
             values = np.full(shape, np.nan)  # of integers, too
-            for i, sample in enumerate(samples):
-                values[i] = sample.values[output.name]
+            if samples:
+                values[: len(samples)] = [sample.value(output.name) for sample in samples]
         outputs[output.name] = values
     if (energy := outputs.get("error_energy")) is not None:
         path_m = stepping.path.points[:, :3] / MM_PER_M

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
 from simgen.fem.chunks import CHUNK, chunks
-from simgen.fem.device import launch_kernel, read
+from simgen.fem.contact.contact import Resultants
+from simgen.fem.device import Reading, launch_kernel, read_together
 from simgen.fem.elements.recovered_strain import RecoveredStrain
 from simgen.fem.precision import real
 from simgen.simulation.first_touch import dense_shapes
@@ -69,6 +70,39 @@ for _kind in (wp.float64, wp.float32):
     wp.overload(output_kernel, {"displacement_out": wp.array3d(dtype=_kind)})
 
 
+class Overlap(NamedTuple):
+    """How far rigid bodies overlap the gel, per environment. Overlap of core and support at rest does not count.
+
+    deepest_mm : (env,) with indenter, core and support; negative without overlap
+    of_edge : (env,) largest overlap over its face's edge
+    room_mm : (env,) least distance between indenter and core where the indenter overlaps the skin. Negative if no skin
+        is left between them; inf without overlap or core
+    """
+
+    deepest_mm: np.ndarray
+    of_edge: np.ndarray
+    room_mm: np.ndarray
+
+
+class Measured(NamedTuple):
+    """What kernels measure of a state, in the solver's units.
+
+    contact, fixed : resultants of the indenter's contact, and of each fixed one
+    reactions : (3, env) forces of the fixed nodes on the body
+    least_det_F : (env,) lower bound over all elements, also between the solver's integration points
+    inverted, stabilised : (env,) numbers of elements that are inverted somewhere, and that have a stabilisation
+    displacement : (k, v, 3) m, of the output mesh, in the first active environments
+    """
+
+    contact: Resultants
+    fixed: list[Resultants]
+    reactions: np.ndarray
+    least_det_F: np.ndarray
+    inverted: np.ndarray
+    stabilised: np.ndarray
+    displacement: np.ndarray
+
+
 class StateSampler:
     """Measures the states of a scene's solver in the environments that have reached a point.
 
@@ -100,32 +134,44 @@ class StateSampler:
         self.surface_outputs = SurfaceOutputs(scene)
         self._recovered: RecoveredStrain | None = None
         self._height_maps: SolutionHeightMaps | None = None
-        self._rest_overlaps = [max(-self._nearest(contact)[0][0], 0.0) for contact in scene.fixed_contacts]
+        self._rest_overlaps = [max(-self._nearest(contact).read()[0][0], 0.0) for contact in scene.fixed_contacts]
 
-    def _nearest(self, contact, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def _nearest(self, contact, at_rest: float = 0.0) -> Reading:
         return contact.nearest(self.scene.solver.x, self._dense, at_rest)
 
-    def reactions(self) -> np.ndarray:
-        """Forces (3, env) of the fixed nodes on the body, at the last measured state."""
+    def measure(self, count: int) -> Measured:
+        """Measure the first ``count`` active environments, at the last measured state."""
+        scene, x = self.scene, self.scene.solver.x
+        elasticity = scene.solver.elasticity
+        contact, det_F, stabilised, reactions, displacement, *fixed = read_together(
+            scene.indenter_contact.resultants(x),
+            elasticity.bound_det_F(x),
+            elasticity.stabilised_elements(),
+            self._reactions(),
+            self._displacements(count),
+            *(contact.resultants(x) for contact in scene.fixed_contacts),
+        )
+        return Measured(contact, fixed, reactions, *det_F, stabilised, displacement)
+
+    def _reactions(self) -> Reading:
+        """Sum the forces (3, env) of the fixed nodes on the body."""
         balance, solver = self.scene.solver.balance, self.scene.solver
         self._sums.zero_()
         inputs = [balance.internal, balance.surface, solver.fixed, self._nodes, solver.active]
         batch_arrays.launch(reaction_kernel, (chunks(self._nodes), 3), inputs, [self._sums])
-        [sums] = read(self._sums)
-        return sums
+        return Reading((self._sums,), lambda sums: sums)
 
     @property
     def displacement_type(self) -> type:
-        """Type of `displacements`; that of a dataset is coarser."""
+        """Type of displacements; that of a dataset is coarser."""
         return wp.dtype_to_numpy(self._displacement.dtype)
 
-    def displacements(self, count: int) -> np.ndarray:
-        """Displacements (count, v, 3) of the output mesh, m, in the first active environments."""
+    def _displacements(self, count: int) -> Reading:
+        """Interpolate displacements (count, v, 3) of the output mesh, m, in the first active environments."""
         solver, dim = self.scene.solver, (self._displacement.shape[1], 3, count)
         inputs, outputs = [*self._weights, solver.x, solver.active.numbers], [self._displacement]
         launch_kernel(output_kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.scene.device)
-        [displacements] = read(self._displacement[:count])
-        return displacements
+        return Reading((self._displacement[:count],), lambda displacement: displacement)
 
     def error_energy(self, count: int) -> np.ndarray:
         """Energy (count,) E mm3 of the strain's error in the first active environments; see `RecoveredStrain`."""
@@ -139,31 +185,14 @@ class StateSampler:
             self._height_maps = SolutionHeightMaps(self.scene)
         return self._height_maps.take(count)
 
-    def overlap(self) -> tuple[np.ndarray, np.ndarray]:
-        """Deepest overlap (env,) with indenter, core and support, mm, and (env,) largest overlap over its face's edge.
-
-        Points are denser than integration points. Overlap of core and support at rest does not count.
-        """
-        distance, of_edge = self._nearest(self.scene.indenter_contact)
-        deepest = -distance
-        for contact, at_rest in zip(self.scene.fixed_contacts, self._rest_overlaps, strict=True):
-            distance, into = self._nearest(contact, at_rest)
-            deepest, of_edge = np.maximum(deepest, -distance - at_rest), np.maximum(of_edge, into)
-        return deepest, of_edge
-
-    def room(self) -> np.ndarray:
-        """Least distance (env,) mm between indenter and core where the indenter overlaps the skin.
-
-        Negative if no skin is left between them; inf without overlap or core.
-        """
-        scene = self.scene
-        if scene.core_contact is None:
-            return np.full(scene.batch, np.inf)
-        return scene.indenter_contact.room(scene.solver.x, self._dense, scene.core_contact)
-
-    def bound_det_F(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower bound (env,) of det F over all elements, and number (env,) of elements that are inverted somewhere.
-
-        Both hold for whole elements, also between the solver's integration points.
-        """
-        return self.scene.solver.elasticity.bound_det_F(self.scene.solver.x)
+    def overlap(self) -> Overlap:
+        """Measure how far rigid bodies overlap the gel. Points are denser than integration points."""
+        scene, x, rests = self.scene, self.scene.solver.x, [0.0, *self._rest_overlaps]
+        contacts, core = (scene.indenter_contact, *scene.fixed_contacts), scene.core_contact
+        nearest = map(self._nearest, contacts, rests)
+        room = [] if core is None else [scene.indenter_contact.room(x, self._dense, core)]
+        found = read_together(*nearest, *room)
+        distances, of_edges = zip(*found[: len(contacts)], strict=True)
+        depths = [-distance - at_rest for distance, at_rest in zip(distances, rests, strict=True)]
+        left = found[-1] if room else np.full(scene.batch, np.inf)
+        return Overlap(np.maximum.reduce(depths), np.maximum.reduce(of_edges), left)

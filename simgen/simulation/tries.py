@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simgen.config.outputs import BY_NAME
-from simgen.simulation.measurements import PressSample
+from simgen.simulation.measurements import PressSample, PressSamples
 
 SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the first
 # Newton iterations since the last sample, after which the second try begins beside the first if an environment is free.
@@ -37,14 +36,13 @@ class Try:
     status: int | None = None
     failed: bool = False
 
-    def keep(self, sample: PressSample, steps: int):
-        """Keep a sample. Each of its large outputs goes into one array for all steps of the path."""
-        for name in [name for name in sample.values if BY_NAME[name].is_read_by_sample]:
-            value = sample.values.pop(name)
+    def keep(self, samples: PressSamples, place: int, steps: int):
+        """Keep one of several samples. Each of its large outputs goes into one array for all steps of the path."""
+        for name, values in samples.large.items():
             if name not in self.large:
-                self.large[name] = np.empty((steps, *value.shape), value.dtype)
-            self.large[name][len(self.samples)] = value
-        self.samples.append(sample)
+                self.large[name] = np.empty((steps, *values.shape[1:]), values.dtype)
+            self.large[name][len(self.samples)] = values[place]
+        self.samples.append(PressSample(samples.values, place))
 
 
 @dataclass(eq=False)

@@ -136,8 +136,8 @@ def test_a_block_between_two_planes_follows_the_closed_form():
     u, rest = found.displacement[-1] / MM, sensor.output_mesh.vertices / MM
     np.testing.assert_allclose(u[:, 1], (stretch - 1.0) * (rest[:, 1] - bottom), atol=1e-4)
     np.testing.assert_allclose(u[:, 0], (lateral - 1.0) * (rest[:, 0] - corner[0]), atol=1e-4)
-    on_plate = scene.support_contact.resultants(scene.solver.x).force[0]
-    pressed = scene.indenter_contact.resultants(scene.solver.x).force[0]
+    on_plate = scene.support_contact.resultants(scene.solver.x).read().force[0]
+    pressed = scene.indenter_contact.resultants(scene.solver.x).read().force[0]
     np.testing.assert_allclose(on_plate, -pressed, atol=1e-3 * pressed[1])
 
 
@@ -170,7 +170,7 @@ def test_gel_that_bulges_over_its_bond_rests_on_the_plate(at_the_rim):
     # The overlap that a sample may have is a quarter of a face's edge; beside the bond it is a twentieth.
     assert below_plate_mm(scene) < 0.06 * scene.support_contact.edge
     assert (found.certificate["force_balance"] < 1e-3).all()
-    on_plate = scene.support_contact.resultants(scene.solver.x)
+    on_plate = scene.support_contact.resultants(scene.solver.x).read()
     assert on_plate.force[0, 1] < -0.1 and scene.support_contact.friction == scene.material.friction
     unbalanced = np.linalg.norm(on_plate.force[0]) * scene.material.youngs_modulus_pa / 1e6
     assert unbalanced > 5e-3 * np.linalg.norm(found.force[-1])  # five times what the balance may be off by
@@ -196,7 +196,8 @@ def test_gel_slides_on_a_smooth_plate(digit, at_the_rim):
     scene = Scene(smooth, digit.materials["solid"])
     pose, depths = place_indenter(digit, -3.0, -6.0)[None], np.linspace(0.1, 1.2, 12) * MM
     press(scene, [load_indenter("cube_14mm").shape()], pose, depths)
-    force, rough = (each.support_contact.resultants(each.solver.x).force[0] for each in (scene, at_the_rim[1][0]))
+    scenes = scene, at_the_rim[1][0]
+    force, rough = (each.support_contact.resultants(each.solver.x).read().force[0] for each in scenes)
     assert np.hypot(force[0], force[2]) < 1e-3 * abs(force[1]) < np.hypot(rough[0], rough[2])
 
 

@@ -273,8 +273,8 @@ def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch,
         return repeat(stepping, ended)
 
     def overlap(samples):
-        deepest, of_edge = measured(samples)
-        return deepest, np.where(too_far, 2.0 * MAX_OVERLAP_RATIO, of_edge)
+        found = measured(samples)
+        return found._replace(of_edge=np.where(too_far, 2.0 * MAX_OVERLAP_RATIO, found.of_edge))
 
     monkeypatch.setattr(LoadStepping, "_repeat", watch)
     monkeypatch.setattr(StateSampler, "overlap", overlap)

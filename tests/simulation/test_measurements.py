@@ -47,7 +47,8 @@ def test_a_result_has_its_outputs_as_attributes(flat):
 def test_threads_measure_two_states_at_the_same_time():
     """A lock that both states share would hold one thread while the other waits for the device."""
     both = Barrier(2)
-    states = [State(SimpleNamespace(overlap=lambda: [both.wait(timeout=5.0)]), None, None, None) for _ in range(2)]
+    sampler = SimpleNamespace(measure=lambda count: both.wait(timeout=5.0))
+    states = [State(sampler, np.zeros(1), None, None, None) for _ in range(2)]
     with ThreadPoolExecutor(2) as threads:
-        found = list(threads.map(lambda state: state.overlap_mm, states))
-    assert sorted(found) == [0, 1] and [state.overlap_mm for state in states] == found
+        found = list(threads.map(lambda state: state.measured, states))
+    assert sorted(found) == [0, 1] and [state.measured for state in states] == found

@@ -34,7 +34,7 @@ from simgen.fem.contact.multipliers import (
 )
 from simgen.fem.contact.results import corner_forces_kernel, gap_kernel, nearest_kernel, resultant_kernel, room_kernel
 from simgen.fem.contact.traction import Surface
-from simgen.fem.device import launch_kernel, read, write
+from simgen.fem.device import Reading, launch_kernel, write
 from simgen.fem.elements.element import Element, face_geometry
 from simgen.fem.precision import mat33, vec3
 from simgen.geometry.rigid_shape import shape_array
@@ -59,6 +59,13 @@ class Resultants(NamedTuple):
     max_penetration: np.ndarray
     area: np.ndarray
     slip_share: np.ndarray
+
+    @classmethod
+    def of_sums(cls, force: np.ndarray, moment: np.ndarray, sums: np.ndarray) -> Resultants:
+        """Make them of the sums (4, env) of `simgen.fem.contact.results.resultant_kernel`."""
+        area, squared, deepest, sliding = sums
+        divisor = np.where(area > 0.0, area, 1.0)
+        return cls(force, moment, np.sqrt(squared / divisor), np.maximum(deepest, 0.0), area, sliding / divisor)
 
 
 class Last(NamedTuple):
@@ -129,7 +136,7 @@ class Contact:
         self._tangent = block_zeros(geometry.areas.size, n_env, device)  # at the points of candidates
         self._sums, self._change = zeros(per_slot, wp.vec4d), zeros((2, n_env))
         self._resultants = [zeros(n_env, vec3), zeros(n_env, vec3), zeros((4, n_env))]
-        self._least, self._largest = zeros(n_env), zeros(n_env)
+        self._least, self._largest, self._room = zeros(n_env), zeros(n_env), zeros(n_env)
         self._start_rotation, self._start_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
         self._in_contact = zeros((1, n_env), wp.int32)
         self._last_rotation, self._last_origin = wp.zeros_like(s.rotation), wp.zeros_like(s.origin)
@@ -282,15 +289,12 @@ class Contact:
         """Add the 3 x 3 diagonal blocks of the nodes."""
         self._launch(contact_diagonal_kernel, [self._tangent, self._touching, self.active], [diagonal_out])
 
-    def resultants(self, x) -> Resultants:
-        """Measure the contact at state x."""
+    def resultants(self, x) -> Reading:
+        """Measure the contact at state x: a reading of `Resultants`."""
         for array in self._resultants:
             array.zero_()
         self._launch(resultant_kernel, [x, self.active], self._resultants)
-        force, moment, (area, squared, deepest, sliding) = read(*self._resultants)
-        divisor = np.where(area > 0.0, area, 1.0)
-        rms = np.sqrt(squared / divisor)
-        return Resultants(force, moment, rms, np.maximum(deepest, 0.0), area, sliding / divisor)
+        return Reading(tuple(self._resultants), Resultants.of_sums)
 
     def add_corner_forces(self, sums: wp.array, x, first: int = 0):
         """Distribute the forces on the sensor at state x to `corners`, and add them to sums (corner, 3, lane).
@@ -300,23 +304,23 @@ class Contact:
         dim, inputs = (len(self.host_faces), sums.shape[2]), [self.surface, x, self.active.numbers, first]
         launch_kernel(corner_forces_kernel, dim=dim, inputs=inputs, outputs=[sums], device=self.device)
 
-    def nearest(self, x, dense: wp.array, at_rest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Least distance (env,) mm of the shape from the surface, at points with shape functions (point, node).
+    def nearest(self, x, dense: wp.array, at_rest: float = 0.0) -> Reading:
+        """Measure the least distance (env,) mm of the shape from the surface, at points ``dense`` (point, node).
 
-        Also returns the largest overlap (env,) beyond ``at_rest`` mm, as a share of its face's edge; 0 without overlap.
+        The second part of the reading is the largest overlap (env,) beyond ``at_rest`` mm, as a share of its face's
+        edge; 0 without overlap. Points are given by their shape functions.
         """
         self._least.fill_(np.inf)
         self._largest.zero_()
         self._launch(nearest_kernel, [x, dense, at_rest, self.active], [self._least, self._largest])
-        return tuple(read(self._least, self._largest))
+        return Reading((self._least, self._largest), lambda *both: both)
 
-    def room(self, x, dense: wp.array, other: Contact) -> np.ndarray:
-        """Least thickness (env,) mm of gel that is left between this contact's shape and another's.
+    def room(self, x, dense: wp.array, other: Contact) -> Reading:
+        """Measure the least thickness (env,) mm of gel that is left between this contact's shape and another's.
 
         At points that overlap this shape, it is the distance from the other shape minus the overlap: negative where the
         shapes meet. It is inf without overlap. Points have the shape functions ``dense`` (point, node).
         """
-        self._least.fill_(np.inf)
-        self._launch(room_kernel, [other.surface, x, dense, self.active], [self._least])
-        [room] = read(self._least)
-        return room
+        self._room.fill_(np.inf)
+        self._launch(room_kernel, [other.surface, x, dense, self.active], [self._room])
+        return Reading((self._room,), lambda room: room)

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays, groups
-from simgen.fem.device import read, write
+from simgen.fem.device import Reading, read, write
 from simgen.fem.elements.elasticity_blocks import block_kernels
 from simgen.fem.elements.element import Element
 from simgen.fem.elements.operators import operator_kernels
@@ -93,7 +93,7 @@ class Elasticity:
         self._reduced.state = self._single.state
         self._damping = wp.zeros((1, active.shape[0]), dtype=wp.float32, device=device)
         self._single.damping = self._reduced.damping = self._damping
-        self._count = wp.zeros(active.shape[0], dtype=wp.int32, device=device)
+        self._count, self._stabilised = (wp.zeros(active.shape[0], dtype=wp.int32, device=device) for _ in range(2))
         self._least = wp.zeros(active.shape[0], dtype=wp.float64, device=device)
 
     def _launch(self, kernel, inputs, outputs):
@@ -120,16 +120,16 @@ class Elasticity:
         inputs = [self._reduced if reduced else self._single, v, self.active]
         self._launch_operator(self._tangent_kernels, inputs, [action_out])
 
-    def bound_det_F(self, x) -> tuple[np.ndarray, np.ndarray]:
-        """Lower bound (env,) of det F over all elements at state x, and number (env,) of elements inverted somewhere.
+    def bound_det_F(self, x) -> Reading:
+        """Bound det F over all elements at state x from below (env,), and count the inverted elements (env,).
 
-        See ``validity.py``.
+        An element counts if it is inverted somewhere. See ``validity.py``.
         """
         self._count.zero_()
         self._least.fill_(np.inf)
         inputs = [self._solid, x, self._parts, LEVELS, self.active]
         self._launch(det_F_kernel, inputs, [self._count, self._least])
-        return tuple(read(self._least, self._count))
+        return Reading((self._least, self._count), lambda *both: both)
 
     def forget(self, marked):
         """Remove the stabilisation of all elements in the listed environments (env,)."""
@@ -143,21 +143,17 @@ class Elasticity:
         """Double the weights of elements that are inverted at state x; return the number of raised weights (env,)."""
         self._count.zero_()
         self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, self._count])
-        return self._read_count()
+        return read(self._count)[0]
 
     def reinforce(self, marked):
         """Stabilise all stabilised elements in the listed environments (env,) four times as much."""
         self._launch(reinforce_kernel, [marked], [self.weight])
 
-    def stabilised_elements(self) -> np.ndarray:
+    def stabilised_elements(self) -> Reading:
         """Count the stabilised elements in the active environments: (env,)."""
-        self._count.zero_()
-        self._launch(count_kernel, [self.weight, self.active], [self._count])
-        return self._read_count()
-
-    def _read_count(self) -> np.ndarray:
-        [count] = read(self._count)
-        return count
+        self._stabilised.zero_()
+        self._launch(count_kernel, [self.weight, self.active], [self._stabilised])
+        return Reading((self._stabilised,), lambda count: count)
 
     @property
     def solid(self) -> Solid:

@@ -89,8 +89,8 @@ def core_contact(scene: Scene) -> tuple[float, float]:
     if scene.core_contact is None:
         return math.nan, math.nan
     scene.solver.mark(np.ones(scene.batch, dtype=bool))
-    core = scene.core_contact.resultants(scene.solver.x)
-    pressed = scene.indenter_contact.resultants(scene.solver.x).force[0]
+    core = scene.core_contact.resultants(scene.solver.x).read()
+    pressed = scene.indenter_contact.resultants(scene.solver.x).read().force[0]
     size = pressed @ pressed
     return float(-core.force[0] @ pressed / size) if size else 0.0, float(core.max_penetration[0] * UM_PER_M / MM_PER_M)
 

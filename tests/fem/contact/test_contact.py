@@ -27,12 +27,12 @@ def test_shapes_and_poses_belong_to_their_environment():
     term.set_shapes([SPHERE, CUBE])
     term.set_pose(np.concatenate([pose(0.0, 0.2, 0.0), pose(0.0, 0.01, 0.0)]))
     rest = state(np.zeros((3 * len(nodes), 2)))
-    together = term.resultants(rest).force
+    together = term.resultants(rest).read().force
     for env, (shape, depth) in enumerate([(SPHERE, 0.2), (CUBE, 0.01)]):
         _, single = contact(0.0, shape)
         single.set_pose(pose(0.0, depth, 0.0))
         alone = state(np.zeros(3 * len(nodes)))
-        np.testing.assert_array_equal(together[env], single.resultants(alone)[0][0])
+        np.testing.assert_array_equal(together[env], single.resultants(alone).read()[0][0])
 
 
 
@@ -43,7 +43,7 @@ def test_environments_choose_among_the_shapes():
     term.choose(np.array([1, 0]))
     term.set_pose(np.concatenate([pose(0.0, 0.1, 0.0)] * 2))
     rest = state(np.zeros((3 * len(nodes), 2)))
-    flat, round_ = term.resultants(rest).force
+    flat, round_ = term.resultants(rest).read().force
     assert flat[1] == pytest.approx(K * 0.1 * 36.0) and round_[1] < 0.3 * flat[1]
 
 

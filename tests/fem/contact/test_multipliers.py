@@ -20,10 +20,10 @@ def test_stiffness_follows_the_pressure_in_powers_of_two(pressure, factor):
     term.surface.normal.fill_(pressure)
     touching, overlapping = pose(0.0, 0.0, 0.0), pose(0.0, 0.01, 0.0)
     term.begin_increment(rest, rest, touching, overlapping, NEAR)
-    force = term.resultants(rest).force[0]
+    force = term.resultants(rest).read().force[0]
     np.testing.assert_allclose(force, [0.0, (pressure + factor * K * 0.01) * 36.0, 0.0], atol=1e-12)
     term.restore(ActiveEnvironments(1, "cpu"))
-    force = term.resultants(rest).force[0]
+    force = term.resultants(rest).read().force[0]
     np.testing.assert_allclose(force, [0.0, (pressure + K * 0.01) * 36.0, 0.0], atol=1e-12)
 
 
@@ -67,7 +67,7 @@ def test_multipliers_take_over_the_load():
     change, size = update(term, rest)
     assert change[0] == pytest.approx(size[0])
     term.set_pose(pose(0.0, 0.0, 0.0))
-    force = term.resultants(rest).force
+    force = term.resultants(rest).read().force
     assert force[0, 1] == pytest.approx(K * 0.01 * 36.0)
     assert update(term, rest)[0][0] < 1e-12
 
