@@ -3,11 +3,11 @@
 Tasks do not depend on each other, so the dataset does not depend on the number or order of workers.
 """
 
-import math
 import time
 from collections.abc import Callable, Collection, Iterator, Set
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from simgen.dataset.writer import complete, filling, folder_aside, log_timing, o
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write, writing
 from simgen.pipeline.parts import Part, Parts, ShardReport
 from simgen.pipeline.plan import Plan
-from simgen.pipeline.presser import Presser, fem_presser
+from simgen.pipeline.presser import Presser, fem_presser, room_for_tasks
 from simgen.pipeline.shard import run_parts, run_shards
 from simgen.pipeline.shard_files import Failure
 from simgen.pipeline.workers import Workers
@@ -30,10 +30,6 @@ from simgen.pipeline.workers import Workers
 # device solves at a time: while some shards wait for their hardest press, others keep the device busy. The host keeps
 # samples until their shard has ended, 2.5 MB for a press of the paired job in single precision.
 PRESSES_PER_GPU_PROCESS = 4608
-# Presses on each sensor but the first that a GPU should have at a time if several share them. Pools hold 1,024, but a
-# shard waits for its slowest press. With 1,152, pools were half empty for 60 of 160 s (e58a048, two H200s).
-PRESSES_SHARED_AT_ONCE = 2048
-LARGEST_PART = 0.8  # largest part of all these presses that GPUs have together at a time, so that some are left
 SMALLER = 8  # parts in which a failed task is tried again; most of them may succeed
 
 
@@ -157,9 +153,8 @@ def _solve(
         (run_parts, shards, given, (sensor, folder))
         for shards in last for sensor in others if not settled.issuperset(shards)
     )  # fmt: skip
-    size = max(map(len, last), default=1)
-    at_once = shared_at_once(len(last), size * job.dataset.presses_per_shard, workers.count) * len(others)
-    for task, outcome in workers.map(_guarded, tasks, shared, at_once):
+    room = partial(room_for_tasks, others, max(map(len, last), default=1) * job.dataset.presses_per_shard)
+    for task, outcome in workers.map(_guarded, tasks, shared, room):
         yield task[1], Failure.of(outcome) if isinstance(outcome, Exception) else outcome
 
 
@@ -178,11 +173,6 @@ def _guarded(task: tuple) -> list[ShardReport] | list[Part] | Failure:
 def _failed(dataset: Dataset, shards: list[int], failure: Failure) -> list[ShardReport]:
     counts = {shard: len(dataset.shard_presses(shard)) for shard in shards}
     return [ShardReport(shard, counts[shard], error=failure.sentence, errno=failure.errno) for shard in shards]
-
-
-def shared_at_once(tasks: int, presses_per_task: int, gpus: int) -> int:
-    """Number of shared tasks on one sensor that each GPU should have at a time; ``tasks``: of all GPUs."""
-    return max(1, min(-(-PRESSES_SHARED_AT_ONCE // presses_per_task), math.ceil(LARGEST_PART * tasks / gpus)))
 
 
 def divide(shards: list[int], size: int) -> list[list[int]]:

@@ -5,7 +5,8 @@ Only this file and `local_cluster` import dask.
 
 import json
 import os
-from collections import Counter, deque
+import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent import futures
 from concurrent.futures import ThreadPoolExecutor
@@ -23,11 +24,12 @@ from simgen.pipeline.forked_imports import start_imports
 from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
 from simgen.pipeline.presser import Presser, fem_presser
 from simgen.pipeline.shard import prepare
+from simgen.pipeline.sharing import LOOK_S, Sharing
 
 TASKS_PER_THREAD = 2  # submitted tasks: one runs, one waits
 ANSWER_S = 10.0  # timeout for the scheduler's answer
 LONGEST_WAIT_S = 300.0  # for the wanted number of workers
-LOOK_S = 1.0  # between two looks whether workers live
+LOOK_FOR_LIFE_S = 1.0  # between two looks whether workers live
 
 
 class Workers:
@@ -82,13 +84,13 @@ class Workers:
         return f"{workers} at {client.scheduler.address}{dashboard}"
 
     def map(
-        self, function: Callable, arguments: list, shared: Iterable = (), shared_at_once: int = 1
+        self, function: Callable, arguments: list, shared: Iterable = (), room: Callable[[], Any] = lambda: None
     ) -> Iterator[tuple[Any, Any]]:
         """Yield arguments with their results as they come; an exception takes the place of a missing result.
 
-        Each worker should have ``shared_at_once`` of the ``shared`` arguments at a time, so that all end together. They
-        are handed out when no other argument waits. Workers can join and leave meanwhile. Raises `InputError` if the
-        scheduler is lost.
+        Any worker can take the ``shared`` arguments. They are handed out when no other argument waits, to workers that
+        have ``room``: see `simgen.pipeline.sharing.Sharing`. Workers can join and leave meanwhile. Raises `InputError`
+        if the scheduler is lost.
         """
         if not arguments or self._start is None:
             yield from ((argument, function(argument)) for argument in chain(arguments, shared))
@@ -100,7 +102,7 @@ class Workers:
         # Otherwise dask gives a ready worker with a free thread the task that prepares another worker.
         wait_until_prepared(client, preparing)
         preparing.clear()
-        waiting, sharing, submitted, ended = deque(arguments), iter(shared), {}, as_completed()
+        waiting, sharing, submitted, ended = deque(arguments), Sharing(client, shared, room), {}, as_completed()
         places = {}  # future of a shared argument -> address of the worker that should take it
 
         def submit_one(argument: Any, **where) -> Any:
@@ -111,32 +113,35 @@ class Workers:
 
         def submit() -> None:
             """Submit only what workers will soon take, to keep the scheduler's load small."""
-            threads = client.nthreads()
-            bound = TASKS_PER_THREAD * max(1, sum(threads.values()))
+            bound = TASKS_PER_THREAD * max(1, sum(client.nthreads().values()))
             while waiting and len(submitted) - len(places) < bound:
                 submit_one(waiting.popleft())
-            while not waiting and (threads or not submitted):
-                taken = Counter(places.values())
-                address = min(threads, key=lambda each: taken[each], default=None)
-                if taken[address] >= shared_at_once or (argument := next(sharing, None)) is None:
-                    break
-                where = {"workers": [address], "allow_other_workers": True} if threads else {}
+            if waiting:
+                return
+            for argument, address in sharing.hand_out(idle=not submitted):
+                where = {} if address is None else {"workers": [address], "allow_other_workers": True}
                 places[submit_one(argument, **where)] = address
 
         try:
             submit()
-            for future in ended:
-                try:
-                    result = future.result()
-                except (CancelledError, CommClosedError):
-                    raise
-                except KilledWorker as error:
-                    died = error.allowed_failures + 1
-                    result = RuntimeError(f"{died} processes died while they solved it, killed or out of memory")
-                except Exception as error:  # for instance if a worker lacks simgen
-                    result = error
-                places.pop(future, None)
-                yield submitted.pop(future), result
+            while submitted:
+                look = not waiting and sharing.left
+                batch = ended.next_batch(block=not look)
+                if not batch:
+                    time.sleep(LOOK_S)
+                for future in batch:
+                    try:
+                        result = future.result()
+                    except (CancelledError, CommClosedError):
+                        raise
+                    except KilledWorker as error:
+                        died = error.allowed_failures + 1
+                        result = RuntimeError(f"{died} processes died while they solved it, killed or out of memory")
+                    except Exception as error:  # for instance if a worker lacks simgen
+                        result = error
+                    if future in places:
+                        sharing.end(places.pop(future))
+                    yield submitted.pop(future), result
                 submit()
         except (CancelledError, CommClosedError, OSError) as error:
             raise InputError(f"the scheduler of the workers is lost ({error})") from None
@@ -239,7 +244,7 @@ def wait_until_prepared(client: Any, preparing: Mapping[Any, str]) -> None:
         if not waiting:
             return
         with suppress(TimeoutError):
-            wait(waiting, timeout=LOOK_S)
+            wait(waiting, timeout=LOOK_FOR_LIFE_S)
 
 
 def visible_gpus(device: str) -> list[str]:

@@ -82,9 +82,24 @@ class Pool:
         return results
 
     @property
+    def environments(self) -> int:
+        """Number of presses that can run at a time."""
+        return self._stepping.scene.batch
+
+    @property
+    def arrived(self) -> int:
+        """Number of presses that have not begun to wait for an environment."""
+        return sum(len(each.shape_of) for each in list(self._arrived))
+
+    @property
+    def waiting(self) -> int:
+        """Number of presses that wait for an environment, of this pool or of one that shares them."""
+        return len(self._stepping.queue)
+
+    @property
     def remaining(self) -> int:
         """Number of presses that have arrived or wait, and of running tries."""
-        return self._stepping.remaining + sum(len(each.shape_of) for each in list(self._arrived))
+        return self._stepping.remaining + self.arrived
 
     @property
     def device_rank(self) -> int:

@@ -7,11 +7,31 @@ import time
 ONE_AT_A_TIME = threading.Lock()
 
 
+LEAST_SHARED_S = 0.1  # shorter tasks are not shared
+BEGUN, ENDED = [], []  # tasks of this process
+
+
 def uneven_task(seconds: float) -> tuple[str, float, float]:
     """Wait, fifteen times as long if this process sees GPU 1. Returns the GPU, and when the wait began and ended."""
     gpu, begin = os.environ["CUDA_VISIBLE_DEVICES"], time.time()
+    BEGUN.append(seconds)
     time.sleep(15.0 * seconds if gpu == "1" else seconds)
+    ENDED.append(seconds)
     return gpu, begin, time.time()
+
+
+def room_for_two() -> tuple[int, int]:
+    """Room for two shared tasks at a time."""
+    begun, ended = (sum(seconds >= LEAST_SHARED_S for seconds in list(tasks)) for tasks in (BEGUN, ENDED))
+    return begun, 2 - (begun - ended)
+
+
+def no_room() -> tuple[int, int]:
+    return 0, -1
+
+
+def unknown_room() -> None:
+    return None
 
 
 def process_after(seconds: float) -> int:

@@ -15,7 +15,7 @@ from simgen.errors import InputError
 from simgen.fem.nonlinear.status import Status
 from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
 from simgen.pipeline.parts import Parts
-from simgen.pipeline.run import run, shared_at_once
+from simgen.pipeline.run import run
 from simgen.pipeline.shard import run_parts
 from simgen.pipeline.workers import Workers
 
@@ -33,7 +33,7 @@ class TwoGpus(Workers):
         super().__init__("cuda", 2, tasks_at_once=TASKS_PER_GPU_PROCESS)
         self.order, self.own, self.shared = ORDERS[order], [], []
 
-    def map(self, function, arguments, shared=(), shared_at_once=1):
+    def map(self, function, arguments, shared=(), room=None):
         for task in self.order(arguments, shared):
             (self.own if task in arguments else self.shared).append(task)
             yield task, function(task)
@@ -157,7 +157,7 @@ def test_other_parts_of_failed_shards_are_not_solved(tmp_path, monkeypatch):
 
 def test_shards_that_no_worker_has_solved_are_reported(tmp_path):
     class Lost(TwoGpus):
-        def map(self, function, arguments, shared=(), shared_at_once=1):
+        def map(self, function, arguments, shared=(), room=None):
             yield from super().map(function, arguments)
 
     reports = []
@@ -197,14 +197,3 @@ def test_shards_that_are_solved_again_are_solved_whole(whole, tmp_path):
     run(plan, path, workers, build=fake.fake_presser, again=[1])
     assert len(workers.own) == 1 and not workers.shared
     assert fake.contents(path) == fake.contents(whole.path)
-
-
-@pytest.mark.parametrize(
-    ("tasks", "presses_per_task", "gpus", "expected"),
-    [(215, 36, 2, 57), (215, 36, 4, 43), (215, 36, 8, 22), (0, 36, 2, 1)],
-)
-def test_a_gpu_has_enough_shared_presses_at_a_time_but_some_are_left_for_the_fastest(
-    tasks, presses_per_task, gpus, expected
-):
-    assert shared_at_once(tasks, presses_per_task, gpus) == expected
-    assert gpus * expected < tasks or not tasks

@@ -9,8 +9,8 @@ from simgen.pipeline.presser import Pools, fem_presser
 
 
 class CountingPool:
-    def __init__(self, remaining=0):
-        self.remaining = remaining
+    def __init__(self, remaining=0, environments=8, waiting=0, arrived=0):
+        self.remaining, self.environments, self.waiting, self.arrived = remaining, environments, waiting, arrived
 
     def press(self, shape_of, poses, steps):
         self.remaining += len(shape_of)
@@ -22,6 +22,19 @@ def test_presses_go_to_the_pool_with_the_fewest():
     pools = Pools([first, second])
     taken = [pools.press([0] * count, np.eye(4), np.ones(count)) for count in (2, 2, 1, 1)]
     assert taken == [second, second, first, first] and (first.remaining, second.remaining) == (5, 4)
+
+
+def test_there_is_room_until_as_many_presses_wait_as_one_pool_has_environments(monkeypatch):
+    """The presses that wait are those of both pools. They have not begun to wait when they arrive."""
+    digit, biotac = Pools([CountingPool()]), Pools([CountingPool(waiting=1, arrived=2), CountingPool(waiting=1)])
+    assert (digit.room, biotac.room) == (8, 5)
+    biotac.press([0], np.eye(4), np.ones(1))
+    monkeypatch.setattr(presser, "POOLS_BY_SENSOR", {"digit": digit, "biotac": biotac})
+    assert presser.room_for_tasks(["biotac"], 2) == (1, 3)  # the third task fills it
+    assert presser.room_for_tasks(["digit", "biotac"], 4) == (1, 4)
+    biotac._pools[1].arrived = 7
+    assert presser.room_for_tasks(["biotac"], 2) == (1, 0)
+    assert presser.room_for_tasks(["biotac", "another"], 2) is None
 
 
 @pytest.mark.parametrize(
@@ -44,6 +57,7 @@ def test_a_gpu_with_room_has_two_pools_for_more_presses_than_one_holds(monkeypat
     monkeypatch.setattr(presser, "Pool", make_pool)
     press = fem_presser(job, "digit", device)
     assert len(made) == pools and beside == [None, *made][:pools]
+    assert presser.POOLS_BY_SENSOR["digit"]._pools == made
     for _ in range(2):
         press([0, 0], np.stack([np.eye(4)] * 2))
     assert sum(pool.remaining for pool in made) == 4 and {pool.remaining for pool in made} == {4 // pools}

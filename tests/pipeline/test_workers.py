@@ -4,6 +4,7 @@ import json
 import os
 import threading
 from collections import Counter
+from itertools import pairwise
 
 import fake
 import numpy as np
@@ -11,7 +12,7 @@ import psutil
 import pytest
 from dask.distributed import Client
 
-from pipeline.tasks import process_after, reciprocal, uneven_task
+from pipeline.tasks import LEAST_SHARED_S, no_room, process_after, reciprocal, room_for_two, uneven_task, unknown_room
 from simgen.errors import InputError
 from simgen.pipeline import workers
 from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
@@ -88,14 +89,15 @@ def test_a_process_that_dies_while_it_is_prepared_does_not_hold_up_the_run(tmp_p
     assert found == {2: 0.5, 4: 0.25} and (tmp_path / "died").exists()
 
 
-def test_shared_tasks_go_to_the_processes_that_are_done_with_theirs():
+@pytest.mark.parametrize("room", [room_for_two, unknown_room])
+def test_shared_tasks_go_to_the_processes_that_have_room(room):
     """One process takes fifteen times as long for each. It never has more than two at a time, and gets fewer."""
     with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in "01"]) as cluster, Client(cluster) as client:
         client.wait_for_workers(2)
-        own, shared = [0.01] * 6, [0.1 + 1e-6 * number for number in range(24)]
+        own, shared = [0.01] * 6, [LEAST_SHARED_S + 1e-6 * number for number in range(24)]
         workers = Workers("cuda", 2, lambda: (client, {}), tasks_at_once=TASKS_PER_GPU_PROCESS)
-        found = list(workers.map(uneven_task, own, shared, 2))
-    assert sorted(argument for argument, _ in found) == sorted([*own, *shared])
+        found = list(workers.map(uneven_task, own, shared, room))
+    assert sorted(argument for argument, _ in found) == [*own, *shared]
     results = [result for argument, result in found if argument in shared]
     for gpu in "01":
         times = [(begin, 1) for each, begin, _ in results if each == gpu]
@@ -110,8 +112,19 @@ def test_shared_tasks_are_not_lost_if_no_worker_is_there_when_they_are_handed_ou
         client.wait_for_workers(1)
         monkeypatch.setattr(client, "nthreads", dict)
         workers = Workers("cuda", 2, lambda: (client, {}), tasks_at_once=TASKS_PER_GPU_PROCESS)
-        found = [argument for argument, _ in workers.map(uneven_task, [0.01, 0.02], [0.03, 0.04, 0.05], 2)]
+        found = [argument for argument, _ in workers.map(uneven_task, [0.01, 0.02], [0.03, 0.04, 0.05], room_for_two)]
     assert sorted(found) == [0.01, 0.02, 0.03, 0.04, 0.05]
+
+
+def test_shared_tasks_are_not_lost_if_no_worker_ever_has_room():
+    """They come one after the other, when nothing else is under way."""
+    with local_cluster([{"CUDA_VISIBLE_DEVICES": "0"}]) as cluster, Client(cluster) as client:
+        client.wait_for_workers(1)
+        workers = Workers("cuda", 1, lambda: (client, {}), tasks_at_once=TASKS_PER_GPU_PROCESS)
+        found = list(workers.map(uneven_task, [0.3], [0.01, 0.02, 0.03], no_room))
+    times = [result[1:] for _, result in found]
+    assert [argument for argument, _ in found] == [0.3, 0.01, 0.02, 0.03]
+    assert all(end <= begin for (_, end), (begin, _) in pairwise(times))
 
 
 def test_processes_of_gpus_start_while_the_caller_goes_on(monkeypatch):
