@@ -57,7 +57,7 @@ class Pool:
         scene.reset(list(shapes))
         path = np.column_stack([path_m * MM_PER_M, turns_rad])
         slow = [i for i, shape in enumerate(shapes) if Kind(shape.kind) in PROBABLY_SLOW]
-        queue = PressQueue(slow=slow, few=scene.batch) if beside is None else PressQueue(beside._stepping.queue)
+        queue = PressQueue(beside and beside._stepping.queue, slow, scene.batch)
         self._shapes, self._stepping = shapes, LoadStepping(scene, path, max_force_n, queue)
         self._second: weakref.ref[Pool] | None = None
         if beside is not None:

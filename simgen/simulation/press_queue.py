@@ -21,10 +21,10 @@ class PressQueue:
     """Presses in the order in which they should begin.
 
     A run ends when its last press ends, and a few presses take ten times the Newton iterations of most. So presses of
-    hard indenters begin first, in the order of their longest tries. All other presses keep their order, so that tasks
-    end one after the other. But once few presses wait, those of indenters with longer tries begin first, so that the
-    last ones are short. The queue learns the lengths of tries from tries that have ended. An indenter without an ended
-    try counts as the hardest. A second try goes before all others.
+    hard indenters begin first, in the order of their longest tries. All other presses begin in such an order that they
+    end in the order of their arrival: those with longer tries begin earlier. So tasks end one after the other, and the
+    last presses of a run end together. The queue learns the lengths of tries from tries that have ended. An indenter
+    without an ended try counts as the hardest. A second try goes before all others.
 
     A second queue can share the presses that begin their first try. The first queue then takes the hardest, and the
     second queue takes hard and slow ones last. While the second one is in use and a slow press runs beside the first
@@ -32,12 +32,13 @@ class PressQueue:
 
     beside : the first queue, for a second one
     slow : shapes that count as slow until one of their tries has ended
-    few : so many waiting presses are few
+    environments : number of presses that run at a time. With 0, the lengths of tries that are not hard do not count
     has_help : True while a thread starts presses from the second queue
     """
 
-    def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = (), few: int = 0):
-        self._shared = _Shared(slow, few) if beside is None else beside._shared
+    def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = (), environments: int = 0):
+        self._shared = _Shared(slow) if beside is None else beside._shared
+        self._shared.environments += environments
         self._is_first = beside is None
         self.has_help = False
         self._again: deque[Press] = deque()
@@ -82,10 +83,11 @@ class _Shared:
     """First tries that wait, and what is known of the indenters' tries. Threads of two pools may use it.
 
     count : number of presses
+    environments : of all queues
     """
 
-    def __init__(self, slow: Collection[int], few: int):
-        self._lock, self._slow, self._few = threading.Lock(), set(slow), few
+    def __init__(self, slow: Collection[int]):
+        self._lock, self._slow, self.environments = threading.Lock(), set(slow), 0
         self._by_shape: dict[int, deque[tuple[int, Press]]] = {}  # shape -> (number of arrival, press)
         self._arrivals = count()
         self._longest: dict[int, int] = {}  # shape -> Newton iterations of its longest try that has ended
@@ -104,12 +106,10 @@ class _Shared:
     def pop(self, key: Callable[[int], tuple], only_slow: bool = False) -> Press | None:
         """Take the oldest press of the shape with the least key. Slow and hard shapes, or all.
 
-        Of shapes with the same key, the one whose press came first goes first. If few presses wait, it is the one with
-        the longest tries.
+        Of shapes with the same key, the one whose press should end first begins.
         """
         with self._lock:
-            few = sum(map(len, self._by_shape.values())) <= self._few
-            keys = {shape: (*key(shape), -self._mean(shape) if few else 0.0, waiting[0][0])
+            keys = {shape: (*key(shape), waiting[0][0] - self._lead(shape))
                     for shape, waiting in self._by_shape.items()
                     if waiting and not (only_slow and not self._is_slow_or_hard(shape))}  # fmt: skip
             return self._by_shape[min(keys, key=keys.get)].popleft()[1] if keys else None
@@ -158,9 +158,12 @@ class _Shared:
         """True if a try of so many Newton iterations is much longer than most."""
         return self._is_above(iterations, 1, HARD)
 
-    def _mean(self, shape: int) -> float:
-        """Mean number of Newton iterations of an indenter's ended tries; 0 without one."""
-        return self._iterations[shape] / max(1, self._tries[shape])
+    def _lead(self, shape: int) -> float:
+        """Number of presses that begin while one with this shape runs; 0 without an ended try."""
+        if not self._tries[shape]:
+            return 0.0
+        mean = self._all_iterations / self._all_tries
+        return self.environments * self._iterations[shape] / self._tries[shape] / mean
 
     def _is_above(self, iterations: int, tries: int, factor: float) -> bool:
         """True if so many iterations are more than a factor times the mean of as many tries."""

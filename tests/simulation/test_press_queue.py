@@ -57,20 +57,27 @@ def test_presses_of_other_indenters_keep_their_order():
     assert order(queue, presses) == [0, 1, 2, 3, 4]
 
 
-def test_once_few_presses_wait_the_longest_begin_first():
-    """So the last ones of a run are short. Hard indenters still go before all."""
-    queue, presses = filled(0, 1, 0, 1, 2, 3, few=4)
-    for shape, iterations in ((0, 80), (1, 100), (2, 120), (3, 60), (3, 250)):
+def test_longer_presses_begin_earlier_so_that_all_end_in_the_order_of_their_arrival():
+    """While one with the mean length runs, four begin. Tries of the indenters take 0.5, 1 and 1.5 times the mean."""
+    shapes = [0, 1, 2, 0, 1, 2, 0, 1, 2, 1, 2, 2]
+    queue, presses = filled(*shapes, environments=4)
+    for shape, iterations in ((0, 60), (1, 120), (2, 180)):
         queue.learn(shape, iterations)
-    assert order(queue, presses) == [5, 0, 4, 1, 3, 2]
+    begun = order(queue, presses)
+    lengths = np.array([2.0, 4.0, 6.0])[[shapes[number] for number in begun]]
+    ends = np.arange(len(begun)) + lengths
+    assert begun != sorted(begun) and [number for _, number in sorted(zip(ends, begun, strict=True))][-1] == 11
+    late = np.array(begun) - np.arange(len(begun))
+    assert np.abs(late).max() <= 4  # no press waits for ever
 
 
-def test_once_few_presses_wait_the_second_queue_also_takes_the_longest_first():
-    queue, presses = filled(0, 1, 2, few=2)
-    for shape, iterations in ((0, 80), (1, 100), (2, 110)):
+def test_both_queues_count_the_environments_of_both():
+    queue, presses = filled(0, 0, 0, 1, environments=1)
+    for shape, iterations in ((0, 100), (0, 100), (0, 100), (1, 150)):
         queue.learn(shape, iterations)
-    other = PressQueue(queue)
-    assert order(other, presses) == [0, 2, 1]
+    assert presses.index(queue.pop()) == 0  # two presses before the last is too much
+    other = PressQueue(queue, environments=9)
+    assert presses.index(other.pop()) == 3
 
 
 def test_a_try_is_slow_if_its_indenter_is_or_if_it_takes_long():
