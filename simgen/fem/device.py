@@ -1,6 +1,6 @@
 """Sharing of the device by threads: one at a time launches kernels, and lets another in while it waits for results.
 
-A thread also lets another in between two launches, if the other one has fewer presses: its iterations are short.
+A thread also lets another in between two launches, if the other one's rank is lower: see `Pool.device_rank`.
 
 While a GPU computes the results of one thread, another thread launches its own kernels on another stream. Warp copies
 with `array.numpy()`, and frees arrays, on CUDA's default stream, which waits for all others and makes all others wait.

@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import NoReturn
 
 CAN_FORK = sys.platform == "linux"  # other systems have no safe fork
 DRIVER, NOT_INITIALISED = "libcuda.so.1", 3  # CUDA's driver, and its error before `cuInit`
@@ -29,7 +28,7 @@ def start_imports(as_copy: bool = False) -> None:
     its imports.
 
     as_copy : if possible, that process begins as a copy of this one, which has most of the imports. Libraries of linear
-        algebra then use as many threads there as here
+        algebra use as many threads there as here, whatever `ENVIRONMENT` says
     """
     if not CAN_FORK:
         return
@@ -40,8 +39,11 @@ def start_imports(as_copy: bool = False) -> None:
 
 
 def can_be_copied() -> bool:
-    """True if a copy of this process would work: it has one thread of Python, and has not initialised CUDA."""
-    return threading.active_count() == 1 and not cuda_is_initialised()
+    """True if a copy of this process would work: it has one thread of Python, and has not initialised CUDA.
+
+    Threads that a library runs outside Python are not seen. Those of linear algebra prepare for a copy themselves.
+    """
+    return len(sys._current_frames()) == 1 and not cuda_is_initialised()
 
 
 def cuda_is_initialised() -> bool:
@@ -57,13 +59,26 @@ def _copies() -> Iterator[None]:
     start_anew = multiprocessing.util.spawnv_passfds
 
     def copy(path: bytes, arguments: list[str], descriptors: list[int]) -> int:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):
+                stream.flush()  # otherwise each worker writes what the buffer holds once more
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about the threads of libraries, which prepare for a fork themselves
+            warnings.simplefilter("ignore")  # about the threads of libraries
             process = os.fork()
-        if not process:
+        if process:
+            return process
+        code = 0
+        try:
             multiprocessing.util.spawnv_passfds = start_anew
-            _serve(arguments[-1], descriptors)
-        return process
+            _forget_the_caller(descriptors)
+            exec(arguments[-1])  # the program of the process that workers are forked from
+        except SystemExit:
+            pass
+        except BaseException:
+            sys.excepthook(*sys.exc_info())
+            code = 1
+        finally:
+            os._exit(code)
 
     multiprocessing.util.spawnv_passfds = copy
     try:
@@ -72,16 +87,21 @@ def _copies() -> Iterator[None]:
         multiprocessing.util.spawnv_passfds = start_anew
 
 
-def _serve(program: str, descriptors: list[int]) -> NoReturn:
-    """Run the program of the process that workers are forked from, in a copy of the caller's process."""
-    try:
-        multiprocessing.forkserver._forkserver._lock = threading.Lock()  # the caller holds it while it makes the copy
-        for each in {int(name) for name in os.listdir("/proc/self/fd")} - {0, 1, 2, *descriptors}:
-            with suppress(OSError):
-                os.close(each)
-        exec(program)
-    finally:
-        os._exit(0)
+def _forget_the_caller(descriptors: list[int]) -> None:
+    """Give up what a copy has of the caller: its signal handlers, and all files but the standard ones and these.
+
+    A file gives way to the null device, so that no other file gets its number while objects of the caller have it.
+    """
+    signal.set_wakeup_fd(-1)
+    for number in signal.valid_signals() - {signal.SIGINT}:  # the server sets this one
+        if callable(signal.getsignal(number)):
+            signal.signal(number, signal.SIG_DFL)
+    null = os.open(os.devnull, os.O_RDWR)
+    for each in {int(name) for name in os.listdir("/proc/self/fd")} - {0, 1, 2, null, *descriptors}:
+        os.dup2(null, each, inheritable=False)
+    tracker = multiprocessing.resource_tracker._resource_tracker
+    tracker._fd = tracker._pid = None
+    multiprocessing.forkserver._forkserver._lock = threading.Lock()  # the caller holds it while it makes the copy
 
 
 @contextmanager

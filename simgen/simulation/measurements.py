@@ -79,7 +79,7 @@ class State:
 
     @_cached
     def measured(self) -> Measured:
-        """What most outputs need, of all environments."""
+        """What most outputs need."""
         return self.sampler.measure(len(self.environments))
 
     @property

@@ -29,7 +29,7 @@ from simgen.units import MM_PER_M
 POOLS: weakref.WeakSet[Pool] = weakref.WeakSet()  # of this process
 FREED = threading.Condition()  # guards `Pool.taken`; notified when a thread gives a pool back
 NUMBERS = count()
-MANY = 64  # presses; pools with as many take turns on the device
+MANY = 64  # tries; pools with as many take turns on the device
 # Kinds of indenters that press with a face, whose whole edge touches at once. On the DIGIT, cubes and rings take 2.1
 # and 1.4 times the mean number of Newton iterations, and the last presses of a run are theirs.
 PROBABLY_SLOW = {Kind.CUBE, Kind.RING}
@@ -105,8 +105,8 @@ class Pool:
     def device_rank(self) -> int:
         """Rank of this pool's thread among those that wait for the device.
 
-        It is the number of presses, if they are few and one is slow: their iterations are short, and slow presses
-        decide when a run ends. All other pools take turns.
+        A pool with few tries, one of them slow, has their number as its rank. Iterations of few tries are short. Slow
+        presses decide when a run ends. All other pools have the same rank, and take turns.
         """
         running = int(self._stepping.running.sum())
         return running if 0 < running < MANY and self._stepping.has_slow_press else MANY

@@ -104,7 +104,7 @@ class _Shared:
             self._by_shape.setdefault(press.shape, deque()).append((next(self._arrivals), press))
 
     def pop(self, key: Callable[[int], tuple], only_slow: bool = False) -> Press | None:
-        """Take the oldest press of the shape with the least key. Slow and hard shapes, or all.
+        """Take the oldest press of the shape with the least key. With ``only_slow``, only slow and hard shapes count.
 
         Of shapes with the same key, the one whose press should end first begins.
         """

@@ -140,7 +140,7 @@ class StateSampler:
         return contact.nearest(self.scene.solver.x, self._dense, at_rest)
 
     def measure(self, count: int) -> Measured:
-        """Measure the first ``count`` active environments, at the last measured state."""
+        """Measure the active environments, at the last measured state. The first ``count`` have displacements."""
         scene, x = self.scene, self.scene.solver.x
         elasticity = scene.solver.elasticity
         contact, det_F, stabilised, reactions, displacement, *fixed = read_together(

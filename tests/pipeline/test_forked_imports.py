@@ -49,7 +49,7 @@ def test_a_worker_has_the_imports_and_one_thread_and_the_caller_has_neither(tmp_
 
 
 COPY = """
-import multiprocessing, os, sys
+import multiprocessing, os, signal, sys, time
 from simgen.pipeline.forked_imports import start_imports
 
 def write(found):
@@ -61,7 +61,13 @@ def look(found):
     context.Process(target=write, args=(inner,)).start()
     found.put((os.getppid(), inner.get() not in (os.getpid(), os.getppid())))
 
+def wait(begun):
+    begun.put(True)
+    time.sleep(60.0)
+
 if __name__ == "__main__":
+    print("once")
+    signal.signal(signal.SIGTERM, lambda *_: print("terminated"))
     reading, writing = os.pipe()
     before = multiprocessing.util.spawnv_passfds
     start_imports(as_copy=True)
@@ -72,17 +78,41 @@ if __name__ == "__main__":
     context.Process(target=look, args=(found,)).start()
     server, fresh = found.get()
     command = open(f"/proc/{server}/cmdline").read().split(chr(0))
-    print(sys.argv[0] in command, fresh, multiprocessing.util.spawnv_passfds is before, flush=True)
+    waiting = context.Process(target=wait, args=(found,))
+    waiting.start()
+    found.get()
+    waiting.terminate()
+    waiting.join()
+    print(sys.argv[0] in command, fresh, multiprocessing.util.spawnv_passfds is before, waiting.exitcode)
+"""
+FAILING = """
+import multiprocessing.forkserver
+from simgen.pipeline.forked_imports import start_imports
+
+def fail(*_, **more):
+    raise ZeroDivisionError("no server")
+
+if __name__ == "__main__":
+    multiprocessing.forkserver.main = fail
+    start_imports(as_copy=True)
 """
 
 
 def test_the_process_that_workers_are_forked_from_can_be_a_copy_of_the_caller(tmp_path, environment):
-    """The copy keeps no file of the caller open, its workers can start processes, and it ends with the caller."""
+    """It keeps no file, buffer or signal handler. Workers can start processes. It ends with the caller."""
     script = tmp_path / "script.py"
     script.write_text(COPY)
+    command, environment = [sys.executable, script], environment | {"PYTHONUNBUFFERED": ""}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
+    assert ended.stdout.split() == ["once", "True", "True", "True", str(-signal.SIGTERM)], ended.stderr
+
+
+def test_an_error_of_the_copy_is_printed(tmp_path, environment):
+    script = tmp_path / "script.py"
+    script.write_text(FAILING)
     command = [sys.executable, script]
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
-    assert ended.stdout.split() == ["True", "True", "True"], ended.stderr
+    assert ended.stderr.count("ZeroDivisionError: no server") == 1
 
 
 THREAD = "import threading, time; threading.Thread(target=time.sleep, args=(1,)).start()"

@@ -131,19 +131,28 @@ def test_processes_of_gpus_start_while_the_caller_goes_on(monkeypatch):
     """No machine here has a GPU: preparation fails there, but the processes start, solve and end."""
     monkeypatch.setattr(workers, "check_device", lambda device: None)
     monkeypatch.setattr(workers, "visible_gpus", lambda device: ["3", "5"])
-    local, goes_on = workers.local_cluster, threading.Event()
+    local, goes_on, copies = workers.local_cluster, threading.Event(), []
 
     def late(environments):
         assert goes_on.wait(timeout=60.0)
         return local(environments)
 
     monkeypatch.setattr(workers, "local_cluster", late)
+    monkeypatch.setattr(workers, "start_imports", lambda as_copy: copies.append(as_copy))
     with start_workers(fake.make_job(), "cuda", build=fake.fake_presser) as started:
         goes_on.set()
         assert dict(started.map(reciprocal, [2, 4])) == {2: 0.5, 4: 0.25}
         assert started.count == 2 and started.tasks_at_once == TASKS_PER_GPU_PROCESS
         client, _ = started.started
-    assert client.status == "closed"
+    assert client.status == "closed" and copies == [True]
+
+
+def test_workers_for_cpus_are_not_forked_from_a_copy(monkeypatch):
+    """They would use all cores for linear algebra, as the caller does."""
+    copies = []
+    monkeypatch.setattr(workers, "start_imports", lambda as_copy: copies.append(as_copy))
+    with start_workers(fake.make_job(), count=1, build=fake.fake_presser):
+        assert copies == [False]
 
 
 def test_processes_end_while_the_caller_goes_on():

@@ -13,6 +13,7 @@ from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.simulation.load_stepping import MAX_OVERLAP_RATIO, LoadStepping
+from simgen.simulation.measurements import take_samples
 from simgen.simulation.press import DOWN, Scene, begin_presses, follow, press
 from simgen.simulation.state_sampler import StateSampler
 from simgen.simulation.tries import Press
@@ -284,6 +285,33 @@ def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch,
         assert result.certificate["substeps"][2] > result.certificate["substeps"][1]
 
 
+def test_samples_have_the_overlap_of_their_states(block):
+    """The state of the last sample is still there; the other sample has less overlap."""
+    scene = Scene(block, GEL)
+    result = press(scene, [SPHERE], pose(), np.array([0.1e-3, 0.4e-3]))[0]
+    scene.solver.mark(np.ones(1, dtype=bool))
+    first, last = result.certificate["max_penetration_m"]
+    assert last == max(StateSampler.of(scene).overlap().deepest_mm[0], 0.0) / 1e3
+    assert 0.0 < first < last
+
+
+@pytest.mark.parametrize(("overlap_mm", "status"), [(0.0, Status.CONVERGED), (0.02, Status.NOT_RESOLVED)])
+def test_an_indenter_that_overlaps_without_a_force_is_not_resolved(block, monkeypatch, overlap_mm, status):
+    """The second sample has no force: the indenter has left the surface, or lies between its integration points."""
+    measured, taken = StateSampler.overlap, []
+
+    def without_force(*given):
+        samples = take_samples(*given)
+        samples.values["force"][:] *= not taken
+        taken.append(samples)
+        return samples
+
+    monkeypatch.setattr("simgen.simulation.load_stepping.take_samples", without_force)
+    monkeypatch.setattr(StateSampler, "overlap", lambda own: measured(own)._replace(deepest_mm=np.full(1, overlap_mm)))
+    result = press(Scene(block, GEL), [SPHERE], pose(), np.array([0.1e-3, 0.2e-3]))[0]
+    assert result.status.tolist() == [0, status] and len(taken) == 2
+
+
 @pytest.mark.parametrize(("most", "statuses"), [(25, [0, 0, 0, 0]), (0, [0, 0, 0, 9])])
 def test_only_short_increments_are_repeated_for_elements_that_are_inside_out(block, monkeypatch, most, statuses):
     scene = Scene(block, GEL)
@@ -315,5 +343,5 @@ def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, ite
     monkeypatch.setattr(ForceBalance, "work", uphill)
     result = follow(scene, spheres, pose(), path)[0]
     assert told[0] > 0.0 and (result.status == 0).all()
-    assert (result.certificate["damping"] > 0.0).any() == damped
+    assert (result.certificate["damping"] > 0.0).tolist() == [damped, False]  # only the sample that it was for
     np.testing.assert_allclose(result.force, plain.force, rtol=5e-3, atol=1e-3)

@@ -47,6 +47,7 @@ def test_two_pools_share_the_presses_of_a_task_and_give_the_bytes_of_each_alone(
     alone = follow(Scene(block, GEL), [SPHERE, CUBE, SPHERE, CUBE], POSES, PATH)
     pool = make_pool(block, 1)
     other, tries = make_pool(block, 1, pool), Counter()
+    assert pool._stepping.queue._shared.environments == 2
     for each in (pool, other):
         end = each._stepping._end
         monkeypatch.setattr(each._stepping, "_end", lambda *a, e=each, f=end, **k: tries.update([e]) or f(*a, **k))
