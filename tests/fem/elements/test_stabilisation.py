@@ -85,14 +85,14 @@ def folded(nodes: np.ndarray, term, share: float) -> np.ndarray:
 def test_elements_that_are_inside_out_get_twice_as_much_each_time():
     nodes, term = body(P2P1)
     x = on_device(folded(nodes, term, 1.0))
-    wrong = term.bound_det_F(x)[1][0]
+    wrong = term.bound_det_F(x).read()[1][0]
     for times in range(3):
-        assert term.stabilise(x)[0] == wrong == term.stabilised_elements()[0]
+        assert term.stabilise(x)[0] == wrong == term.stabilised_elements().read()[0]
         assert term.weight.numpy().max() == FIRST * 2.0**times
     term.reinforce(term.active)
     assert term.weight.numpy().max() == FIRST * 16.0
     term.forget(term.active)
-    assert term.stabilised_elements()[0] == 0
+    assert term.stabilised_elements().read()[0] == 0
 
 
 def test_elements_that_are_nearly_flat_are_stabilised_before_they_turn():
