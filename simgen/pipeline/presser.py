@@ -51,44 +51,31 @@ class Pools:
     """Pools of one sensor, which share the presses that wait. A task adds its presses to the pool with the fewest.
 
     While Python prepares the next kernels of one pool, the GPU is busy with those of the other.
-
-    tasks : number of those that have added presses
     """
 
     def __init__(self, pools: Sequence[Pool]):
-        self._pools, self._choosing, self.tasks = pools, threading.Lock(), 0
+        self._pools, self._choosing = pools, threading.Lock()
 
     def press(self, shape_of: Sequence[int], poses: np.ndarray, steps: np.ndarray) -> PendingResults:
         """Add presses as `simgen.simulation.pool.Pool.press` does."""
         with self._choosing:
             fewest = min(self._pools, key=lambda pool: pool.remaining)
             results = fewest.press(shape_of, poses, steps)
-            self.tasks += 1
         results.pools = self._pools
         return results
 
     @property
     def room(self) -> int:
-        """Number of presses that should arrive: with them, as many wait as one pool has environments.
+        """Number of presses that may still come. With them, as many wait as one pool has environments.
 
-        So no environment is idle until the next ones arrive, and those that take long begin before the last ones.
+        It is negative if more wait. So no environment is idle until the next presses come.
         """
         first = self._pools[0]
         return first.environments - first.waiting - sum(pool.arrived for pool in self._pools)
 
 
-POOLS_BY_SENSOR: WeakValueDictionary[str, Pools] = WeakValueDictionary()  # of this process, by sensor
-
-
-def room_for_tasks(sensors: Sequence[str], presses_per_task: int) -> tuple[int, int] | None:
-    """Number of tasks on these sensors that have begun in this process, and of those for which there is room.
-
-    None if the process does not press all of them by finite elements.
-    """
-    there = [POOLS_BY_SENSOR.get(sensor) for sensor in sensors]
-    if None in there:
-        return None
-    return sum(pools.tasks for pools in there), sum(max(0, -(-pools.room // presses_per_task)) for pools in there)
+# Pools of this process that were used last, by sensor.
+POOLS_BY_SENSOR: WeakValueDictionary[str, Pools] = WeakValueDictionary()
 
 
 def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
@@ -97,7 +84,6 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
     load_kernels(device)
     sensor = loaded_sensor(job, sensor_name)
     pools, unknowns = _pools(job, sensor_name, sensor, device, job.slow_outputs(sensor_name))
-    POOLS_BY_SENSOR[sensor_name] = pools
     coarser, share = None, 0.0
     if job.has_coarser_mesh(sensor_name):
         coarser, coarser_unknowns = _pools(job, sensor_name, coarser_sensor(job, sensor_name), device, ())
@@ -107,6 +93,7 @@ def fem_presser(job: Job, sensor_name: str, device: str) -> Presser:
         indenters: Sequence[int], poses: np.ndarray, steps: np.ndarray | None = None
     ) -> Iterable[PressResult]:
         steps = np.full(len(poses), len(job.indenter_path)) if steps is None else steps
+        POOLS_BY_SENSOR[sensor_name] = pools
         results = pools.press(indenters, poses, steps)
         if coarser is None:
             return results

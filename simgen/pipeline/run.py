@@ -21,8 +21,8 @@ from simgen.dataset.writer import complete, filling, folder_aside, log_timing, o
 from simgen.errors import NOT_WRITABLE, InputError, cannot_write, writing
 from simgen.pipeline.parts import Part, Parts, ShardReport
 from simgen.pipeline.plan import Plan
-from simgen.pipeline.presser import Presser, fem_presser, room_for_tasks
-from simgen.pipeline.shard import run_parts, run_shards
+from simgen.pipeline.presser import Presser, fem_presser
+from simgen.pipeline.shard import room_for_parts, run_parts, run_shards
 from simgen.pipeline.shard_files import Failure
 from simgen.pipeline.workers import Workers
 
@@ -153,7 +153,7 @@ def _solve(
         (run_parts, shards, given, (sensor, folder))
         for shards in last for sensor in others if not settled.issuperset(shards)
     )  # fmt: skip
-    room = partial(room_for_tasks, others, max(map(len, last), default=1) * job.dataset.presses_per_shard)
+    room = partial(room_for_parts, others, max(map(len, last), default=1) * job.dataset.presses_per_shard, folder)
     for task, outcome in workers.map(_guarded, tasks, shared, room):
         yield task[1], Failure.of(outcome) if isinstance(outcome, Exception) else outcome
 

@@ -8,6 +8,7 @@ import json
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -30,7 +31,7 @@ from simgen.fem.material import LAWS
 from simgen.fem.material.law import Law
 from simgen.pipeline.parts import Part, ShardReport, whole_report
 from simgen.pipeline.plan import chosen_material, indenter_identities, sensor_identity
-from simgen.pipeline.presser import Presser, fem_presser, loaded_indenters, loaded_sensor
+from simgen.pipeline.presser import POOLS_BY_SENSOR, Presser, fem_presser, loaded_indenters, loaded_sensor
 from simgen.pipeline.shard_files import version_of, writing
 from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
 from simgen.simulation.kernel_loading import load_kernels, load_press_kernels
@@ -173,6 +174,24 @@ def run_parts(
     return [Part.of(writer, own, share) for writer, own in zip(writers, files, strict=True)]
 
 
+# Tasks of `run_parts` whose presses have been added in this process, by the folder of their run and the sensor.
+BEGUN: Counter[tuple[Path, str]] = Counter()
+_COUNTING = threading.Lock()
+
+
+def room_for_parts(sensors: Sequence[str], presses_per_task: int, folder: Path) -> tuple[int, int] | None:
+    """Number of a run's tasks on these sensors that have begun in this process, and of those for which there is room.
+
+    None if the process has not pressed all of these sensors by finite elements.
+    """
+    there = [POOLS_BY_SENSOR.get(sensor) for sensor in sensors]
+    if None in there:
+        return None
+    rooms = [max(0, -(-pools.room // presses_per_task)) for pools in there]
+    with _COUNTING:
+        return sum(BEGUN[folder, sensor] for sensor in sensors), len(rooms) * min(rooms)
+
+
 @contextmanager
 def _solved(
     plan: PlannedPresses, shards: Sequence[int], job: Job, device: str, build, sensors: Sequence[str], folder: Path
@@ -181,7 +200,7 @@ def _solved(
     with writing() as threads:
         writers = [ShardWriter(plan.dataset, shard, folder, threads) for shard in shards]
         try:
-            _solve(plan, writers, job, device, build, sensors)
+            _solve(plan, writers, job, device, build, sensors, folder)
             yield writers
         except BaseException:
             for writer in writers:
@@ -190,8 +209,9 @@ def _solved(
 
 
 def _solve(
-    plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, device: str, build, sensors: Sequence[str]
-) -> None:
+    plan: PlannedPresses, writers: Sequence[ShardWriter], job: Job, device: str, build, sensors: Sequence[str],
+    folder: Path,
+) -> None:  # fmt: skip
     """Solve the presses of all shards on some sensors, and pass the results to the shards' writers."""
     dataset, rows = plan.dataset, np.concatenate([writer.presses for writer in writers])
     ends = np.cumsum([len(writer.presses) for writer in writers])
@@ -205,6 +225,8 @@ def _solve(
         poses = np.linalg.inv(plan.sensor_pose[sensor][rows]) @ contact_pose
         limits = [plan.steps[sensor][rows]] if plan.steps else []
         under_way[sensor] = presser(indenters, poses, *limits)
+        with _COUNTING:
+            BEGUN[folder, sensor] += 1
     for sensor in sensors:
         results = list(under_way.pop(sensor))
         for writer, end in zip(writers, ends, strict=True):

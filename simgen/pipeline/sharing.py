@@ -13,14 +13,15 @@ NONE = object()
 class Sharing:
     """Tasks that any worker can take. Each is handed to the worker that has most room.
 
-    client : dask's
-    tasks : taken one by one as they are handed out
-    room : called in each worker; returns the number of shared tasks that have begun there, and the number of those for
-        which there is room. None if the worker does not know
+    tasks : taken as they are handed out, but one is taken ahead
+    workers : returns the addresses of all workers
+    ask : asks workers at these addresses. It returns a pair by address: the number of shared tasks that have begun
+        there, and the number of those for which there is room. It returns anything else, or nothing, for a worker that
+        does not tell
     """
 
-    def __init__(self, client: Any, tasks: Iterable, room: Callable[[], tuple[int, int] | None]):
-        self._client, self._tasks, self._room = client, iter(tasks), room
+    def __init__(self, tasks: Iterable, workers: Callable[[], Iterable[str]], ask: Callable[[list[str]], dict]):
+        self._tasks, self._workers, self._ask = iter(tasks), workers, ask
         self._next, self._looked = NONE, 0.0
         self._given, self._under_way = Counter(), Counter()  # tasks by address: all, and those without a result
 
@@ -34,10 +35,10 @@ class Sharing:
     def hand_out(self, idle: bool) -> Iterator[tuple[Any, str | None]]:
         """Yield tasks with the addresses of the workers that should take them, until no worker has room.
 
-        idle : True if no task of any kind is under way. Then at least one task is handed out: with None as address, if
+        idle : True if no task of any kind is under way. Then at least one task is handed out. Its address is None if
             there is no worker
         """
-        addresses = list(self._client.nthreads()) if self.left else []
+        addresses = list(self._workers()) if self.left else []
         if addresses and (idle or time.monotonic() - self._looked >= LOOK_S):
             rooms = self._rooms(addresses)
             while (idle or max(rooms.values()) > 0) and self.left:
@@ -58,13 +59,17 @@ class Sharing:
         return task
 
     def _rooms(self, addresses: list[str]) -> dict[str, int]:
-        """Number of tasks by address for which a worker has room. Tasks that have not begun there take room, too."""
+        """Number of tasks by address for which a worker has room.
+
+        Tasks on their way to a worker take room there, too. Some never begin there: they fail before, or another worker
+        takes them.
+        """
+        found, rooms = self._ask(addresses), {}
         self._looked = time.monotonic()
-        found, rooms = self._client.run(self._room, workers=addresses, on_error="return"), {}
         for address in addresses:
             if isinstance(told := found.get(address), tuple):
                 begun, room = told
-                rooms[address] = room - max(0, self._given[address] - begun)
+                rooms[address] = room - min(self._under_way[address], max(0, self._given[address] - begun))
             else:
                 rooms[address] = AT_ONCE - self._under_way[address]
         return rooms

@@ -3,6 +3,7 @@
 Only this file and `local_cluster` import dask.
 """
 
+import asyncio
 import json
 import os
 import time
@@ -11,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent import futures
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
@@ -29,6 +30,7 @@ from simgen.pipeline.sharing import LOOK_S, Sharing
 TASKS_PER_THREAD = 2  # submitted tasks: one runs, one waits
 ANSWER_S = 10.0  # timeout for the scheduler's answer
 LONGEST_WAIT_S = 300.0  # for the wanted number of workers
+LONGEST_ANSWER_S = 2.0  # timeout for the answers of all workers
 LOOK_FOR_LIFE_S = 1.0  # between two looks whether workers live
 
 
@@ -102,7 +104,8 @@ class Workers:
         # Otherwise dask gives a ready worker with a free thread the task that prepares another worker.
         wait_until_prepared(client, preparing)
         preparing.clear()
-        waiting, sharing, submitted, ended = deque(arguments), Sharing(client, shared, room), {}, as_completed()
+        waiting, submitted, ended = deque(arguments), {}, as_completed()
+        sharing = Sharing(shared, client.nthreads, partial(ask, client, room))
         places = {}  # future of a shared argument -> address of the worker that should take it
 
         def submit_one(argument: Any, **where) -> Any:
@@ -142,6 +145,7 @@ class Workers:
                     if future in places:
                         sharing.end(places.pop(future))
                     yield submitted.pop(future), result
+                    submit()
                 submit()
         except (CancelledError, CommClosedError, OSError) as error:
             raise InputError(f"the scheduler of the workers is lost ({error})") from None
@@ -245,6 +249,15 @@ def wait_until_prepared(client: Any, preparing: Mapping[Any, str]) -> None:
             return
         with suppress(TimeoutError):
             wait(waiting, timeout=LOOK_FOR_LIFE_S)
+
+
+def ask(client: Any, function: Callable[[], Any], addresses: list[str]) -> dict[str, Any]:
+    """Call a function in the workers at these addresses. Returns results or errors by address; {} if one is silent."""
+    call = client.run(function, workers=addresses, on_error="return", asynchronous=True)
+    try:
+        return asyncio.run_coroutine_threadsafe(call, client.loop.asyncio_loop).result(LONGEST_ANSWER_S)
+    except TimeoutError:
+        return {}
 
 
 def visible_gpus(device: str) -> list[str]:

@@ -88,7 +88,7 @@ class Pool:
 
     @property
     def arrived(self) -> int:
-        """Number of presses that have not begun to wait for an environment."""
+        """Number of presses that a task has added, and that are not in the queue yet."""
         return sum(len(each.shape_of) for each in list(self._arrived))
 
     @property

@@ -106,7 +106,7 @@ class _Shared:
     def pop(self, key: Callable[[int], tuple], only_slow: bool = False) -> Press | None:
         """Take the oldest press of the shape with the least key. With ``only_slow``, only slow and hard shapes count.
 
-        Of shapes with the same key, the one whose press should end first begins.
+        Of shapes with the same key, the shape goes first whose oldest press should end first.
         """
         with self._lock:
             keys = {shape: (*key(shape), waiting[0][0] - self._lead(shape))
@@ -124,11 +124,12 @@ class _Shared:
                 self._by_shape[shape] = deque(each for each in waiting if not each[1].dropped)
 
     def learn(self, shape: int, iterations: int):
-        self._longest[shape] = max(iterations, self._longest.get(shape, 0))
-        self._iterations[shape] += iterations
-        self._tries[shape] += 1
-        self._all_iterations += iterations
-        self._all_tries += 1
+        with self._lock:
+            self._longest[shape] = max(iterations, self._longest.get(shape, 0))
+            self._iterations[shape] += iterations
+            self._tries[shape] += 1
+            self._all_iterations += iterations
+            self._all_tries += 1
 
     def hardest_first(self, shape: int) -> tuple:
         """Sort key. Of the indenters without an ended try, those that are probably slow go first."""
@@ -160,7 +161,7 @@ class _Shared:
 
     def _lead(self, shape: int) -> float:
         """Number of presses that begin while one with this shape runs; 0 without an ended try."""
-        if not self._tries[shape]:
+        if not self._tries[shape] or not self._all_iterations:
             return 0.0
         mean = self._all_iterations / self._all_tries
         return self.environments * self._iterations[shape] / self._tries[shape] / mean

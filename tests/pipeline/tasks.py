@@ -20,10 +20,10 @@ def uneven_task(seconds: float) -> tuple[str, float, float]:
     return gpu, begin, time.time()
 
 
-def room_for_two() -> tuple[int, int]:
-    """Room for two shared tasks at a time."""
+def room_for_three() -> tuple[int, int]:
+    """Room for three shared tasks at a time."""
     begun, ended = (sum(seconds >= LEAST_SHARED_S for seconds in list(tasks)) for tasks in (BEGUN, ENDED))
-    return begun, 2 - (begun - ended)
+    return begun, 3 - (begun - ended)
 
 
 def no_room() -> tuple[int, int]:

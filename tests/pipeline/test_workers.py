@@ -12,7 +12,7 @@ import psutil
 import pytest
 from dask.distributed import Client
 
-from pipeline.tasks import LEAST_SHARED_S, no_room, process_after, reciprocal, room_for_two, uneven_task, unknown_room
+from pipeline.tasks import LEAST_SHARED_S, no_room, process_after, reciprocal, room_for_three, uneven_task, unknown_room
 from simgen.errors import InputError
 from simgen.pipeline import workers
 from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
@@ -89,9 +89,9 @@ def test_a_process_that_dies_while_it_is_prepared_does_not_hold_up_the_run(tmp_p
     assert found == {2: 0.5, 4: 0.25} and (tmp_path / "died").exists()
 
 
-@pytest.mark.parametrize("room", [room_for_two, unknown_room])
-def test_shared_tasks_go_to_the_processes_that_have_room(room):
-    """One process takes fifteen times as long for each. It never has more than two at a time, and gets fewer."""
+@pytest.mark.parametrize(("room", "at_once"), [(room_for_three, 3), (unknown_room, 2)])
+def test_shared_tasks_go_to_the_processes_that_have_room(room, at_once):
+    """One process takes fifteen times as long for each. It has as many at a time as it has room for, and gets fewer."""
     with local_cluster([{"CUDA_VISIBLE_DEVICES": name} for name in "01"]) as cluster, Client(cluster) as client:
         client.wait_for_workers(2)
         own, shared = [0.01] * 6, [LEAST_SHARED_S + 1e-6 * number for number in range(24)]
@@ -102,9 +102,9 @@ def test_shared_tasks_go_to_the_processes_that_have_room(room):
     for gpu in "01":
         times = [(begin, 1) for each, begin, _ in results if each == gpu]
         times += [(end, -1) for each, _, end in results if each == gpu]
-        assert np.cumsum([change for _, change in sorted(times)]).max() <= 2
+        assert np.cumsum([change for _, change in sorted(times)]).max() == at_once
     counts = Counter(gpu for gpu, _, _ in results)
-    assert counts["1"] >= 2 and counts["0"] >= 2 * counts["1"]
+    assert counts["1"] >= at_once and counts["0"] >= 2 * counts["1"]
 
 
 def test_shared_tasks_are_not_lost_if_no_worker_is_there_when_they_are_handed_out(monkeypatch):
@@ -112,7 +112,7 @@ def test_shared_tasks_are_not_lost_if_no_worker_is_there_when_they_are_handed_ou
         client.wait_for_workers(1)
         monkeypatch.setattr(client, "nthreads", dict)
         workers = Workers("cuda", 2, lambda: (client, {}), tasks_at_once=TASKS_PER_GPU_PROCESS)
-        found = [argument for argument, _ in workers.map(uneven_task, [0.01, 0.02], [0.03, 0.04, 0.05], room_for_two)]
+        found = [argument for argument, _ in workers.map(uneven_task, [0.01, 0.02], [0.03, 0.04, 0.05], room_for_three)]
     assert sorted(found) == [0.01, 0.02, 0.03, 0.04, 0.05]
 
 
