@@ -214,7 +214,11 @@ def read(*arrays: wp.array) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Reading:
-    """A value to come: arrays that kernels fill, launched before, and the function that makes it of their contents."""
+    """A value that the device computes.
+
+    arrays : launched kernels fill them
+    value : makes the value of their contents
+    """
 
     arrays: tuple[wp.array, ...]
     value: Callable[..., Any]

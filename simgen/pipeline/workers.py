@@ -254,9 +254,11 @@ def wait_until_prepared(client: Any, preparing: Mapping[Any, str]) -> None:
 def ask(client: Any, function: Callable[[], Any], addresses: list[str]) -> dict[str, Any]:
     """Call a function in the workers at these addresses. Returns results or errors by address; {} if one is silent."""
     call = client.run(function, workers=addresses, on_error="return", asynchronous=True)
+    answers = asyncio.run_coroutine_threadsafe(call, client.loop.asyncio_loop)
     try:
-        return asyncio.run_coroutine_threadsafe(call, client.loop.asyncio_loop).result(LONGEST_ANSWER_S)
+        return answers.result(LONGEST_ANSWER_S)
     except TimeoutError:
+        answers.cancel()
         return {}
 
 

@@ -60,7 +60,8 @@ class LoadStepping:
         self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
         self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
         self._repeats = np.zeros(batch, dtype=int)  # of the current increment
-        self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since last sample; deepest where one is due
+        self._damping = np.zeros(batch)  # largest since the last sample
+        self._overlap_mm = np.zeros(batch)  # deepest overlap, where a sample is due
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self._step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
@@ -96,10 +97,8 @@ class LoadStepping:
     @property
     def has_slow_press(self) -> bool:
         """True if a running press is slow: see `PressQueue.is_slow`."""
-        return any(
-            press is not None and self.queue.is_slow(press.shape, self._try_iterations[env])
-            for env, press in enumerate(self.press)
-        )
+        spent = zip(self.press, self._try_iterations, strict=True)
+        return any(press is not None and self.queue.is_slow(press.shape, count) for press, count in spent)
 
     def advance(self):
         """Advance all running presses by one iteration."""

@@ -79,7 +79,7 @@ class State:
 
     @_cached
     def measured(self) -> Measured:
-        """What most outputs need."""
+        """Measurements that most outputs need."""
         return self.sampler.measure(len(self.environments))
 
     @property

@@ -71,7 +71,7 @@ for _kind in (wp.float64, wp.float32):
 
 
 class Overlap(NamedTuple):
-    """How far rigid bodies overlap the gel, per environment. Overlap of core and support at rest does not count.
+    """Overlap of rigid bodies with the gel, per environment. Overlap of core and support at rest does not count.
 
     deepest_mm : (env,) with indenter, core and support; negative without overlap
     of_edge : (env,) largest overlap over its face's edge
@@ -85,7 +85,7 @@ class Overlap(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What kernels measure of a state, in the solver's units.
+    """Measurements of a state, in the solver's units.
 
     contact, fixed : resultants of the indenter's contact, and of each fixed one
     reactions : (3, env) forces of the fixed nodes on the body

@@ -14,7 +14,7 @@ SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the f
 # job's 7,740 presses on the DIGIT need more than this for a depth (f124716, one H200).
 SECOND_TRY_ITERATIONS = 300
 # The same for the iterations of a whole try. 110 tries of four runs of that job took more, and 9 of the 11 that failed
-# (3fa6dd0 and a later version; H200s). If a try fails late, nothing else is left to run beside the second one.
+# (3fa6dd0 and a later version; H200s). Otherwise the second try of one that fails late runs alone at the end.
 SECOND_TRY_AFTER = 450
 
 

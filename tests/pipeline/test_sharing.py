@@ -9,7 +9,7 @@ from simgen.pipeline.sharing import AT_ONCE, Sharing
 
 
 class Told:
-    """What workers tell of their rooms, by address."""
+    """Rooms that workers tell, by address."""
 
     def __init__(self, **told):
         self.told, self.looks = told, 0

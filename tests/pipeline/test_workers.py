@@ -3,7 +3,9 @@
 import json
 import os
 import threading
+import time
 from collections import Counter
+from functools import partial
 from itertools import pairwise
 
 import fake
@@ -125,6 +127,15 @@ def test_shared_tasks_are_not_lost_if_no_worker_ever_has_room():
     times = [result[1:] for _, result in found]
     assert [argument for argument, _ in found] == [0.3, 0.01, 0.02, 0.03]
     assert all(end <= begin for (_, end), (begin, _) in pairwise(times))
+
+
+def test_a_silent_worker_is_not_waited_for(client, monkeypatch):
+    addresses = list(client.nthreads())
+    assert workers.ask(client, os.getpid, addresses).keys() == set(addresses)
+    monkeypatch.setattr(workers, "LONGEST_ANSWER_S", 0.2)
+    begin = time.monotonic()
+    assert workers.ask(client, partial(time.sleep, 3.0), addresses) == {}
+    assert time.monotonic() - begin < 2.5
 
 
 def test_processes_of_gpus_start_while_the_caller_goes_on(monkeypatch):
