@@ -46,15 +46,17 @@ def clear_kernel(active: Envs, cleared_out: wp.array2d(dtype=Any)):
 
 @wp.kernel
 def move_kernel(pairs: IndexTable, moved_out: wp.array2d(dtype=Any)):
-    """``pairs`` (2, env): the numbers of columns, and of those to which they are copied."""
+    """``pairs`` (2, env): the numbers of columns, and of those to which they are copied; -1 for no column."""
     i, k = wp.tid()
-    moved_out[i, pairs[1, k]] = moved_out[i, pairs[0, k]]
+    if pairs[0, k] >= 0:
+        moved_out[i, pairs[1, k]] = moved_out[i, pairs[0, k]]
 
 
 for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d):  # a type added later would compile the module again
     wp.overload(copy_kernel, {"source": wp.array2d(dtype=_kind), "copy_out": wp.array2d(dtype=_kind)})
-    wp.overload(move_kernel, {"moved_out": wp.array2d(dtype=_kind)})
     wp.overload(clear_kernel, {"cleared_out": wp.array2d(dtype=_kind)})
+for _kind in (wp.float64, wp.float32, wp.int32, wp.vec3d, wp.mat33d):
+    wp.overload(move_kernel, {"moved_out": wp.array2d(dtype=_kind)})
 
 
 @wp.kernel
@@ -118,7 +120,11 @@ class ActiveEnvironments:
     def _assign(self, numbers: np.ndarray, chosen: np.ndarray):
         write(numbers, self.numbers)
         self.chosen, count = chosen, max(int(np.count_nonzero(chosen)), 1)
-        self.lanes = count if self._exact else min(1 << (count - 1).bit_length(), len(self))
+        self.lanes = count if self._exact else self.rounded_up(count)
+
+    def rounded_up(self, count: int) -> int:
+        """The next power of two, but at most the number of environments."""
+        return min(1 << (count - 1).bit_length(), len(self))
 
     def factors(self, values: np.ndarray) -> wp.array:
         """Copy values (env,) to the device for the next kernel, always into the same array, see `simgen.fem.device`."""
@@ -126,8 +132,8 @@ class ActiveEnvironments:
         return self._factors
 
     def pairs(self, sources: np.ndarray, targets: np.ndarray) -> wp.array:
-        """Copy environments' numbers (k,) to the device in the same way: (2, env)."""
-        pairs = np.zeros(self._pairs.shape, dtype=np.int32)
+        """Copy environments' numbers (k,) to the device in the same way: (2, env), with -1 behind them."""
+        pairs = np.full(self._pairs.shape, -1, dtype=np.int32)
         pairs[:, : len(sources)] = sources, targets
         write(pairs, self._pairs)
         return self._pairs
@@ -182,12 +188,15 @@ def reset(active, out):
         clear(active, out)
 
 
-def move(arrays, active: ActiveEnvironments, sources: np.ndarray, targets: np.ndarray):
-    """Copy the columns of the environments numbered ``sources`` (k,) to those numbered ``targets`` (k,)."""
+def move(arrays, active: ActiveEnvironments, sources: np.ndarray, targets: np.ndarray, kernel: wp.Kernel = move_kernel):
+    """Copy the columns of the environments numbered ``sources`` (k,) to those numbered ``targets`` (k,).
+
+    kernel : for arrays of another shape; its threads run over the arrays' second last axis and the pairs
+    """
     pairs = active.pairs(sources, targets)
     for array in arrays:
-        dim = len(array), len(sources)
-        launch_kernel(move_kernel, dim=dim, inputs=[pairs], outputs=[array], device=active.device)
+        dim = array.shape[-2], active.rounded_up(len(sources))  # few different ones: launches are repeated
+        launch_kernel(kernel, dim=dim, inputs=[pairs], outputs=[array], device=active.device)
 
 
 def add_scaled(start, step, factor: np.ndarray, active, out):

@@ -7,11 +7,13 @@ linear multigrid runs at half of the memory's speed (265 us per smoothing step, 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays
-from simgen.fem.batch_arrays import Envs, SingleVectors
+from simgen.fem.batch_arrays import Envs, IndexTable, SingleVectors
 from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.columns import rows_of, store_vector, vector_at
 from simgen.fem.precision import mat33f, vec3f
@@ -46,6 +48,24 @@ def clear_kernel(active: Envs, blocks_out: Blocks):
         return
     for row in range(c * CHUNK, wp.min((c + 1) * CHUNK, blocks_out.shape[1])):
         blocks_out[env / TILE, row, env % TILE] = 0.0
+
+
+@wp.kernel
+def move_kernel(pairs: IndexTable, moved_out: wp.array3d(dtype=Any)):
+    """``pairs`` as in `simgen.fem.batch_arrays.move_kernel`."""
+    row, k = wp.tid()
+    source, target = pairs[0, k], pairs[1, k]
+    if source >= 0:
+        moved_out[target / TILE, row, target % TILE] = moved_out[source / TILE, row, source % TILE]
+
+
+for _kind in (wp.float32, wp.uint16):
+    wp.overload(move_kernel, {"moved_out": wp.array3d(dtype=_kind)})
+
+
+def move(arrays, active, sources: np.ndarray, targets: np.ndarray):
+    """Copy the matrices of the environments numbered ``sources`` (k,) to those numbered ``targets`` (k,)."""
+    batch_arrays.move(arrays, active, sources, targets, move_kernel)
 
 
 def block_code(body: str) -> str:

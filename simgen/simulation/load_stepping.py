@@ -34,7 +34,7 @@ MAX_REPEATS = 8  # of an increment whose converged state has inverted elements o
 # Attributes of `LoadStepping` with one value for each environment, which belongs to its press.
 OF_PRESS = (
     "_shape", "_poses", "_reach", "travelled", "previous", "target", "step", "goal", "max_step", "_step_scale",
-    "_successes", "_repeats", "_damping", "_reinforced", "_try_iterations", "_target_poses", "running",
+    "_successes", "_repeats", "_damping", "_reinforced", "_try_iterations", "_target_poses", "running", "_starting",
 )  # fmt: skip
 
 
@@ -150,28 +150,29 @@ class LoadStepping:
         return fresh
 
     def _move_together(self):
-        """Move presses that begin an increment to free environments with lower numbers.
+        """Move presses to free environments with lower numbers.
 
         A GPU reads and writes the values of neighbouring environments together. So scattered environments cost as much
         as all those between them.
         """
-        movable = np.flatnonzero(self._starting & ~self.solver.preconditioner.factored)[::-1]
-        free = np.flatnonzero(~self.running)
-        count = min(len(movable), len(free))
-        count = int((movable[:count] > free[:count]).sum())
-        if not count:
+        sources, targets = self._places()
+        if not len(sources):
             return
-        sources, targets = movable[:count], free[:count]
         for name in OF_PRESS:
             values = getattr(self, name)
             values[targets] = values[sources]
         self.cost[:, targets] = self.cost[:, sources]
         for source, target in zip(sources, targets, strict=True):
             self.press[target], self.tries[target] = self.press[source], self.tries[source]
-        self._starting[targets] = True
-        self.scene.move(sources, targets, self._shape)
-        batch_arrays.move([self.x_previous], self.solver.active, sources, targets)
+        self.solver.move(sources, targets)
+        batch_arrays.move([self.x_start, self.x_previous], self.solver.active, sources, targets)
         self._release(np.isin(np.arange(self.scene.batch), sources))
+
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of environments whose presses can move, and of free ones with lower numbers: (k,) each."""
+        movable, free = np.flatnonzero(self.running & self.solver.movable)[::-1], np.flatnonzero(~self.running)
+        pairs = np.array(list(zip(movable, free, strict=False)), dtype=int).reshape(-1, 2)
+        return tuple(pairs[pairs[:, 0] > pairs[:, 1]].T)
 
     def _begin_increments(self, starting: np.ndarray):
         """Begin the next increment in the environments (env,) bool.

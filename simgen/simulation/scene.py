@@ -165,16 +165,6 @@ class Scene:
         self.indenter_contact.set_shapes(shapes)
         self.load(np.ones(self.batch, dtype=bool), np.zeros(self.batch))
 
-    def move(self, sources: np.ndarray, targets: np.ndarray, shape_of: np.ndarray):
-        """Move presses that are between two increments to other environments, given by number: (k,) each.
-
-        shape_of (env,): shape numbers after the move.
-        """
-        solver = self.solver
-        memory = [array for contact in solver.contacts for array in contact.memory]
-        batch_arrays.move([solver.x, solver.elasticity.weight, *memory], solver.active, sources, targets)
-        self.indenter_contact.choose(shape_of)
-
     def load(self, environments: np.ndarray, shape_of: np.ndarray):
         """Return environments (env,) bool to rest without memory of earlier presses; shape_of (env,): shape numbers."""
         solver = self.solver

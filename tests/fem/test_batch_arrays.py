@@ -41,9 +41,9 @@ def test_vectors_are_cleared_too():
     assert (vectors.numpy()[:, 0] == 1.0).all() and not vectors.numpy()[:, 1:].any()
 
 
-@pytest.mark.parametrize("dtype", [wp.float64, wp.float32, wp.int32, wp.vec3d])
+@pytest.mark.parametrize("dtype", [wp.float64, wp.float32, wp.int32, wp.vec3d, wp.mat33d])
 def test_columns_move_to_other_environments(dtype):
-    shape = (3, 5, 3) if dtype == wp.vec3d else (3, 5)
+    shape = (3, 5, *getattr(dtype, "_shape_", ()))
     values = np.arange(np.prod(shape)).reshape(shape)
     array = wp.array(values, dtype=dtype, device="cpu")
     batch_arrays.move([array], ActiveEnvironments(5, "cpu"), np.array([4, 3]), np.array([0, 2]))

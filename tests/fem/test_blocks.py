@@ -45,3 +45,17 @@ def test_clearing_leaves_those_that_are_not_listed():
     blocks.clear(made, ActiveEnvironments.of(chosen, "cpu"))
     for env in range(40):
         assert (blocks.of_environment(made, env) == (0.0 if chosen[env] else 1.0)).all()
+
+
+@pytest.mark.parametrize("n_env", [5, 40])
+@pytest.mark.parametrize("dtype", [wp.float32, wp.uint16])
+def test_blocks_move_to_other_environments(n_env, dtype):
+    """Within a tile, and with 40 environments from one tile to another."""
+    made = blocks.zeros(2, n_env, "cpu", dtype)
+    values = np.random.default_rng(0).integers(0, 1000, made.shape)
+    made.assign(values)
+    before = [blocks.of_environment(made, env) for env in range(n_env)]
+    last = n_env - 1
+    blocks.move([made], ActiveEnvironments(n_env, "cpu"), np.array([last, 3]), np.array([0, 2]))
+    for env in range(n_env):
+        np.testing.assert_array_equal(blocks.of_environment(made, env), before[{0: last, 2: 3}.get(env, env)])

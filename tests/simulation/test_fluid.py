@@ -66,6 +66,15 @@ def test_a_fluid_keeps_the_volume_of_its_cavity(hollow):
     np.testing.assert_allclose(again.cavity_pressure, filled.cavity_pressure, rtol=1e-9)
 
 
+def test_a_press_with_a_fluid_is_the_same_among_idle_environments(hollow):
+    """With few active environments, a graph clears columns, not whole arrays."""
+    alone, among = (
+        press(Scene(hollow, GEL, fluid="incompressible", batch=batch), [SPHERE], POSE, DEPTHS)[0] for batch in (1, 4)
+    )
+    np.testing.assert_array_equal(among.displacement, alone.displacement)
+    np.testing.assert_array_equal(among.certificate["krylov_iterations"], alone.certificate["krylov_iterations"])
+
+
 def test_presses_with_a_fluid_are_the_same_among_others(hollow):
     """Linear systems that begin at different times do not disturb each other's fluid."""
     shapes, poses = [rigid_shape(Kind.SPHERE, radius) for radius in (3.5, 1.5, 5.0)], np.tile(POSE, (3, 1, 1))

@@ -8,7 +8,7 @@ from simgen.fem.contact.contact import Contact
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
 from simgen.fem.nonlinear import linear_systems
 from simgen.fem.nonlinear.force_balance import ForceBalance
-from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS
+from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS, NewtonSolver
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
@@ -60,25 +60,63 @@ def test_multipliers_rest_far_from_balance(block, monkeypatch):
     assert 0.0 < max(followed) <= MULTIPLIER_UPDATE_RESIDUAL
 
 
+def watch_moves(monkeypatch) -> list[bool]:
+    """List the presses that move: True for one within an increment."""
+    moves, move = [], NewtonSolver.move
+
+    def watch(solver, sources, targets):
+        moves.extend(solver.working[sources].tolist())
+        move(solver, sources, targets)
+
+    monkeypatch.setattr(NewtonSolver, "move", watch)
+    return moves
+
+
+def assert_same(one, other):
+    for name in ("displacement", "force", "moment", "status"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
 def test_a_press_moves_to_a_free_environment_without_a_change(block, scene, monkeypatch):
-    """When the first press has ended, one of the others moves to its place. Bytes stay as those of a press alone."""
-    moves, move = [], Scene.move
-
-    def watch(scene, sources, targets, shape_of):
-        moves.append((sources.tolist(), targets.tolist()))
-        move(scene, sources, targets, shape_of)
-
-    monkeypatch.setattr(Scene, "move", watch)
+    """When the first press has ended, one moves to its place. Bytes stay as those of a press alone."""
+    moves = watch_moves(monkeypatch)
     as_on_a_gpu(monkeypatch)
     shapes, steps = [CUBE, SPHERE, SPHERE], np.array([1, 2, len(DEPTHS)])
     poses = np.concatenate([pose(tilt_deg=5.0), pose(), pose(x=1.0)])
     together = follow(Scene(block, GEL, batch=3), shapes, poses, DEPTHS[:, None] * DOWN, steps=steps)
-    assert moves == [([1], [0]), ([2], [1])]
+    assert moves == [True]
     monkeypatch.undo()
     for i, result in enumerate(together):
         alone = follow(scene, [shapes[i]], poses[i : i + 1], DEPTHS[:, None] * DOWN, steps=steps[i : i + 1])[0]
-        for name in ("displacement", "force", "moment", "status"):
-            np.testing.assert_array_equal(getattr(result, name), getattr(alone, name))
+        assert_same(result, alone)
+
+
+def test_presses_that_move_in_each_round_do_not_change(block, monkeypatch):
+    """Some elements are stabilised, and an increment fails: all that a press needs moves with it."""
+    moves, accept = watch_moves(monkeypatch), LoadStepping._accept_or_reject
+
+    def any_place(stepping):
+        begun = stepping.solver.working | stepping._starting
+        movable, free = (np.flatnonzero(each) for each in (begun & stepping.solver.movable, ~stepping.running))
+        count = min(len(movable), len(free))
+        return movable[:count], free[len(free) - count :]
+
+    def fail_once(stepping, ended):
+        too_long = ended & (stepping.target > 1.2) & (stepping.target - stepping.travelled > 0.15)
+        stepping.solver.increment.status[too_long] = Status.NEWTON_STALLED
+        accept(stepping, ended)
+
+    monkeypatch.setattr(LoadStepping, "_accept_or_reject", fail_once)
+    as_on_a_gpu(monkeypatch)
+    shapes, poses = [RIGID_EDGE, SPHERE], np.concatenate([pose(), pose(x=1.0)])
+    depths = np.array([1.2e-3, 1.6e-3, 2.0e-3])
+    alone = [press(Scene(block, GEL), [shapes[i]], poses[i : i + 1], depths)[0] for i in range(2)]
+    assert not moves and (alone[0].certificate["stabilised_elements"] > 0).any()
+    monkeypatch.setattr(LoadStepping, "_places", any_place)
+    together = press(Scene(block, GEL, batch=4), shapes, poses, depths)
+    assert moves.count(True) > 50
+    for result, other in zip(together, alone, strict=True):
+        assert_same(result, other)
 
 
 def test_the_force_hardly_depends_on_the_load_step():

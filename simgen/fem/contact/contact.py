@@ -144,6 +144,9 @@ class Contact:
         self._history = s.normal, s.tangential, anchor, s.stiffening, self._is_candidate
         self._saved = [wp.zeros_like(array) for array in self._history]
         self._before = wp.zeros_like(s.normal), wp.zeros_like(s.tangential)  # at the last converged increment's start
+        one_each = [each.reshape((1, n_env)) for each in (s.shape_of, s.origin, s.rotation, s.count)]
+        # All that a contact keeps of a press between two linear systems, (row, env)
+        self.memory = [*self._history, *self._saved, *self._before, s.candidates, *one_each]
 
     def _launch(self, kernel, inputs, outputs, rows: int | tuple[int, ...] = 0):
         batch_arrays.launch(kernel, rows or len(self.host_faces), [self.surface, *inputs], outputs)
@@ -241,11 +244,6 @@ class Contact:
         batch_arrays.launch(no_candidates_kernel, (), [self.active], [s.count])
         outputs = [s.count, s.candidates, self._is_candidate]
         self._launch(find_candidates_kernel, [x, self._travel, self.active], outputs)
-
-    @property
-    def memory(self) -> list[wp.array]:
-        """All that a press's contact keeps between two increments, (row, env)."""
-        return [*self._history, *self._before]
 
     def restore(self, marked):
         """Return the listed environments to the start of their increment."""

@@ -68,22 +68,22 @@ class CoarseLevel:
         motions, basis = per_corner(space)
         self._motions = wp.array(motions, dtype=wp.int32, device=device)
         self._basis = wp.array(basis, dtype=vec3f, device=device)
-        self._inverse = dense_inverse.zeros(self._m, n_env, device)
-        self._invert = dense_inverse.Inverter(self._inverse, self._m, active)
+        self.inverse = dense_inverse.zeros(self._m, n_env, device)
+        self._invert = dense_inverse.Inverter(self.inverse, self._m, active)
         self._forces, self._x = (wp.zeros((self._m, n_env), dtype=wp.float32, device=device) for _ in range(2))
 
     def rebuild(self, blocks: Blocks):
         """Invert the coarse matrix of the corners' blocks."""
         m, pattern = self._m, self.pattern
-        batch_arrays.launch(clear_kernel, m, [m, self.n_motions, self.active], [self._inverse])
+        batch_arrays.launch(clear_kernel, m, [m, self.n_motions, self.active], [self.inverse])
         inputs = [pattern.row_starts, pattern.columns, blocks, self._motions, self._basis, m, self.active]
-        batch_arrays.launch(galerkin_kernel, pattern.n, inputs, [self._inverse])
+        batch_arrays.launch(galerkin_kernel, pattern.n, inputs, [self.inverse])
         self._invert()
 
     def correct(self, residual, x):
         """Add the coarse correction for the residual to x."""
         self._transfer.restrict(residual, self._forces)
-        dense_inverse.multiply(self._inverse, self._m, self._forces, self.active, self._x)
+        dense_inverse.multiply(self.inverse, self._m, self._forces, self.active, self._x)
         self._transfer.add_prolonged(self._x, x)
 
 

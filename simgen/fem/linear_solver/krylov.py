@@ -29,6 +29,7 @@ from simgen.fem.linear_solver.krylov_kernels import (
     advance_kernel,
     begin_kernel,
     check_convergence_kernel,
+    clear_dots_kernel,
     clear_kernel,
     compact_kernel,
     dots_kernel,
@@ -49,10 +50,10 @@ class Dots:
     def __init__(self, n: int, active):
         self._n_chunks, self._active = chunks(n), active
         self.values = wp.zeros(len(active), dtype=wp.float64, device=active.device)
-        self._row = self.values.reshape((1, -1))
 
     def __call__(self, a, b):
-        batch_arrays.clear(self._active, self._row)
+        # Not `batch_arrays.clear`: a graph on a CPU takes another type's version of a kernel (Warp 1.19).
+        batch_arrays.launch(clear_dots_kernel, (), [self._active], [self.values])
         batch_arrays.launch(dots_kernel, self._n_chunks, [a, b, self._active], [self.values])
         return self.values
 

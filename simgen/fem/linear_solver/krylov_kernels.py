@@ -37,6 +37,13 @@ for _kind in (wp.float64, wp.float32):
 
 
 @wp.kernel
+def clear_dots_kernel(active: Envs, products_out: Scalars):
+    env = active[wp.tid()]
+    if env >= 0:
+        products_out[env] = real(0.0)
+
+
+@wp.kernel
 def begin_kernel(
     b: Vectors, squares: Scalars, active: Envs,
     # outputs

@@ -238,6 +238,11 @@ class LinearMultigrid:
         self.coarse = CoarseLevel(self.pattern, space, self.active)
         self.coarse.rebuild(self._blocks)
 
+    @property
+    def matrices(self) -> list[wp.array]:
+        """Matrices of each environment that :meth:`apply` reads, (tile, row, place in the tile)."""
+        return [self._rounded, self._inverse, self.coarse.inverse]
+
     def rebuild(self):
         """Rebuild both levels from the last linearisation of the active environments."""
         self._assemble()

@@ -79,6 +79,13 @@ class LinearSystems:
         """Environments (env,) bool where a new preconditioner of the same linearisation would be no better."""
         return self._rebuilt | self.preconditioner.factored
 
+    def move(self, sources: np.ndarray, targets: np.ndarray):
+        """Move solved systems, with their multigrid, from environments to others, given by number: (k,) each."""
+        for values in (self.solving, self._rebuilt, self._last_iterations, self._damping):
+            values[targets] = values[sources]
+        batch_arrays.move([self.step], self.active, sources, targets)
+        self.preconditioner.multigrid.move(sources, targets)
+
     def begin(self, environments: np.ndarray, x, damping: np.ndarray, residual):
         """Linearise at x and begin the systems of the environments (env,) bool, with the tangent's damping (env,)."""
         self.solving |= environments

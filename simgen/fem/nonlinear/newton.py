@@ -87,6 +87,21 @@ class NewtonSolver:
         for flags in (self.working, self._at_guess, self.systems.solving):
             flags &= ~environments
 
+    @property
+    def movable(self) -> np.ndarray:
+        """Environments (env,) bool that :meth:`move` can move: without a linear system under way, and without factors."""
+        return ~(self.systems.solving | self.preconditioner.factored)
+
+    def move(self, sources: np.ndarray, targets: np.ndarray):
+        """Move increments from `movable` environments to others, given by number: (k,) each."""
+        records = (self.increment, self.damping, self._search)
+        of_records = [values for record in records for values in vars(record).values()]
+        for values in (self.working, self._at_guess, self._residual_norm, self._best, self._since_best, *of_records):
+            values[targets] = values[sources]
+        self.systems.move(sources, targets)
+        memory = [array for contact in self.contacts for array in contact.memory]
+        batch_arrays.move([self.x, self.trial, self.elasticity.weight, *memory], self.active, sources, targets)
+
     def reactions(self) -> np.ndarray:
         """Reactions (unknowns, env) at ``x``; in rows of pressures, the volume error, mm3."""
         self.mark(np.ones(self.n_env, dtype=bool))

@@ -45,7 +45,7 @@ import hashlib
 from tests.fem.linear_solver.clamped_block import Block
 made = Block(9, 0.499).preconditioner.multigrid
 numbers = str((made._step, made.linear._smoothing)).encode()
-print(hashlib.sha256(made.linear.coarse._inverse.numpy().tobytes() + numbers).hexdigest())
+print(hashlib.sha256(made.linear.coarse.inverse.numpy().tobytes() + numbers).hexdigest())
 """
 
 
