@@ -88,12 +88,13 @@ def open_or_create(
 
     Raises `InputError` with the difference if the folder holds another job, code or mesh.
     """
-    if not path.exists():
+    existed = path.exists()
+    if not existed:
         with writing(path):
             create(path, attributes, planned, job)
     dataset = Dataset(path)
     check_same(dataset, as_stored(attributes))
-    return checked(dataset)
+    return checked(dataset) if existed else dataset
 
 
 def as_stored(attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from simgen.sensors.room import Contacts, Room, subset
 from simgen.sensors.sensor import Sensor
 
 BLOCK = 256  # contacts drawn at a time: a power of two, as Sobol sequences need
-MOST_BLOCKS = 16  # proposed at a time
+MOST_BLOCKS = 32  # proposed at a time
+FIRST_SHARE = 1 / 6  # share of proposals that are kept: a guess for the first ones
 SLICE = 32  # least number of contacts at a time for which the gel under the indenters is measured
 MOST_PROPOSED = 200  # proposals per contact found, after 16 blocks; beyond that there is too little room
 
@@ -114,9 +115,9 @@ def draw_contacts(
 def _blocks(count: int, found: int, proposed: int) -> int:
     """Number of blocks to propose next: as many as contacts are missing, by the share that was found so far.
 
-    The first proposals assume that all of them are found. With many contacts at a time, all cores measure them.
+    With many contacts at a time, all cores measure them.
     """
-    share = found / proposed if found else 1.0
+    share = found / proposed if found else FIRST_SHARE
     return max(1, min(int(np.ceil((count - found) / (share * BLOCK))), MOST_BLOCKS))
 
 
