@@ -89,7 +89,7 @@ class NewtonSolver:
 
     @property
     def movable(self) -> np.ndarray:
-        """Environments (env,) bool that :meth:`move` can move: no linear system is under way, and there is no factor."""
+        """Environments (env,) bool that :meth:`move` can move: they have neither a linear system under way nor factors."""
         return ~(self.systems.solving | self.preconditioner.factored)
 
     def move(self, sources: np.ndarray, targets: np.ndarray):
