@@ -89,7 +89,7 @@ class NewtonSolver:
 
     @property
     def movable(self) -> np.ndarray:
-        """Environments (env,) bool that :meth:`move` can move: they have neither a linear system under way nor factors."""
+        """Environments (env,) bool that can move: they have no factors and no linear system under way."""
         return ~(self.systems.solving | self.preconditioner.factored)
 
     def move(self, sources: np.ndarray, targets: np.ndarray):
