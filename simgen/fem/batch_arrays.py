@@ -195,7 +195,7 @@ def move(arrays, active: ActiveEnvironments, sources: np.ndarray, targets: np.nd
     """
     pairs = active.pairs(sources, targets)
     for array in arrays:
-        dim = array.shape[-2], active.rounded_up(len(sources))  # few different ones: launches are repeated
+        dim = array.shape[-2], active.rounded_up(len(sources))  # a power of two: few launches are recorded
         launch_kernel(kernel, dim=dim, inputs=[pairs], outputs=[array], device=active.device)
 
 

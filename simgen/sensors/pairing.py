@@ -23,7 +23,7 @@ from simgen.sensors.sensor import Sensor
 
 BLOCK = 256  # contacts drawn at a time: a power of two, as Sobol sequences need
 MOST_BLOCKS = 32  # proposed at a time
-FIRST_SHARE = 1 / 6  # share of proposals that are kept: a guess for the first ones
+FIRST_SHARE = 1 / 6  # of proposals that are kept, a guess for the first ones; 0.18 in jobs/paired.yaml
 SLICE = 32  # least number of contacts at a time for which the gel under the indenters is measured
 MOST_PROPOSED = 200  # proposals per contact found, after 16 blocks; beyond that there is too little room
 

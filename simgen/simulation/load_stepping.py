@@ -103,9 +103,9 @@ class LoadStepping:
     def advance(self):
         """Advance all running presses by one iteration."""
         begin = time.perf_counter()
-        fresh = self._start_tries()
+        self._starting |= self._start_tries()
         self._move_together()
-        self._begin_increments(self._starting | fresh)
+        self._begin_increments(self._starting)
         self._starting[:] = False
         running = [press for press in self.press if press is not None]
         ended = self.solver.iterate()

@@ -125,11 +125,7 @@ class ConjugateResiduals:
                 wp.capture_while(self._unfinished, iterate)  # also loads the kernels, which a capture cannot do
             if capture:
                 with recording(self.device) as recorded:
-                    if together:  # most systems take all iterations, and kernels skip the others
-                        for _ in range(most):
-                            iterate()
-                    else:
-                        wp.capture_while(self._unfinished, iterate)
+                    wp.capture_while(self._unfinished, iterate)
                 self._graphs[key] = recorded.graph
         count, relative = self._ended = read(self._count, self._relative)
         missed = relative > np.where(count >= STRICT_ITERATIONS, loose, tolerance)

@@ -16,9 +16,9 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from simgen.fem import batch_arrays
+from simgen.fem import batch_arrays, blocks
 from simgen.fem.batch_arrays import Envs, SingleVectors
-from simgen.fem.blocks import clear, load, move, store, zeros
+from simgen.fem.blocks import clear, load, store, zeros
 from simgen.fem.chunks import chunks, load_chunk, store_chunk
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.linear_solver import rounded_blocks
@@ -129,7 +129,7 @@ class Multigrid:
 
     def move(self, sources: np.ndarray, targets: np.ndarray):
         """Copy the cycles of the environments numbered ``sources`` (k,) to those numbered ``targets`` (k,)."""
-        move([self._inverse, *self.linear.matrices], self.active, sources, targets)
+        blocks.move([self._inverse, *self.linear.matrices], self.active, sources, targets)
 
     def rebuild(self):
         """Rebuild all levels from the last linearisation of the active environments."""

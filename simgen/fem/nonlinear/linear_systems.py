@@ -81,6 +81,7 @@ class LinearSystems:
 
     def move(self, sources: np.ndarray, targets: np.ndarray):
         """Move solved systems, with their multigrid, from environments to others, given by number: (k,) each."""
+        self.preconditioner.forget(np.isin(np.arange(len(self.solving)), targets))  # factors of an earlier press
         for values in (self.solving, self._rebuilt, self._last_iterations, self._damping):
             values[targets] = values[sources]
         batch_arrays.move([self.step], self.active, sources, targets)
