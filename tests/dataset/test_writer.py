@@ -81,3 +81,13 @@ def test_the_same_job_opens_what_is_there(dataset):
     write_shard(dataset, 2, shard_values(dataset, 2))
     plan = fake.make_plan(fake.make_job())
     assert open_or_create(dataset.path, plan.attributes, plan.arrays, plan.job).finished() == [2]
+
+
+def test_only_a_dataset_that_was_there_is_checked(tmp_path, monkeypatch):
+    """A check takes a tenth of a second, and the start of a run waits for it."""
+    checked = []
+    monkeypatch.setattr("simgen.dataset.writer.checked", lambda dataset: checked.append(dataset.path) or dataset)
+    plan = fake.make_plan(fake.make_job())
+    for times in (0, 1):
+        opened = open_or_create(tmp_path / "d.zarr", plan.attributes, plan.arrays, plan.job)
+        assert opened.unfinished() and len(checked) == times
