@@ -78,7 +78,8 @@ def extrapolate_kernel(before: Vectors, start: Vectors, factor: Scalars, active:
 class ActiveEnvironments:
     """List of the environments that kernels act in: all of them at first.
 
-    numbers : (env,) int32 on the device, see `env_indices`. Kernels may shorten the list without changing ``lanes``
+    numbers : (env,) int32 on the device, see `env_indices`. Kernels may shorten the list without changing ``lanes``:
+        see :meth:`shortened`
     chosen : (env,) bool, environments of the list before kernels shortened it
     lanes : threads for each row of a kernel: the number of environments, on a GPU rounded up to a power of two, which
         keeps the number of different graphs small
@@ -89,7 +90,7 @@ class ActiveEnvironments:
         self._factors = wp.zeros(n_env, dtype=wp.float64, device=device)
         self._pairs = wp.zeros((2, n_env), dtype=wp.int32, device=device)
         self.device, self.shape, self.lanes, self.chosen = device, (n_env,), n_env, np.ones(n_env, dtype=bool)
-        self._exact = wp.get_device(device).is_cpu
+        self._exact, self._whole = wp.get_device(device).is_cpu, False  # _whole: the device has the list of ``chosen``
 
     @classmethod
     def of(cls, environments: np.ndarray, device) -> ActiveEnvironments:
@@ -114,10 +115,18 @@ class ActiveEnvironments:
         self._assign(numbers, env_mask(numbers))
 
     def choose(self, environments: np.ndarray):
-        """Act in the environments (env,) bool from now on."""
+        """Act in the environments (env,) bool from now on. Often they are those of the last time."""
+        if self._whole and np.array_equal(environments, self.chosen):
+            return
         self._assign(env_indices(environments), environments.astype(bool))
+        self._whole = True
+
+    def shortened(self):
+        """Note that kernels have shortened the list on the device."""
+        self._whole = False
 
     def _assign(self, numbers: np.ndarray, chosen: np.ndarray):
+        self._whole = False
         write(numbers, self.numbers)
         self.chosen, count = chosen, max(int(np.count_nonzero(chosen)), 1)
         self.lanes = count if self._exact else self.rounded_up(count)

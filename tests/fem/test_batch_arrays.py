@@ -56,3 +56,19 @@ def test_few_environments_are_told_on_a_gpu_alone():
         active._exact = exact
         active.choose(np.arange(64) < chosen)
         assert active.few == few and active.chosen.sum() == chosen
+
+
+def test_a_list_is_written_again_only_after_a_change(monkeypatch):
+    written, write = [], batch_arrays.write
+    monkeypatch.setattr(batch_arrays, "write", lambda *given: written.append(given[0].tolist()) or write(*given))
+    active, odd = ActiveEnvironments(4, "cpu"), np.arange(4) % 2 == 1
+    for change in (lambda: active.choose(odd), active.shortened, lambda: active.assign(np.array([3, 1, -1, -1]))):
+        before = len(written)
+        change()
+        active.choose(odd)
+        active.choose(odd.copy())
+        assert len(written) > before and active.numpy().tolist() == [1, 3, -1, -1]
+    assert written == [[1, 3, -1, -1], [1, 3, -1, -1], [3, 1, -1, -1], [1, 3, -1, -1]]
+    odd[0] = True
+    active.choose(odd)
+    assert active.numpy().tolist() == [0, 1, 3, -1]

@@ -104,6 +104,7 @@ class ConjugateResiduals:
         capture : record the loop as one graph. Both functions must only launch kernels, always on the same arrays
         """
         began = self.active.chosen
+        self.active.shortened()
         tolerances = tolerance, loose, TIGHT if together else np.inf
         n_chunks = chunks(len(self._residual))
         self._iterations.zero_()
