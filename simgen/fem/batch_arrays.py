@@ -115,7 +115,7 @@ class ActiveEnvironments:
         self._assign(numbers, env_mask(numbers))
 
     def choose(self, environments: np.ndarray):
-        """Act in the environments (env,) bool from now on. Often they are those of the last time."""
+        """Act in the environments (env,) bool from now on."""
         if self._whole and np.array_equal(environments, self.chosen):
             return
         self._assign(env_indices(environments), environments.astype(bool))
@@ -204,7 +204,7 @@ def move(arrays, active: ActiveEnvironments, sources: np.ndarray, targets: np.nd
     """
     pairs = active.pairs(sources, targets)
     for array in arrays:
-        dim = array.shape[-2], active.rounded_up(len(sources))  # a power of two: few launches are recorded
+        dim = array.shape[-2], active.rounded_up(len(sources))  # a power of two, so that few launches are recorded
         launch_kernel(kernel, dim=dim, inputs=[pairs], outputs=[array], device=active.device)
 
 

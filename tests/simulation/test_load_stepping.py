@@ -6,20 +6,19 @@ import pytest
 from simgen.config.solver_settings import SolverSettings
 from simgen.fem.contact.contact import Contact
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
-from simgen.fem.nonlinear import linear_systems
-from simgen.fem.nonlinear.damping import TangentDamping
 from simgen.fem.nonlinear.force_balance import ForceBalance
-from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS, NewtonSolver
+from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.simulation.load_stepping import MAX_OVERLAP_RATIO, LoadStepping
 from simgen.simulation.measurements import take_samples
-from simgen.simulation.press import DOWN, Scene, begin_presses, follow, press
+from simgen.simulation.press import Scene, begin_presses, follow, press
 from simgen.simulation.state_sampler import StateSampler
 from simgen.simulation.tries import Press
 from simulation.blocks import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
 from simulation.failing_steps import fail_beyond
+from simulation.gpu_rounds import as_on_a_gpu
 
 
 def test_presses_that_touch_the_most_go_first(monkeypatch):
@@ -61,97 +60,6 @@ def test_multipliers_rest_far_from_balance(block, monkeypatch):
     assert 0.0 < max(followed) <= MULTIPLIER_UPDATE_RESIDUAL
 
 
-def watch_moves(monkeypatch) -> list[tuple[int, int, bool]]:
-    """List the presses that move: from which environment to which, and True if within an increment."""
-    moves, move = [], NewtonSolver.move
-
-    def watch(solver, sources, targets):
-        moves.extend(zip(sources.tolist(), targets.tolist(), solver.working[sources].tolist(), strict=True))
-        move(solver, sources, targets)
-
-    monkeypatch.setattr(NewtonSolver, "move", watch)
-    return moves
-
-
-def assert_same(one, other):
-    for name in ("displacement", "force", "moment", "status"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    for name, values in one.certificate.items():
-        np.testing.assert_array_equal(values, other.certificate[name], name)
-
-
-def test_a_press_moves_to_a_free_environment_without_a_change(block, scene, monkeypatch):
-    """When the first press has ended, one moves to its place. Bytes stay as those of a press alone."""
-    moves = watch_moves(monkeypatch)
-    as_on_a_gpu(monkeypatch)
-    shapes, steps = [CUBE, SPHERE, SPHERE], np.array([1, 2, len(DEPTHS)])
-    poses = np.concatenate([pose(tilt_deg=5.0), pose(), pose(x=1.0)])
-    together = follow(Scene(block, GEL, batch=3), shapes, poses, DEPTHS[:, None] * DOWN, steps=steps)
-    assert moves == [(2, 0, True)]
-    monkeypatch.undo()
-    for i, result in enumerate(together):
-        alone = follow(scene, [shapes[i]], poses[i : i + 1], DEPTHS[:, None] * DOWN, steps=steps[i : i + 1])[0]
-        for name in ("displacement", "force", "moment", "status"):
-            np.testing.assert_array_equal(getattr(result, name), getattr(alone, name))
-
-
-@pytest.mark.parametrize("damped", [False, True])
-def test_presses_that_move_in_each_round_do_not_change(block, monkeypatch, damped):
-    """Some elements are stabilised, and an increment fails: all that a press needs moves with it."""
-    moves, accept, failures = watch_moves(monkeypatch), LoadStepping._accept_or_reject, []
-
-    def any_place(stepping):
-        movable, free = (np.flatnonzero(each) for each in (stepping.running & stepping.solver.movable,
-                                                           ~stepping.running))  # fmt: skip
-        count = min(len(movable), len(free))
-        return movable[:count], free[len(free) - count :]
-
-    def fail_once(stepping, ended):
-        too_long = ended & (stepping.target > 1.2) & (stepping.target - stepping.travelled > 0.15)
-        failures.extend(np.flatnonzero(too_long))
-        stepping.solver.increment.status[too_long] = Status.NEWTON_STALLED
-        accept(stepping, ended)
-
-    monkeypatch.setattr(LoadStepping, "_accept_or_reject", fail_once)
-    if damped:
-        begin = TangentDamping.begin
-
-        def begin_damped(damping, environments):
-            begin(damping, environments)
-            damping.increase(environments)
-
-        monkeypatch.setattr(TangentDamping, "begin", begin_damped)
-    as_on_a_gpu(monkeypatch)
-    shapes = [RIGID_EDGE, CUBE, SPHERE]
-    poses = np.concatenate([pose(), pose(tilt_deg=8.0), pose(x=1.0, tilt_deg=-5.0)])
-    depths = np.array([1.2e-3, 1.6e-3, 2.0e-3])
-    alone = [press(Scene(block, GEL), [shapes[i]], poses[i : i + 1], depths)[0] for i in range(3)]
-    assert not moves and failures and (alone[0].certificate["stabilised_elements"] > 0).any()
-    monkeypatch.setattr(LoadStepping, "_places", any_place)
-    together = press(Scene(block, GEL, batch=5), shapes, poses, depths)
-    assert len([inside for *_, inside in moves if inside]) > 50
-    for result, other in zip(together, alone, strict=True):
-        assert_same(result, other)
-
-
-def test_a_press_that_moves_uses_no_factors_of_the_press_before(block, monkeypatch):
-    begin, chosen = NewtonSolver.begin, []
-
-    def first_by_factors(solver, environments):
-        if solver.n_env > 1 and not chosen:
-            chosen.append(solver.preconditioner.switch_to_factors(np.arange(solver.n_env) == 0))
-        begin(solver, environments)
-
-    moves = watch_moves(monkeypatch)
-    as_on_a_gpu(monkeypatch)
-    monkeypatch.setattr(NewtonSolver, "begin", first_by_factors)
-    poses, path = np.concatenate([pose(tilt_deg=5.0), pose(x=1.0)]), DEPTHS[:, None] * DOWN
-    together = follow(Scene(block, GEL, batch=2), [CUBE, SPHERE], poses, path, steps=np.array([1, 2]))
-    assert [each[:2] for each in moves] == [(1, 0)] and chosen[0].any()
-    alone = follow(Scene(block, GEL), [SPHERE], poses[1:], path)[0]
-    np.testing.assert_array_equal(together[1].displacement, alone.displacement)
-
-
 def test_the_force_hardly_depends_on_the_load_step():
     """With friction; 0.31 % if points stuck where a straight way at constant speed ends."""
     scene = Scene(make_block((12, 4, 12)), GEL, settings=SolverSettings(contact_tolerance=5e-3))
@@ -180,11 +88,6 @@ def test_friction_begins_anew_after_the_indenter_has_left():
     again, fresh = (follow(Scene(wide, GEL), [SPHERE], pose(), np.array(part) * 1e-3)[0] for part in (path, path[:1]))
     assert (again.status == 0).all() and not again.force[-3].any()
     np.testing.assert_allclose(again.force[-1], fresh.force[-1], atol=1e-3 * fresh.force[-1, 1])
-
-
-def as_on_a_gpu(monkeypatch):
-    """Let linear systems take as many iterations in a round as on a GPU."""
-    monkeypatch.setattr(linear_systems, "KRYLOV_PER_CPU_ROUND", linear_systems.KRYLOV_PER_ROUND)
 
 
 def test_multigrid_is_rebuilt_rarely_in_a_batch(monkeypatch):
