@@ -34,6 +34,7 @@ LEAST_ACROSS = 20  # least columns between the axis and the widest indenter's ri
 STARTS_MM = 1.0  # above the highest indenter: sphere tracing begins here
 ENDS_MM = 10.0  # plus the widest indenter's reach, below the tip plane: sphere tracing ends here
 STEPS, CLOSE_MM = 200, 1e-6  # of sphere tracing: most steps, tolerance
+MOST_THREADS = 16  # more wait for the interpreter's lock: on 64 cores, 64 threads take as long
 MOST_COLUMNS = 32_768  # columns that a thread measures at a time: they fit into a cache
 
 
@@ -202,7 +203,7 @@ class LeastThickness:
 
     def _least(self, poses: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
         """Least share, and largest depth mm that leaves ``share``: (n, shapes, position) each. Runs in threads."""
-        threads = os.cpu_count() or 1  # kernels release the interpreter's lock
+        threads = min(MOST_THREADS, os.cpu_count() or 1)  # kernels release the interpreter's lock
         each = max(1, -(-len(poses) // threads))
         least, room = np.empty((2, len(poses), *self._height.shape[1::-1]))
 

@@ -22,7 +22,7 @@ from simgen.sensors.room import Contacts, Room, subset
 from simgen.sensors.sensor import Sensor
 
 BLOCK = 256  # contacts drawn at a time: a power of two, as Sobol sequences need
-MOST_BLOCKS = 32  # proposed at a time
+MOST_BLOCKS = 8  # proposed at a time, while the gel under those before is measured
 FIRST_SHARE = 1 / 6  # of proposals that are kept, a guess for the first ones; 0.18 in jobs/paired.yaml
 SLICE = 32  # least number of contacts at a time for which the gel under the indenters is measured
 MOST_PROPOSED = 200  # proposals per contact found, after 16 blocks; beyond that there is too little room
@@ -78,32 +78,44 @@ def draw_contacts(
     sequence = qmc.Sobol(5, scramble=True, rng=seed)
     fitting, enough = [], []  # proposals with room and partners, and masks: enough gel is left
     found = roomy = partnered = proposed = 0
-    while found < count:
-        if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
-            raise InputError(_too_few(room, others, count, (found, partnered, roomy, proposed)))
-        blocks = _blocks(count, found, proposed)
+
+    def propose(blocks: int) -> tuple[int, int, Contacts]:
+        """Propose contacts. Returns the number of blocks, that of contacts with room, and those with partners, too."""
         some = room.keep(room.propose(np.concatenate([sequence.random(BLOCK) for _ in range(blocks)])))
-        roomy += len(some.points)
+        with_room = len(some.points)
         for other in others:
             some = subset(some, other.meets(some))
-        partnered += len(some.points)
-        proposed += blocks * BLOCK
-        presses = [
-            np.linalg.inv(unfold(reference, sensor, some)) @ indenter_poses(some)
-            for sensor, _ in zip(sensors, indented, strict=False)
-        ]
-        first = 0
-        while first < len(some.points) and found < count:
-            tested = sum(map(len, enough))
-            wanted = (count - found) * tested / found if found else count
-            part = slice(first, first + max(SLICE, int(np.ceil(wanted))))
-            fitting.append(subset(some, part))
-            enough.append(np.ones(len(fitting[-1].points), dtype=bool))
-            for thickness, poses in zip(indented, presses, strict=False):
-                shares = thickness.shares(poses[part][enough[-1]])
-                enough[-1][enough[-1]] = (shares >= settings.least_thickness_left).all(axis=1)
-            found += int(enough[-1].sum())
-            first = part.stop
+        return blocks, with_room, some
+
+    with ThreadPoolExecutor(1) as ahead:
+        coming = ahead.submit(propose, _blocks(count, FIRST_SHARE))
+        while found < count:
+            if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
+                raise InputError(_too_few(room, others, count, (found, partnered, roomy, proposed)))
+            blocks, with_room, some = coming.result()
+            roomy, partnered, proposed = roomy + with_room, partnered + len(some.points), proposed + blocks * BLOCK
+            # While the gel under these is measured, the thread makes the next ones, if they will probably be needed.
+            share = found / (proposed - blocks * BLOCK) if found else FIRST_SHARE
+            missing = count - found - share * blocks * BLOCK
+            coming = ahead.submit(propose, _blocks(missing, share)) if missing > 0.0 else None
+            presses = [
+                np.linalg.inv(unfold(reference, sensor, some)) @ indenter_poses(some)
+                for sensor, _ in zip(sensors, indented, strict=False)
+            ]
+            first = 0
+            while first < len(some.points) and found < count:
+                tested = sum(map(len, enough))
+                wanted = (count - found) * tested / found if found else count
+                part = slice(first, first + max(SLICE, int(np.ceil(wanted))))
+                fitting.append(subset(some, part))
+                enough.append(np.ones(len(fitting[-1].points), dtype=bool))
+                for thickness, poses in zip(indented, presses, strict=False):
+                    shares = thickness.shares(poses[part][enough[-1]])
+                    enough[-1][enough[-1]] = (shares >= settings.least_thickness_left).all(axis=1)
+                found += int(enough[-1].sum())
+                first = part.stop
+            if coming is None and found < count:
+                coming = ahead.submit(propose, _blocks(count - found, found / proposed if found else FIRST_SHARE))
     kept = np.concatenate(enough)
     drawn = np.arange(len(kept)) <= np.flatnonzero(kept)[count - 1]
     contacts = Contacts(**{
@@ -112,13 +124,9 @@ def draw_contacts(
     return Draw(subset(contacts, drawn & kept), subset(contacts, drawn & ~kept))
 
 
-def _blocks(count: int, found: int, proposed: int) -> int:
-    """Number of blocks to propose next: as many as contacts are missing, by the share that was found so far.
-
-    With many contacts at a time, all cores measure them.
-    """
-    share = found / proposed if found else FIRST_SHARE
-    return max(1, min(int(np.ceil((count - found) / (share * BLOCK))), MOST_BLOCKS))
+def _blocks(missing: float, share: float) -> int:
+    """Number of blocks to propose next for so many missing contacts, if a share of the proposals is kept."""
+    return max(1, min(int(np.ceil(missing / (share * BLOCK))), MOST_BLOCKS))
 
 
 def _too_few(room: Room, others: Sequence[Room], count: int, counts: tuple[int, int, int, int]) -> str:
