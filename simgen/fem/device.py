@@ -14,7 +14,7 @@ from __future__ import annotations
 import ctypes
 import struct
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -203,6 +203,8 @@ def read(*arrays: wp.array) -> list[np.ndarray]:
 
     Until the kernels launched before have ended, other threads may use the device, but not change this thread's arrays.
     """
+    if not arrays:
+        return []
     device = arrays[0].device
     begun = [_begin_read(array) for array in arrays]
     if DEVICE.mine:
@@ -225,13 +227,23 @@ class Reading:
 
     def read(self) -> Any:
         """Return the value."""
-        return read_together(self)[0]
+        return self.value(*read(*self.arrays))
 
 
 def read_together(*readings: Reading) -> list[Any]:
     """Return the values of readings. The host waits for the device once, not once for each."""
-    contents = iter(read(*(array for reading in readings for array in reading.arrays)))
-    return [reading.value(*islice(contents, len(reading.arrays))) for reading in readings]
+    return combined(readings, lambda *values: list(values)).read()
+
+
+def combined(readings: Sequence[Reading], value: Callable[..., Any]) -> Reading:
+    """Make one reading of several, whose value is made of their values."""
+    arrays = tuple(array for reading in readings for array in reading.arrays)
+
+    def made(*contents: np.ndarray) -> Any:
+        left = iter(contents)
+        return value(*(reading.value(*islice(left, len(reading.arrays))) for reading in readings))
+
+    return Reading(arrays, made)
 
 
 def _begin_read(array: wp.array) -> _HostMemory | None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from simgen.fem import batch_arrays
 from simgen.fem.contact.contact import Last
+from simgen.fem.device import read_together
 from simgen.fem.nonlinear.status import Status
 from simgen.simulation.measurements import Solution, take_samples
 from simgen.simulation.press_path import PressPath, longest_way
@@ -60,8 +61,7 @@ class LoadStepping:
         self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
         self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
         self._repeats = np.zeros(batch, dtype=int)  # of the current increment
-        self._damping = np.zeros(batch)  # largest since the last sample
-        self._overlap_mm = np.zeros(batch)  # deepest overlap, where a sample is due
+        self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since the last sample; deepest now
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self._step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
@@ -121,19 +121,18 @@ class LoadStepping:
 
     def _start_tries(self) -> np.ndarray:
         """Start tries in free environments; returns the environments (env,) bool that began one."""
-        fresh = np.zeros(self.scene.batch, dtype=bool)
-        free = np.flatnonzero(~self.running)
-        if not len(free):
-            return fresh
+        fresh, free = np.zeros(self.scene.batch, dtype=bool), np.flatnonzero(~self.running)
         slow = (self.cost[0] > SECOND_TRY_ITERATIONS) | (self._try_iterations > SECOND_TRY_AFTER)
         slow = [self.press[env] for env in np.flatnonzero(self.running & slow)]
         slow = [press for press in slow if len(press.tries) == 1]
-        running = {press.shape for press in self.press if press is not None}
+        if not len(free) or (not slow and not len(self.queue)):
+            return fresh
+        beside_slow = self.has_slow_press
         for env in free:
-            press = slow.pop() if slow else self.queue.pop(running)
+            press = slow.pop() if slow else self.queue.pop(beside_slow)
             if press is None:
                 break
-            running.add(press.shape)
+            beside_slow |= self.queue.is_slow(press.shape, 0)
             self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
             self._step_scale[env] = self.tries[env].step_scale
@@ -196,23 +195,18 @@ class LoadStepping:
         ratio = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         continued = np.where(ratio <= MAX_EXTRAPOLATION, np.maximum(ratio, 0.0), 0.0)
         ratio = np.clip(ratio, 0.0, MAX_EXTRAPOLATION)
-        marked = solver.mark(starting)
-        batch_arrays.copy(solver.x, marked, self.x_start)
+        batch_arrays.copy(solver.x, marked := solver.mark(starting), self.x_start)
         batch_arrays.extrapolate(self.x_previous, self.x_start, ratio, marked, solver.trial)
         for x in (self.x_start, solver.trial):
             solver.elasticity.expect(x)
         self._target_poses[starting] = path.poses(self._poses, self.target)[starting]
-        at_rest = np.tile(np.eye(4), (self.scene.batch, 1, 1))
-        travel = longest_way(now, self._reach)
+        at_rest, travel = np.tile(np.eye(4), (self.scene.batch, 1, 1)), longest_way(now, self._reach)
         before = path.poses(self._poses, self.travelled)
         last = Last(self.x_previous, path.poses(self._poses, self.previous), continued)
-        self.scene.indenter_contact.begin_increment(
-            self.x_start, solver.trial, before, self._target_poses, travel, last
-        )
+        start, guess = self.x_start, solver.trial
+        self.scene.indenter_contact.begin_increment(start, guess, before, self._target_poses, travel, last)
         for contact in self.scene.fixed_contacts:
-            contact.begin_increment(
-                self.x_start, solver.trial, at_rest, at_rest, travel, Last(self.x_previous, at_rest, continued)
-            )
+            contact.begin_increment(start, guess, at_rest, at_rest, travel, Last(self.x_previous, at_rest, continued))
         for contact in solver.contacts:
             contact.extrapolate(ratio)
         solver.begin(starting)
@@ -230,13 +224,18 @@ class LoadStepping:
         converged = ended & (out.status == Status.CONVERGED)
         repeatable = converged & (self._repeats < MAX_REPEATS)
         again = repeatable & (out.newton_iterations <= REPEATABLE_ITERATIONS)
+        due = converged & (self.target == self.goal)
+        readings = []
         if again.any():
             solver.mark(again)
-            again &= solver.elasticity.stabilise(solver.x) > 0
-        due = converged & (self.target == self.goal)
+            readings.append(solver.elasticity.stabilise(solver.x))
         if due.any():
             solver.mark(due)
-            overlap = self.sampler.overlap()
+            readings += [self.sampler.overlap(), self.sampler.measure(np.count_nonzero(due))]
+        found = read_together(*readings)
+        again &= found[0] > 0 if again.any() else False
+        if due.any():
+            overlap, self._measured = found[-2], (due, found[-1])
             self._overlap_mm[due] = overlap.deepest_mm[due]
             too_far = due & ((overlap.of_edge > MAX_OVERLAP_RATIO) | (overlap.room_mm < 0.0))
             out.status[too_far & ~repeatable] = Status.NOT_RESOLVED
@@ -328,23 +327,24 @@ class LoadStepping:
             return
         out = self.solver.increment
         solution = Solution(out.residual, out.contact_error, out.min_det, self._damping, *self.cost)
-        samples = take_samples(self.sampler, reached, self._poses, solution, self._overlap_mm)
+        due, measured = self._measured  # others if some states cannot be kept
+        measured = measured if np.array_equal(due, reached) else None
+        samples = take_samples(self.sampler, reached, self._poses, solution, self._overlap_mm, measured)
         force, environments = samples.values["force"], samples.environments
         too_strong = np.abs((force * self._poses[environments, :3, 1]).sum(axis=1)) > self._max_force_n
         missed, overlaps = ~force.any(axis=1), self._overlap_mm[environments] > MIN_OVERLAP_MM
         for place, env in enumerate(environments):
             if (current := self.tries[env]) is None:  # the press has just ended with its other try
                 continue
+            entered = not current.samples and self.path.points[0, 1] > MIN_OVERLAP_MM
             if too_strong[place]:
                 self._end(env, Status.FORCE_LIMIT)
-                continue
-            entered = not current.samples and self.path.points[0, 1] > MIN_OVERLAP_MM
-            if missed[place] and (overlaps[place] or entered):
+            elif missed[place] and (overlaps[place] or entered):
                 self._end(env, Status.NOT_RESOLVED)
-                continue
-            current.keep(samples, place, len(self.path))
-            if len(current.samples) == len(self.path):
-                self._end(env, Status.CONVERGED)
-            elif len(current.samples) == self.press[env].steps:
-                self._end(env, Status.NO_ROOM)
+            else:
+                current.keep(samples, place, len(self.path))
+                if len(current.samples) == len(self.path):
+                    self._end(env, Status.CONVERGED)
+                elif len(current.samples) == self.press[env].steps:
+                    self._end(env, Status.NO_ROOM)
         self.cost[:, environments], self._damping[environments] = 0, 0.0

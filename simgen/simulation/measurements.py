@@ -55,6 +55,7 @@ class State:
     environments : (k,) numbers of the environments
     frames : (k, 3, 3) contact frame -> sensor frame: the indenters' axes at first touch
     overlap_mm : (env,) deepest overlap with indenter, core and support
+    measured : measurements that most outputs need
     """
 
     def __init__(
@@ -64,9 +65,10 @@ class State:
         frames: np.ndarray,
         solution: Solution,
         overlap_mm: np.ndarray,
+        measured: Measured,
     ):
         self.sampler, self.environments, self.frames = sampler, environments, frames
-        self.solution, self.overlap_mm = solution, overlap_mm
+        self.solution, self.overlap_mm, self.measured = solution, overlap_mm, measured
 
     @property
     def scene(self) -> Scene:
@@ -76,11 +78,6 @@ class State:
     def newton(self) -> float:
         """Newtons per unit of the solver's forces, which are in E mm2."""
         return self.scene.material.youngs_modulus_pa / MM_PER_M**2
-
-    @_cached
-    def measured(self) -> Measured:
-        """Measurements that most outputs need."""
-        return self.sampler.measure(len(self.environments))
 
     @property
     def contact(self) -> Resultants:
@@ -137,16 +134,18 @@ class PressSamples(NamedTuple):
 
 
 def take_samples(
-    sampler: StateSampler, reached: np.ndarray, poses: np.ndarray, solution: Solution, overlap_mm: np.ndarray
-) -> PressSamples:
+    sampler: StateSampler, reached: np.ndarray, poses: np.ndarray, solution: Solution, overlap_mm: np.ndarray,
+    measured: Measured | None = None,
+) -> PressSamples:  # fmt: skip
     """Measure all environments (env,) bool that have just converged.
 
     The solver has measured the forces of these states. poses (env, 4, 4) mm: indenters at first touch. overlap_mm
-    (env,): deepest overlap with indenter, core and support.
+    (env,): deepest overlap with indenter, core and support. measured: of these environments, if known.
     """
     sampler.scene.solver.mark(reached)
     environments = np.flatnonzero(reached)
-    state = State(sampler, environments, poses[environments, :3, :3], solution, overlap_mm)
+    measured = measured or sampler.measure(len(environments)).read()
+    state = State(sampler, environments, poses[environments, :3, :3], solution, overlap_mm, measured)
     values, large = {}, {}
     for output in sampler.scene.outputs:
         (large if output.is_read_by_sample else values)[output.name] = measurement_of(output)(state)

@@ -27,11 +27,12 @@ class PressQueue:
     without an ended try counts as the hardest. A second try goes before all others.
 
     A second queue can share the presses that begin their first try. The first queue then takes the hardest, and the
-    second queue takes hard and slow ones last. While the second one is in use and a slow press runs beside the first
-    one, the first queue takes only slow and hard presses: with few presses, its iterations are short.
+    second queue takes hard and slow ones last, and only if all environments of the first one are in use. While the
+    second one is in use and a slow press runs beside the first one, the first queue takes only slow and hard presses:
+    with few presses, its iterations are short.
 
     beside : the first queue, for a second one
-    slow : shapes that count as slow until one of their tries has ended
+    slow : shapes that count as slow until a try of each shape has ended: short tries end first, and say little
     environments : number of presses that run at a time. With 0, the lengths of tries that are not hard do not count
     has_help : True while a thread starts presses from the second queue
     """
@@ -49,15 +50,17 @@ class PressQueue:
         else:
             self._shared.add(press)
 
-    def pop(self, running: Collection[int] = ()) -> Press | None:
-        """Take the press that should begin now, beside running ones of these shapes; None if none should."""
+    def pop(self, beside_slow: bool = False) -> Press | None:
+        """Take the press that should begin now; None if none should. beside_slow: a running one `is_slow`."""
         if self._again:
             return self._again.popleft()
         shared = self._shared
         if not self._is_first:
-            return shared.pop(shared.easiest_first)
-        only_slow = self.has_help and any(map(shared.is_slow, running))
-        return shared.pop(shared.hardest_first, only_slow)
+            return shared.pop(shared.easiest_first, shared.is_easy if shared.first_has_room else None)
+        only_slow = self.has_help and beside_slow
+        press = shared.pop(shared.hardest_first, shared.is_slow_or_hard if only_slow else None)
+        shared.first_has_room = press is None
+        return press
 
     def learn(self, shape: int, iterations: int):
         """Note that a try with this shape has ended after this number of Newton iterations."""
@@ -84,10 +87,12 @@ class _Shared:
 
     count : number of presses
     environments : of all queues
+    first_has_room : True if the first queue had no press for a free environment, or was not asked yet
     """
 
     def __init__(self, slow: Collection[int]):
         self._lock, self._slow, self.environments = threading.Lock(), set(slow), 0
+        self.first_has_room = True
         self._by_shape: dict[int, deque[tuple[int, Press]]] = {}  # shape -> (number of arrival, press)
         self._arrivals = count()
         self._longest: dict[int, int] = {}  # shape -> Newton iterations of its longest try that has ended
@@ -103,15 +108,15 @@ class _Shared:
         with self._lock:
             self._by_shape.setdefault(press.shape, deque()).append((next(self._arrivals), press))
 
-    def pop(self, key: Callable[[int], tuple], only_slow: bool = False) -> Press | None:
-        """Take the oldest press of the shape with the least key. With ``only_slow``, only slow and hard shapes count.
+    def pop(self, key: Callable[[int], tuple], may: Callable[[int], bool] | None = None) -> Press | None:
+        """Take the oldest press of the shape with the least key, of those that ``may`` begin.
 
         Of shapes with the same key, the shape goes first whose oldest press should end first.
         """
         with self._lock:
             keys = {shape: (*key(shape), waiting[0][0] - self._lead(shape))
                     for shape, waiting in self._by_shape.items()
-                    if waiting and not (only_slow and not self._is_slow_or_hard(shape))}  # fmt: skip
+                    if waiting and (may is None or may(shape))}  # fmt: skip
             return self._by_shape[min(keys, key=keys.get)].popleft()[1] if keys else None
 
     def presses(self) -> list[Press]:
@@ -141,12 +146,15 @@ class _Shared:
 
     def is_slow(self, shape: int) -> bool:
         """True if the tries of an indenter take much longer than those of all indenters, or probably will."""
-        if not self._tries[shape]:
-            return shape in self._slow
+        if shape in self._slow and not all(self._tries[each] for each in list(self._by_shape)):
+            return True
         return self._is_above(self._iterations[shape], self._tries[shape], SLOW)
 
-    def _is_slow_or_hard(self, shape: int) -> bool:
+    def is_slow_or_hard(self, shape: int) -> bool:
         return self.is_slow(shape) or 0.0 < self._hardness(shape) < math.inf
+
+    def is_easy(self, shape: int) -> bool:
+        return not self.is_slow_or_hard(shape)
 
     def _hardness(self, shape: int) -> float:
         """Newton iterations of a hard indenter's longest try; 0 if the indenter is not hard, inf if it is unknown."""

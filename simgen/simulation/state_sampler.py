@@ -10,7 +10,7 @@ import warp as wp
 from simgen.fem import batch_arrays
 from simgen.fem.chunks import CHUNK, chunks
 from simgen.fem.contact.contact import Resultants
-from simgen.fem.device import Reading, launch_kernel, read_together
+from simgen.fem.device import Reading, combined, launch_kernel
 from simgen.fem.elements.recovered_strain import RecoveredStrain
 from simgen.fem.precision import real
 from simgen.simulation.first_touch import dense_shapes
@@ -139,19 +139,26 @@ class StateSampler:
     def _nearest(self, contact, at_rest: float = 0.0) -> Reading:
         return contact.nearest(self.scene.solver.x, self._dense, at_rest)
 
-    def measure(self, count: int) -> Measured:
-        """Measure the active environments, at the last measured state. The first ``count`` have displacements."""
+    def measure(self, count: int) -> Reading:
+        """Measure the active environments: a `Measured`. The first ``count`` have displacements.
+
+        The solver has measured the forces of these states.
+        """
         scene, x = self.scene, self.scene.solver.x
         elasticity = scene.solver.elasticity
-        contact, det_F, stabilised, reactions, displacement, *fixed = read_together(
+        readings = [
             scene.indenter_contact.resultants(x),
             elasticity.bound_det_F(x),
             elasticity.stabilised_elements(),
             self._reactions(),
             self._displacements(count),
             *(contact.resultants(x) for contact in scene.fixed_contacts),
-        )
-        return Measured(contact, fixed, reactions, *det_F, stabilised, displacement)
+        ]
+
+        def value(contact, det_F, stabilised, reactions, displacement, *fixed) -> Measured:
+            return Measured(contact, list(fixed), reactions, *det_F, stabilised, displacement)
+
+        return combined(readings, value)
 
     def _reactions(self) -> Reading:
         """Sum the forces (3, env) of the fixed nodes on the body."""
@@ -185,14 +192,17 @@ class StateSampler:
             self._height_maps = SolutionHeightMaps(self.scene)
         return self._height_maps.take(count)
 
-    def overlap(self) -> Overlap:
-        """Measure how far rigid bodies overlap the gel. Points are denser than integration points."""
+    def overlap(self) -> Reading:
+        """Measure how far rigid bodies overlap the gel: an `Overlap`. Points are denser than integration points."""
         scene, x, rests = self.scene, self.scene.solver.x, [0.0, *self._rest_overlaps]
         contacts, core = (scene.indenter_contact, *scene.fixed_contacts), scene.core_contact
         nearest = map(self._nearest, contacts, rests)
         room = [] if core is None else [scene.indenter_contact.room(x, self._dense, core)]
-        found = read_together(*nearest, *room)
-        distances, of_edges = zip(*found[: len(contacts)], strict=True)
-        depths = [-distance - at_rest for distance, at_rest in zip(distances, rests, strict=True)]
-        left = found[-1] if room else np.full(scene.batch, np.inf)
-        return Overlap(np.maximum.reduce(depths), np.maximum.reduce(of_edges), left)
+
+        def value(*found) -> Overlap:
+            distances, of_edges = zip(*found[: len(contacts)], strict=True)
+            depths = [-distance - at_rest for distance, at_rest in zip(distances, rests, strict=True)]
+            left = found[-1] if room else np.full(scene.batch, np.inf)
+            return Overlap(np.maximum.reduce(depths), np.maximum.reduce(of_edges), left)
+
+        return combined([*nearest, *room], value)

@@ -10,6 +10,7 @@ import yaml
 
 from simgen.config.job import job_from_dict
 from simgen.errors import InputError
+from simgen.fem.device import Reading
 from simgen.fem.nonlinear.status import has_values
 from simgen.geometry.rigid_shape import mesh_distance, rigid_shape, signed_distance
 from simgen.geometry.signed_distance import Kind
@@ -153,7 +154,7 @@ def at_the_rim(digit):
         scene = Scene(sensor, digit.materials["solid"])
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(scene.solver.elasticity, "expect", lambda x: None)
-            patch.setattr(scene.solver.elasticity, "stabilise", lambda x: np.zeros(1))
+            patch.setattr(scene.solver.elasticity, "stabilise", lambda x: Reading((), lambda: np.zeros(1)))
             found.append((scene, press(scene, [load_indenter("cube_14mm").shape()], pose, depths)[0]))
     return found
 

@@ -5,6 +5,7 @@ import pytest
 
 from simgen.config.solver_settings import SolverSettings
 from simgen.fem.contact.contact import Contact
+from simgen.fem.device import combined
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
 from simgen.fem.nonlinear.force_balance import ForceBalance
 from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS
@@ -248,8 +249,10 @@ def test_a_step_that_overlaps_the_indenter_too_far_is_halved(block, monkeypatch,
         return repeat(stepping, ended)
 
     def overlap(samples):
-        found = measured(samples)
-        return found._replace(of_edge=np.where(too_far, 2.0 * MAX_OVERLAP_RATIO, found.of_edge))
+        far = 2.0 * MAX_OVERLAP_RATIO
+        return combined(
+            [measured(samples)], lambda found: found._replace(of_edge=np.where(too_far, far, found.of_edge))
+        )
 
     monkeypatch.setattr(LoadStepping, "_repeat", watch)
     monkeypatch.setattr(StateSampler, "overlap", overlap)
@@ -265,8 +268,26 @@ def test_samples_have_the_overlap_of_their_states(block):
     result = press(scene, [SPHERE], pose(), np.array([0.1e-3, 0.4e-3]))[0]
     scene.solver.mark(np.ones(1, dtype=bool))
     first, last = result.certificate["max_penetration_m"]
-    assert last == max(StateSampler.of(scene).overlap().deepest_mm[0], 0.0) / 1e3
+    assert last == max(StateSampler.of(scene).overlap().read().deepest_mm[0], 0.0) / 1e3
     assert 0.0 < first < last
+
+
+def test_a_press_whose_state_cannot_be_kept_leaves_the_sample_beside_it_alone(block, monkeypatch):
+    """Both have converged at the same time, and are measured together."""
+    poses, overlap, taken = np.concatenate([pose(), pose(x=0.5)]), StateSampler.overlap, []
+    alone = press(Scene(block, GEL), [SPHERE], poses[1:], DEPTHS[:1])[0]
+
+    def first_too_far(sampler):
+        marked = sampler.scene.solver.active.chosen
+        taken.append(marked.tolist())
+        edge = np.array([2.0 * MAX_OVERLAP_RATIO, 0.0])
+        return combined([overlap(sampler)], lambda found: found._replace(of_edge=edge))
+
+    monkeypatch.setattr(StateSampler, "overlap", first_too_far)
+    first, second = press(Scene(block, GEL, batch=2), [SPHERE] * 2, poses, DEPTHS[:1])
+    assert taken[0] == [True, True] and first.status[0] == Status.NOT_RESOLVED
+    for name in ("displacement", "force", "contact_area"):
+        np.testing.assert_array_equal(getattr(second, name), getattr(alone, name))
 
 
 @pytest.mark.parametrize(("overlap_mm", "status"), [(0.0, Status.CONVERGED), (0.02, Status.NOT_RESOLVED)])
@@ -281,7 +302,10 @@ def test_an_indenter_that_overlaps_without_a_force_is_not_resolved(block, monkey
         return samples
 
     monkeypatch.setattr("simgen.simulation.load_stepping.take_samples", without_force)
-    monkeypatch.setattr(StateSampler, "overlap", lambda own: measured(own)._replace(deepest_mm=np.full(1, overlap_mm)))
+    deepest = np.full(1, overlap_mm)
+    monkeypatch.setattr(
+        StateSampler, "overlap", lambda own: combined([measured(own)], lambda found: found._replace(deepest_mm=deepest))
+    )
     result = press(Scene(block, GEL), [SPHERE], pose(), np.array([0.1e-3, 0.2e-3]))[0]
     assert result.status.tolist() == [0, status] and len(taken) == 2
 
@@ -304,17 +328,22 @@ def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, ite
     path, spheres = np.array([[0.0, 0.4e-3, 0.0], [0.3e-3, 0.4e-3, 0.0]]), [SPHERE]
     plain = follow(Scene(block, GEL), spheres, pose(), path)[0]
     assert not plain.certificate["damping"].any() and (plain.certificate["newton_iterations"] > UPHILL_ITERATIONS).all()
-    scene, work = Scene(block, GEL), ForceBalance.work
-    told = []
+    scene, measure, measure_step = Scene(block, GEL), ForceBalance.measure, ForceBalance.measure_step
+    steps, told = [], []
 
-    def uphill(balance):
-        found = work(balance)
-        if not told and scene.solver.increment.newton_iterations[0] == iteration:
-            told.append(found[0])
-            return found * [[-1.0], [1.0]]
+    def step(balance):
+        steps.append(scene.solver.increment.newton_iterations[0])
+        measure_step(balance)
+
+    def uphill(balance, x):
+        found = measure(balance, x)
+        if not told and steps[-1:] == [iteration]:
+            told.append(found.step_work[0])
+            return found._replace(step_work=-found.step_work)
         return found
 
-    monkeypatch.setattr(ForceBalance, "work", uphill)
+    monkeypatch.setattr(ForceBalance, "measure_step", step)
+    monkeypatch.setattr(ForceBalance, "measure", uphill)
     result = follow(scene, spheres, pose(), path)[0]
     assert told[0] > 0.0 and (result.status == 0).all()
     assert (result.certificate["damping"] > 0.0).tolist() == [damped, False]  # only the sample that it was for

@@ -44,11 +44,13 @@ def test_a_result_has_its_outputs_as_attributes(flat):
         _ = flat.heat
 
 
-def test_threads_measure_two_states_at_the_same_time():
+def test_threads_measure_two_states_at_the_same_time(monkeypatch):
     """A lock that both states share would hold one thread while the other waits for the device."""
     both = Barrier(2)
-    sampler = SimpleNamespace(measure=lambda count: both.wait(timeout=5.0))
-    states = [State(sampler, np.zeros(1), None, None, None) for _ in range(2)]
+    monkeypatch.setattr("simgen.simulation.measurements.read", lambda *arrays: (both.wait(timeout=5.0), 0))
+    solver = SimpleNamespace(balance=SimpleNamespace(surface=[0]), x=[0])
+    sampler = SimpleNamespace(scene=SimpleNamespace(solver=solver, cavity=SimpleNamespace(row=0)))
+    states = [State(sampler, np.zeros(1), None, None, None, None) for _ in range(2)]
     with ThreadPoolExecutor(2) as threads:
-        found = list(threads.map(lambda state: state.measured, states))
-    assert sorted(found) == [0, 1] and [state.measured for state in states] == found
+        found = list(threads.map(lambda state: state.cavity, states))
+    assert sorted(found) == [(0, 0), (1, 0)] and [state.cavity for state in states] == found

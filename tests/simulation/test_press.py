@@ -10,6 +10,7 @@ from fem.box import box, lattice
 
 from simgen.config.outputs import kept_outputs
 from simgen.fem.contact.contact import Contact
+from simgen.fem.device import Reading
 from simgen.fem.linear_solver.pattern import corners_to_nodes
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
 from simgen.fem.nonlinear.status import has_values
@@ -170,7 +171,7 @@ def test_samples_that_are_inside_out_keep_their_values_and_the_press_goes_on(blo
     """Compare with det F at 455 points of every element; samples up to 1.8 mm are valid, deeper ones are flagged."""
     scene, dense = Scene(block, GEL), lattice(12)
     monkeypatch.setattr(scene.solver.elasticity, "expect", lambda x: None)  # nothing is stabilised
-    monkeypatch.setattr(scene.solver.elasticity, "stabilise", lambda x: np.zeros(1))
+    monkeypatch.setattr(scene.solver.elasticity, "stabilise", lambda x: Reading((), lambda: np.zeros(1)))
     for depths, expected in ((np.array([0.8, 1.2, 1.6]), [0, 0, 0]), (np.array([1.2, 1.6, 1.8, 2.0]), [0, 0, 0, 9])):
         result = press(scene, [RIGID_EDGE], pose(), depths * MM)[0]
         assert result.status.tolist() == expected
@@ -200,7 +201,7 @@ def test_elements_that_would_be_inside_out_are_kept_open(block):
         assert stabilised[0] == 0 and (np.diff(stabilised) >= 0).all() and stabilised[-1] > 0
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(scene.solver.elasticity, "expect", lambda x: None)
-            patch.setattr(scene.solver.elasticity, "stabilise", lambda x: np.zeros(1))
+            patch.setattr(scene.solver.elasticity, "stabilise", lambda x: Reading((), lambda: np.zeros(1)))
             plain = press(scene, [RIGID_EDGE], pose(), depths)[0]
         assert plain.status[-1] == Status.INSIDE_OUT
         untouched = stabilised == 0

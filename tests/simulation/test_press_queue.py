@@ -92,7 +92,7 @@ def test_both_queues_count_the_environments_of_both():
 
 
 def test_a_try_is_slow_if_its_indenter_is_or_if_it_takes_long():
-    queue = PressQueue(slow=[0])
+    queue, _ = filled(0, 1, slow=[0])
     assert queue.is_slow(0, 0) and not queue.is_slow(1, 10_000)  # nothing to compare with yet
     for shape, iterations in ((0, 200), (1, 100), (1, 100), (1, 100)):
         queue.learn(shape, iterations)
@@ -134,7 +134,18 @@ def test_the_second_queue_takes_slow_presses_last_even_if_none_was_hard():
     for shape, iterations in ((0, 190), (0, 190), (1, 100), (1, 100), (1, 100), (1, 100), (1, 100)):
         queue.learn(shape, iterations)
     other = PressQueue(queue)
-    assert other.pop() is presses[1] and other.pop() is presses[0]
+    assert other.pop() is presses[1] and other.pop() is None  # the first queue has room for the slow one
+    assert queue.pop() is presses[0]
+
+
+def test_the_second_queue_takes_slow_presses_if_the_first_has_no_room():
+    queue, presses = filled(0, 0, 1, slow=[0])
+    other = PressQueue(queue)
+    assert queue.pop() is presses[0]  # in its last free environment
+    assert other.pop() is presses[2] and other.pop() is presses[1]
+    assert queue.pop() is None  # for a free environment
+    queue.add(a_press(0))
+    assert other.pop() is None
 
 
 def test_a_second_try_stays_in_its_own_queue():
@@ -180,19 +191,20 @@ def test_beside_slow_presses_only_slow_and_hard_ones_begin_in_the_first_queue():
     for shape, iterations in ((0, 100), (1, 200), (2, 100), (2, 90), (3, 10), (3, 300), (3, 10), (3, 10)):
         queue.learn(shape, iterations)
     other, queue.has_help = PressQueue(queue), True
-    assert queue.pop({0, 1}) is presses[4]  # hard, because one of its tries was long
-    assert queue.pop({0, 1}) is presses[1]
-    assert other.pop({0, 1}) is presses[0]
-    assert queue.pop({1}) is presses[3] and queue.pop({1}) is None
+    assert queue.pop(beside_slow=True) is presses[4]  # hard, because one of its tries was long
+    assert queue.pop(beside_slow=True) is presses[1]
+    assert other.pop() is presses[0]
+    assert queue.pop(beside_slow=True) is presses[3] and queue.pop(beside_slow=True) is None
     queue.has_help = False
-    assert queue.pop({1}) is presses[2]
+    assert queue.pop(beside_slow=True) is presses[2]
 
 
-def test_shapes_count_as_slow_until_one_of_their_tries_has_ended():
+def test_shapes_count_as_slow_until_a_try_of_each_shape_has_ended():
+    """Short tries of a slow shape end before all others, which wait for the device."""
     queue, presses = filled(0, 1, 0, 1, slow=[1])
     other, queue.has_help = PressQueue(queue), True
     assert queue.pop() is presses[1] and other.pop() is presses[0]
-    queue.learn(0, 100)
-    assert queue.pop({1}) is presses[3] and queue.pop({1}) is None
     queue.learn(1, 110)
-    assert queue.pop({1}) is presses[2]
+    assert queue.is_slow(1, 0) and queue.pop(beside_slow=True) is presses[3] and queue.pop(beside_slow=True) is None
+    queue.learn(0, 100)
+    assert not queue.is_slow(1, 0) and queue.pop() is presses[2]

@@ -17,13 +17,13 @@ def test_elements_inverted_between_their_quadrature_points_are_counted():
     u = x[: scene.nodes.size].reshape(-1, 3)
     u[:, 0] = 0.1 * scene.nodes[:, 0]
     scene.solver.x.assign(x[:, None])
-    assert sampler.measure(1).inverted[0] == 0
+    assert sampler.measure(1).read().inverted[0] == 0
     u[:] = 0.0
     tetrahedron = scene.mesh.tetrahedra[0]
     u[tetrahedron[0]] = 0.45 * (scene.nodes[tetrahedron[1:4]].mean(axis=0) - scene.nodes[tetrahedron[0]])
     scene.solver.x.assign(x[:, None])
     at_points = scene.solver.balance.measure(scene.solver.x).min_det
-    assert sampler.measure(1).inverted[0] > 0 and at_points[0] > 0.0
+    assert sampler.measure(1).read().inverted[0] > 0 and at_points[0] > 0.0
 
 
 def test_all_presses_of_a_scene_share_one_sampler():

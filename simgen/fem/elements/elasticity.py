@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from simgen.fem import batch_arrays, groups
-from simgen.fem.device import Reading, read, write
+from simgen.fem.device import Reading, write
 from simgen.fem.elements.elasticity_blocks import block_kernels
 from simgen.fem.elements.element import Element
 from simgen.fem.elements.operators import operator_kernels
@@ -93,7 +93,8 @@ class Elasticity:
         self._reduced.state = self._single.state
         self._damping = wp.zeros((1, active.shape[0]), dtype=wp.float32, device=device)
         self._single.damping = self._reduced.damping = self._damping
-        self._count, self._stabilised = (wp.zeros(active.shape[0], dtype=wp.int32, device=device) for _ in range(2))
+        counts = (wp.zeros(active.shape[0], dtype=wp.int32, device=device) for _ in range(3))
+        self._inverted, self._raised, self._stabilised = counts
         self._least = wp.zeros(active.shape[0], dtype=wp.float64, device=device)
 
     def _launch(self, kernel, inputs, outputs):
@@ -125,11 +126,11 @@ class Elasticity:
 
         An element counts if it is inverted somewhere. See ``validity.py``.
         """
-        self._count.zero_()
+        self._inverted.zero_()
         self._least.fill_(np.inf)
         inputs = [self._solid, x, self._parts, LEVELS, self.active]
-        self._launch(det_F_kernel, inputs, [self._count, self._least])
-        return Reading((self._least, self._count), lambda *both: both)
+        self._launch(det_F_kernel, inputs, [self._inverted, self._least])
+        return Reading((self._least, self._inverted), lambda *both: both)
 
     def forget(self, marked):
         """Remove the stabilisation of all elements in the listed environments (env,)."""
@@ -139,11 +140,11 @@ class Elasticity:
         """Stabilise elements that are nearly flat at state x in the active environments."""
         self._launch(expect_kernel, [self._solid, x, self.active], [self.weight])
 
-    def stabilise(self, x) -> np.ndarray:
-        """Double the weights of elements that are inverted at state x; return the number of raised weights (env,)."""
-        self._count.zero_()
-        self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, self._count])
-        return read(self._count)[0]
+    def stabilise(self, x) -> Reading:
+        """Double the weights of elements that are inverted at state x. The reading is the number of them, (env,)."""
+        self._raised.zero_()
+        self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, self._raised])
+        return Reading((self._raised,), lambda count: count)
 
     def reinforce(self, marked):
         """Stabilise all stabilised elements in the listed environments (env,) four times as much."""

@@ -99,6 +99,8 @@ class StateMeasures(NamedTuple):
         indenter does not touch
     min_det : least det F at integration points
     contact_error : relative change of the multipliers that a further update would make
+    step_work, step_size : results of :meth:`ForceBalance.measure_step`: virtual work of the residual along the step at
+        its start, and the product of their norms
     """
 
     load_norm: np.ndarray
@@ -107,6 +109,8 @@ class StateMeasures(NamedTuple):
     imbalance: np.ndarray
     min_det: np.ndarray
     contact_error: np.ndarray
+    step_work: np.ndarray
+    step_size: np.ndarray
 
 
 class ForceBalance:
@@ -122,7 +126,8 @@ class ForceBalance:
         n, n_env = step.shape
         self._chunks = chunks(n)
         self._terms = contacts if cavity is None else [*contacts, cavity]
-        self._sums = wp.zeros((8, n_env), dtype=wp.float64, device=step.device)
+        self._all_sums = wp.zeros((11, n_env), dtype=wp.float64, device=step.device)  # of one array, read together
+        self._sums, self.step_sums = self._all_sums[:8], self._all_sums[8:]
         self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
 
     def _add_up(self, kernel, rows: int, inputs, outputs):
@@ -133,13 +138,18 @@ class ForceBalance:
         inputs = [self.internal, self.surface, self._step, self._fixed, n_u, self.active]
         self._add_up(balance_kernel, self._chunks, inputs, [self.residual])
         changes = [contact.multiplier_change() for contact in self.contacts]
-        (load, square, work, *resultant, loads, by_first), min_det, *changes = read(self._sums, self._min_det, *changes)
+        sums, min_det, *changes = read(self._all_sums, self._min_det, *changes)
+        load, square, work, *resultant, loads, by_first = sums[:8]
         loads = np.where(by_first > SMALLEST_LOADS, by_first, loads)
         imbalance = np.linalg.norm(resultant, axis=0) / np.maximum(loads, SMALLEST_LOADS)
         squares = [change / contact.edge for change, contact in zip(changes, self.contacts, strict=True)]
         change, size = np.sqrt(np.sum(squares, axis=0))
-        sums = np.stack([np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance, min_det])
-        return StateMeasures(*sums, change / np.maximum(size, SMALLEST_MULTIPLIERS))
+        error = change / np.maximum(size, SMALLEST_MULTIPLIERS)
+        step_work, of_residual, of_step = sums[8:]
+        return StateMeasures(
+            np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance, min_det, error, step_work,
+            np.sqrt(np.abs(of_residual * of_step)),
+        )  # fmt: skip
 
     def measure(self, x) -> StateMeasures:
         """Compute the forces at x in the active environments."""
@@ -166,10 +176,12 @@ class ForceBalance:
             if i == 0 and len(self._terms) > 1:
                 self._add_up(first_loads_kernel, chunks(nodes), [self.surface, nodes, self.active], [])
 
-    def work(self) -> np.ndarray:
-        """Virtual work of the residual along the step, and the product of their norms: (2, env)."""
-        self._sums.zero_()
+    def measure_step(self):
+        """Measure new steps from the residual of the active environments.
+
+        The next measured state has the values, so that the host does not wait for the device. Only environments that
+        were active here have valid ones.
+        """
+        self.step_sums.zero_()
         inputs = [self.residual, self._step, self.elasticity.n_displacements, self.active]
-        self._add_up(work_kernel, self._chunks, inputs, [])
-        [(work, square, length, *_)] = read(self._sums)
-        return np.stack([work, np.sqrt(np.abs(square * length))])  # values of inactive environments have no meaning
+        batch_arrays.launch(work_kernel, self._chunks, inputs, [self.step_sums])

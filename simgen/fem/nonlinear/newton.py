@@ -70,6 +70,7 @@ class NewtonSolver:
         self.balance = ForceBalance(elasticity, contacts, cavity, self.fixed, self._step)
         self.increment, self.working = Increment.empty(n_env), np.zeros(n_env, dtype=bool)
         self._at_guess = np.zeros(n_env, dtype=bool)  # ``trial`` is a guess, not a step from ``x``
+        self._new_step = np.zeros(n_env, dtype=bool)  # ``trial`` is the end of a step that was not judged yet
         self.damping, self._search = TangentDamping(n_env), LineSearch(n_env)
         self._residual_norm, self._best = np.zeros((2, n_env))
         self._since_best = np.zeros(n_env, dtype=np.int64)
@@ -84,7 +85,7 @@ class NewtonSolver:
 
     def abandon(self, environments: np.ndarray):
         """Stop the increments of the environments (env,) bool at their last state."""
-        for flags in (self.working, self._at_guess, self.systems.solving):
+        for flags in (self.working, self._at_guess, self._new_step, self.systems.solving):
             flags &= ~environments
 
     @property
@@ -96,11 +97,13 @@ class NewtonSolver:
         """Move increments from `movable` environments to others, given by number: (k,) each."""
         records = (self.increment, self.damping, self._search)
         of_records = [values for record in records for values in vars(record).values()]
-        for values in (self.working, self._at_guess, self._residual_norm, self._best, self._since_best, *of_records):
+        flags = self.working, self._at_guess, self._new_step
+        for values in (*flags, self._residual_norm, self._best, self._since_best, *of_records):
             values[targets] = values[sources]
         self.systems.move(sources, targets)
         memory = [array for contact in self.contacts for array in contact.memory]
-        batch_arrays.move([self.x, self.trial, self.elasticity.weight, *memory], self.active, sources, targets)
+        moved = [self.x, self.trial, self.elasticity.weight, self.balance.step_sums, *memory]
+        batch_arrays.move(moved, self.active, sources, targets)
 
     def reactions(self) -> np.ndarray:
         """Reactions (unknowns, env) at ``x``; in rows of pressures, the volume error, mm3."""
@@ -145,12 +148,12 @@ class NewtonSolver:
         self.increment.status[stalled] = Status.LINEAR_SOLVER_STALLED
         if solved.any():
             self.mark(solved)
-            work = self.balance.work()
-            self._search.begin(solved, self._residual_norm, work)
-            solved &= ~self._refuse_uphill(solved, work[0])
+            self.balance.measure_step()
+            self._new_step |= solved
         if (again | solved).any():
             active = self.mark(again | solved)
-            batch_arrays.add_scaled(self.x, self._step, -self._search.alpha, active, self.trial)
+            share = np.where(solved, 1.0, self._search.alpha)
+            batch_arrays.add_scaled(self.x, self._step, -share, active, self.trial)
         ended = ended | stalled
         self.working &= ~ended
         return ended
@@ -163,6 +166,9 @@ class NewtonSolver:
         s, now = self.settings, self.increment
         self.mark(trying)
         measured = self.balance.measure(self.trial)
+        new, self._new_step = self._new_step, np.zeros_like(self._new_step)
+        self._search.begin(new, self._residual_norm, measured.step_work, measured.step_size)
+        trying = trying & ~self._refuse_uphill(new, measured.step_work)
         taken, again = self._search.judge(measured, self._at_guess, trying)
         lost = trying & ~taken & ~again
         stepped = taken & ~self._at_guess
@@ -213,7 +219,7 @@ class NewtonSolver:
         self._at_guess |= environments
 
     def _refuse_uphill(self, solved: np.ndarray, work: np.ndarray) -> np.ndarray:
-        """Damp the tangent where it is indefinite along the step; returns these environments (env,) bool.
+        """Damp the tangent where it is indefinite along a new step; returns these environments (env,) bool.
 
         work (env,): virtual work of the residual along the step. If it is not positive, the step leads to a saddle or
         away from equilibrium. The sign says little in the first iterations, where volumes are still off, and where no

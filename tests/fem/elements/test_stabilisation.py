@@ -87,7 +87,7 @@ def test_elements_that_are_inside_out_get_twice_as_much_each_time():
     x = on_device(folded(nodes, term, 1.0))
     wrong = term.bound_det_F(x).read()[1][0]
     for times in range(3):
-        assert term.stabilise(x)[0] == wrong == term.stabilised_elements().read()[0]
+        assert term.stabilise(x).read()[0] == wrong == term.stabilised_elements().read()[0]
         assert term.weight.numpy().max() == FIRST * 2.0**times
     term.reinforce(term.active)
     assert term.weight.numpy().max() == FIRST * 16.0

@@ -10,12 +10,12 @@ ONE = np.array([True])
 
 
 def tried(work=0.0, size=1.0):
-    return StateMeasures(*(np.array([value]) for value in (1.0, size, work, 0.0, 0.9, 0.0)))
+    return StateMeasures(*(np.array([value]) for value in (1.0, size, work, 0.0, 0.9, 0.0, np.nan, np.nan)))
 
 
 def begun(work=1.0, norms=10.0):
     search = LineSearch(1)
-    search.begin(ONE, np.array([1.0]), np.array([[work], [norms]]))
+    search.begin(ONE, np.array([1.0]), np.array([work]), np.array([norms]))
     return search
 
 
