@@ -74,12 +74,6 @@ class Pools:
         return first.environments - first.waiting - sum(pool.arrived for pool in self._pools)
 
 
-    @property
-    def unfinished(self) -> int:
-        """Number of presses that have arrived or wait, and of running tries."""
-        return self._pools[0].waiting + sum(pool.arrived + pool.running for pool in self._pools)
-
-
 # Pools of this process that were used last, by sensor.
 POOLS_BY_SENSOR: WeakValueDictionary[str, Pools] = WeakValueDictionary()
 

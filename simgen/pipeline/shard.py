@@ -35,7 +35,6 @@ from simgen.pipeline.presser import POOLS_BY_SENSOR, Presser, fem_presser, loade
 from simgen.pipeline.shard_files import version_of, writing
 from simgen.pipeline.shard_writer import ShardWriter, put_shards_in_place
 from simgen.simulation.kernel_loading import load_kernels, load_press_kernels
-from simgen.simulation.pool import MANY
 
 # Versions at the start of the process: files may change while a worker lives, its loaded code does not.
 LOADED_VERSIONS = {"code": {"version": simgen.__version__, "source": source_hash()}, "packages": package_versions()}
@@ -175,28 +174,22 @@ def run_parts(
     return [Part.of(writer, own, share) for writer, own in zip(writers, files, strict=True)]
 
 
-# Presses on the shared sensors that a GPU leaves to others for each of its last presses on the first sensor: beside
-# full pools, a round of few presses takes three times as long as alone.
-LEFT_FOR_LAST = 40
 # Tasks of `run_parts` whose presses have been added in this process, by the folder of their run and the sensor.
 BEGUN: Counter[tuple[Path, str]] = Counter()
 _COUNTING = threading.Lock()
 
 
-def room_for_parts(sensors: Sequence[str], presses_per_task: int, folder: Path) -> tuple[int, int, int] | None:
-    """Count tasks of a run on these sensors: those that have begun in this process, and those for which it has room.
+def room_for_parts(sensors: Sequence[str], presses_per_task: int, folder: Path) -> tuple[int, int] | None:
+    """Number of a run's tasks on these sensors that have begun in this process, and of those for which there is room.
 
-    The third number is that of tasks it should leave to others, because its last presses on other sensors decide when
-    it ends. Returns None if the process has not pressed all of these sensors by finite elements.
+    None if the process has not pressed all of these sensors by finite elements.
     """
     there = [POOLS_BY_SENSOR.get(sensor) for sensor in sensors]
     if None in there:
         return None
     rooms = [max(0, -(-pools.room // presses_per_task)) for pools in there]
-    last = sum(min(MANY, pools.unfinished) for sensor, pools in list(POOLS_BY_SENSOR.items()) if sensor not in sensors)
     with _COUNTING:
-        begun = sum(BEGUN[folder, sensor] for sensor in sensors)
-    return begun, len(rooms) * min(rooms), len(rooms) * last * LEFT_FOR_LAST // presses_per_task
+        return sum(BEGUN[folder, sensor] for sensor in sensors), len(rooms) * min(rooms)
 
 
 @contextmanager

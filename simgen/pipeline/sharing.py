@@ -15,9 +15,9 @@ class Sharing:
 
     tasks : taken as they are handed out, but one is taken ahead
     workers : returns the addresses of all workers
-    ask : asks workers at these addresses. It returns three numbers by address: shared tasks that have begun there,
-        those for which there is room, and those that the worker should leave to others because its other tasks take
-        longer. It returns anything else, or nothing, for a worker that does not tell
+    ask : asks workers at these addresses. It returns a pair by address: the number of shared tasks that have begun
+        there, and the number of those for which there is room. It returns anything else, or nothing, for a worker that
+        does not tell
     """
 
     def __init__(self, tasks: Iterable, workers: Callable[[], Iterable[str]], ask: Callable[[list[str]], dict]):
@@ -66,11 +66,9 @@ class Sharing:
         """
         found, rooms = self._ask(addresses), {}
         self._looked = time.monotonic()
-        least = min((told[2] for told in found.values() if isinstance(told, tuple)), default=0)
         for address in addresses:
             if isinstance(told := found.get(address), tuple):
-                begun, room, left = told
-                room -= left - least
+                begun, room = told
                 rooms[address] = room - min(self._under_way[address], max(0, self._given[address] - begun))
             else:
                 rooms[address] = AT_ONCE - self._under_way[address]

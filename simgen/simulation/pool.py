@@ -97,11 +97,6 @@ class Pool:
         return len(self._stepping.queue)
 
     @property
-    def running(self) -> int:
-        """Number of running tries."""
-        return int(self._stepping.running.sum())
-
-    @property
     def remaining(self) -> int:
         """Number of presses that have arrived or wait, and of running tries."""
         return self._stepping.remaining + self.arrived
@@ -113,8 +108,8 @@ class Pool:
         A pool with few tries, one of them slow, has their number as its rank. Iterations of few tries are short. Slow
         presses decide when a run ends. All other pools have the same rank, and take turns.
         """
-        few = 0 < self.running < MANY and self._stepping.has_slow_press
-        return self.running if few else MANY
+        running = int(self._stepping.running.sum())
+        return running if 0 < running < MANY and self._stepping.has_slow_press else MANY
 
     def advance(self):
         """Advance the presses by one iteration. The calling thread has taken the pool and holds the device."""

@@ -16,9 +16,8 @@ from simgen.fem.nonlinear.status import Status
 from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
 from simgen.pipeline.parts import Parts
 from simgen.pipeline.run import run
-from simgen.pipeline.shard import LEFT_FOR_LAST, room_for_parts, run_parts
+from simgen.pipeline.shard import room_for_parts, run_parts
 from simgen.pipeline.workers import Workers
-from simgen.simulation.pool import MANY
 
 ORDERS = {
     "as given": chain,
@@ -59,14 +58,10 @@ def test_parts_give_the_bytes_of_whole_shards_in_any_order(whole, tmp_path, orde
     for tasks in (workers.own, workers.shared):
         assert sorted(shards for _, shards, *_ in tasks) == [[0, 1, 2], [3, 4, 5]]
     folder, presses = workers.shared[0][3][1], dataset.job.dataset.presses_per_shard
-    pools = {"biotac": SimpleNamespace(room=3 * presses + 1, unfinished=7)}
-    monkeypatch.setattr("simgen.pipeline.shard.POOLS_BY_SENSOR", pools)
-    assert room_for_parts(["biotac"], 3 * presses, folder) == (2, 2, 0)
-    assert room_for_parts(["biotac"], presses, folder / "another") == (0, 4, 0)
+    monkeypatch.setattr("simgen.pipeline.shard.POOLS_BY_SENSOR", {"biotac": SimpleNamespace(room=3 * presses + 1)})
+    assert room_for_parts(["biotac"], 3 * presses, folder) == (2, 2)
+    assert room_for_parts(["biotac"], presses, folder / "another") == (0, 4)
     assert room_for_parts(["biotac", "digit"], presses, folder) is None
-    for unfinished, counted in ((3, 3), (MANY, MANY), (MANY + 1, MANY)):
-        pools["digit"] = SimpleNamespace(unfinished=unfinished)
-        assert room_for_parts(["biotac"], presses, folder) == (2, 4, counted * LEFT_FOR_LAST // presses)
     assert fake.contents(dataset.path) == fake.contents(whole.path)
     assert sorted(report.shard for report in reports) == list(range(dataset.shards))
     assert all(set(report.seconds_by_sensor) == set(dataset.sensors) and not report.error for report in reports)

@@ -34,29 +34,24 @@ def addresses(shared: Sharing, idle=False) -> Counter:
 
 
 def test_the_worker_with_most_room_gets_the_next_task_until_none_has_room():
-    shared = share(range(10), Told(a=(0, 1, 0), b=(0, 3, 0)))
+    shared = share(range(10), Told(a=(0, 1), b=(0, 3)))
     assert [*shared.hand_out(False)] == [(0, "b"), (1, "b"), (2, "a"), (3, "b")] and shared.left
 
 
-def test_a_worker_leaves_tasks_to_those_whose_other_tasks_end_earlier():
-    shared = share(range(20), Told(a=(0, 5, 9), b=(0, 5, 7), c=(0, 5, 40)))
-    assert addresses(shared) == {"b": 5, "a": 3}
-
-
 def test_tasks_that_have_not_begun_take_room():
-    told = Told(a=(0, 3, 0))
+    told = Told(a=(0, 3))
     shared = share(range(10), told)
     assert addresses(shared) == {"a": 3}
     assert addresses(shared) == {}
-    told.told = {"a": (1, 3, 0)}  # two are on their way
+    told.told = {"a": (1, 3)}  # two are on their way
     assert addresses(shared) == {"a": 1}
-    told.told = {"a": (9, 3, 0)}  # five of another worker have begun here
+    told.told = {"a": (9, 3)}  # five of another worker have begun here
     assert addresses(shared) == {"a": 3}
 
 
 def test_tasks_that_end_without_having_begun_take_no_room():
     """They fail before, or another worker takes them."""
-    shared = share(range(10), Told(a=(0, 2, 0)))
+    shared = share(range(10), Told(a=(0, 2)))
     for _ in range(3):
         assert addresses(shared) == {"a": 2}
         shared.end("a")
@@ -64,7 +59,7 @@ def test_tasks_that_end_without_having_begun_take_no_room():
 
 
 def test_an_idle_run_hands_out_one_task_whatever_workers_tell():
-    shared = share(range(3), Told(a=(0, -1, 0), b=(0, 0, 0)))
+    shared = share(range(3), Told(a=(0, -1), b=(0, 0)))
     assert addresses(shared) == {}
     assert addresses(shared, idle=True) == {"b": 1}
 
@@ -84,7 +79,7 @@ def test_a_worker_that_does_not_tell_its_room_has_few_tasks_at_a_time(told):
 
 
 def test_workers_are_not_asked_too_often_or_without_need(monkeypatch):
-    told = Told(a=(0, 1, 0))
+    told = Told(a=(0, 1))
     shared = share(range(2), told)
     monkeypatch.setattr(sharing, "LOOK_S", 60.0)
     assert addresses(shared) == {"a": 1} and addresses(shared) == {} and told.looks == 1
@@ -95,6 +90,6 @@ def test_workers_are_not_asked_too_often_or_without_need(monkeypatch):
 def test_tasks_are_taken_when_they_are_handed_out():
     """So a run can leave out those that are not needed any more, but for one."""
     taken = []
-    shared = share((taken.append(number) or number for number in range(5)), Told(a=(0, 1, 0)))
+    shared = share((taken.append(number) or number for number in range(5)), Told(a=(0, 1)))
     assert shared.left and taken == [0]
     assert addresses(shared) == {"a": 1} and taken == [0]
