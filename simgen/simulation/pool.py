@@ -116,7 +116,8 @@ class Pool:
         self._use_stream()
         self._begin_arrived()
         second = self._second and self._second()
-        self._stepping.queue.has_help = second is not None and second.taken
+        # Between two iterations no thread has the second pool, so running presses count, too.
+        self._stepping.queue.has_help = second is not None and bool(second.taken or second._stepping.running.any())
         self._stepping.advance()
 
     def _begin_arrived(self):

@@ -34,7 +34,7 @@ class PressQueue:
     beside : the first queue, for a second one
     slow : shapes that count as slow until a try of each shape has ended: short tries end first, and say little
     environments : number of presses that run at a time. With 0, the lengths of tries that are not hard do not count
-    has_help : True while a thread starts presses from the second queue
+    has_help : True while threads start presses from the second queue
     """
 
     def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = (), environments: int = 0):

@@ -61,15 +61,16 @@ def test_two_pools_share_the_presses_of_a_task_and_give_the_bytes_of_each_alone(
     assert not pool.remaining and not other.remaining
 
 
-@pytest.mark.parametrize("helps", [False, True])
-def test_the_first_of_two_pools_leaves_environments_to_slow_presses_only_if_a_thread_has_the_second(block, helps):
+@pytest.mark.parametrize(("taken", "runs"), [(False, False), (True, False), (False, True)])
+def test_the_first_of_two_pools_leaves_environments_to_slow_presses_only_if_the_second_is_in_use(block, taken, runs):
+    """Between two iterations the second pool has running presses, but no thread."""
     pool = make_pool(block, 4)
     other = make_pool(block, 4, pool)
-    other.taken = helps
+    other.taken, other._stepping.running[0] = taken, runs
     tasks = [press(pool, 0, 4)]
     pool.advance()
-    assert pool._stepping.running.sum() == (2 if helps else 4)  # two cubes, or all
-    other.taken = False
+    assert pool._stepping.running.sum() == (2 if taken or runs else 4)  # two cubes, or all
+    other.taken, other._stepping.running[0] = False, False
     for each in (pool, other):
         each.drop()
     with pytest.raises(RuntimeError, match="another task of this process has failed"):
