@@ -127,7 +127,11 @@ def _launch(kernel: wp.Kernel, device, dim, inputs: list, outputs: list, record:
 def _key(argument):
     """Key of an argument: the number, the type and descriptor of an array, or the type and fields of a struct."""
     if isinstance(argument, wp.array):
-        return argument.dtype, bytes(argument.__ctype__())
+        try:
+            return argument.launch_key
+        except AttributeError:  # no array changes its memory
+            argument.launch_key = argument.dtype, bytes(argument.__ctype__())
+            return argument.launch_key
     if isinstance(argument, float):  # nan differs from itself, and -0 equals 0
         return struct.pack("d", argument)
     describe = getattr(argument, "__ctype__", None)

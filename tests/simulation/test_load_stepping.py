@@ -274,7 +274,7 @@ def test_samples_have_the_overlap_of_their_states(block):
 
 def test_a_press_whose_state_cannot_be_kept_leaves_the_sample_beside_it_alone(block, monkeypatch):
     """Both have converged at the same time, and are measured together."""
-    poses, overlap, taken = np.concatenate([pose(), pose(x=0.5)]), StateSampler.overlap, []
+    poses, overlap, taken = np.concatenate([pose(x=-0.5), pose(x=0.5)]), StateSampler.overlap, []
     alone = press(Scene(block, GEL), [SPHERE], poses[1:], DEPTHS[:1])[0]
 
     def first_too_far(sampler):
