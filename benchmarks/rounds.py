@@ -45,7 +45,7 @@ PHASES = {
     device: ("_wait_for",),
     NewtonSolver: ("iterate", "_try_steps", "_damp", "_begin_solving"),
     LinearSystems: ("advance",),
-    ForceBalance: ("measure", "measure_surfaces", "work"),
+    ForceBalance: ("measure", "measure_surfaces", "measure_step"),
     ConjugateResiduals: ("begin", "advance", "end"),
     BlockTriangular: ("rebuild_multigrid", "prepare"),
     Elasticity: ("stabilise", "linearize", "damp", "expect"),
