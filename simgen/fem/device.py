@@ -129,7 +129,7 @@ def _key(argument):
     if isinstance(argument, wp.array):
         try:
             return argument.launch_key
-        except AttributeError:  # no array changes its memory
+        except AttributeError:  # no array changes its memory, and none has gradients
             argument.launch_key = argument.dtype, bytes(argument.__ctype__())
             return argument.launch_key
     if isinstance(argument, float):  # nan differs from itself, and -0 equals 0

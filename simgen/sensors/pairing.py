@@ -80,7 +80,7 @@ def draw_contacts(
     found = roomy = partnered = proposed = 0
 
     def propose(blocks: int) -> tuple[int, int, Contacts]:
-        """Propose contacts. Returns the number of blocks, that of contacts with room, and those with partners, too."""
+        """Returns the number of blocks, the number of contacts with room, and the contacts that also have partners."""
         some = room.keep(room.propose(np.concatenate([sequence.random(BLOCK) for _ in range(blocks)])))
         with_room = len(some.points)
         for other in others:
@@ -93,9 +93,9 @@ def draw_contacts(
             if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
                 raise InputError(_too_few(room, others, count, (found, partnered, roomy, proposed)))
             blocks, with_room, some = coming.result()
+            share = found / proposed if found else FIRST_SHARE
             roomy, partnered, proposed = roomy + with_room, partnered + len(some.points), proposed + blocks * BLOCK
             # While the gel under these is measured, the thread makes the next ones, if they will probably be needed.
-            share = found / (proposed - blocks * BLOCK) if found else FIRST_SHARE
             missing = count - found - share * blocks * BLOCK
             coming = ahead.submit(propose, _blocks(missing, share)) if missing > 0.0 else None
             presses = [

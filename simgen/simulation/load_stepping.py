@@ -20,7 +20,7 @@ from simgen.simulation.measurements import Solution, take_samples
 from simgen.simulation.press_path import PressPath, longest_way
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
-from simgen.simulation.state_sampler import StateSampler
+from simgen.simulation.state_sampler import Measured, StateSampler
 from simgen.simulation.tries import SECOND_TRY_AFTER, SECOND_TRY_ITERATIONS, Press, Try
 
 MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last load step
@@ -61,7 +61,8 @@ class LoadStepping:
         self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
         self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
         self._repeats = np.zeros(batch, dtype=int)  # of the current increment
-        self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since the last sample; deepest now
+        self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since the last sample; where one is due
+        self._measured: tuple[np.ndarray, Measured] | None = None  # environments (env,) bool where one is due
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self._step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
@@ -104,6 +105,7 @@ class LoadStepping:
         """Advance all running presses by one iteration."""
         begin = time.perf_counter()
         self._starting |= self._start_tries()
+        self.queue.note_room(not self.running.all())
         self._move_together()
         self._begin_increments(self._starting)
         self._starting[:] = False
@@ -127,12 +129,12 @@ class LoadStepping:
         slow = [press for press in slow if len(press.tries) == 1]
         if not len(free) or (not slow and not len(self.queue)):
             return fresh
-        beside_slow = self.has_slow_press
+        beside_slow = self.queue.has_help and self.has_slow_press
         for env in free:
             press = slow.pop() if slow else self.queue.pop(beside_slow)
             if press is None:
                 break
-            beside_slow |= self.queue.is_slow(press.shape, 0)
+            beside_slow = beside_slow or self.queue.is_slow(press.shape, 0)
             self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
             self._step_scale[env] = self.tries[env].step_scale
@@ -149,11 +151,7 @@ class LoadStepping:
         return fresh
 
     def _move_together(self):
-        """Move presses to free environments with lower numbers.
-
-        A GPU reads and writes the values of neighbouring environments together. So scattered environments cost as much
-        as all those between them.
-        """
+        """Move presses to free environments with lower numbers: scattered ones cost a GPU as much as those between."""
         sources, targets = self._places()
         if not len(sources):
             return
@@ -195,7 +193,8 @@ class LoadStepping:
         ratio = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         continued = np.where(ratio <= MAX_EXTRAPOLATION, np.maximum(ratio, 0.0), 0.0)
         ratio = np.clip(ratio, 0.0, MAX_EXTRAPOLATION)
-        batch_arrays.copy(solver.x, marked := solver.mark(starting), self.x_start)
+        marked = solver.mark(starting)
+        batch_arrays.copy(solver.x, marked, self.x_start)
         batch_arrays.extrapolate(self.x_previous, self.x_start, ratio, marked, solver.trial)
         for x in (self.x_start, solver.trial):
             solver.elasticity.expect(x)
@@ -233,7 +232,8 @@ class LoadStepping:
             solver.mark(due)
             readings += [self.sampler.overlap(), self.sampler.measure(np.count_nonzero(due))]
         found = read_together(*readings)
-        again &= found[0] > 0 if again.any() else False
+        if again.any():
+            again &= found[0] > 0
         if due.any():
             overlap, self._measured = found[-2], (due, found[-1])
             self._overlap_mm[due] = overlap.deepest_mm[due]
@@ -327,8 +327,8 @@ class LoadStepping:
             return
         out = self.solver.increment
         solution = Solution(out.residual, out.contact_error, out.min_det, self._damping, *self.cost)
-        due, measured = self._measured  # others if some states cannot be kept
-        measured = measured if np.array_equal(due, reached) else None
+        (due, measured), self._measured = self._measured, None
+        measured = measured.keep(reached[due])
         samples = take_samples(self.sampler, reached, self._poses, solution, self._overlap_mm, measured)
         force, environments = samples.values["force"], samples.environments
         too_strong = np.abs((force * self._poses[environments, :3, 1]).sum(axis=1)) > self._max_force_n

@@ -135,16 +135,15 @@ class PressSamples(NamedTuple):
 
 def take_samples(
     sampler: StateSampler, reached: np.ndarray, poses: np.ndarray, solution: Solution, overlap_mm: np.ndarray,
-    measured: Measured | None = None,
+    measured: Measured,
 ) -> PressSamples:  # fmt: skip
     """Measure all environments (env,) bool that have just converged.
 
-    The solver has measured the forces of these states. poses (env, 4, 4) mm: indenters at first touch. overlap_mm
-    (env,): deepest overlap with indenter, core and support. measured: of these environments, if known.
+    poses (env, 4, 4) mm: indenters at first touch. overlap_mm
+    (env,): deepest overlap with indenter, core and support. measured: of these environments.
     """
     sampler.scene.solver.mark(reached)
     environments = np.flatnonzero(reached)
-    measured = measured or sampler.measure(len(environments)).read()
     state = State(sampler, environments, poses[environments, :3, :3], solution, overlap_mm, measured)
     values, large = {}, {}
     for output in sampler.scene.outputs:

@@ -64,6 +64,7 @@ class Pool:
             beside._second = weakref.ref(self)
         self._device = wp.get_device(scene.device)
         self.taken = self.condemned = False
+        self._advances = self._seen = 0  # iterations of this pool, and of the second one when last looked at
         self.rank = -scene.unknowns, next(NUMBERS)
         self._arrived: deque[Arrival] = deque()
         wp.synchronize()  # the kernels that set up the scene ran on another stream
@@ -115,10 +116,20 @@ class Pool:
         """Advance the presses by one iteration. The calling thread has taken the pool and holds the device."""
         self._use_stream()
         self._begin_arrived()
-        second = self._second and self._second()
-        # Between two iterations no thread has the second pool, so running presses count, too.
-        self._stepping.queue.has_help = second is not None and bool(second.taken or second._stepping.running.any())
+        self._stepping.queue.has_help = self._second_is_in_use()
         self._stepping.advance()
+        self._advances += 1
+
+    def _second_is_in_use(self) -> bool:
+        """True if a thread has the second pool, or has advanced it since the last call.
+
+        Between two iterations of the second pool, no thread has it.
+        """
+        second = self._second and self._second()
+        if second is None:
+            return False
+        seen, self._seen = self._seen, second._advances
+        return second.taken or self._seen != seen
 
     def _begin_arrived(self):
         """Begin arrived presses of whole tasks, until there are as many as environments.

@@ -32,9 +32,10 @@ class PressQueue:
     with few presses, its iterations are short.
 
     beside : the first queue, for a second one
-    slow : shapes that count as slow until a try of each shape has ended: short tries end first, and say little
+    slow : shapes that count as slow until each queued shape has an ended try. Short tries end first, so the first ends
+        tell little
     environments : number of presses that run at a time. With 0, the lengths of tries that are not hard do not count
-    has_help : True while threads start presses from the second queue
+    has_help : True while a thread starts presses from the second queue
     """
 
     def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = (), environments: int = 0):
@@ -51,16 +52,25 @@ class PressQueue:
             self._shared.add(press)
 
     def pop(self, beside_slow: bool = False) -> Press | None:
-        """Take the press that should begin now; None if none should. beside_slow: a running one `is_slow`."""
+        """Take the press that should begin now; None if none should. beside_slow: True if a running press is slow."""
         if self._again:
             return self._again.popleft()
         shared = self._shared
         if not self._is_first:
-            return shared.pop(shared.easiest_first, shared.is_easy if shared.first_has_room else None)
+            return shared.pop(shared.easiest_first, self._allowed)
         only_slow = self.has_help and beside_slow
-        press = shared.pop(shared.hardest_first, shared.is_slow_or_hard if only_slow else None)
-        shared.first_has_room = press is None
-        return press
+        return shared.pop(shared.hardest_first, shared.is_slow_or_hard if only_slow else shared.is_any)
+
+    @property
+    def _allowed(self) -> Callable[[int], bool]:
+        """Test of shapes: may a press with this shape ever begin from this queue, as things are now?"""
+        leaves_slow = not self._is_first and self._shared.first_has_room
+        return self._shared.is_easy if leaves_slow else self._shared.is_any
+
+    def note_room(self, has_room: bool):
+        """Note if this queue's presses leave an environment free. The second queue asks that of the first."""
+        if self._is_first:
+            self._shared.first_has_room = has_room
 
     def learn(self, shape: int, iterations: int):
         """Note that a try with this shape has ended after this number of Newton iterations."""
@@ -75,7 +85,7 @@ class PressQueue:
         self._shared.remove_dropped()
 
     def __len__(self) -> int:
-        return len(self._again) + self._shared.count
+        return len(self._again) + self._shared.count(self._allowed)
 
     def __iter__(self) -> Iterator[Press]:
         yield from self._again
@@ -85,9 +95,8 @@ class PressQueue:
 class _Shared:
     """First tries that wait, and what is known of the indenters' tries. Threads of two pools may use it.
 
-    count : number of presses
     environments : of all queues
-    first_has_room : True if the first queue had no press for a free environment, or was not asked yet
+    first_has_room : True if the first queue's presses leave an environment free
     """
 
     def __init__(self, slow: Collection[int]):
@@ -99,24 +108,24 @@ class _Shared:
         self._iterations, self._tries = Counter(), Counter()  # of ended tries, by shape
         self._all_iterations = self._all_tries = 0
 
-    @property
-    def count(self) -> int:
+    def count(self, allowed: Callable[[int], bool]) -> int:
+        """Number of presses with allowed shapes."""
         with self._lock:
-            return sum(map(len, self._by_shape.values()))
+            return sum(len(waiting) for shape, waiting in self._by_shape.items() if allowed(shape))
 
     def add(self, press: Press):
         with self._lock:
             self._by_shape.setdefault(press.shape, deque()).append((next(self._arrivals), press))
 
-    def pop(self, key: Callable[[int], tuple], may: Callable[[int], bool] | None = None) -> Press | None:
-        """Take the oldest press of the shape with the least key, of those that ``may`` begin.
+    def pop(self, key: Callable[[int], tuple], allowed: Callable[[int], bool]) -> Press | None:
+        """Take the oldest press of the allowed shape with the least key.
 
         Of shapes with the same key, the shape goes first whose oldest press should end first.
         """
         with self._lock:
             keys = {shape: (*key(shape), waiting[0][0] - self._lead(shape))
                     for shape, waiting in self._by_shape.items()
-                    if waiting and (may is None or may(shape))}  # fmt: skip
+                    if waiting and allowed(shape)}  # fmt: skip
             return self._by_shape[min(keys, key=keys.get)].popleft()[1] if keys else None
 
     def presses(self) -> list[Press]:
@@ -155,6 +164,9 @@ class _Shared:
 
     def is_easy(self, shape: int) -> bool:
         return not self.is_slow_or_hard(shape)
+
+    def is_any(self, shape: int) -> bool:
+        return True
 
     def _hardness(self, shape: int) -> float:
         """Newton iterations of a hard indenter's longest try; 0 if the indenter is not hard, inf if it is unknown."""

@@ -102,6 +102,10 @@ class Measured(NamedTuple):
     stabilised: np.ndarray
     displacement: np.ndarray
 
+    def keep(self, kept: np.ndarray) -> Measured:
+        """Leave out displacements of measured environments that are not ``kept`` (k,) bool."""
+        return self if kept.all() else self._replace(displacement=self.displacement[kept])
+
 
 class StateSampler:
     """Measures the states of a scene's solver in the environments that have reached a point.
@@ -140,7 +144,7 @@ class StateSampler:
         return contact.nearest(self.scene.solver.x, self._dense, at_rest)
 
     def measure(self, count: int) -> Reading:
-        """Measure the active environments: a `Measured`. The first ``count`` have displacements.
+        """Measure the active environments; a reading of `Measured`. The first ``count`` have displacements.
 
         The solver has measured the forces of these states.
         """
@@ -193,7 +197,10 @@ class StateSampler:
         return self._height_maps.take(count)
 
     def overlap(self) -> Reading:
-        """Measure how far rigid bodies overlap the gel: an `Overlap`. Points are denser than integration points."""
+        """Measure how far rigid bodies overlap the gel; a reading of `Overlap`.
+
+        Points are denser than integration points.
+        """
         scene, x, rests = self.scene, self.scene.solver.x, [0.0, *self._rest_overlaps]
         contacts, core = (scene.indenter_contact, *scene.fixed_contacts), scene.core_contact
         nearest = map(self._nearest, contacts, rests)

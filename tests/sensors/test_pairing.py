@@ -37,7 +37,7 @@ def contacts(digit):
 
 @pytest.fixture
 def short_blocks(monkeypatch):
-    """A refusal comes after 16 blocks of proposals in vain, or after the first draw if that has more: blocks of 32."""
+    """A refusal comes after 16 blocks of proposals in vain: blocks of 32."""
     monkeypatch.setattr(pairing, "BLOCK", 32)
 
 

@@ -329,7 +329,7 @@ def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, ite
     plain = follow(Scene(block, GEL), spheres, pose(), path)[0]
     assert not plain.certificate["damping"].any() and (plain.certificate["newton_iterations"] > UPHILL_ITERATIONS).all()
     scene, measure, measure_step = Scene(block, GEL), ForceBalance.measure, ForceBalance.measure_step
-    steps, told = [], []
+    steps, told = [], []  # told: residuals where the step begins, and of the next state
 
     def step(balance):
         steps.append(scene.solver.increment.newton_iterations[0])
@@ -337,14 +337,18 @@ def test_a_step_that_goes_uphill_is_not_taken_but_damped(block, monkeypatch, ite
 
     def uphill(balance, x):
         found = measure(balance, x)
+        if len(told) == 1:
+            told.append(found.residual_norm[0])
         if not told and steps[-1:] == [iteration]:
-            told.append(found.step_work[0])
-            return found._replace(step_work=-found.step_work)
+            told.append(scene.solver._residual_norm[0])
+            assert found.work_at_start[0] > 0.0
+            return found._replace(work_at_start=-found.work_at_start)
         return found
 
     monkeypatch.setattr(ForceBalance, "measure_step", step)
     monkeypatch.setattr(ForceBalance, "measure", uphill)
     result = follow(scene, spheres, pose(), path)[0]
-    assert told[0] > 0.0 and (result.status == 0).all()
+    assert (result.status == 0).all()
+    assert (told[1] == told[0]) == damped  # back to where the step began
     assert (result.certificate["damping"] > 0.0).tolist() == [damped, False]  # only the sample that it was for
     np.testing.assert_allclose(result.force, plain.force, rtol=5e-3, atol=1e-3)

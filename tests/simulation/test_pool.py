@@ -61,16 +61,20 @@ def test_two_pools_share_the_presses_of_a_task_and_give_the_bytes_of_each_alone(
     assert not pool.remaining and not other.remaining
 
 
-@pytest.mark.parametrize(("taken", "runs"), [(False, False), (True, False), (False, True)])
-def test_the_first_of_two_pools_leaves_environments_to_slow_presses_only_if_the_second_is_in_use(block, taken, runs):
-    """Between two iterations the second pool has running presses, but no thread."""
+@pytest.mark.parametrize(("taken", "advanced"), [(False, False), (True, False), (False, True)])
+def test_the_first_of_two_pools_leaves_environments_to_slow_presses_if_the_second_is_in_use(block, taken, advanced):
+    """Between two iterations no thread has the second pool."""
     pool = make_pool(block, 4)
     other = make_pool(block, 4, pool)
-    other.taken, other._stepping.running[0] = taken, runs
+    other.taken = taken
+    if advanced:
+        other.advance()
     tasks = [press(pool, 0, 4)]
     pool.advance()
-    assert pool._stepping.running.sum() == (2 if taken or runs else 4)  # two cubes, or all
-    other.taken, other._stepping.running[0] = False, False
+    assert pool._stepping.running.sum() == (2 if taken or advanced else 4)  # two cubes, or all
+    other.taken = False
+    pool.advance()
+    assert pool._stepping.running.sum() == 4  # the second pool has stopped
     for each in (pool, other):
         each.drop()
     with pytest.raises(RuntimeError, match="another task of this process has failed"):
@@ -90,7 +94,7 @@ def test_the_kernels_of_the_first_pool_with_presses_go_first_on_the_device_and_t
 
 
 def test_a_pool_of_few_presses_goes_first_on_the_device_only_if_one_of_them_is_slow(block):
-    """The block's cube counts as slow until one of its tries has ended. Two pools with short presses take turns."""
+    """The block's cube counts as slow until a try of each shape has ended. Two pools with short presses take turns."""
     pool, spheres = make_pool(block, 2), make_pool(block, 2)
     ranks = [(pool.device_rank, spheres.device_rank)]
     tasks = [press(pool, 0, 2), spheres.press([0, 0], POSES[:2], np.full(2, 2))]

@@ -122,6 +122,7 @@ def test_dropped_presses_do_not_wait():
 def test_two_queues_take_the_hardest_and_the_easiest_of_the_same_presses():
     queue, presses = filled(0, 1, 0, 1, 0, 1)
     other = PressQueue(queue)
+    queue.note_room(False)
     assert len(other) == 6 and presses.index(other.pop()) == 0  # nothing is known yet
     for shape, iterations in ((0, 80), (0, 90), (0, 100), (1, 500)):
         other.learn(shape, iterations)
@@ -141,11 +142,12 @@ def test_the_second_queue_takes_slow_presses_last_even_if_none_was_hard():
 def test_the_second_queue_takes_slow_presses_if_the_first_has_no_room():
     queue, presses = filled(0, 0, 1, slow=[0])
     other = PressQueue(queue)
-    assert queue.pop() is presses[0]  # in its last free environment
-    assert other.pop() is presses[2] and other.pop() is presses[1]
-    assert queue.pop() is None  # for a free environment
-    queue.add(a_press(0))
-    assert other.pop() is None
+    assert queue.pop() is presses[0] and len(other) == 1
+    assert other.pop() is presses[2] and other.pop() is None and len(queue) == 1
+    other.note_room(False)  # says nothing of the first queue
+    assert other.pop() is None and not len(other)
+    queue.note_room(False)
+    assert len(other) == 1 and other.pop() is presses[1]
 
 
 def test_a_second_try_stays_in_its_own_queue():

@@ -141,7 +141,7 @@ class Elasticity:
         self._launch(expect_kernel, [self._solid, x, self.active], [self.weight])
 
     def stabilise(self, x) -> Reading:
-        """Double the weights of elements that are inverted at state x. The reading is the number of them, (env,)."""
+        """Double the weights of elements that are inverted at x; a reading of the number of raised weights (env,)."""
         self._raised.zero_()
         self._launch(raise_kernel, [self._solid, x, self._parts, LEVELS, self.active], [self.weight, self._raised])
         return Reading((self._raised,), lambda count: count)

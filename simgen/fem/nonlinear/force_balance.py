@@ -99,8 +99,8 @@ class StateMeasures(NamedTuple):
         indenter does not touch
     min_det : least det F at integration points
     contact_error : relative change of the multipliers that a further update would make
-    step_work, step_size : results of :meth:`ForceBalance.measure_step`: virtual work of the residual along the step at
-        its start, and the product of their norms
+    work_at_start : virtual work of the residual along the step where it starts, see :meth:`ForceBalance.measure_step`
+    norms_at_start : product of the norms of that residual and of the step
     """
 
     load_norm: np.ndarray
@@ -109,8 +109,8 @@ class StateMeasures(NamedTuple):
     imbalance: np.ndarray
     min_det: np.ndarray
     contact_error: np.ndarray
-    step_work: np.ndarray
-    step_size: np.ndarray
+    work_at_start: np.ndarray
+    norms_at_start: np.ndarray
 
 
 class ForceBalance:
@@ -126,7 +126,7 @@ class ForceBalance:
         n, n_env = step.shape
         self._chunks = chunks(n)
         self._terms = contacts if cavity is None else [*contacts, cavity]
-        self._all_sums = wp.zeros((11, n_env), dtype=wp.float64, device=step.device)  # of one array, read together
+        self._all_sums = wp.zeros((11, n_env), dtype=wp.float64, device=step.device)  # one copy reads all
         self._sums, self.step_sums = self._all_sums[:8], self._all_sums[8:]
         self._min_det = wp.zeros(n_env, dtype=wp.float64, device=step.device)
 
@@ -145,9 +145,9 @@ class ForceBalance:
         squares = [change / contact.edge for change, contact in zip(changes, self.contacts, strict=True)]
         change, size = np.sqrt(np.sum(squares, axis=0))
         error = change / np.maximum(size, SMALLEST_MULTIPLIERS)
-        step_work, of_residual, of_step = sums[8:]
+        work_at_start, of_residual, of_step = sums[8:]
         return StateMeasures(
-            np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance, min_det, error, step_work,
+            np.sqrt(np.abs(load)), np.sqrt(np.abs(square)), work, imbalance, min_det, error, work_at_start,
             np.sqrt(np.abs(of_residual * of_step)),
         )  # fmt: skip
 
@@ -177,10 +177,10 @@ class ForceBalance:
                 self._add_up(first_loads_kernel, chunks(nodes), [self.surface, nodes, self.active], [])
 
     def measure_step(self):
-        """Measure new steps from the residual of the active environments.
+        """Add up the virtual work of new steps in the active environments.
 
-        The next measured state has the values, so that the host does not wait for the device. Only environments that
-        were active here have valid ones.
+        The next measured state has the sums, so the host need not wait here. Those of other environments have no
+        meaning.
         """
         self.step_sums.zero_()
         inputs = [self.residual, self._step, self.elasticity.n_displacements, self.active]

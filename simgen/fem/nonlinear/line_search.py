@@ -28,14 +28,14 @@ class LineSearch:
         self._trials = np.zeros(n_env, dtype=int)
         self._moved = np.zeros(n_env, dtype=int)  # the end of the interval that moved last: -1 low, 1 high
 
-    def begin(self, environments: np.ndarray, size: np.ndarray, work: np.ndarray, product: np.ndarray):
+    def begin(self, environments: np.ndarray, size: np.ndarray, work: np.ndarray, norms: np.ndarray):
         """Start with whole steps in the environments (env,) bool, from residuals of the norm ``size`` (env,).
 
-        work, product (env,): the virtual work of the residual along the step, and the product of their norms.
+        work, norms (env,): the virtual work of the residual along the step, and the product of their norms.
         """
         on = environments
         self.alpha[on], self._low[on], self._high[on], self._trials[on] = 1.0, 0.0, np.nan, 0
-        self._size[on], self._work[on], self._noise[on] = size[on], work[on], ROUNDING * product[on]
+        self._size[on], self._work[on], self._noise[on] = size[on], work[on], ROUNDING * norms[on]
         self._work_low[on], self._work_high[on], self._moved[on] = work[on], np.nan, 0
 
     def judge(self, tried: StateMeasures, guess: np.ndarray, working: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

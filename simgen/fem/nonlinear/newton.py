@@ -70,7 +70,7 @@ class NewtonSolver:
         self.balance = ForceBalance(elasticity, contacts, cavity, self.fixed, self._step)
         self.increment, self.working = Increment.empty(n_env), np.zeros(n_env, dtype=bool)
         self._at_guess = np.zeros(n_env, dtype=bool)  # ``trial`` is a guess, not a step from ``x``
-        self._new_step = np.zeros(n_env, dtype=bool)  # ``trial`` is the end of a step that was not judged yet
+        self._new_step = np.zeros(n_env, dtype=bool)  # ``trial`` is the end of a step that has not been judged yet
         self.damping, self._search = TangentDamping(n_env), LineSearch(n_env)
         self._residual_norm, self._best = np.zeros((2, n_env))
         self._since_best = np.zeros(n_env, dtype=np.int64)
@@ -167,8 +167,8 @@ class NewtonSolver:
         self.mark(trying)
         measured = self.balance.measure(self.trial)
         new, self._new_step = self._new_step, np.zeros_like(self._new_step)
-        self._search.begin(new, self._residual_norm, measured.step_work, measured.step_size)
-        trying = trying & ~self._refuse_uphill(new, measured.step_work)
+        self._search.begin(new, self._residual_norm, measured.work_at_start, measured.norms_at_start)
+        trying = trying & ~self._refuse_uphill(new, measured.work_at_start)
         taken, again = self._search.judge(measured, self._at_guess, trying)
         lost = trying & ~taken & ~again
         stepped = taken & ~self._at_guess
@@ -218,7 +218,7 @@ class NewtonSolver:
         batch_arrays.copy(self.x, self.mark(environments), self.trial)
         self._at_guess |= environments
 
-    def _refuse_uphill(self, solved: np.ndarray, work: np.ndarray) -> np.ndarray:
+    def _refuse_uphill(self, new: np.ndarray, work: np.ndarray) -> np.ndarray:
         """Damp the tangent where it is indefinite along a new step; returns these environments (env,) bool.
 
         work (env,): virtual work of the residual along the step. If it is not positive, the step leads to a saddle or
@@ -226,7 +226,7 @@ class NewtonSolver:
         force is left.
         """
         count = self.increment.newton_iterations
-        uphill = solved & (work <= 0.0) & (self._residual_norm > SMALLEST_FORCE) & (count > UPHILL_ITERATIONS)
+        uphill = new & (work <= 0.0) & (self._residual_norm > SMALLEST_FORCE) & (count > UPHILL_ITERATIONS)
         uphill &= self.damping.can_increase(count)
         if uphill.any():
             self._damp(uphill)
