@@ -78,9 +78,10 @@ def draw_contacts(
     sequence = qmc.Sobol(5, scramble=True, rng=seed)
     fitting, enough = [], []  # proposals with room and partners, and masks: enough gel is left
     found = roomy = partnered = proposed = 0
+    share = FIRST_SHARE  # of the proposals that is kept
 
     def propose(blocks: int) -> tuple[int, int, Contacts]:
-        """Returns the number of blocks, the number of contacts with room, and the contacts that also have partners."""
+        """Make proposals: the number of blocks, the number of contacts with room, and those that also have partners."""
         some = room.keep(room.propose(np.concatenate([sequence.random(BLOCK) for _ in range(blocks)])))
         with_room = len(some.points)
         for other in others:
@@ -88,12 +89,11 @@ def draw_contacts(
         return blocks, with_room, some
 
     with ThreadPoolExecutor(1) as ahead:
-        coming = ahead.submit(propose, _blocks(count, FIRST_SHARE))
+        coming = ahead.submit(propose, _blocks(count, share))
         while found < count:
             if proposed >= 16 * BLOCK and proposed > MOST_PROPOSED * found:
                 raise InputError(_too_few(room, others, count, (found, partnered, roomy, proposed)))
             blocks, with_room, some = coming.result()
-            share = found / proposed if found else FIRST_SHARE
             roomy, partnered, proposed = roomy + with_room, partnered + len(some.points), proposed + blocks * BLOCK
             # While the gel under these is measured, the thread makes the next ones, if they will probably be needed.
             missing = count - found - share * blocks * BLOCK
@@ -114,8 +114,10 @@ def draw_contacts(
                     enough[-1][enough[-1]] = (shares >= settings.least_thickness_left).all(axis=1)
                 found += int(enough[-1].sum())
                 first = part.stop
+            if found:
+                share = found / proposed
             if coming is None and found < count:
-                coming = ahead.submit(propose, _blocks(count - found, found / proposed if found else FIRST_SHARE))
+                coming = ahead.submit(propose, _blocks(count - found, share))
     kept = np.concatenate(enough)
     drawn = np.arange(len(kept)) <= np.flatnonzero(kept)[count - 1]
     contacts = Contacts(**{

@@ -61,8 +61,8 @@ class LoadStepping:
         self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
         self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
         self._repeats = np.zeros(batch, dtype=int)  # of the current increment
-        self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since the last sample; where one is due
-        self._measured: tuple[np.ndarray, Measured] | None = None  # environments (env,) bool where one is due
+        self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since a sample; deepest where one is due
+        self._measured: tuple[np.ndarray, Measured] | None = None  # where a sample is due, (env,) bool, and its values
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self._step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg

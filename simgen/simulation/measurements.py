@@ -139,8 +139,8 @@ def take_samples(
 ) -> PressSamples:  # fmt: skip
     """Measure all environments (env,) bool that have just converged.
 
-    poses (env, 4, 4) mm: indenters at first touch. overlap_mm
-    (env,): deepest overlap with indenter, core and support. measured: of these environments.
+    poses (env, 4, 4) mm: indenters at first touch. overlap_mm (env,): deepest overlap with indenter, core and support.
+    measured: measurements of these environments.
     """
     sampler.scene.solver.mark(reached)
     environments = np.flatnonzero(reached)

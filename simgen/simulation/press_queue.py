@@ -32,8 +32,8 @@ class PressQueue:
     with few presses, its iterations are short.
 
     beside : the first queue, for a second one
-    slow : shapes that count as slow until each queued shape has an ended try. Short tries end first, so the first ends
-        tell little
+    slow : shapes that count as slow until each queued shape has an ended try. Short tries end first, and tell little
+        about the others
     environments : number of presses that run at a time. With 0, the lengths of tries that are not hard do not count
     has_help : True while a thread starts presses from the second queue
     """
@@ -63,12 +63,12 @@ class PressQueue:
 
     @property
     def _allowed(self) -> Callable[[int], bool]:
-        """Test of shapes: may a press with this shape ever begin from this queue, as things are now?"""
+        """Test of shapes: True if presses with this shape may begin from this queue now."""
         leaves_slow = not self._is_first and self._shared.first_has_room
         return self._shared.is_easy if leaves_slow else self._shared.is_any
 
     def note_room(self, has_room: bool):
-        """Note if this queue's presses leave an environment free. The second queue asks that of the first."""
+        """Note if this queue's presses leave an environment free. Only what the first queue notes counts."""
         if self._is_first:
             self._shared.first_has_room = has_room
 

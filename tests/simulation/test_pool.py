@@ -81,6 +81,21 @@ def test_the_first_of_two_pools_leaves_environments_to_slow_presses_if_the_secon
         list(tasks[0])
 
 
+def test_the_second_of_two_pools_takes_slow_presses_only_if_the_first_is_full(block):
+    pool = make_pool(block, 2)
+    other = make_pool(block, 2, pool)
+    task = pool.press([1, 1, 1], POSES[:3], np.full(3, 2))  # cubes
+    pool._begin_arrived()
+    other.advance()
+    assert not other.remaining and pool.remaining == 3  # so no thread waits busily with the second pool
+    pool.advance()
+    other.advance()
+    assert (pool._stepping.running.sum(), other._stepping.running.sum()) == (2, 1)
+    for each in (pool, other):
+        each.drop()
+    assert all(press.dropped for press in task.presses)
+
+
 def test_the_kernels_of_the_first_pool_with_presses_go_first_on_the_device_and_then_those_of_its_second(block):
     idle, small = (make_pool(make_block((width, 4, width)), 1) for width in (8, 2))
     pool = make_pool(block, 1)
