@@ -41,8 +41,6 @@ from simgen.fem.linear_solver.krylov_kernels import (
     substitute_kernel,
 )
 
-TIGHT = 1e-3  # relative residual below which an inexact Newton method gains nothing more
-
 
 class Dots:
     """Inner products of pairs of vectors (n, env) in the active environments: ``values`` (env,), on the device."""
@@ -91,7 +89,7 @@ class ConjugateResiduals:
         batch_arrays.launch(begin_kernel, len(b), inputs, outputs)
 
     def advance(
-        self, operator, preconditioner, tolerance: float, loose: float, most: int, together=False, capture=False
+        self, operator, preconditioner, tolerance: float, loose: float, most: int, together=0, capture=False
     ) -> np.ndarray:
         """Advance the systems ``operator x = b`` of the active environments by at most ``most`` iterations.
 
@@ -99,13 +97,12 @@ class ConjugateResiduals:
         over b is at most ``tolerance`` (from iteration `STRICT_ITERATIONS` on at most ``loose``), or after ``size``
         iterations. Returns the environments (env,) bool that have not finished; ``active`` then lists these alone.
 
-        together : finished systems go on with the others, down to `TIGHT`. On a GPU an iteration of half of them costs
-            as much as one of all, and Newton's method profits
+        together : first iterations, in which finished systems go on with the others, down to `TIGHT`. On a GPU an
+            iteration of half of them costs as much as one of all, and Newton's method profits
         capture : record the loop as one graph. Both functions must only launch kernels, always on the same arrays
         """
         began = self.active.chosen
         self.active.shortened()
-        tolerances = tolerance, loose, TIGHT if together else np.inf
         n_chunks = chunks(len(self._residual))
         self._iterations.zero_()
         batch_arrays.launch(select_unsolved_kernel, (), [self._relative, self.active], [self._keep])
@@ -116,9 +113,9 @@ class ConjugateResiduals:
             batch_arrays.launch(seed_kernel, n_chunks, inputs, [self._seed])
             preconditioner(self._seed, self._direction)
             operator(self._direction, self._image)
-            self._finish_iteration(n_chunks, tolerances, most)
+            self._finish_iteration(n_chunks, (tolerance, loose), most, together)
 
-        key = (operator, preconditioner, *tolerances, most, self.active.lanes)
+        key = (operator, preconditioner, tolerance, loose, most, together, self.active.lanes)
         if capture and key in self._graphs:
             wp.capture_launch(self._graphs[key])
         else:
@@ -153,7 +150,7 @@ class ConjugateResiduals:
         iterations, relative = self.end(x_out)
         return iterations * began, np.where(began, relative, 0.0)
 
-    def _finish_iteration(self, n_chunks, tolerances: tuple[float, float, float], most: int):
+    def _finish_iteration(self, n_chunks, tolerances: tuple[float, float], most: int, together: int):
         """Turn the new direction and its image into the next residual."""
         count, active = self._count, self.active
         sums = [self._square, self._along, self._residual_square]
@@ -166,7 +163,7 @@ class ConjugateResiduals:
         inputs = [self._images, self._square, self._along, count, active]
         outputs = [self._inverse_squares, self._steps, self._residual, self._residual_square]
         batch_arrays.launch(advance_kernel, n_chunks, inputs, outputs)
-        inputs = [self._residual_square, *tolerances, self.size, active]
+        inputs = [self._residual_square, *tolerances, self.size, self._iterations, together, active]
         batch_arrays.launch(check_convergence_kernel, (), inputs, [count, self._stagnated, self._relative, self._keep])
         self._compact(most)
 

@@ -17,6 +17,7 @@ STAGNATION = 0.9  # new over last residual: above, the next direction comes from
 # 6 are enough (4 % more iterations under a cube 1.6 mm deep, none more elsewhere); for 1e-5 8 are too few.
 WINDOW = 16
 STRICT_ITERATIONS = 4  # from this iteration on the loose tolerance holds
+TIGHT = 1e-3  # relative residual below which an inexact Newton method gains nothing more
 IMAGES_PER_THREAD = 4  # inner products with a new image in one thread: most systems have no more images
 
 
@@ -188,11 +189,12 @@ def compact_kernel(
 
 @wp.kernel
 def check_convergence_kernel(
-    residual_square: Scalars, tolerance: real, loose: real, tight: real, size: wp.int32, active: Envs,
+    residual_square: Scalars, tolerance: real, loose: real, size: wp.int32, iterations: Indices, together: wp.int32,
+    active: Envs,
     # outputs
     count_out: Indices, stagnated_out: Indices, relative_out: Scalars, keep_out: Indices,
 ):
-    """Keep systems whose residual is above their tolerance, or above ``tight`` if that is less.
+    """Keep systems whose residual is above their tolerance, or above `TIGHT` in the first ``together`` iterations.
 
     A system that breaks down ends with an infinite relative residual, or as it was if it had met its tolerance before.
     """
@@ -211,7 +213,9 @@ def check_convergence_kernel(
     stagnated_out[env] = int(relative > real(STAGNATION) * relative_out[env])
     relative_out[env] = relative
     count_out[env] = before + 1
-    goal = wp.min(wp.where(before + 1 >= STRICT_ITERATIONS, loose, tolerance), tight)
+    goal = wp.where(before + 1 >= STRICT_ITERATIONS, loose, tolerance)
+    if iterations[0] < together:
+        goal = wp.min(goal, real(TIGHT))
     keep_out[lane] = int(relative > goal and before + 1 < size)
 
 
