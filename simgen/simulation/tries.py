@@ -9,13 +9,13 @@ import numpy as np
 from simgen.simulation.measurements import PressSample, PressSamples
 
 SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the first
-# Newton iterations since the last sample, after which the second try begins beside the first if an environment is free.
-# Where a press fails, each try takes up to a thousand, and a run ends when its last press ends. About 20 of the paired
-# job's 7,740 presses on the DIGIT need more than this for a depth (f124716, one H200).
-SECOND_TRY_ITERATIONS = 300
-# The same for the iterations of a whole try. 110 tries of four runs of that job took more, and 9 of the 11 that failed
-# (3fa6dd0 and a later version; H200s). Otherwise the second try of one that fails late runs alone at the end.
-SECOND_TRY_AFTER = 450
+# Newton iterations since the last sample, after which the second try begins beside the first if an environment is free,
+# and the same for the iterations of a whole try. A run ends when its last press ends. In four runs of all cubes and
+# rings of the paired job on the DIGIT, that is after 1,031 to 1,383 iterations if the try that ends first counts, and
+# after 1,181 to 1,483 with 300 and 450. It is after 1,328 to 1,762 if the first try counts unless it fails
+# (`docs/benchmarks/two_tries_h200.json`).
+SECOND_TRY_ITERATIONS = 150
+SECOND_TRY_AFTER = 350
 
 
 @dataclass(eq=False)
@@ -54,6 +54,7 @@ class Press:
     touch : m, travel from the given pose to first touch; NaN without a touch
     steps : number of points after which the press ends as planned
     lateral_reach : mm, largest distance of the indenter's points from the press axis
+    race : True if the try that ends first counts, unless it failed
     status : how the press ended; None before
     tries : one or two; only the kept one after the press has ended
     kept : the try whose samples are the result; None before the press has ended
@@ -66,6 +67,7 @@ class Press:
     touch: float
     steps: int
     lateral_reach: float
+    race: bool = False
     status: int | None = None
     tries: list[Try] = field(default_factory=list)
     kept: Try | None = None
@@ -90,11 +92,14 @@ class Press:
     def decide(self):
         """End the press if its tries decide the result: the first try counts unless it failed, else the second.
 
-        If both failed, the one that got further counts. So the result does not depend on which try ends first.
+        If both failed, the one that got further counts. So the result does not depend on which try ends first, unless
+        this is a ``race``.
         """
         first, second = self.tries[0], self.tries[-1]
         if first.status is not None and not first.failed:
             self.kept = first
+        elif self.race and second.status is not None and not second.failed:
+            self.kept = second
         elif first.failed and second is not first and second.status is not None:
             self.kept = first if second.failed and len(first.samples) > len(second.samples) else second
         if self.kept is not None:

@@ -6,13 +6,18 @@ import weakref
 import numpy as np
 import pytest
 
+from simgen.config.solver_settings import SolverSettings
 from simgen.fem.nonlinear.status import Status
+from simgen.simulation.load_stepping import LoadStepping
+from simgen.simulation.press import Scene, begin_presses, press
 from simgen.simulation.tries import SECOND_TRY_SCALE, Press
+from simulation.blocks import GEL, SPHERE, pose
+from simulation.failing_steps import fail_beyond
 
 
-def tried(*tries):
+def tried(*tries, race=False):
     """A press with tries (samples, status, failed), and the tries; a running try has status None."""
-    press = Press(0, np.eye(4), 0.0, 3, 0.0)
+    press = Press(0, np.eye(4), 0.0, 3, 0.0, race)
     for samples, status, failed in tries:
         one = press.next_try()
         one.samples, one.status, one.failed = [{}] * samples, status, failed
@@ -60,6 +65,25 @@ def test_the_first_try_counts_unless_it_failed_and_then_the_one_that_got_further
     assert press.status == press.kept.status and press.samples is press.kept.samples
 
 
+@pytest.mark.parametrize(
+    ("tries", "kept"),
+    [
+        ((UNDER_WAY, WHOLE), 1),
+        ((WHOLE, UNDER_WAY), 0),
+        ((WHOLE, WHOLE), 0),
+        ((failed(2), WHOLE), 1),
+        ((UNDER_WAY, (1, Status.FORCE_LIMIT, False)), 1),
+        ((UNDER_WAY, failed(2)), None),
+        ((failed(2), UNDER_WAY), None),
+        ((failed(2), failed(1, Status.NOT_RESOLVED)), 0),
+    ],
+)
+def test_in_a_race_the_try_that_ends_first_counts_unless_it_failed(tries, kept):
+    press, own = tried(*tries, race=True)
+    assert press.kept is (None if kept is None else own[kept])
+    assert press.status == (None if kept is None else own[kept].status)
+
+
 def test_a_press_that_nobody_holds_gives_its_samples_back_at_once():
     """Reference cycles would keep gigabytes until the next garbage collection."""
     press, own = tried(failed(2), WHOLE)
@@ -71,3 +95,66 @@ def test_a_press_that_nobody_holds_gives_its_samples_back_at_once():
         assert samples() is None
     finally:
         gc.enable()
+
+
+def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", -1)
+    depths = np.array([0.1e-3, 0.2e-3])
+    plain = press(Scene(block, GEL), [SPHERE], pose(), depths)[0]
+    monkeypatch.setattr("simgen.simulation.tries.SECOND_TRY_SCALE", 1.0)
+    both = press(Scene(block, GEL, batch=2), [SPHERE], pose(), depths)[0]
+    np.testing.assert_array_equal(both.displacement, plain.displacement)
+
+
+def two_tries(block, monkeypatch, doubt: int, second: float = 0.25) -> tuple[LoadStepping, Press]:
+    """Stepping and a press; a second try may begin after ``doubt`` iterations.
+
+    The first try fails before its second depth, and the second try beyond ``second`` mm.
+    """
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", doubt)
+    fail_beyond(monkeypatch, (0.25, second))
+    scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=1e-3))
+    scene.reset([SPHERE])
+    stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
+    [one] = begin_presses(stepping, [SPHERE], [0], pose(), np.array([2]))
+    return stepping, one
+
+
+@pytest.mark.parametrize("doubt", [5, 15])
+def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_for_a_depth(block, monkeypatch, doubt):
+    stepping, one = two_tries(block, monkeypatch, doubt)
+    while len(one.tries) < 2:
+        spent = stepping.cost[0, 0]
+        stepping.advance()
+    assert spent > doubt and len(one.tries[0].samples) == 1
+
+
+def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_in_all(block, monkeypatch):
+    stepping, one = two_tries(block, monkeypatch, 10_000)
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_AFTER", 15)
+    while len(one.tries) < 2:
+        spent, since_sample = stepping._try_iterations[0], stepping.cost[0, 0]
+        stepping.advance()
+    assert 15 < spent < 40 and since_sample < spent and len(one.tries[0].samples) == 1
+
+
+def test_in_a_race_a_press_ends_with_its_second_try_and_leaves_both_environments(block, monkeypatch):
+    stepping, one = two_tries(block, monkeypatch, 5, second=np.inf)
+    one.race = True
+    stepping.advance()
+    [first] = one.tries
+    while stepping.remaining:
+        stepping.advance()
+    assert first.status is None and len(first.samples) == 1  # it is still under way
+    assert one.status == Status.CONVERGED and one.kept.step_scale == 0.5 and len(one.samples) == 2
+    assert stepping.press == stepping.tries == [None, None] and not stepping.solver.working.any()
+
+
+def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
+    stepping, one = two_tries(block, monkeypatch, -1)
+    for _ in range(3):
+        stepping.advance()
+    assert stepping.running.all() and stepping.press == [one, one]
+    stepping.drop([one])
+    assert stepping.remaining == 0 and stepping.press == stepping.tries == [None, None]
+    assert not stepping.solver.working.any()
