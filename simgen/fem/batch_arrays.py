@@ -208,6 +208,13 @@ def move(arrays, active: ActiveEnvironments, sources: np.ndarray, targets: np.nd
         launch_kernel(kernel, dim=dim, inputs=[pairs], outputs=[array], device=active.device)
 
 
+def lower_columns(movable: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (k,) of ``movable`` environments (env,) bool, highest first, and of ``free`` ones with lower numbers."""
+    pairs = zip(np.flatnonzero(movable)[::-1], np.flatnonzero(free), strict=False)
+    pairs = np.array(list(pairs), dtype=int).reshape(-1, 2)
+    return tuple(pairs[pairs[:, 0] > pairs[:, 1]].T)
+
+
 def add_scaled(start, step, factor: np.ndarray, active, out):
     """out = start + factor (env,) times step."""
     launch(add_scaled_kernel, len(out), [start, step, active.factors(factor), active], [out])

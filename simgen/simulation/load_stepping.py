@@ -31,11 +31,12 @@ REPEATABLE_ITERATIONS = 25  # Newton iterations; after more, an increment is not
 # Newton iterations since the last sample, after which a failed increment ends the try. Of the 619,193 samples of two
 # runs of the paired job (8a88ef0, 5c68dee; one H200) none took more than 951.
 MAX_ITERATIONS = 1000
-MAX_REPEATS = 8  # of an increment whose converged state has inverted elements or too much overlap
+MAX_REPEATS = 12  # of an increment whose state has inverted elements or too much overlap
 # Attributes of `LoadStepping` with one value for each environment, which belongs to its press.
 OF_PRESS = (
     "_shape", "_poses", "_reach", "travelled", "previous", "target", "step", "goal", "max_step", "_step_scale",
-    "_successes", "_repeats", "_damping", "_reinforced", "_try_iterations", "_target_poses", "running", "_starting",
+    "_successes", "_repeats", "_damping", "_reinforced", "_inverts", "_try_iterations", "_target_poses", "running",
+    "_starting",
 )  # fmt: skip
 
 
@@ -63,7 +64,8 @@ class LoadStepping:
         self._repeats = np.zeros(batch, dtype=int)  # of the current increment
         self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since a sample; deepest where one is due
         self._measured: tuple[np.ndarray, Measured] | None = None  # where a sample is due, (env,) bool, and its values
-        self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
+        # Retried with reinforced elements; the last increment was repeated
+        self._reinforced, self._inverts = np.zeros((2, batch), dtype=bool)
         self._step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
         # Newton iterations of the current tries; Newton and Krylov iterations and sub-steps since the last sample
@@ -145,14 +147,14 @@ class LoadStepping:
         self._repeats[fresh] = self._try_iterations[fresh] = self.cost[:, fresh] = 0
         self.travelled[fresh] = self.previous[fresh] = self._damping[fresh] = 0.0
         self._successes[fresh] = GROWTH_DELAY
-        self._reinforced[fresh] = False
+        self._reinforced[fresh] = self._inverts[fresh] = False
         self.step[fresh] = self.max_step[fresh] = self._step_scale[fresh] * self.path.max_steps[0]
         self.scene.load(fresh, self._shape)
         return fresh
 
     def _move_together(self):
         """Move presses to free environments with lower numbers: scattered ones cost a GPU as much as those between."""
-        sources, targets = self._places()
+        sources, targets = batch_arrays.lower_columns(self.running & self.solver.movable, ~self.running)
         if not len(sources):
             return
         for name in OF_PRESS:
@@ -164,12 +166,6 @@ class LoadStepping:
         self.solver.move(sources, targets)
         batch_arrays.move([self.x_start, self.x_previous], self.solver.active, sources, targets)
         self._release(np.isin(np.arange(self.scene.batch), sources))
-
-    def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of environments whose presses can move, and of free ones with lower numbers: (k,) each."""
-        movable, free = np.flatnonzero(self.running & self.solver.movable)[::-1], np.flatnonzero(~self.running)
-        pairs = np.array(list(zip(movable, free, strict=False)), dtype=int).reshape(-1, 2)
-        return tuple(pairs[pairs[:, 0] > pairs[:, 1]].T)
 
     def _begin_increments(self, starting: np.ndarray):
         """Begin the next increment in the environments (env,) bool.
@@ -208,16 +204,16 @@ class LoadStepping:
             contact.begin_increment(start, guess, at_rest, at_rest, travel, Last(self.x_previous, at_rest, continued))
         for contact in solver.contacts:
             contact.extrapolate(ratio)
-        solver.begin(starting)
+        solver.begin(starting, self._inverts & (self._repeats < MAX_REPEATS))
 
     def _repeat(self, ended: np.ndarray) -> np.ndarray:
-        """Repeat increments that have converged to a state that cannot be kept; returns their environments (env,) bool.
+        """Repeat increments that have ended in a state that cannot be kept; returns their environments (env,) bool.
 
-        Inverted elements are stabilised more. Where a sample is due, faces are stiffened if they overlap a rigid body
-        too far, or if no skin is left between indenter and core; the increment fails if that does not help. If a
-        repeated increment does not converge, it is solved once more from its start, and inverted elements are accepted.
-        They are also accepted after `MAX_REPEATS` repeats, and where an increment took more Newton iterations than
-        `REPEATABLE_ITERATIONS`.
+        Inverted elements are stabilised more, also before the increment converges if the last one was repeated. Where a
+        sample is due, faces are stiffened if they overlap a rigid body too far, or if no skin is left between indenter
+        and core; the increment fails if that does not help. If a repeated increment does not converge, it is solved
+        once more from its start, and inverted elements are accepted. They are also accepted after `MAX_REPEATS`
+        repeats, and where an increment took more Newton iterations than `REPEATABLE_ITERATIONS`.
         """
         solver, out = self.solver, self.solver.increment
         converged = ended & (out.status == Status.CONVERGED)
@@ -234,6 +230,7 @@ class LoadStepping:
         found = read_together(*readings)
         if again.any():
             again &= found[0] > 0
+        again |= ended & out.inverted  # it has looked early
         if due.any():
             overlap, self._measured = found[-2], (due, found[-1])
             self._overlap_mm[due] = overlap.deepest_mm[due]
@@ -249,7 +246,7 @@ class LoadStepping:
             self._repeats[again] += 1
             self._count_cost(again)
             batch_arrays.copy(solver.x, solver.mark(again), solver.trial)
-            solver.begin(again)
+            solver.begin(again, self._repeats < MAX_REPEATS)
         return again
 
     def _count_cost(self, ended: np.ndarray):
@@ -273,6 +270,7 @@ class LoadStepping:
         # A failed repeat is solved from its start without further repeats.
         unchecked = failed & (self._repeats > 0) & (self._repeats <= MAX_REPEATS)
         unchecked &= out.status != Status.NOT_RESOLVED
+        self._inverts[ended] = self._repeats[ended] > 0
         self._repeats[ended] = np.where(unchecked, MAX_REPEATS + 1, 0)[ended]
         failed &= ~unchecked
         if failed.any():

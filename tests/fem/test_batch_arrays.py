@@ -72,3 +72,13 @@ def test_a_list_is_written_again_only_after_a_change(monkeypatch):
     odd[0] = True
     active.choose(odd)
     assert active.numpy().tolist() == [0, 1, 3, -1]
+
+
+@pytest.mark.parametrize(
+    ("movable", "free", "expected"),
+    [([0, 0, 1, 1], [1, 0, 0, 0], [(3, 0)]), ([0, 0, 1, 1], [1, 1, 0, 0], [(3, 0), (2, 1)]),
+     ([1, 1, 0, 0], [0, 0, 1, 1], []), ([0, 1, 0, 1], [1, 0, 1, 0], [(3, 0)]), ([0, 0], [1, 1], [])],
+)  # fmt: skip
+def test_presses_move_only_to_lower_columns(movable, free, expected):
+    sources, targets = batch_arrays.lower_columns(np.array(movable, dtype=bool), np.array(free, dtype=bool))
+    assert list(zip(sources.tolist(), targets.tolist(), strict=True)) == expected

@@ -1,4 +1,4 @@
-"""Load stepping: order of presses, initial guesses, second tries, halved and repeated increments."""
+"""Load stepping: order of presses, initial guesses, failed tries, halved and repeated increments."""
 
 import numpy as np
 import pytest
@@ -8,15 +8,14 @@ from simgen.fem.contact.contact import Contact
 from simgen.fem.device import combined
 from simgen.fem.linear_solver.preconditioner import BlockTriangular
 from simgen.fem.nonlinear.force_balance import ForceBalance
-from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS
+from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERATIONS, NewtonSolver
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
 from simgen.simulation.load_stepping import MAX_OVERLAP_RATIO, LoadStepping
 from simgen.simulation.measurements import take_samples
-from simgen.simulation.press import Scene, begin_presses, follow, press
+from simgen.simulation.press import Scene, follow, press
 from simgen.simulation.state_sampler import StateSampler
-from simgen.simulation.tries import Press
 from simulation.blocks import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
 from simulation.failing_steps import fail_beyond
 from simulation.gpu_rounds import as_on_a_gpu
@@ -179,54 +178,6 @@ def test_a_second_try_beside_the_first_changes_no_result_and_saves_time(block, m
     assert iterations[1] < iterations[0] if furthest[0] < 1.0 else iterations[1] == iterations[0]
 
 
-def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
-    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", -1)
-    depths = np.array([0.1e-3, 0.2e-3])
-    plain = press(Scene(block, GEL), [SPHERE], pose(), depths)[0]
-    monkeypatch.setattr("simgen.simulation.tries.SECOND_TRY_SCALE", 1.0)
-    both = press(Scene(block, GEL, batch=2), [SPHERE], pose(), depths)[0]
-    np.testing.assert_array_equal(both.displacement, plain.displacement)
-
-
-def two_tries(block, monkeypatch, doubt: int) -> tuple[LoadStepping, Press]:
-    """Stepping and a press that fails before its second depth; a second try may begin after ``doubt`` iterations."""
-    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", doubt)
-    fail_beyond(monkeypatch, (0.25, 0.25))
-    scene = Scene(block, GEL, batch=2, settings=SolverSettings(smallest_substep=1e-3))
-    scene.reset([SPHERE])
-    stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
-    [one] = begin_presses(stepping, [SPHERE], [0], pose(), np.array([2]))
-    return stepping, one
-
-
-@pytest.mark.parametrize("doubt", [5, 15])
-def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_for_a_depth(block, monkeypatch, doubt):
-    stepping, one = two_tries(block, monkeypatch, doubt)
-    while len(one.tries) < 2:
-        spent = stepping.cost[0, 0]
-        stepping.advance()
-    assert spent > doubt and len(one.tries[0].samples) == 1
-
-
-def test_a_second_try_begins_when_the_first_has_taken_so_many_iterations_in_all(block, monkeypatch):
-    stepping, one = two_tries(block, monkeypatch, 10_000)
-    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_AFTER", 15)
-    while len(one.tries) < 2:
-        spent, since_sample = stepping._try_iterations[0], stepping.cost[0, 0]
-        stepping.advance()
-    assert 15 < spent < 40 and since_sample < spent and len(one.tries[0].samples) == 1
-
-
-def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
-    stepping, one = two_tries(block, monkeypatch, -1)
-    for _ in range(3):
-        stepping.advance()
-    assert stepping.running.all() and stepping.press == [one, one]
-    stepping.drop([one])
-    assert stepping.remaining == 0 and stepping.press == stepping.tries == [None, None]
-    assert not stepping.solver.working.any()
-
-
 def test_no_load_step_is_longer_than_a_quarter_of_a_millimetre(block):
     """One stored depth has the same state as the last of three depths."""
     settings = SolverSettings(residual_tolerance=1e-6, contact_tolerance=1e-4)
@@ -320,6 +271,26 @@ def test_only_short_increments_are_repeated_for_elements_that_are_inside_out(blo
     stabilised = result.certificate["stabilised_elements"]
     assert (stabilised[-1] > 0) == (most > 0)
     assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
+
+
+def test_elements_that_will_be_inverted_are_stabilised_before_an_increment_converges(block, monkeypatch):
+    """An increment after a repeated one looks early. The states are nearly the same, and meet the same tolerance."""
+    depths, begin, ended_early = np.arange(1.2, 2.05, 0.1) * 1e-3, NewtonSolver.begin, []
+
+    def watch(solver, environments, looks_early):
+        ended_early.append(bool(solver.increment.inverted[0]))
+        begin(solver, environments, looks_early)
+
+    scene = Scene(block, GEL)
+    monkeypatch.setattr(scene.solver.elasticity, "expect", lambda x: None)  # nothing is stabilised before
+    monkeypatch.setattr(NewtonSolver, "begin", watch)
+    early = press(scene, [RIGID_EDGE], pose(), depths)[0]
+    assert any(ended_early)
+    monkeypatch.setattr(NewtonSolver, "begin", lambda solver, environments, _: begin(solver, environments))
+    late = press(scene, [RIGID_EDGE], pose(), depths)[0]
+    assert not early.status.any() and not late.status.any()
+    np.testing.assert_allclose(early.force[:, 1], late.force[:, 1], rtol=1e-3)
+    assert (early.certificate["residual"] <= scene.settings.residual_tolerance).all()
 
 
 @pytest.mark.parametrize(("iteration", "damped"), [(UPHILL_ITERATIONS, False), (UPHILL_ITERATIONS + 1, True)])

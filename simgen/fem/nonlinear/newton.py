@@ -32,6 +32,8 @@ SMALLEST_FORCE = 1e-6  # E mm2: smaller forces count as zero (1e-6 x 0.539 MPa m
 # 0.4 mm, default mesh) are 180 without a bound and 169, 120, 120 and 153 with bounds of 1, 0.5, 0.2 and 0.02. Those of
 # 18 smooth presses (to 2 mm, coarse mesh) are 1,307 without a bound, 1,331 with 0.5 and 1,355 with 0.2.
 MULTIPLIER_UPDATE_RESIDUAL = 0.5
+# Residual over the load from which inverted elements are looked for: most are inverted in equilibrium, too.
+EARLY_RESIDUAL = 0.02
 UPHILL_ITERATIONS = 3  # first Newton iterations of an increment, in which a step may go uphill
 UNDAMPED_STAGNATION_LIMIT = 6  # iterations without a new least residual before an undamped increment fails
 
@@ -71,6 +73,7 @@ class NewtonSolver:
         self.increment, self.working = Increment.empty(n_env), np.zeros(n_env, dtype=bool)
         self._at_guess = np.zeros(n_env, dtype=bool)  # ``trial`` is a guess, not a step from ``x``
         self._new_step = np.zeros(n_env, dtype=bool)  # ``trial`` is the end of a step that has not been judged yet
+        self._looks_early = np.zeros(n_env, dtype=bool)  # the increment has not looked yet, see `begin`
         self.damping, self._search = TangentDamping(n_env), LineSearch(n_env)
         self._residual_norm, self._best = np.zeros((2, n_env))
         self._since_best = np.zeros(n_env, dtype=np.int64)
@@ -85,7 +88,7 @@ class NewtonSolver:
 
     def abandon(self, environments: np.ndarray):
         """Stop the increments of the environments (env,) bool at their last state."""
-        for flags in (self.working, self._at_guess, self._new_step, self.systems.solving):
+        for flags in (self.working, self._at_guess, self._new_step, self._looks_early, self.systems.solving):
             flags &= ~environments
 
     @property
@@ -97,7 +100,7 @@ class NewtonSolver:
         """Move increments from `movable` environments to others, given by number: (k,) each."""
         records = (self.increment, self.damping, self._search)
         of_records = [values for record in records for values in vars(record).values()]
-        flags = self.working, self._at_guess, self._new_step
+        flags = self.working, self._at_guess, self._new_step, self._looks_early
         for values in (*flags, self._residual_norm, self._best, self._since_best, *of_records):
             values[targets] = values[sources]
         self.systems.move(sources, targets)
@@ -122,11 +125,13 @@ class NewtonSolver:
             self.iterate()
         return self.increment
 
-    def begin(self, environments: np.ndarray):
+    def begin(self, environments: np.ndarray, looks_early: np.ndarray | None = None):
         """Start an increment of the environments (env,) bool from their guess in ``self.trial``.
 
-        Call ``begin_increment`` of the contacts first.
+        Call ``begin_increment`` of the contacts first. An increment that ``looks_early`` (env,) bool looks for inverted
+        elements once, as soon as the residual is small. If there are any, it stabilises them and ends.
         """
+        self._looks_early[environments] = False if looks_early is None else looks_early[environments]
         self.working |= environments
         self._at_guess |= environments
         self.increment.reset(environments)
@@ -190,6 +195,7 @@ class NewtonSolver:
         balanced = np.maximum(relative, measured.imbalance) <= s.residual_tolerance
         done = taken & balanced & (measured.contact_error <= s.contact_tolerance)
         now.status[done] = Status.CONVERGED
+        done |= self._stabilise_early(stepped & ~done & (relative <= EARLY_RESIDUAL))
         better = taken & (relative < 0.9 * self._best)
         self._best[better], self._since_best[better] = relative[better], 0
         self._since_best[taken & ~better] += 1
@@ -203,6 +209,18 @@ class NewtonSolver:
         if onwards.any():
             self._begin_solving(onwards)
         return again, trying & ~onwards & ~again & ~damped
+
+    def _stabilise_early(self, environments: np.ndarray) -> np.ndarray:
+        """Stabilise elements that are inverted at ``x`` where increments look early; returns where there are any.
+
+        environments (env,) bool: those with a small residual. Damped ones do not look, because `_damp` stabilises once.
+        """
+        looking = environments & self._looks_early & ~self.damping.used
+        if looking.any():
+            self._looks_early &= ~looking
+            self.mark(looking)
+            self.increment.inverted[looking] = self.elasticity.stabilise(self.x).read()[looking] > 0
+        return looking & self.increment.inverted
 
     def _damp(self, environments: np.ndarray):
         """Damp the tangent more, and go on from the last accepted state.
