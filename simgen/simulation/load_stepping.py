@@ -15,6 +15,7 @@ import numpy as np
 from simgen.fem import batch_arrays
 from simgen.fem.contact.contact import Last
 from simgen.fem.device import read_together
+from simgen.fem.nonlinear.newton import REPEATABLE_ITERATIONS
 from simgen.fem.nonlinear.status import Status
 from simgen.simulation.measurements import Solution, take_samples
 from simgen.simulation.press_path import PressPath, longest_way
@@ -27,7 +28,6 @@ MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last lo
 GROWTH_DELAY = 4  # converged increments before a halved load step is doubled; a failed increment costs as much as four
 MAX_OVERLAP_RATIO = 0.25  # share of the face's edge; with more overlap, the mesh does not resolve the contact
 MIN_OVERLAP_MM = 0.01  # an indenter that overlaps more without a force lies between the integration points
-REPEATABLE_ITERATIONS = 25  # Newton iterations; after more, an increment is not repeated for inverted elements
 # Newton iterations since the last sample, after which a failed increment ends the try. Of the 619,193 samples of two
 # runs of the paired job (8a88ef0, 5c68dee; one H200) none took more than 951.
 MAX_ITERATIONS = 1000
@@ -35,8 +35,8 @@ MAX_REPEATS = 12  # of an increment whose state has inverted elements or too muc
 # Attributes of `LoadStepping` with one value for each environment, which belongs to its press.
 OF_PRESS = (
     "_shape", "_poses", "_reach", "travelled", "previous", "target", "step", "goal", "max_step", "_step_scale",
-    "_successes", "_repeats", "_damping", "_reinforced", "_inverts", "_try_iterations", "_target_poses", "running",
-    "_starting",
+    "_successes", "_repeats", "_damping", "_reinforced", "_repeated", "_converged", "_try_iterations",
+    "_target_poses", "running", "_starting",
 )  # fmt: skip
 
 
@@ -64,8 +64,9 @@ class LoadStepping:
         self._repeats = np.zeros(batch, dtype=int)  # of the current increment
         self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since a sample; deepest where one is due
         self._measured: tuple[np.ndarray, Measured] | None = None  # where a sample is due, (env,) bool, and its values
-        # Retried with reinforced elements; the last increment was repeated
-        self._reinforced, self._inverts = np.zeros((2, batch), dtype=bool)
+        self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
+        self._repeated = np.zeros(batch, dtype=bool)  # the last increment was repeated
+        self._converged = np.zeros(batch, dtype=bool)  # the current one has converged, and was repeated then
         self._step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
         # Newton iterations of the current tries; Newton and Krylov iterations and sub-steps since the last sample
@@ -128,7 +129,7 @@ class LoadStepping:
         fresh, free = np.zeros(self.scene.batch, dtype=bool), np.flatnonzero(~self.running)
         slow = (self.cost[0] > SECOND_TRY_ITERATIONS) | (self._try_iterations > SECOND_TRY_AFTER)
         slow = [self.press[env] for env in np.flatnonzero(self.running & slow)]
-        slow = [press for press in slow if len(press.tries) == 1]
+        slow = [press for press in slow if len(press.tries) == 1 and (press.race or not len(self.queue))]
         if not len(free) or (not slow and not len(self.queue)):
             return fresh
         beside_slow = self.queue.has_help and self.has_slow_press
@@ -147,7 +148,7 @@ class LoadStepping:
         self._repeats[fresh] = self._try_iterations[fresh] = self.cost[:, fresh] = 0
         self.travelled[fresh] = self.previous[fresh] = self._damping[fresh] = 0.0
         self._successes[fresh] = GROWTH_DELAY
-        self._reinforced[fresh] = self._inverts[fresh] = False
+        self._reinforced[fresh] = self._repeated[fresh] = self._converged[fresh] = False
         self.step[fresh] = self.max_step[fresh] = self._step_scale[fresh] * self.path.max_steps[0]
         self.scene.load(fresh, self._shape)
         return fresh
@@ -204,7 +205,7 @@ class LoadStepping:
             contact.begin_increment(start, guess, at_rest, at_rest, travel, Last(self.x_previous, at_rest, continued))
         for contact in solver.contacts:
             contact.extrapolate(ratio)
-        solver.begin(starting, self._inverts & (self._repeats < MAX_REPEATS))
+        solver.begin(starting, self._repeated & (self._repeats < MAX_REPEATS))
 
     def _repeat(self, ended: np.ndarray) -> np.ndarray:
         """Repeat increments that have ended in a state that cannot be kept; returns their environments (env,) bool.
@@ -244,6 +245,7 @@ class LoadStepping:
                 again |= too_far
         if again.any():
             self._repeats[again] += 1
+            self._converged |= again & converged
             self._count_cost(again)
             batch_arrays.copy(solver.x, solver.mark(again), solver.trial)
             solver.begin(again, self._repeats < MAX_REPEATS)
@@ -267,10 +269,9 @@ class LoadStepping:
             batch_arrays.copy(self.x_start, marked, solver.x)
             for contact in solver.contacts:
                 contact.restore(marked)
-        # A failed repeat is solved from its start without further repeats.
-        unchecked = failed & (self._repeats > 0) & (self._repeats <= MAX_REPEATS)
-        unchecked &= out.status != Status.NOT_RESOLVED
-        self._inverts[ended] = self._repeats[ended] > 0
+        # If a repeat fails of an increment that had converged, this is solved from its start without further repeats.
+        unchecked = failed & self._converged & (self._repeats <= MAX_REPEATS) & (out.status != Status.NOT_RESOLVED)
+        self._repeated[ended], self._converged[ended] = self._repeats[ended] > 0, False
         self._repeats[ended] = np.where(unchecked, MAX_REPEATS + 1, 0)[ended]
         failed &= ~unchecked
         if failed.any():

@@ -10,10 +10,10 @@ from simgen.simulation.measurements import PressSample, PressSamples
 
 SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the first
 # Newton iterations since the last sample, after which the second try begins beside the first if an environment is free,
-# and the same for the iterations of a whole try. A run ends when its last press ends. In four runs of all cubes and
-# rings of the paired job on the DIGIT, that is after 1,031 to 1,383 iterations if the try that ends first counts, and
-# after 1,181 to 1,483 with 300 and 450. It is after 1,328 to 1,762 if the first try counts unless it fails
-# (`docs/benchmarks/two_tries_h200.json`).
+# and the same for the iterations of a whole try. A run ends when its last press ends. Computed from both tries of slow
+# cubes and rings on the DIGIT, that would be after 1,031 to 1,383 iterations if the try that ends first counts. With
+# 300 and 450 it would be after 1,181 to 1,483, and after 1,328 to 1,762 if the first try counts unless it fails (four
+# runs on H200s, `docs/benchmarks/two_tries_h200.json`).
 SECOND_TRY_ITERATIONS = 150
 SECOND_TRY_AFTER = 350
 
@@ -36,6 +36,11 @@ class Try:
     status: int | None = None
     failed: bool = False
 
+    @property
+    def completed(self) -> bool:
+        """True if the try has ended and has not failed."""
+        return self.status is not None and not self.failed
+
     def keep(self, samples: PressSamples, place: int, steps: int):
         """Keep one of several samples. Each of its large outputs goes into one array for all steps of the path."""
         for name, values in samples.large.items():
@@ -54,7 +59,7 @@ class Press:
     touch : m, travel from the given pose to first touch; NaN without a touch
     steps : number of points after which the press ends as planned
     lateral_reach : mm, largest distance of the indenter's points from the press axis
-    race : True if the try that ends first counts, unless it failed
+    race : True if the try that completes first counts
     status : how the press ended; None before
     tries : one or two; only the kept one after the press has ended
     kept : the try whose samples are the result; None before the press has ended
@@ -92,13 +97,13 @@ class Press:
     def decide(self):
         """End the press if its tries decide the result: the first try counts unless it failed, else the second.
 
-        If both failed, the one that got further counts. So the result does not depend on which try ends first, unless
-        this is a ``race``.
+        In a ``race`` a second try also counts if it completes before the first, and has got as far. If both failed, the
+        one that got further counts. So the result depends on which try ends first only in a race.
         """
         first, second = self.tries[0], self.tries[-1]
-        if first.status is not None and not first.failed:
+        if first.completed:
             self.kept = first
-        elif self.race and second.status is not None and not second.failed:
+        elif self.race and second.completed and len(second.samples) >= len(first.samples):
             self.kept = second
         elif first.failed and second is not first and second.status is not None:
             self.kept = first if second.failed and len(first.samples) > len(second.samples) else second

@@ -12,9 +12,9 @@ from simgen.fem.nonlinear.newton import MULTIPLIER_UPDATE_RESIDUAL, UPHILL_ITERA
 from simgen.fem.nonlinear.status import Status
 from simgen.geometry.rigid_shape import rigid_shape
 from simgen.geometry.signed_distance import Kind
-from simgen.simulation.load_stepping import MAX_OVERLAP_RATIO, LoadStepping
+from simgen.simulation.load_stepping import MAX_OVERLAP_RATIO, MAX_REPEATS, LoadStepping
 from simgen.simulation.measurements import take_samples
-from simgen.simulation.press import Scene, follow, press
+from simgen.simulation.press import Scene, begin_presses, follow, press
 from simgen.simulation.state_sampler import StateSampler
 from simulation.blocks import CUBE, DEPTHS, GEL, RIGID_EDGE, SPHERE, make_block, pose
 from simulation.failing_steps import fail_beyond
@@ -91,7 +91,7 @@ def test_friction_begins_anew_after_the_indenter_has_left():
 
 
 def test_multigrid_is_rebuilt_rarely_in_a_batch(monkeypatch):
-    """As on a GPU, all linear systems take the same number of iterations; few Newton iterations rebuild multigrid."""
+    """As on a GPU, solved systems go on for some iterations; few Newton iterations rebuild multigrid."""
     made = []
     follow_state = BlockTriangular.rebuild_multigrid
 
@@ -271,6 +271,22 @@ def test_only_short_increments_are_repeated_for_elements_that_are_inside_out(blo
     stabilised = result.certificate["stabilised_elements"]
     assert (stabilised[-1] > 0) == (most > 0)
     assert (result.certificate["residual"] <= scene.settings.residual_tolerance).all()
+
+
+@pytest.mark.parametrize(("converged", "halved"), [(False, True), (True, False)])
+def test_a_failed_repeat_is_solved_from_its_start_only_if_the_increment_had_converged(block, converged, halved):
+    """An increment that looked early may never have converged: it is halved at once."""
+    scene = Scene(block, GEL)
+    scene.reset([SPHERE])
+    stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0]]), np.inf)
+    begin_presses(stepping, [SPHERE], [0], pose(), np.array([1]))
+    stepping.advance()
+    before = stepping.target[0]
+    stepping._repeats[0], stepping._converged[0] = 1, converged
+    scene.solver.increment.status[0] = Status.NEWTON_STALLED
+    stepping._accept_or_reject(np.ones(1, dtype=bool))
+    assert stepping.step[0] == (0.5 * before if halved else before)
+    assert (stepping._repeats[0] > MAX_REPEATS) != halved and not stepping._converged[0]
 
 
 def test_elements_that_will_be_inverted_are_stabilised_before_an_increment_converges(block, monkeypatch):

@@ -30,6 +30,18 @@ UNDER_WAY = (1, None, False)
 WHOLE = (3, Status.CONVERGED, False)
 
 
+def stepping_of(block) -> LoadStepping:
+    """Stepping of two presses at once, along a path of one depth."""
+    scene = Scene(block, GEL, batch=2)
+    scene.reset([SPHERE])
+    return LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0]]), np.inf)
+
+
+def one_press(stepping: LoadStepping) -> Press:
+    """A press that waits for an environment."""
+    return begin_presses(stepping, [SPHERE], [0], pose(), np.array([1]))[0]
+
+
 def failed(samples, status=Status.NEWTON_STALLED):
     return samples, status, True
 
@@ -73,12 +85,13 @@ def test_the_first_try_counts_unless_it_failed_and_then_the_one_that_got_further
         ((WHOLE, WHOLE), 0),
         ((failed(2), WHOLE), 1),
         ((UNDER_WAY, (1, Status.FORCE_LIMIT, False)), 1),
+        (((2, None, False), (1, Status.FORCE_LIMIT, False)), None),
         ((UNDER_WAY, failed(2)), None),
         ((failed(2), UNDER_WAY), None),
         ((failed(2), failed(1, Status.NOT_RESOLVED)), 0),
     ],
 )
-def test_in_a_race_the_try_that_ends_first_counts_unless_it_failed(tries, kept):
+def test_in_a_race_the_try_that_completes_first_counts_unless_the_other_is_further(tries, kept):
     press, own = tried(*tries, race=True)
     assert press.kept is (None if kept is None else own[kept])
     assert press.status == (None if kept is None else own[kept].status)
@@ -97,6 +110,16 @@ def test_a_press_that_nobody_holds_gives_its_samples_back_at_once():
         gc.enable()
 
 
+@pytest.mark.parametrize(("device", "race"), [("cpu", False), ("cuda:0", True)])
+def test_tries_race_on_a_gpu_only(block, monkeypatch, device, race):
+    """On a CPU, results must not depend on free environments."""
+    stepping = stepping_of(block)
+    stepping.scene.device = device
+    touch = np.zeros(1), np.zeros(1, dtype=int), np.ones(1)
+    monkeypatch.setattr("simgen.simulation.press.first_touch", lambda *args: touch)
+    assert one_press(stepping).race == race
+
+
 def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
     monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", -1)
     depths = np.array([0.1e-3, 0.2e-3])
@@ -104,6 +127,18 @@ def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
     monkeypatch.setattr("simgen.simulation.tries.SECOND_TRY_SCALE", 1.0)
     both = press(Scene(block, GEL, batch=2), [SPHERE], pose(), depths)[0]
     np.testing.assert_array_equal(both.displacement, plain.displacement)
+
+
+@pytest.mark.parametrize(("race", "tries"), [(False, (1, 1)), (True, (2, 0))])
+def test_on_a_cpu_no_second_try_begins_beside_the_first_while_presses_wait(block, monkeypatch, race, tries):
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", -1)
+    stepping = stepping_of(block)
+    first = one_press(stepping)
+    first.race = race
+    stepping._start_tries()
+    waiting = one_press(stepping)
+    stepping._start_tries()
+    assert (len(first.tries), len(waiting.tries)) == tries
 
 
 def two_tries(block, monkeypatch, doubt: int, second: float = 0.25) -> tuple[LoadStepping, Press]:

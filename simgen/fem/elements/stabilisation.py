@@ -12,9 +12,9 @@ The first is quadratic in u. It is zero for rotations and for uniform strains of
 smooth fields. The second raises the bulk stiffness by at most a quarter, so that compressible solids stay compressible.
 Weights start at zero and never fall during a press. They make the body stiffer, so they are small. An element that is
 nearly flat gets a weight where an increment starts or is expected to end. If it is inverted where the increment has
-converged, its weight is doubled, and the increment is solved again (see ``load_stepping``). After such an increment,
-the next one does not converge first. If an element is inverted where an increment is damped for the first time, its
-weight is doubled, too.
+converged, its weight is doubled, and the increment is solved again (see ``load_stepping``). This repeat and the next
+increment are checked before they converge, too. If an element is inverted where an increment is damped for the first
+time, its weight is doubled as well.
 """
 
 from __future__ import annotations

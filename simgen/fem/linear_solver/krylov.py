@@ -97,8 +97,8 @@ class ConjugateResiduals:
         over b is at most ``tolerance`` (from iteration `STRICT_ITERATIONS` on at most ``loose``), or after ``size``
         iterations. Returns the environments (env,) bool that have not finished; ``active`` then lists these alone.
 
-        together : first iterations, in which finished systems go on with the others, down to `TIGHT`. On a GPU an
-            iteration of half of them costs as much as one of all, and Newton's method profits
+        together : number of first iterations in which finished systems go on with the others, down to `TIGHT`. On a GPU
+            an iteration of half of them costs as much as one of all, and Newton's method profits
         capture : record the loop as one graph. Both functions must only launch kernels, always on the same arrays
         """
         began = self.active.chosen

@@ -13,7 +13,7 @@ from simgen.fem.nonlinear.status import Status
 class Increment:
     """State of the last increment of each environment; arrays (env,). ``status`` is valid once it has ended.
 
-    inverted : True if the increment has ended before it converged, because elements are inverted
+    inverted : True if the increment has ended before it converged, and has stabilised inverted elements
     """
 
     status: np.ndarray

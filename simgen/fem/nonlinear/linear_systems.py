@@ -19,8 +19,8 @@ LOOSE_FACTOR = 3.0
 # Krylov iterations of a batch before solved environments take their Newton step: on a GPU most are solved after four.
 # 1,024 presses on one H200, DIGIT and BioTac: 17.0 and 21.2 s; with five 17.7 and 21.8, with six 18.2 and 21.8.
 KRYLOV_PER_ROUND = 4
-# The same on a GPU for at most `FEW_SYSTEMS`, which wait for the host at the end of each round. Only unsolved ones take
-# more than `KRYLOV_PER_ROUND`. 8 and 40 cubes take 4.29 and 7.34 s alone, instead of 4.62 and 7.74 (one H200 each).
+# The same for at most `FEW_SYSTEMS` systems, because rounds of few mostly wait for the host. Solved ones stop after
+# `KRYLOV_PER_ROUND`. 8 and 40 cubes alone take 4.29 and 7.34 s, instead of 4.62 and 7.74 (one H200 each, once).
 KRYLOV_PER_ROUND_OF_FEW = 12
 FEW_SYSTEMS = 8
 # On a CPU, a solved system leaves the round at once, and after a short round it is back sooner with the next one. So
@@ -126,9 +126,7 @@ class LinearSystems:
         Also returns the iterations (env,) of the systems that ended, otherwise 0.
         """
         factored, used = self.preconditioner.factored, np.zeros_like(self._last_iterations)
-        few = self._solve_together and np.count_nonzero(self.solving & ~factored) <= FEW_SYSTEMS
-        most = KRYLOV_PER_ROUND_OF_FEW if few else self._per_round
-        solved, missed = self._iterate(self.solving & ~factored, most, False, used)
+        solved, missed = self._iterate(self.solving & ~factored, self._most(self.solving & ~factored), False, used)
         hopeless = missed & self._rebuilt & (self._damping >= FACTOR_DAMPING)
         missed &= ~self.preconditioner.switch_to_factors(hopeless)
         by_factor = self.solving & factored
@@ -138,6 +136,11 @@ class LinearSystems:
             solved, missed = solved | also, missed | stalled | singular
         self.solving &= ~(solved | missed)
         return solved, missed, used
+
+    def _most(self, wanted: np.ndarray) -> int:
+        """Number of Krylov iterations that the ``wanted`` systems (env,) bool may take in a round."""
+        few = self._solve_together and np.count_nonzero(wanted) <= FEW_SYSTEMS
+        return KRYLOV_PER_ROUND_OF_FEW if few else self._per_round
 
     def _iterate(self, wanted: np.ndarray, most: int, factored: bool, used: np.ndarray):
         """Iterate the ``wanted`` systems (env,) bool, by at most ``most`` iterations.

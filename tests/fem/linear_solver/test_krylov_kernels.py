@@ -20,6 +20,15 @@ def test_a_list_is_compacted_in_order_and_counts_iterations():
     assert count.numpy()[0] == 3
 
 
+@pytest.mark.parametrize(("iteration", "together", "keep"), [(1, 0, 0), (1, 2, 1), (2, 2, 0), (3, 4, 1)])
+def test_solved_systems_go_on_in_the_first_iterations_of_a_round(iteration, together, keep):
+    square, kept = wp.array([0.01**2], dtype=wp.float64, device="cpu"), ints(9)
+    last = wp.array([0.5], dtype=wp.float64, device="cpu")
+    inputs = [square, 0.1, 0.3, 10, ints(iteration), together, ints(0)]
+    wp.launch(check_convergence_kernel, dim=1, inputs=inputs, outputs=[ints(0), ints(9), last, kept], device="cpu")
+    assert kept.numpy()[0] == keep
+
+
 @pytest.mark.parametrize(
     ("count", "relative", "keep"),
     [(0, 0.2, 1), (0, 0.05, 0), (STRICT_ITERATIONS - 2, 0.2, 1), (STRICT_ITERATIONS - 1, 0.2, 0), (9, 0.5, 0)],

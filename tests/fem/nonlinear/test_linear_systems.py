@@ -3,13 +3,19 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import warp as wp
 
 from simgen.fem.batch_arrays import ActiveEnvironments
 from simgen.fem.elements.elasticity import Elasticity
 from simgen.fem.elements.element import P2P1
 from simgen.fem.material.neo_hookean import NeoHookean
-from simgen.fem.nonlinear.linear_systems import LOOSE_FACTOR, LinearSystems
+from simgen.fem.nonlinear.linear_systems import (
+    KRYLOV_PER_ROUND,
+    KRYLOV_PER_ROUND_OF_FEW,
+    LOOSE_FACTOR,
+    LinearSystems,
+)
 from simgen.verification.validate.meshes import box
 
 ALL, TOLERANCE = np.ones(2, dtype=bool), 1e-3
@@ -45,6 +51,17 @@ def test_steps_solve_the_tangent_to_the_tolerance_and_leave_fixed_rows():
     left = np.linalg.norm(out.numpy() - load, axis=0) / np.linalg.norm(load, axis=0)
     assert (left <= 1.01 * LOOSE_FACTOR * TOLERANCE).all()
     assert not made.step.numpy()[fixed].any()
+
+
+@pytest.mark.parametrize(("few", "most"), [(2, KRYLOV_PER_ROUND_OF_FEW), (1, KRYLOV_PER_ROUND)])
+def test_unsolved_systems_go_on_in_a_round_of_few(monkeypatch, few, most):
+    """As on a GPU; systems of a tight tolerance take all iterations of a round."""
+    monkeypatch.setattr("simgen.fem.nonlinear.linear_systems.FEW_SYSTEMS", few)
+    made, _, load, residual = systems()
+    made._solve_together, made._per_round, made.tolerance, made.loose_tolerance = True, KRYLOV_PER_ROUND, 1e-9, 1e-9
+    made.begin(ALL, wp.zeros(load.shape, dtype=wp.float64, device="cpu"), np.zeros(2), residual)
+    made.advance(residual)
+    assert made.krylov._count.numpy().tolist() == [most, most]
 
 
 def test_multigrid_is_rebuilt_where_the_last_system_took_many_iterations(monkeypatch):

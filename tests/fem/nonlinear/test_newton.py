@@ -5,7 +5,7 @@ import pytest
 
 from simgen.config.solver_settings import SolverSettings
 from simgen.fem.device import Reading
-from simgen.fem.nonlinear.newton import EARLY_RESIDUAL, NewtonSolver
+from simgen.fem.nonlinear.newton import EARLY_RESIDUAL, REPEATABLE_ITERATIONS, NewtonSolver
 from simgen.fem.nonlinear.status import Status
 from simgen.verification.validate.equilibrium import DeadLoad, make_body, solve
 from simgen.verification.validate.exact import block, homogeneous, multiplier, stretch_and_shear
@@ -60,3 +60,17 @@ def test_an_increment_that_looks_early_ends_before_it_converges_if_elements_are_
     assert len(looks) == looks_early and found.inverted.tolist() == [ends_early]
     assert (found.status[0] == Status.CONVERGED) != ends_early
     assert (1e-8 < found.residual[0] <= EARLY_RESIDUAL) == ends_early
+
+
+def test_a_damped_or_long_increment_does_not_look(monkeypatch):
+    """It stabilises once where damping begins, and is not repeated."""
+    mesh = block(inside_only=False)
+    body = make_body(mesh, ReferenceLaw(0.3), "cpu")
+    solver, all_of_them = NewtonSolver(body, [], mesh.nodes[:, 0] == 0.0, 1, SolverSettings()), np.ones(1, dtype=bool)
+    monkeypatch.setattr(body, "stabilise", lambda x: Reading((), lambda: np.ones(1)))
+    for damped, iterations, looks in ((False, REPEATABLE_ITERATIONS, True), (True, 1, False),
+                                      (False, REPEATABLE_ITERATIONS + 1, False)):  # fmt: skip
+        solver.begin(all_of_them, all_of_them)
+        solver.damping.used[:] = damped
+        solver.increment.newton_iterations[:] = iterations
+        assert solver._stabilise_early(all_of_them).tolist() == [looks]
