@@ -131,6 +131,7 @@ def test_fewer_hypotheses_are_the_first_of_more(signals, spread):
 
 @torch.no_grad()
 def test_latents_are_those_of_each_network(trained, signals, translated):
+    """On some processors, last bits depend on how many samples a network takes at a time."""
     way, found = translated
     values, expected = torch.from_numpy(signals), {}
     if way == "paper":
@@ -140,7 +141,8 @@ def test_latents_are_those_of_each_network(trained, signals, translated):
             values = expected[name] = trained.trained(name)(values)
     assert list(found.latents) == list(expected)
     for name, latent in expected.items():
-        assert np.array_equal(found.latents[name], latent.numpy()) and latent.shape == (len(signals), 3)
+        assert latent.shape == (len(signals), 3)
+        np.testing.assert_allclose(found.latents[name], latent.numpy(), rtol=1e-5, atol=1e-6)
 
 
 def test_numbers_go_in_and_out_as_arrays(trained, signals, translated):
