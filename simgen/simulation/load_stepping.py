@@ -66,7 +66,7 @@ class LoadStepping:
         self._measured: tuple[np.ndarray, Measured] | None = None  # where a sample is due, (env,) bool, and its values
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self._repeated = np.zeros(batch, dtype=bool)  # the last increment was repeated
-        self._converged = np.zeros(batch, dtype=bool)  # the current one has converged, and was repeated then
+        self._converged = np.zeros(batch, dtype=bool)  # the current one has converged once, and was repeated
         self._step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
         # Newton iterations of the current tries; Newton and Krylov iterations and sub-steps since the last sample
@@ -231,7 +231,7 @@ class LoadStepping:
         found = read_together(*readings)
         if again.any():
             again &= found[0] > 0
-        again |= ended & out.inverted  # it has looked early
+        again |= ended & out.inverted  # stabilised before it converged
         if due.any():
             overlap, self._measured = found[-2], (due, found[-1])
             self._overlap_mm[due] = overlap.deepest_mm[due]
@@ -269,7 +269,7 @@ class LoadStepping:
             batch_arrays.copy(self.x_start, marked, solver.x)
             for contact in solver.contacts:
                 contact.restore(marked)
-        # If a repeat fails of an increment that had converged, this is solved from its start without further repeats.
+        # An increment that had converged and whose repeat fails is solved from its start, without further repeats.
         unchecked = failed & self._converged & (self._repeats <= MAX_REPEATS) & (out.status != Status.NOT_RESOLVED)
         self._repeated[ended], self._converged[ended] = self._repeats[ended] > 0, False
         self._repeats[ended] = np.where(unchecked, MAX_REPEATS + 1, 0)[ended]

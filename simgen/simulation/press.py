@@ -175,7 +175,7 @@ def begin_presses(
     poses[:, :3, 3] += travel[:, None] * poses[:, :3, 1]
     touch = np.where(status == Status.CONVERGED, travel / MM_PER_M, np.nan)
     lateral = [lateral_reach(shape) for shape in shapes]
-    race = scene.device != "cpu"  # the bytes of a GPU's results depend on the order of sums anyway
+    race = scene.device != "cpu"  # on a CPU, results must not depend on free environments
     presses = [Press(i, *each, lateral[i], race) for i, *each in zip(shape_of, poses, touch, steps, strict=True)]
     for press, code in zip(presses, status, strict=True):
         press.status = None if code == Status.CONVERGED else int(code)
