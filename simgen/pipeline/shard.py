@@ -45,11 +45,18 @@ def _laws(job: Job) -> set[type[Law]]:
     return {LAWS[chosen_material(job, name, loaded_sensor(job, name)).law] for name in job.sensors}
 
 
+_MAKING = threading.Lock()  # guards `_presser`; a thread takes it before `DEVICE`
+
+
 @lru_cache(maxsize=8)
 def _presser(
     build: Callable[[Job, str, str], Presser], job: Job, sensor: str, device: str, inputs: str
 ) -> Presser:
-    """The presser of a sensor, kept between tasks while `inputs` are the same."""
+    """The presser of a sensor, kept between tasks while `inputs` are the same.
+
+    A GPU's process that takes the place of a dead one gets hundreds of tasks at once, and is not prepared. Without the
+    lock, several threads would make pressers at the same time, until no memory is left.
+    """
     return build(job, sensor, device)
 
 
@@ -134,7 +141,7 @@ def prepare(
     A GPU's kernels compile while sensors load. ``parts`` CPU processes that start together compile different kernels.
     """
     start_warp()
-    with DEVICE, ThreadPoolExecutor(1) as beside:
+    with _MAKING, DEVICE.with_rank(0), ThreadPoolExecutor(1) as beside:
         loading = beside.submit(load_kernels, device)
         inputs = _inputs(job, tuple(sorted(job.sensors)))
         loading.result()
@@ -217,7 +224,7 @@ def _solve(
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose, indenters = plan.contact_pose[rows], plan.indenter[rows].tolist()
     inputs = recorded_inputs(dataset.attributes)
-    with DEVICE.with_rank(0):  # new presses keep the device busy
+    with _MAKING, DEVICE.with_rank(0):  # new presses keep the device busy
         _check_inputs(job, inputs)
         pressers = {sensor: _presser(build, job, sensor, device, inputs) for sensor in sensors}
     under_way = {}

@@ -5,6 +5,8 @@ import re
 import shutil
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import fake
@@ -13,9 +15,12 @@ import pytest
 import trimesh
 
 from simgen.config.job import load_job
+from simgen.config.job_schema import Job
 from simgen.dataset.audit import check, passes
 from simgen.dataset.provenance import code_version, package_versions
 from simgen.dataset.reader import Dataset
+from simgen.dataset.writer import open_or_create
+from simgen.fem.device import DEVICE
 from simgen.pipeline import presser, shard
 from simgen.pipeline.plan import indenter_identities, make_plan, sensor_identity
 from simgen.pipeline.run import run
@@ -156,6 +161,28 @@ def test_tasks_share_what_they_read_of_the_plan_until_the_dataset_is_another(tmp
     second = shard._planned(path, other)
     assert not np.array_equal(second.contact_pose, first.contact_pose)
     np.testing.assert_array_equal(second.contact_pose, Dataset(path)["press/contact_pose"])
+
+
+@pytest.mark.parametrize("prepared", [False, True])
+def test_tasks_that_begin_together_make_each_presser_once(tmp_path, prepared):
+    """Each takes gigabytes of a GPU. A thread that makes one lets others use the device while it waits for results."""
+    job = fake.make_job(sensors={"digit": {"model": "digit", "mesh": "coarse"}})
+    plan, path, made = fake.make_plan(job), tmp_path / "d.zarr", []
+    own = {"digit": sensor_identity(job, "digit", load_sensor("digit", "coarse"))}  # as prepared
+    open_or_create(path, {**plan.attributes, "sensors": own}, plan.arrays, job)
+
+    def slow_presser(job: Job, sensor: str, device: str) -> presser.Presser:
+        made.append(sensor)
+        with DEVICE.left():
+            time.sleep(0.1)
+        return fake.fake_presser(job, sensor, device)
+
+    with ThreadPoolExecutor(job.shards + 1) as threads:
+        tasks = [threads.submit(shard.prepare, job, "cpu", slow_presser)] if prepared else []
+        tasks += [threads.submit(shard.run_shards, path, [i], job, "cpu", slow_presser) for i in range(job.shards)]
+        for task in tasks:
+            task.result(timeout=60.0)
+    assert made == ["digit"] and not Dataset(path).unfinished()
 
 
 def test_a_process_gets_ready_without_a_word(tmp_path):
