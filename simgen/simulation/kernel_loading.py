@@ -48,6 +48,10 @@ def load_press_kernels(device: str, laws: Collection[type[Law]], part: int = 0, 
 
 
 def _load(device: str, modules: list[wp.Module], workers: int):
+    if wp.get_device(device).is_cuda:
+        # Makes Warp's context and streams of the GPU. Otherwise the threads of `force_load` make them all at once, and
+        # 2 of 207 processes died (two H200s).
+        wp.get_device(device).make_current()
     wp.force_load(device, modules, block_dim=BLOCK, max_workers=workers)
 
 

@@ -1,5 +1,7 @@
 """The list of kernels that presses need, and how processes share their compilation."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -7,7 +9,7 @@ import warp as wp
 from simgen.fem.material import LAWS
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
-from simgen.simulation.kernel_loading import in_turn, press_modules
+from simgen.simulation.kernel_loading import in_turn, load_kernels, press_modules
 from simgen.simulation.press import Scene, press
 from simgen.verification.validate.sensors import PLACES_MM, place_indenter
 
@@ -37,6 +39,16 @@ def test_each_kind_of_device_loads_its_own_kernels():
         name.removesuffix(".cpu") for name in of_cpu
     }
     assert "simgen.fem.contact.cpu" in of_cpu and len(of_gpu) > len(of_cpu)
+
+
+def test_a_gpu_has_its_context_before_threads_load_kernels(monkeypatch):
+    """Warp does not guard it: threads that make it together kill the process now and then."""
+    done = []
+    gpu = SimpleNamespace(is_cpu=False, is_cuda=True, make_current=lambda: done.append("context"))
+    monkeypatch.setattr(wp, "get_device", lambda name: gpu)
+    monkeypatch.setattr(wp, "force_load", lambda *modules, **options: done.append("kernels"))
+    load_kernels("cuda")
+    assert done == ["context", "kernels"]
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 4, 7])
