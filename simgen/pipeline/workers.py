@@ -92,7 +92,7 @@ class Workers:
 
         Any worker can take the ``shared`` arguments. They are handed out when no other argument waits, to workers that
         have ``room``: see `simgen.pipeline.sharing.Sharing`. Workers can join and leave meanwhile. Raises `InputError`
-        if the scheduler is lost.
+        if the scheduler is lost, or if a process could not be prepared because of bad input.
         """
         if not arguments or self._start is None:
             yield from ((argument, function(argument)) for argument in chain(arguments, shared))
@@ -103,6 +103,7 @@ class Workers:
         client, preparing = self.started
         # Otherwise dask gives a ready worker with a free thread the task that prepares another worker.
         wait_until_prepared(client, preparing)
+        check_prepared(preparing)
         preparing.clear()
         waiting, submitted, ended = deque(arguments), {}, as_completed()
         sharing = Sharing(shared, client.nthreads, partial(ask, client, room))
@@ -249,6 +250,16 @@ def wait_until_prepared(client: Any, preparing: Mapping[Any, str]) -> None:
             return
         with suppress(TimeoutError):
             wait(waiting, timeout=LOOK_FOR_LIFE_S)
+
+
+def check_prepared(preparing: Iterable[Any]):
+    """Raise the `InputError` of a future that prepares a worker, for instance because its GPU has no free memory.
+
+    Otherwise all tasks of that worker would fail at once, and it would take the tasks of the others, too.
+    """
+    for future in preparing:
+        if future.status == "error" and isinstance(error := future.exception(), InputError):
+            raise error
 
 
 def ask(client: Any, function: Callable[[], Any], addresses: list[str]) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """Batch size: the number of presses that run at once on a device, and the memory of one press."""
 
+import os
+
 import warp as wp
 
 from simgen.config.solver_settings import SolverSettings
@@ -81,9 +83,11 @@ def presses_at_once(sensor: Sensor, device: str, settings: SolverSettings, press
     each, free = bytes_per_press(sensor, settings), wp.get_device(device).free_memory
     fit = int(USABLE * free / each)
     if fit < 1:
+        visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+        place = f"{device} (CUDA_VISIBLE_DEVICES={visible})" if visible else device
         raise InputError(
-            f"{device}: {free / 1e9:.2g} GB of memory are free, one press on sensor {sensor.name} takes "
-            f"{each / 1e9:.2g} GB; allowed: a coarser mesh or a smaller krylov_size"
+            f"{place}: {free / 1e9:.2g} GB of memory are free, one press on sensor {sensor.name} takes "
+            f"{each / 1e9:.2g} GB; allowed: a GPU with more free memory, a coarser mesh or a smaller krylov_size"
         )
     return min(most, fit)
 

@@ -43,3 +43,8 @@ def process_after(seconds: float) -> int:
 
 def reciprocal(number: int) -> float:
     return 1.0 / number
+
+
+def fail_with(error: Exception | None):
+    if error is not None:
+        raise error

@@ -5,6 +5,7 @@ import os
 import threading
 import time
 from collections import Counter
+from contextlib import nullcontext
 from functools import partial
 from itertools import pairwise
 
@@ -14,7 +15,16 @@ import psutil
 import pytest
 from dask.distributed import Client
 
-from pipeline.tasks import LEAST_SHARED_S, no_room, process_after, reciprocal, room_for_three, uneven_task, unknown_room
+from pipeline.tasks import (
+    LEAST_SHARED_S,
+    fail_with,
+    no_room,
+    process_after,
+    reciprocal,
+    room_for_three,
+    uneven_task,
+    unknown_room,
+)
 from simgen.errors import InputError
 from simgen.pipeline import workers
 from simgen.pipeline.local_cluster import TASKS_PER_GPU_PROCESS, local_cluster
@@ -89,6 +99,18 @@ def test_a_process_that_dies_while_it_is_prepared_does_not_hold_up_the_run(tmp_p
     solving.start()
     solving.join(timeout=60.0)
     assert found == {2: 0.5, 4: 0.25} and (tmp_path / "died").exists()
+
+
+def test_a_process_without_memory_ends_the_run_before_it_takes_tasks(client):
+    """Its tasks would fail at once, and it would soon have had them all. Other errors come back with the tasks."""
+    for error, expected in ((InputError("cuda: 0 GB"), pytest.raises(InputError, match="cuda: 0 GB")),
+                            (ValueError("lost"), nullcontext())):  # fmt: skip
+        preparing = {client.submit(fail_with, each, pure=False): address
+                     for each, address in zip((None, error), client.nthreads(), strict=True)}  # fmt: skip
+        found = {}
+        with expected:
+            found.update(Workers("cpu", 2, partial(lambda made: (client, made), preparing)).map(reciprocal, [2, 4]))
+        assert len(found) == (0 if isinstance(error, InputError) else 2)
 
 
 @pytest.mark.parametrize(("room", "at_once"), [(room_for_three, 3), (unknown_room, 2)])

@@ -56,7 +56,8 @@ def test_as_many_presses_as_keep_a_gpu_busy_or_as_fit(monkeypatch):
             monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name, free=free: Gpu(free))
             assert presses_at_once(sensor, "cuda:0", settings, 36) == expected
     monkeypatch.setattr("simgen.simulation.batch_size.wp.get_device", lambda name: Gpu(1.2 * each))
-    with pytest.raises(InputError, match="coarser mesh"):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3")
+    with pytest.raises(InputError, match=r"cuda \(CUDA_VISIBLE_DEVICES=3\): .*; allowed: .* a coarser mesh"):
         presses_at_once(sensor, "cuda", settings, 36)
 
 
