@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 HARD = 2.0  # an indenter is hard if one of its tries took more than this times the mean of all tries
 SLOW = 1.5  # an indenter is slow if its tries take more than this times the mean of all
+MOST = 0.75  # share of a shape's tries that must have ended before their mean says if a probably slow shape is slow
 
 
 class PressQueue:
@@ -32,8 +33,8 @@ class PressQueue:
     with few presses, its iterations are short.
 
     beside : the first queue, for a second one
-    slow : shapes that count as slow until each queued shape has an ended try. Short tries end first, and tell little
-        about the others
+    slow : shapes that are probably slow. They count as slow until each queued shape has an ended try, and until `MOST`
+        of their own tries have ended. Short tries end first, and tell little about the others
     environments : number of presses that run at a time. With 0, the lengths of tries that are not hard do not count
     has_help : True while a thread starts presses from the second queue
     """
@@ -105,6 +106,7 @@ class _Shared:
         self._by_shape: dict[int, deque[tuple[int, Press]]] = {}  # shape -> (number of arrival, press)
         self._arrivals = count()
         self._longest: dict[int, int] = {}  # shape -> Newton iterations of its longest try that has ended
+        self._begun: Counter[int] = Counter()  # first tries, by shape
         self._iterations, self._tries = Counter(), Counter()  # of ended tries, by shape
         self._all_iterations = self._all_tries = 0
 
@@ -126,7 +128,11 @@ class _Shared:
             keys = {shape: (*key(shape), waiting[0][0] - self._lead(shape))
                     for shape, waiting in self._by_shape.items()
                     if waiting and allowed(shape)}  # fmt: skip
-            return self._by_shape[min(keys, key=keys.get)].popleft()[1] if keys else None
+            if not keys:
+                return None
+            shape = min(keys, key=keys.get)
+            self._begun[shape] += 1
+            return self._by_shape[shape].popleft()[1]
 
     def presses(self) -> list[Press]:
         with self._lock:
@@ -155,9 +161,14 @@ class _Shared:
 
     def is_slow(self, shape: int) -> bool:
         """True if the tries of an indenter take much longer than those of all indenters, or probably will."""
-        if shape in self._slow and not all(self._tries[each] for each in list(self._by_shape)):
+        if shape in self._slow and not self._has_shown(shape):
             return True
         return self._is_above(self._iterations[shape], self._tries[shape], SLOW)
+
+    def _has_shown(self, shape: int) -> bool:
+        """True if the ended tries tell how a shape compares with all others."""
+        tried = all(self._tries[each] for each in list(self._by_shape))
+        return tried and self._tries[shape] >= MOST * self._begun[shape]
 
     def is_slow_or_hard(self, shape: int) -> bool:
         return self.is_slow(shape) or 0.0 < self._hardness(shape) < math.inf

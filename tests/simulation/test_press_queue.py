@@ -201,12 +201,32 @@ def test_beside_slow_presses_only_slow_and_hard_ones_begin_in_the_first_queue():
     assert queue.pop(beside_slow=True) is presses[2]
 
 
-def test_shapes_count_as_slow_until_a_try_of_each_shape_has_ended():
-    """Short tries of a slow shape end before all others, which wait for the device."""
+def test_shapes_count_as_slow_until_a_try_of_each_shape_and_most_of_their_own_have_ended():
+    """Short tries of a slow shape end first, and their mean is less than that of all."""
     queue, presses = filled(0, 1, 0, 1, slow=[1])
     other, queue.has_help = PressQueue(queue), True
     assert queue.pop() is presses[1] and other.pop() is presses[0]
     queue.learn(1, 110)
     assert queue.is_slow(1, 0) and queue.pop(beside_slow=True) is presses[3] and queue.pop(beside_slow=True) is None
     queue.learn(0, 100)
-    assert not queue.is_slow(1, 0) and queue.pop() is presses[2]
+    assert queue.is_slow(1, 0) and queue.pop(beside_slow=True) is None  # one of two has ended
+    queue.learn(1, 110)
+    assert not queue.is_slow(1, 0) and queue.pop(beside_slow=True) is None  # hard or slow ones only
+    assert queue.pop() is presses[2]
+
+
+def test_a_shape_stays_slow_once_most_of_its_tries_have_ended_if_these_took_long():
+    queue, _ = filled(*[0] * 4, *[1] * 5, slow=[1])
+    for _ in range(8):
+        queue.pop()
+    for shape, iterations in [(0, 70)] * 4 + [(1, 90)] * 2:
+        queue.learn(shape, iterations)
+    assert queue.is_slow(1, 0)  # two of four have ended, the short ones
+    queue.learn(1, 300)
+    assert queue.is_slow(1, 0)  # three of four, with a mean of 160 against 109 for all
+    other, _ = filled(*[0] * 4, *[1] * 4, slow=[1])
+    for _ in range(8):
+        other.pop()
+    for shape, iterations in [(0, 70)] * 4 + [(1, 90)] * 3:
+        other.learn(shape, iterations)
+    assert not other.is_slow(1, 0)
