@@ -31,6 +31,13 @@ def check_device_name(device: str) -> None:
         raise InputError(f"device {device!r} is not allowed; allowed: cpu, cuda, cuda:N (N = 0, 1, ...)")
 
 
+def name_of(device: str) -> str:
+    """Name of a device for messages: a GPU as `CUDA_VISIBLE_DEVICES` names it, if that is set."""
+    visible, number = os.environ.get("CUDA_VISIBLE_DEVICES"), int(device.partition(":")[2] or 0)
+    names = visible.split(",") if visible else []
+    return f"GPU {names[number]}" if device != "cpu" and number < len(names) else device
+
+
 def check_device(device: str) -> None:
     """Raise `InputError` unless the device is cpu or a GPU of this machine."""
     check_device_name(device)

@@ -45,7 +45,7 @@ def _laws(job: Job) -> set[type[Law]]:
     return {LAWS[chosen_material(job, name, loaded_sensor(job, name)).law] for name in job.sensors}
 
 
-_MAKING = threading.Lock()  # guards `_presser`; a thread takes it before `DEVICE`
+_MAKING = threading.Lock()  # guards the caches of inputs and pressers; a thread takes it before `DEVICE`
 
 
 @lru_cache(maxsize=8)
@@ -54,20 +54,22 @@ def _presser(
 ) -> Presser:
     """The presser of a sensor, kept between tasks while `inputs` are the same.
 
-    A GPU's process that takes the place of a dead one gets hundreds of tasks at once, and is not prepared. Without the
-    lock, several threads would make pressers at the same time, until no memory is left.
+    A GPU's process of a dask scheduler, or one that replaces a dead process, is not prepared and gets hundreds of tasks
+    at once. Without `_MAKING`, several threads would make pressers at the same time, until no memory is left.
     """
-    return build(job, sensor, device)
+    with DEVICE.with_rank(0):  # new presses keep the device busy
+        return build(job, sensor, device)
 
 
 @lru_cache(maxsize=1)
 def _inputs(job: Job, sensors: tuple[str, ...]) -> str:
     """Identities of the loaded sensors, indenters, code and packages: JSON in the form of the dataset's attributes."""
-    own = {
-        **LOADED_VERSIONS,
-        "sensors": {name: sensor_identity(job, name, loaded_sensor(job, name)) for name in sensors},
-        "indenters": indenter_identities(loaded_indenters(job)),
-    }
+    with DEVICE.with_rank(0):
+        own = {
+            **LOADED_VERSIONS,
+            "sensors": {name: sensor_identity(job, name, loaded_sensor(job, name)) for name in sensors},
+            "indenters": indenter_identities(loaded_indenters(job)),
+        }
     return json.dumps(own, sort_keys=True)
 
 
@@ -141,12 +143,13 @@ def prepare(
     A GPU's kernels compile while sensors load. ``parts`` CPU processes that start together compile different kernels.
     """
     start_warp()
-    with _MAKING, DEVICE.with_rank(0), ThreadPoolExecutor(1) as beside:
+    with _MAKING, ThreadPoolExecutor(1) as beside:
         loading = beside.submit(load_kernels, device)
         inputs = _inputs(job, tuple(sorted(job.sensors)))
         loading.result()
         if build is fem_presser:  # others launch no kernels
-            load_press_kernels(device, _laws(job), part, parts)
+            with DEVICE.with_rank(0):
+                load_press_kernels(device, _laws(job), part, parts)
         for sensor in job.sensors:
             _presser(build, job, sensor, device, inputs)
 
@@ -224,7 +227,7 @@ def _solve(
     ends = np.cumsum([len(writer.presses) for writer in writers])
     contact_pose, indenters = plan.contact_pose[rows], plan.indenter[rows].tolist()
     inputs = recorded_inputs(dataset.attributes)
-    with _MAKING, DEVICE.with_rank(0):  # new presses keep the device busy
+    with _MAKING:
         _check_inputs(job, inputs)
         pressers = {sensor: _presser(build, job, sensor, device, inputs) for sensor in sensors}
     under_way = {}

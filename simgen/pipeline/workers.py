@@ -92,7 +92,7 @@ class Workers:
 
         Any worker can take the ``shared`` arguments. They are handed out when no other argument waits, to workers that
         have ``room``: see `simgen.pipeline.sharing.Sharing`. Workers can join and leave meanwhile. Raises `InputError`
-        if the scheduler is lost, or if a process could not be prepared because of bad input.
+        if the scheduler is lost, or if a process could not be prepared.
         """
         if not arguments or self._start is None:
             yield from ((argument, function(argument)) for argument in chain(arguments, shared))
@@ -253,13 +253,19 @@ def wait_until_prepared(client: Any, preparing: Mapping[Any, str]) -> None:
 
 
 def check_prepared(preparing: Iterable[Any]):
-    """Raise the `InputError` of a future that prepares a worker, for instance because its GPU has no free memory.
+    """Raise `InputError` if a worker could not be prepared, for instance because its GPU has no free memory.
 
-    Otherwise all tasks of that worker would fail at once, and it would take the tasks of the others, too.
+    Otherwise each task of that worker fails at once. The worker then takes and fails the tasks of the other workers. A
+    worker that died is replaced, and raises nothing.
     """
+    from dask.distributed import KilledWorker
+
     for future in preparing:
-        if future.status == "error" and isinstance(error := future.exception(), InputError):
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, InputError):
             raise error
+        if error is not None and not isinstance(error, KilledWorker):
+            raise InputError(f"a worker process could not be prepared: {type(error).__name__}: {error}")
 
 
 def ask(client: Any, function: Callable[[], Any], addresses: list[str]) -> dict[str, Any]:

@@ -1,10 +1,9 @@
 """Batch size: the number of presses that run at once on a device, and the memory of one press."""
 
-import os
-
 import warp as wp
 
 from simgen.config.solver_settings import SolverSettings
+from simgen.config.warp_device import name_of
 from simgen.errors import InputError
 from simgen.fem.elements.element import ELEMENTS
 from simgen.fem.groups import FEWEST_ACTIVE, WIDTH
@@ -83,11 +82,10 @@ def presses_at_once(sensor: Sensor, device: str, settings: SolverSettings, press
     each, free = bytes_per_press(sensor, settings), wp.get_device(device).free_memory
     fit = int(USABLE * free / each)
     if fit < 1:
-        visible = os.environ.get("CUDA_VISIBLE_DEVICES")
-        place = f"{device} (CUDA_VISIBLE_DEVICES={visible})" if visible else device
         raise InputError(
-            f"{place}: {free / 1e9:.2g} GB of memory are free, one press on sensor {sensor.name} takes "
-            f"{each / 1e9:.2g} GB; allowed: a GPU with more free memory, a coarser mesh or a smaller krylov_size"
+            f"{name_of(device)}: {free / 1e9:.2g} GB of memory are free, one press on sensor {sensor.name} takes "
+            f"{each / 1e9:.2g} GB; allowed: GPUs with more free memory in CUDA_VISIBLE_DEVICES, a coarser mesh, or a "
+            "smaller krylov_size"
         )
     return min(most, fit)
 

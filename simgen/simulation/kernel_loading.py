@@ -11,6 +11,8 @@ from itertools import chain
 
 import warp as wp
 
+from simgen.config.warp_device import name_of
+from simgen.errors import InputError
 from simgen.fem.device import BLOCK, kernel_for
 from simgen.fem.elements.elasticity_blocks import block_kernels
 from simgen.fem.elements.operators import operator_kernels
@@ -49,9 +51,13 @@ def load_press_kernels(device: str, laws: Collection[type[Law]], part: int = 0, 
 
 def _load(device: str, modules: list[wp.Module], workers: int):
     if wp.get_device(device).is_cuda:
-        # Makes Warp's context and streams of the GPU. Otherwise the threads of `force_load` make them all at once, and
-        # 2 of 207 processes died (two H200s).
-        wp.get_device(device).make_current()
+        # Makes Warp's context and streams of the GPU. The threads of `force_load` would make them at the same time, and
+        # 2 of 207 processes died of that (two H200s).
+        try:
+            wp.get_device(device).make_current()
+        except RuntimeError as error:
+            allowed = "allowed: GPUs with free memory in CUDA_VISIBLE_DEVICES"
+            raise InputError(f"{name_of(device)}: {error}; {allowed}") from None
     wp.force_load(device, modules, block_dim=BLOCK, max_workers=workers)
 
 

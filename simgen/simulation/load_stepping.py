@@ -310,6 +310,7 @@ class LoadStepping:
         if press.status is None:
             self._release(np.arange(self.scene.batch) == env)
         else:  # the other try may be running, too
+            self.queue.note_end(press.shape)
             self._release(np.array([each is press for each in self.press]))
 
     def _release(self, environments: np.ndarray):

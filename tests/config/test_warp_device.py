@@ -2,7 +2,7 @@
 
 import pytest
 
-from simgen.config.warp_device import check_device
+from simgen.config.warp_device import check_device, name_of
 from simgen.errors import InputError
 
 
@@ -21,3 +21,14 @@ def test_devices_that_are_there_are_accepted(monkeypatch):
     monkeypatch.setattr("warp.get_cuda_device_count", lambda: 2)
     for device in ("cpu", "cuda", "cuda:0", "cuda:1"):
         check_device(device)
+
+
+@pytest.mark.parametrize(("visible", "device", "name"), [
+    (None, "cuda:1", "cuda:1"), ("", "cuda", "cuda"), ("3", "cuda", "GPU 3"), ("4,GPU-5a", "cuda:1", "GPU GPU-5a"),
+    ("4", "cuda:1", "cuda:1"), ("4", "cpu", "cpu"),
+])  # fmt: skip
+def test_a_gpu_is_named_as_the_user_chose_it(monkeypatch, visible, device, name):
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    if visible is not None:
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
+    assert name_of(device) == name

@@ -48,3 +48,7 @@ def reciprocal(number: int) -> float:
 def fail_with(error: Exception | None):
     if error is not None:
         raise error
+
+
+def no_preparation(*arguments):
+    """In place of `simgen.pipeline.shard.prepare`, which needs the device."""

@@ -5,8 +5,8 @@ import re
 import shutil
 import subprocess
 import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from functools import partial
 from pathlib import Path
 
 import fake
@@ -171,17 +171,23 @@ def test_tasks_that_begin_together_make_each_presser_once(tmp_path, prepared):
     own = {"digit": sensor_identity(job, "digit", load_sensor("digit", "coarse"))}  # as prepared
     open_or_create(path, {**plan.attributes, "sensors": own}, plan.arrays, job)
 
+    another = threading.Event()
+
     def slow_presser(job: Job, sensor: str, device: str) -> presser.Presser:
         made.append(sensor)
+        if len(made) > 1:
+            another.set()
         with DEVICE.left():
-            time.sleep(0.1)
+            another.wait(timeout=0.5)
         return fake.fake_presser(job, sensor, device)
 
-    with ThreadPoolExecutor(job.shards + 1) as threads:
-        tasks = [threads.submit(shard.prepare, job, "cpu", slow_presser)] if prepared else []
-        tasks += [threads.submit(shard.run_shards, path, [i], job, "cpu", slow_presser) for i in range(job.shards)]
-        for task in tasks:
-            task.result(timeout=60.0)
+    tasks = [partial(shard.prepare, job, "cpu", slow_presser)] if prepared else []
+    tasks += [partial(shard.run_shards, path, [i], job, "cpu", slow_presser) for i in range(job.shards)]
+    threads = [threading.Thread(target=task, daemon=True) for task in tasks]  # a deadlock must not hang the tests
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout=60.0)
     assert made == ["digit"] and not Dataset(path).unfinished()
 
 

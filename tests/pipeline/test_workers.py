@@ -5,7 +5,6 @@ import os
 import threading
 import time
 from collections import Counter
-from contextlib import nullcontext
 from functools import partial
 from itertools import pairwise
 
@@ -18,6 +17,7 @@ from dask.distributed import Client
 from pipeline.tasks import (
     LEAST_SHARED_S,
     fail_with,
+    no_preparation,
     no_room,
     process_after,
     reciprocal,
@@ -101,16 +101,16 @@ def test_a_process_that_dies_while_it_is_prepared_does_not_hold_up_the_run(tmp_p
     assert found == {2: 0.5, 4: 0.25} and (tmp_path / "died").exists()
 
 
-def test_a_process_without_memory_ends_the_run_before_it_takes_tasks(client):
-    """Its tasks would fail at once, and it would soon have had them all. Other errors come back with the tasks."""
-    for error, expected in ((InputError("cuda: 0 GB"), pytest.raises(InputError, match="cuda: 0 GB")),
-                            (ValueError("lost"), nullcontext())):  # fmt: skip
-        preparing = {client.submit(fail_with, each, pure=False): address
-                     for each, address in zip((None, error), client.nthreads(), strict=True)}  # fmt: skip
-        found = {}
-        with expected:
-            found.update(Workers("cpu", 2, partial(lambda made: (client, made), preparing)).map(reciprocal, [2, 4]))
-        assert len(found) == (0 if isinstance(error, InputError) else 2)
+@pytest.mark.parametrize(("error", "words"), [
+    (InputError("GPU 1: 0 GB of memory are free"), "^GPU 1: 0 GB of memory are free$"),
+    (RuntimeError("out of memory"), "^a worker process could not be prepared: RuntimeError: out of memory$"),
+])  # fmt: skip
+def test_a_process_that_cannot_be_prepared_ends_the_run_before_it_takes_tasks(client, error, words):
+    """Its tasks would fail at once, and it would soon have had them all."""
+    preparing = {client.submit(fail_with, each, pure=False): address
+                 for each, address in zip((None, error), client.nthreads(), strict=True)}  # fmt: skip
+    with pytest.raises(InputError, match=words):
+        next(Workers("cpu", 2, lambda: (client, preparing)).map(reciprocal, [2, 4]))
 
 
 @pytest.mark.parametrize(("room", "at_once"), [(room_for_three, 3), (unknown_room, 2)])
@@ -161,7 +161,8 @@ def test_a_silent_worker_is_not_waited_for(client, monkeypatch):
 
 
 def test_processes_of_gpus_start_while_the_caller_goes_on(monkeypatch):
-    """No machine here has a GPU: preparation fails there, but the processes start, solve and end."""
+    """No machine here has a GPU, so the processes are not prepared, but they start, solve and end."""
+    monkeypatch.setattr(workers, "prepare", no_preparation)
     monkeypatch.setattr(workers, "check_device", lambda device: None)
     monkeypatch.setattr(workers, "visible_gpus", lambda device: ["3", "5"])
     local, goes_on, copies = workers.local_cluster, threading.Event(), []

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from simgen.errors import InputError
 from simgen.fem.material import LAWS
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
@@ -49,6 +50,16 @@ def test_a_gpu_has_its_context_before_threads_load_kernels(monkeypatch):
     monkeypatch.setattr(wp, "force_load", lambda *modules, **options: done.append("kernels"))
     load_kernels("cuda")
     assert done == ["context", "kernels"]
+
+
+def test_a_gpu_without_memory_for_a_context_is_named(monkeypatch):
+    def fail():
+        raise RuntimeError("Failed to acquire primary context")
+
+    monkeypatch.setattr(wp, "get_device", lambda name: SimpleNamespace(is_cpu=False, is_cuda=True, make_current=fail))
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "2")
+    with pytest.raises(InputError, match=r"^GPU 2: Failed to acquire primary context; allowed: GPUs with free memory"):
+        load_kernels("cuda")
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 4, 7])

@@ -5,6 +5,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.tries import Press
@@ -208,25 +209,37 @@ def test_shapes_count_as_slow_until_a_try_of_each_shape_and_most_of_their_own_ha
     assert queue.pop() is presses[1] and other.pop() is presses[0]
     queue.learn(1, 110)
     assert queue.is_slow(1, 0) and queue.pop(beside_slow=True) is presses[3] and queue.pop(beside_slow=True) is None
+    queue.note_end(1)
     queue.learn(0, 100)
-    assert queue.is_slow(1, 0) and queue.pop(beside_slow=True) is None  # one of two has ended
-    queue.learn(1, 110)
-    assert not queue.is_slow(1, 0) and queue.pop(beside_slow=True) is None  # hard or slow ones only
+    assert queue.is_slow(1, 0) and queue.pop(beside_slow=True) is None  # one of two presses has ended
+    queue.note_end(1)
+    assert not queue.is_slow(1, 0) and queue.pop(beside_slow=True) is None
     assert queue.pop() is presses[2]
 
 
-def test_a_shape_stays_slow_once_most_of_its_tries_have_ended_if_these_took_long():
-    queue, _ = filled(*[0] * 4, *[1] * 5, slow=[1])
+@pytest.mark.parametrize(("last", "slow"), [(900, True), (90, False)])
+def test_the_mean_of_a_slow_shape_counts_once_most_of_its_presses_have_ended(last, slow):
+    queue, _ = filled(*[0] * 4, *[1] * 4, slow=[1])
     for _ in range(8):
         queue.pop()
-    for shape, iterations in [(0, 70)] * 4 + [(1, 90)] * 2:
-        queue.learn(shape, iterations)
-    assert queue.is_slow(1, 0)  # two of four have ended, the short ones
-    queue.learn(1, 300)
-    assert queue.is_slow(1, 0)  # three of four, with a mean of 160 against 109 for all
-    other, _ = filled(*[0] * 4, *[1] * 4, slow=[1])
-    for _ in range(8):
-        other.pop()
     for shape, iterations in [(0, 70)] * 4 + [(1, 90)] * 3:
-        other.learn(shape, iterations)
-    assert not other.is_slow(1, 0)
+        queue.learn(shape, iterations)
+    for _ in range(2):
+        queue.note_end(1)
+    assert queue.is_slow(1, 0)  # two of four presses have ended, with three tries
+    queue.learn(1, last)
+    queue.note_end(1)
+    assert queue.is_slow(1, 0) == slow
+
+
+def test_dropped_presses_do_not_keep_a_shape_slow():
+    """Running ones never end, and a pool lives on after an error."""
+    queue, presses = filled(0, 1, 1, 1, 1, slow=[1])
+    for _ in range(4):
+        queue.pop()
+    for press in presses:
+        press.dropped = True
+    queue.remove_dropped()
+    queue.learn(0, 100)
+    queue.learn(1, 100)
+    assert not queue.is_slow(1, 0)

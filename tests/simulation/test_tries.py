@@ -185,6 +185,17 @@ def test_in_a_race_a_press_ends_with_its_second_try_and_leaves_both_environments
     assert stepping.press == stepping.tries == [None, None] and not stepping.solver.working.any()
 
 
+@pytest.mark.parametrize("doubt", [5, 10_000])
+def test_the_queue_hears_once_that_a_press_has_ended(block, monkeypatch, doubt):
+    stepping, one = two_tries(block, monkeypatch, doubt)
+    ended = []
+    monkeypatch.setattr(stepping.queue, "note_end", ended.append)
+    while stepping.remaining:
+        assert not ended
+        stepping.advance()
+    assert ended == [0] and one.status is not None
+
+
 def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
     stepping, one = two_tries(block, monkeypatch, -1)
     for _ in range(3):
