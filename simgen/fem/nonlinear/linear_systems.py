@@ -126,7 +126,8 @@ class LinearSystems:
         Also returns the iterations (env,) of the systems that ended, otherwise 0.
         """
         factored, used = self.preconditioner.factored, np.zeros_like(self._last_iterations)
-        solved, missed = self._iterate(self.solving & ~factored, self._most(self.solving & ~factored), False, used)
+        wanted = self.solving & ~factored
+        solved, missed = self._iterate(wanted, self._most(wanted), False, used)
         hopeless = missed & self._rebuilt & (self._damping >= FACTOR_DAMPING)
         missed &= ~self.preconditioner.switch_to_factors(hopeless)
         by_factor = self.solving & factored
