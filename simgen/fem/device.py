@@ -58,15 +58,17 @@ def kernel_for(kernel: wp.Kernel, cpu: bool) -> wp.Kernel:
 DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
 
 
-def stream_of_priority(device: wp.Device, level: int) -> wp.Stream:
-    """Make a stream whose kernels start before those of streams of lower levels, from 0 on. It is never destroyed.
+def stream_in_place(device: wp.Device, place: int) -> wp.Stream:
+    """Make a stream whose kernels start before those of streams in later places, from 0 on. It is never destroyed.
 
-    Warp knows two levels, CUDA has more. CUDA limits levels to those that the device has. Raises `RuntimeError` if CUDA
-    makes no stream.
+    Warp knows two priorities, CUDA has more: six on an H200. All later places share the last one. Raises `RuntimeError`
+    if CUDA makes no stream.
     """
-    handle = ctypes.c_void_p()
     device.make_current()
-    error = ctypes.CDLL(DRIVER).cuStreamCreateWithPriority(ctypes.byref(handle), 0, -level)
+    driver, handle = ctypes.CDLL(DRIVER), ctypes.c_void_p()
+    last, first = ctypes.c_int(), ctypes.c_int()
+    error = driver.cuCtxGetStreamPriorityRange(ctypes.byref(last), ctypes.byref(first))
+    error = error or driver.cuStreamCreateWithPriority(ctypes.byref(handle), 0, min(first.value + place, last.value))
     if error:
         raise RuntimeError(f"{device}: CUDA cannot make a stream (error {error} of cuStreamCreateWithPriority)")
     return wp.Stream(device, cuda_stream=handle.value)

@@ -22,7 +22,7 @@ from simgen.simulation.press_path import PressPath, longest_way
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
 from simgen.simulation.state_sampler import Measured, StateSampler
-from simgen.simulation.tries import SECOND_TRY_AFTER, SECOND_TRY_ITERATIONS, Press, Try
+from simgen.simulation.tries import SECOND_TRY_AFTER, SECOND_TRY_ITERATIONS, Press, Try, tries_beside
 
 MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last load step
 GROWTH_DELAY = 4  # converged increments before a halved load step is doubled; a failed increment costs as much as four
@@ -60,8 +60,7 @@ class LoadStepping:
         self.running, self._starting = np.zeros((2, batch), dtype=bool)  # has a try; begins its next increment
         self._shape, self._poses, self._reach = np.zeros(batch), np.tile(np.eye(4), (batch, 1, 1)), np.zeros(batch)
         self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
-        self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
-        self._repeats = np.zeros(batch, dtype=int)  # of the current increment
+        self._successes, self._repeats = np.zeros((2, batch), dtype=int)  # since a failed increment; of the current one
         self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since a sample; deepest where one is due
         self._measured: tuple[np.ndarray, Measured] | None = None  # where a sample is due, (env,) bool, and its values
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
@@ -128,13 +127,13 @@ class LoadStepping:
         """Start tries in free environments; returns the environments (env,) bool that began one."""
         fresh, free = np.zeros(self.scene.batch, dtype=bool), np.flatnonzero(~self.running)
         slow = (self.cost[0] > SECOND_TRY_ITERATIONS) | (self._try_iterations > SECOND_TRY_AFTER)
-        slow = [self.press[env] for env in np.flatnonzero(self.running & slow)]
-        slow = [press for press in slow if len(press.tries) == 1 and (press.race or not len(self.queue))]
-        if not len(free) or (not slow and not len(self.queue)):
+        slow = sorted(np.flatnonzero(self.running & slow), key=lambda env: -self._try_iterations[env])
+        again = tries_beside([self.press[env] for env in slow], int(self.running.sum()), len(self.queue))
+        if not len(free) or (not again and not len(self.queue)):
             return fresh
         beside_slow = self.queue.has_help and self.has_slow_press
         for env in free:
-            press = slow.pop() if slow else self.queue.pop(beside_slow)
+            press = again.pop(0) if again else self.queue.pop(beside_slow)
             if press is None:
                 break
             beside_slow = beside_slow or self.queue.is_slow(press.shape, 0)
@@ -300,17 +299,18 @@ class LoadStepping:
         self._store_samples(converged & (self.target == self.goal))
 
     def _end(self, env: int, status: int, failed: bool = False):
-        """End a try. If its press's result is now certain, end the press; else the press waits for its other try."""
+        """End a try. If its press's result is now certain, end the press; else the press waits for its other tries."""
         press, ended = self.press[env], self.tries[env]
+        if press is None:
+            return  # it has just ended with another try
         ended.status, ended.failed = status, failed
         self.queue.learn(press.shape, self._try_iterations[env])
         press.decide()
-        if press.status is None and len(press.tries) == 1:
-            self.queue.add(press)
         if press.status is None:
+            if len(press.tries) == 1:
+                self.queue.add(press)
             self._release(np.arange(self.scene.batch) == env)
-        else:  # the other try may be running, too
-            self.queue.note_end(press.shape)
+        else:  # other tries may be running, too
             self._release(np.array([each is press for each in self.press]))
 
     def _release(self, environments: np.ndarray):
@@ -334,7 +334,7 @@ class LoadStepping:
         too_strong = np.abs((force * self._poses[environments, :3, 1]).sum(axis=1)) > self._max_force_n
         missed, overlaps = ~force.any(axis=1), self._overlap_mm[environments] > MIN_OVERLAP_MM
         for place, env in enumerate(environments):
-            if (current := self.tries[env]) is None:  # the press has just ended with its other try
+            if (current := self.tries[env]) is None:  # the press has just ended with another try
                 continue
             entered = not current.samples and self.path.points[0, 1] > MIN_OVERLAP_MM
             if too_strong[place]:

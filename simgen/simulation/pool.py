@@ -18,7 +18,7 @@ from itertools import count, islice
 import numpy as np
 import warp as wp
 
-from simgen.fem.device import DEVICE, stream_of_priority
+from simgen.fem.device import DEVICE, stream_in_place
 from simgen.geometry.signed_distance import Kind, RigidShape
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import PressResult, Scene, begin_presses, result_of
@@ -157,17 +157,16 @@ class Pool:
     @cached_property
     def _stream(self) -> wp.Stream | None:
         """A stream for the kernels of this pool."""
-        return stream_of_priority(self._device, self._priority) if self._device.is_cuda else None
+        return stream_in_place(self._device, self._place) if self._device.is_cuda else None
 
     @property
-    def _priority(self) -> int:
-        """Level of this pool's kernels on the device: 2 for the first pool that has presses, 1 for its second, 0 else.
+    def _place(self) -> int:
+        """Place of this pool's kernels on the device: the number of pools that go first.
 
-        Pools with equally many unknowns are those of one sensor.
+        Of two pools of a sensor the first one goes first, because it has the slow presses.
         """
         with FREED:
-            first = next(pool for pool in _in_order() if pool.remaining or pool is self)
-        return 2 if self is first else int(self.rank[0] == first.rank[0])
+            return sum(pool.rank < self.rank for pool in POOLS)
 
     def drop(self):
         """Drop all unfinished presses."""

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
 
 HARD = 2.0  # an indenter is hard if one of its tries took more than this times the mean of all tries
 SLOW = 1.5  # an indenter is slow if its tries take more than this times the mean of all
-# A probably slow shape counts as slow until this share of its begun presses has ended. Then the mean of its tries
-# decides.
-ENOUGH_ENDED = 0.75
 
 
 class PressQueue:
@@ -35,8 +32,8 @@ class PressQueue:
     with few presses, its iterations are short.
 
     beside : the first queue, for a second one
-    slow : shapes that are probably slow, and count as slow at first. The mean of their tries decides once each queued
-        shape has an ended try and `ENOUGH_ENDED` of their own presses have ended. Before, only short tries have ended
+    slow : shapes that count as slow, whatever the mean of their tries is. Short tries end first, so the mean of a slow
+        shape is low for long
     environments : number of presses that run at a time. With 0, the lengths of tries that are not hard do not count
     has_help : True while a thread starts presses from the second queue
     """
@@ -79,10 +76,6 @@ class PressQueue:
         """Note that a try with this shape has ended after this number of Newton iterations."""
         self._shared.learn(shape, int(iterations))
 
-    def note_end(self, shape: int):
-        """Note that a press with this shape has ended."""
-        self._shared.note_end(shape)
-
     def is_slow(self, shape: int, iterations: int) -> bool:
         """True if a running try is slow: its indenter is, or the try has taken long already."""
         return self._shared.is_slow(shape) or self._shared.is_long(int(iterations))
@@ -112,7 +105,6 @@ class _Shared:
         self._by_shape: dict[int, deque[tuple[int, Press]]] = {}  # shape -> (number of arrival, press)
         self._arrivals = count()
         self._longest: dict[int, int] = {}  # shape -> Newton iterations of its longest try that has ended
-        self._begun, self._ended = Counter(), Counter()  # presses, by shape
         self._iterations, self._tries = Counter(), Counter()  # of ended tries, by shape
         self._all_iterations = self._all_tries = 0
 
@@ -137,7 +129,6 @@ class _Shared:
             if not keys:
                 return None
             shape = min(keys, key=keys.get)
-            self._begun[shape] += 1
             return self._by_shape[shape].popleft()[1]
 
     def presses(self) -> list[Press]:
@@ -146,8 +137,6 @@ class _Shared:
 
     def remove_dropped(self):
         with self._lock:
-            self._begun.clear()  # dropped presses never end
-            self._ended.clear()
             for shape, waiting in self._by_shape.items():
                 self._by_shape[shape] = deque(each for each in waiting if not each[1].dropped)
 
@@ -159,10 +148,6 @@ class _Shared:
             self._all_iterations += iterations
             self._all_tries += 1
 
-    def note_end(self, shape: int):
-        with self._lock:
-            self._ended[shape] += 1
-
     def hardest_first(self, shape: int) -> tuple:
         """Sort key. Of the indenters without an ended try, those that are probably slow go first."""
         unknown = not self._tries[shape]
@@ -173,14 +158,7 @@ class _Shared:
 
     def is_slow(self, shape: int) -> bool:
         """True if the tries of an indenter take much longer than those of all indenters, or probably will."""
-        if shape in self._slow and not self._is_known(shape):
-            return True
-        return self._is_above(self._iterations[shape], self._tries[shape], SLOW)
-
-    def _is_known(self, shape: int) -> bool:
-        """True if enough tries have ended to compare this shape with the others."""
-        compared = all(self._tries[each] for each in list(self._by_shape))
-        return compared and self._ended[shape] >= ENOUGH_ENDED * self._begun[shape]
+        return shape in self._slow or self._is_above(self._iterations[shape], self._tries[shape], SLOW)
 
     def is_slow_or_hard(self, shape: int) -> bool:
         return self.is_slow(shape) or 0.0 < self._hardness(shape) < math.inf

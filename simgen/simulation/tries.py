@@ -1,14 +1,17 @@
-"""A press and its tries: a press whose first try fails or is slow is solved once more from rest in half steps."""
+"""A press and its tries: a press whose first try fails or is slow is solved again from rest, with other load steps."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from simgen.simulation.measurements import PressSample, PressSamples
 
-SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the first
+# Longest load steps of a press's tries over those of the first. On a CPU a press has at most two tries. On a GPU each
+# try takes its own path even with equal steps, because the order of sums depends on the threads.
+STEP_SCALES = (1.0, 0.5, 0.7, 1.0)
 # Newton iterations since the last sample, after which the second try begins beside the first if an environment is free,
 # and the same for the iterations of a whole try. A run ends when its last press ends. Computed from both tries of slow
 # cubes and rings on the DIGIT, that would be after 1,031 to 1,383 iterations if the try that ends first counts. With
@@ -16,6 +19,9 @@ SECOND_TRY_SCALE = 0.5  # longest load step of the second try over that of the f
 # runs on H200s, `docs/benchmarks/two_tries_h200.json`).
 SECOND_TRY_ITERATIONS = 150
 SECOND_TRY_AFTER = 350
+# Tries of a pool. While fewer run and no press waits, slow presses have up to four: with so few tries, one more costs a
+# GPU nearly nothing.
+FEW_TRIES = 8
 
 
 @dataclass(eq=False)
@@ -61,7 +67,7 @@ class Press:
     lateral_reach : mm, largest distance of the indenter's points from the press axis
     race : True if the try that completes first counts
     status : how the press ended; None before
-    tries : one or two; only the kept one after the press has ended
+    tries : in the order of `STEP_SCALES`; only the kept one after the press has ended
     kept : the try whose samples are the result; None before the press has ended
     seconds : this press's share of the wall time of the presses that ran together
     dropped : True where the result is not needed any more; the press will not end
@@ -90,22 +96,41 @@ class Press:
         return {} if self.kept is None else self.kept.large
 
     def next_try(self) -> Try:
-        """Begin the first try, or the second."""
-        self.tries.append(Try(SECOND_TRY_SCALE if self.tries else 1.0))
+        """Begin the next try."""
+        self.tries.append(Try(STEP_SCALES[len(self.tries)]))
         return self.tries[-1]
 
     def decide(self):
         """End the press if its tries decide the result: the first try counts unless it failed, else the second.
 
-        In a ``race`` a second try also counts if it completes before the first, and has got as far. If both failed, the
-        one that got further counts. So the result depends on which try ends first only in a race.
+        In a ``race`` any try counts that completes before the first, unless a running one has got further. If all have
+        failed, the one that got furthest counts. So the result depends on which try ends first only in a race.
         """
-        first, second = self.tries[0], self.tries[-1]
+        first, *others = self.tries
+        running = [each for each in self.tries if each.status is None]
+        reached = max((len(each.samples) for each in running), default=0)
         if first.completed:
             self.kept = first
-        elif self.race and second.completed and len(second.samples) >= len(first.samples):
-            self.kept = second
-        elif first.failed and second is not first and second.status is not None:
-            self.kept = first if second.failed and len(first.samples) > len(second.samples) else second
+        elif self.race or first.failed:
+            self.kept = next((each for each in others if each.completed and len(each.samples) >= reached), None)
+        if self.kept is None and others and not running:
+            self.kept = max(reversed(self.tries), key=lambda each: len(each.samples))
         if self.kept is not None:
             self.status, self.tries = self.kept.status, [self.kept]
+
+
+def tries_beside(slow: Sequence[Press], running: int, waiting: int) -> list[Press]:
+    """Presses that should begin another try beside a slow one, in order. A press comes once for each try.
+
+    slow : presses of running tries that are slow, the longest try first
+    running, waiting : numbers of running tries, and of presses that wait for an environment
+    """
+    presses = list(dict.fromkeys(slow))
+    again = [press for press in presses if len(press.tries) == 1 and (press.race or not waiting)]
+    room = 0 if waiting else FEW_TRIES - running - len(again)
+    for press in presses:
+        if press.race and room > 0:
+            more = min(room, len(STEP_SCALES) - max(2, len(press.tries)))
+            again += [press] * more
+            room -= more
+    return again

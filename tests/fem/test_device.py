@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 
 from simgen.fem import device
-from simgen.fem.device import DEVICE, launch_kernel, once, read, stream_of_priority, write
+from simgen.fem.device import DEVICE, launch_kernel, once, read, stream_in_place, write
 
 
 @wp.struct
@@ -178,6 +178,6 @@ def test_a_thread_with_fewer_presses_runs_between_two_launches_but_not_among_tho
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
 def test_streams_have_more_priorities_than_two():
-    """Lower numbers go first."""
-    priorities = [stream_of_priority(wp.get_device("cuda"), level).priority for level in range(3)]
-    assert priorities == [0, -1, -2]
+    """Lower numbers go first. The last places share the lowest priority."""
+    priorities = [stream_in_place(wp.get_device("cuda"), place).priority for place in (0, 1, 2, 99)]
+    assert priorities[1:3] == [priorities[0] + 1, priorities[0] + 2] and priorities[3] == 0

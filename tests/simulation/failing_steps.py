@@ -1,4 +1,4 @@
-"""Load steps that fail, so that a press gets a second try."""
+"""Load steps that fail, so that a press gets other tries."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from simgen.simulation.load_stepping import LoadStepping
 
 
 def fail_beyond(monkeypatch, furthest_mm):
-    """Make load steps fail that end beyond ``furthest_mm`` (in the first try, in the second)."""
+    """Make load steps fail that end beyond ``furthest_mm`` (in the first try, in the second, ...)."""
     accept = LoadStepping._accept_or_reject
 
     def fail(stepping, ended):
         tries = np.array(
             [
-                int(press is not None and each is not press.tries[0])
+                0 if press is None else press.tries.index(each)
                 for press, each in zip(stepping.press, stepping.tries, strict=True)
             ]
         )

@@ -96,16 +96,12 @@ def test_the_second_of_two_pools_takes_slow_presses_only_if_the_first_is_full(bl
     assert all(press.dropped for press in task.presses)
 
 
-def test_the_kernels_of_the_first_pool_with_presses_go_first_on_the_device_and_then_those_of_its_second(block):
-    idle, small = (make_pool(make_block((width, 4, width)), 1) for width in (8, 2))
+def test_the_kernels_of_a_sensor_s_first_pool_go_before_those_of_its_second_and_these_before_smaller_sensors(block):
+    small = make_pool(make_block((2, 4, 2)), 1)
     pool = make_pool(block, 1)
     other = make_pool(block, 1, pool)
-    waiting = [press(each, 0, 1) for each in (pool, small)]
-    assert idle.rank < pool.rank < other.rank < small.rank
-    assert [each._priority for each in (pool, other, small)] == [2, 1, 0]
-    for each, results in zip((pool, small), waiting, strict=True):
-        each.drop()
-        assert results.dropped
+    before = pool._place  # pools of other tests may not be gone yet
+    assert (other._place, small._place) == (before + 1, before + 2)
 
 
 def test_a_pool_of_few_presses_goes_first_on_the_device_only_if_one_of_them_is_slow(block):

@@ -10,7 +10,7 @@ from simgen.config.solver_settings import SolverSettings
 from simgen.fem.nonlinear.status import Status
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import Scene, begin_presses, press
-from simgen.simulation.tries import SECOND_TRY_SCALE, Press
+from simgen.simulation.tries import FEW_TRIES, STEP_SCALES, Press, tries_beside
 from simulation.blocks import GEL, SPHERE, pose
 from simulation.failing_steps import fail_beyond
 
@@ -46,8 +46,8 @@ def failed(samples, status=Status.NEWTON_STALLED):
     return samples, status, True
 
 
-def test_the_second_try_takes_half_steps():
-    assert [each.step_scale for each in tried(UNDER_WAY, UNDER_WAY)[1]] == [1.0, SECOND_TRY_SCALE]
+def test_later_tries_take_shorter_steps_and_the_last_one_repeats_the_first():
+    assert [each.step_scale for each in tried(*[UNDER_WAY] * 4)[1]] == [1.0, 0.5, 0.7, 1.0]
 
 
 @pytest.mark.parametrize("tries", [(UNDER_WAY,), (failed(2),), (UNDER_WAY, WHOLE), (UNDER_WAY, failed(2)),
@@ -89,9 +89,14 @@ def test_the_first_try_counts_unless_it_failed_and_then_the_one_that_got_further
         ((UNDER_WAY, failed(2)), None),
         ((failed(2), UNDER_WAY), None),
         ((failed(2), failed(1, Status.NOT_RESOLVED)), 0),
+        ((failed(2), failed(1), UNDER_WAY), None),
+        ((failed(2), (1, Status.FORCE_LIMIT, False), UNDER_WAY), 1),
+        ((UNDER_WAY, failed(2), UNDER_WAY, WHOLE), 3),
+        ((UNDER_WAY, WHOLE, WHOLE), 1),
+        ((failed(1), failed(2), failed(2), failed(1)), 2),
     ],
 )
-def test_in_a_race_the_try_that_completes_first_counts_unless_the_other_is_further(tries, kept):
+def test_in_a_race_the_try_that_completes_first_counts_unless_a_running_one_is_further(tries, kept):
     press, own = tried(*tries, race=True)
     assert press.kept is (None if kept is None else own[kept])
     assert press.status == (None if kept is None else own[kept].status)
@@ -124,7 +129,7 @@ def test_two_tries_may_end_in_the_same_iteration(block, monkeypatch):
     monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", -1)
     depths = np.array([0.1e-3, 0.2e-3])
     plain = press(Scene(block, GEL), [SPHERE], pose(), depths)[0]
-    monkeypatch.setattr("simgen.simulation.tries.SECOND_TRY_SCALE", 1.0)
+    monkeypatch.setattr("simgen.simulation.tries.STEP_SCALES", (1.0, 1.0))
     both = press(Scene(block, GEL, batch=2), [SPHERE], pose(), depths)[0]
     np.testing.assert_array_equal(both.displacement, plain.displacement)
 
@@ -185,15 +190,56 @@ def test_in_a_race_a_press_ends_with_its_second_try_and_leaves_both_environments
     assert stepping.press == stepping.tries == [None, None] and not stepping.solver.working.any()
 
 
-@pytest.mark.parametrize("doubt", [5, 10_000])
-def test_the_queue_hears_once_that_a_press_has_ended(block, monkeypatch, doubt):
-    stepping, one = two_tries(block, monkeypatch, doubt)
-    ended = []
-    monkeypatch.setattr(stepping.queue, "note_end", ended.append)
+def racing(tries: int) -> Press:
+    """A press of a race with so many tries under way."""
+    return tried(*[UNDER_WAY] * tries, race=True)[0]
+
+
+def test_slow_presses_have_up_to_four_tries_while_few_run_and_none_waits():
+    one, two, four = racing(1), racing(2), racing(4)
+    assert tries_beside([two, one, two, four], FEW_TRIES - 2, 0) == [one, two]  # the second try of a press goes first
+    assert tries_beside([one, two], FEW_TRIES - 5, 0) == [one, one, one, two, two]
+    assert tries_beside([two, one], FEW_TRIES, 0) == tries_beside([two, one], 1, waiting=1) == [one]
+
+
+def test_without_a_race_a_press_has_two_tries():
+    press, again = tried(UNDER_WAY)[0], tried(UNDER_WAY, UNDER_WAY)[0]
+    assert tries_beside([press, again], 2, 0) == [press]
+
+
+def test_in_a_race_four_tries_run_beside_each_other(block, monkeypatch):
+    """The third one gets to the end first, and ends the press."""
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_ITERATIONS", 5)
+    fail_beyond(monkeypatch, (0.25, 0.1, np.inf, 0.1))
+    scene = Scene(block, GEL, batch=6, settings=SolverSettings(smallest_substep=1e-3))
+    scene.reset([SPHERE])
+    stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
+    [one] = begin_presses(stepping, [SPHERE], [0], pose(), np.array([2]))
+    one.race, most = True, 0
     while stepping.remaining:
-        assert not ended
         stepping.advance()
-    assert ended == [0] and one.status is not None
+        most = max(most, int(stepping.running.sum()))
+    assert most == len(STEP_SCALES)
+    assert one.status == Status.CONVERGED and one.kept.step_scale == STEP_SCALES[2] and len(one.samples) == 2
+    assert stepping.press == stepping.tries == [None] * 6 and not stepping.solver.working.any()
+
+
+def test_tries_that_end_together_end_their_press_once(block):
+    scene = Scene(block, GEL, batch=3)
+    scene.reset([SPHERE])
+    stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0]]), np.inf)
+    one = one_press(stepping)
+    one.race = True
+    stepping._start_tries()
+    for env in (1, 2):
+        stepping.press[env], stepping.tries[env] = one, one.next_try()
+        stepping.running[env] = True
+    one.tries[0].samples = [{}]
+    stepping._end(1, Status.FORCE_LIMIT)  # the first try is further
+    assert one.status is None
+    for env in (0, 2):
+        stepping._end(env, Status.NEWTON_STALLED, failed=True)
+    assert one.status == Status.FORCE_LIMIT and stepping.press == [None] * 3
 
 
 def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
