@@ -5,7 +5,6 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import pytest
 
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.tries import Press
