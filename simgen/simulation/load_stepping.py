@@ -22,7 +22,7 @@ from simgen.simulation.press_path import PressPath, longest_way
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
 from simgen.simulation.state_sampler import Measured, StateSampler
-from simgen.simulation.tries import SECOND_TRY_AFTER, SECOND_TRY_ITERATIONS, Press, Try, tries_beside
+from simgen.simulation.tries import SECOND_TRY_AFTER, SECOND_TRY_ITERATIONS, Press, Try
 
 MAX_EXTRAPOLATION = 3.0  # length of an extrapolation, in lengths of the last load step
 GROWTH_DELAY = 4  # converged increments before a halved load step is doubled; a failed increment costs as much as four
@@ -126,17 +126,13 @@ class LoadStepping:
     def _start_tries(self) -> np.ndarray:
         """Start tries in free environments; returns the environments (env,) bool that began one."""
         fresh, free = np.zeros(self.scene.batch, dtype=bool), np.flatnonzero(~self.running)
+        if not len(free):
+            return fresh
         slow = (self.cost[0] > SECOND_TRY_ITERATIONS) | (self._try_iterations > SECOND_TRY_AFTER)
         slow = sorted(np.flatnonzero(self.running & slow), key=lambda env: -self._try_iterations[env])
-        again = tries_beside([self.press[env] for env in slow], int(self.running.sum()), len(self.queue))
-        if not len(free) or (not again and not len(self.queue)):
-            return fresh
+        slow = list(dict.fromkeys(self.press[env] for env in slow))
         beside_slow = self.queue.has_help and self.has_slow_press
-        for env in free:
-            press = again.pop(0) if again else self.queue.pop(beside_slow)
-            if press is None:
-                break
-            beside_slow = beside_slow or self.queue.is_slow(press.shape, 0)
+        for env, press in zip(free, self.queue.next_presses(slow, int(self.running.sum()), beside_slow), strict=False):
             self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
             self._step_scale[env] = self.tries[env].step_scale

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import count
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from simgen.simulation.tries import Press
-
+from simgen.simulation.tries import Press, more_tries, second_tries
 
 HARD = 2.0  # an indenter is hard if one of its tries took more than this times the mean of all tries
 SLOW = 1.5  # an indenter is slow if its tries take more than this times the mean of all
@@ -60,6 +57,22 @@ class PressQueue:
             return shared.pop(shared.easiest_first, self._allowed)
         only_slow = self.has_help and beside_slow
         return shared.pop(shared.hardest_first, shared.is_slow_or_hard if only_slow else shared.is_any)
+
+    def next_presses(self, slow: Sequence[Press], running: int, beside_slow: bool) -> Iterator[Press]:
+        """Yield presses whose next try should begin now, in order. The caller begins each before it asks for the next.
+
+        slow : presses with a slow running try, the slowest first
+        running : number of running tries
+        beside_slow : True if one of them is slow
+        """
+        for press in second_tries(slow, not len(self)):
+            running += 1
+            yield press
+        while (press := self.pop(beside_slow)) is not None:
+            beside_slow = beside_slow or self.is_slow(press.shape, 0)
+            running += 1
+            yield press
+        yield from more_tries(slow, running)
 
     @property
     def _allowed(self) -> Callable[[int], bool]:

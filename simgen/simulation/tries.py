@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from simgen.simulation.measurements import PressSample, PressSamples
 
-# Longest load steps of a press's tries over those of the first. On a CPU a press has at most two tries. On a GPU each
-# try takes its own path even with equal steps, because the order of sums depends on the threads.
-STEP_SCALES = (1.0, 0.5, 0.7, 1.0)
+# Longest load steps of a press's tries over those of the first. On a CPU a press has at most two tries. On a GPU a try
+# with the steps of the first takes another path, because the order of sums depends on the threads. Of 128 such tries of
+# hard cubes and rings on the DIGIT 2 miss a depth, of those with 0.7 and 0.5 times the steps 12 and 7 (two H200s,
+# `docs/benchmarks/few_presses_h200.json`).
+STEP_SCALES = (1.0, 0.5, 1.0, 0.7)
 # Newton iterations since the last sample, after which the second try begins beside the first if an environment is free,
 # and the same for the iterations of a whole try. A run ends when its last press ends. Computed from both tries of slow
 # cubes and rings on the DIGIT, that would be after 1,031 to 1,383 iterations if the try that ends first counts. With
@@ -19,8 +21,7 @@ STEP_SCALES = (1.0, 0.5, 0.7, 1.0)
 # runs on H200s, `docs/benchmarks/two_tries_h200.json`).
 SECOND_TRY_ITERATIONS = 150
 SECOND_TRY_AFTER = 350
-# Tries of a pool. While fewer run and no press waits, slow presses have up to four: with so few tries, one more costs a
-# GPU nearly nothing.
+# Slow presses have up to four tries while fewer than these run in a pool, and no press may begin there.
 FEW_TRIES = 8
 
 
@@ -119,18 +120,18 @@ class Press:
             self.status, self.tries = self.kept.status, [self.kept]
 
 
-def tries_beside(slow: Sequence[Press], running: int, waiting: int) -> list[Press]:
-    """Presses that should begin another try beside a slow one, in order. A press comes once for each try.
+def second_tries(slow: Iterable[Press], none_waits: bool) -> list[Press]:
+    """Slow presses with one try, whose second should begin beside it. Without a race it waits until no press waits."""
+    return [press for press in slow if len(press.tries) == 1 and (press.race or none_waits)]
 
-    slow : presses of running tries that are slow, the longest try first
-    running, waiting : numbers of running tries, and of presses that wait for an environment
+
+def more_tries(slow: Iterable[Press], running: int) -> Iterator[Press]:
+    """Yield slow presses whose third or fourth try should begin, once for each try. Only presses of a race have them.
+
+    slow : the slowest first
+    running : number of running tries
     """
-    presses = list(dict.fromkeys(slow))
-    again = [press for press in presses if len(press.tries) == 1 and (press.race or not waiting)]
-    room = 0 if waiting else FEW_TRIES - running - len(again)
-    for press in presses:
-        if press.race and room > 0:
-            more = min(room, len(STEP_SCALES) - max(2, len(press.tries)))
-            again += [press] * more
-            room -= more
-    return again
+    for press in slow:
+        while press.race and 2 <= len(press.tries) < len(STEP_SCALES) and running < FEW_TRIES:
+            yield press  # and the try begins
+            running += 1

@@ -10,9 +10,9 @@ from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.tries import Press
 
 
-def a_press(shape, again=False):
-    press = Press(shape, np.eye(4), 0.0, 1, 0.0)
-    if again:
+def a_press(shape, tries=0, race=False):
+    press = Press(shape, np.eye(4), 0.0, 1, 0.0, race)
+    for _ in range(tries):
         press.next_try()
     return press
 
@@ -102,14 +102,14 @@ def test_a_try_is_slow_if_its_indenter_is_or_if_it_takes_long():
 
 def test_a_press_that_is_tried_again_goes_before_all():
     queue, presses = filled(0, 1)
-    presses.append(a_press(0, again=True))
+    presses.append(a_press(0, tries=1))
     queue.add(presses[-1])
     assert order(queue, presses) == [2, 0, 1]
 
 
 def test_dropped_presses_do_not_wait():
     queue, presses = filled(0, 1, 1)
-    presses.append(a_press(0, again=True))
+    presses.append(a_press(0, tries=1))
     queue.add(presses[-1])
     for i in (1, 3):
         presses[i].dropped = True
@@ -152,7 +152,7 @@ def test_the_second_queue_takes_slow_presses_if_the_first_has_no_room():
 
 def test_a_second_try_stays_in_its_own_queue():
     queue, presses = filled(0)
-    other, again = PressQueue(queue), a_press(0, again=True)
+    other, again = PressQueue(queue), a_press(0, tries=1)
     other.add(again)
     assert (len(queue), len(other)) == (1, 2)
     assert queue.pop() is presses[0] and other.pop() is again
@@ -211,3 +211,31 @@ def test_a_probably_slow_shape_counts_as_slow_whatever_its_mean_is():
     assert queue.is_slow(1, 0) and not queue.is_slow(0, 0)
     assert queue.pop(beside_slow=True) is presses[3] and queue.pop(beside_slow=True) is None
     assert queue.pop() is presses[2]
+
+
+def begun(queue, slow, running, beside_slow=False):
+    """The presses that begin their next try now."""
+    return [press for press in queue.next_presses(slow, running, beside_slow) if press.next_try()]
+
+
+def test_second_tries_go_before_presses_that_wait_and_more_tries_after_them():
+    queue, waiting = filled(0, 0)
+    one, two = (a_press(0, tries, race=True) for tries in (1, 2))
+    assert begun(queue, [one, two], running=1) == [one, *waiting, one, one, two, two]
+
+
+def test_more_tries_begin_beside_slow_presses_while_presses_wait_for_the_second_queue():
+    """So a slow press at the end of the first pool ends earlier, and more often completes."""
+    queue, presses = filled(0, 1, slow=[1])
+    queue.learn(0, 100)
+    queue.learn(1, 100)
+    queue.has_help, slow = True, a_press(1, tries=2, race=True)
+    assert begun(queue, [slow], running=2, beside_slow=True) == [presses[1], slow, slow]
+    assert list(queue) == [presses[0]]
+
+
+def test_a_slow_press_that_begins_keeps_others_from_the_first_queue():
+    queue, presses = filled(1, 0, slow=[1])
+    queue.has_help = True
+    queue.learn(0, 100)
+    assert begun(queue, [], running=0) == [presses[0]] and list(queue) == [presses[1]]

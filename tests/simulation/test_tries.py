@@ -10,7 +10,7 @@ from simgen.config.solver_settings import SolverSettings
 from simgen.fem.nonlinear.status import Status
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import Scene, begin_presses, press
-from simgen.simulation.tries import FEW_TRIES, STEP_SCALES, Press, tries_beside
+from simgen.simulation.tries import FEW_TRIES, STEP_SCALES, Press, more_tries, second_tries
 from simulation.blocks import GEL, SPHERE, pose
 from simulation.failing_steps import fail_beyond
 
@@ -46,8 +46,8 @@ def failed(samples, status=Status.NEWTON_STALLED):
     return samples, status, True
 
 
-def test_later_tries_take_shorter_steps_and_the_last_one_repeats_the_first():
-    assert [each.step_scale for each in tried(*[UNDER_WAY] * 4)[1]] == [1.0, 0.5, 0.7, 1.0]
+def test_the_second_try_takes_half_steps_and_the_third_those_of_the_first():
+    assert [each.step_scale for each in tried(*[UNDER_WAY] * 4)[1]] == [1.0, 0.5, 1.0, 0.7]
 
 
 @pytest.mark.parametrize("tries", [(UNDER_WAY,), (failed(2),), (UNDER_WAY, WHOLE), (UNDER_WAY, failed(2)),
@@ -195,16 +195,24 @@ def racing(tries: int) -> Press:
     return tried(*[UNDER_WAY] * tries, race=True)[0]
 
 
-def test_slow_presses_have_up_to_four_tries_while_few_run_and_none_waits():
+def begun(presses) -> list[Press]:
+    """The presses, after the next try of each has begun."""
+    return [press for press in presses if press.next_try()]
+
+
+def test_slow_presses_of_a_race_have_up_to_four_tries_while_few_run():
     one, two, four = racing(1), racing(2), racing(4)
-    assert tries_beside([two, one, two, four], FEW_TRIES - 2, 0) == [one, two]  # the second try of a press goes first
-    assert tries_beside([one, two], FEW_TRIES - 5, 0) == [one, one, one, two, two]
-    assert tries_beside([two, one], FEW_TRIES, 0) == tries_beside([two, one], 1, waiting=1) == [one]
+    assert begun(more_tries([four, two, one], 3)) == [two, two]  # the second try of a press waits for nothing
+    two, again = racing(2), racing(3)
+    assert begun(more_tries([two, again], FEW_TRIES - 2)) == [two, two]
+    assert begun(more_tries([again], FEW_TRIES)) == []
 
 
-def test_without_a_race_a_press_has_two_tries():
+def test_without_a_race_a_press_has_two_tries_and_the_second_waits_until_no_press_waits():
     press, again = tried(UNDER_WAY)[0], tried(UNDER_WAY, UNDER_WAY)[0]
-    assert tries_beside([press, again], 2, 0) == [press]
+    assert second_tries([press, again], none_waits=True) == [press]
+    assert second_tries([press, racing(1)], none_waits=False)[0].race
+    assert begun(more_tries([press, again], 0)) == []
 
 
 def test_in_a_race_four_tries_run_beside_each_other(block, monkeypatch):
@@ -217,10 +225,11 @@ def test_in_a_race_four_tries_run_beside_each_other(block, monkeypatch):
     [one] = begin_presses(stepping, [SPHERE], [0], pose(), np.array([2]))
     one.race, most = True, 0
     while stepping.remaining:
+        tries = one.tries
         stepping.advance()
         most = max(most, int(stepping.running.sum()))
-    assert most == len(STEP_SCALES)
-    assert one.status == Status.CONVERGED and one.kept.step_scale == STEP_SCALES[2] and len(one.samples) == 2
+    assert most == len(STEP_SCALES) and one.kept is tries[2]
+    assert one.status == Status.CONVERGED and len(one.samples) == 2
     assert stepping.press == stepping.tries == [None] * 6 and not stepping.solver.working.any()
 
 
