@@ -24,9 +24,10 @@ class PressQueue:
     without an ended try counts as the hardest. A second try goes before all others.
 
     A second queue can share the presses that begin their first try. The first queue then takes the hardest, and the
-    second queue takes hard and slow ones last, and only if all environments of the first one are in use. While the
-    second one is in use and a slow press runs beside the first one, the first queue takes only slow and hard presses:
-    with few presses, its iterations are short.
+    second queue takes hard and slow ones last, and only if all environments of the first one are in use. Once fewer
+    presses wait than the first queue has environments, it takes only slow and hard ones while slow ones run: with few
+    presses, its iterations are short. Before, that would leave the device idle. All this holds while the second queue
+    is in use.
 
     beside : the first queue, for a second one
     slow : shapes that count as slow, whatever the mean of their tries is. Short tries end first, so the mean of a slow
@@ -38,7 +39,7 @@ class PressQueue:
     def __init__(self, beside: PressQueue | None = None, slow: Collection[int] = (), environments: int = 0):
         self._shared = _Shared(slow) if beside is None else beside._shared
         self._shared.environments += environments
-        self._is_first = beside is None
+        self._is_first, self._environments = beside is None, environments
         self.has_help = False
         self._again: deque[Press] = deque()
 
@@ -55,7 +56,7 @@ class PressQueue:
         shared = self._shared
         if not self._is_first:
             return shared.pop(shared.easiest_first, self._allowed)
-        only_slow = self.has_help and beside_slow
+        only_slow = self.has_help and beside_slow and not self._many_wait
         return shared.pop(shared.hardest_first, shared.is_slow_or_hard if only_slow else shared.is_any)
 
     def next_presses(self, slow: Sequence[Press], running: int, beside_slow: bool) -> Iterator[Press]:
@@ -73,6 +74,11 @@ class PressQueue:
             running += 1
             yield press
         yield from more_tries(slow, running)
+
+    @property
+    def _many_wait(self) -> bool:
+        """True if the waiting presses would fill all environments of this queue."""
+        return 0 < self._environments <= len(self)
 
     @property
     def _allowed(self) -> Callable[[int], bool]:

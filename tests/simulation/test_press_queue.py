@@ -239,3 +239,15 @@ def test_a_slow_press_that_begins_keeps_others_from_the_first_queue():
     queue.has_help = True
     queue.learn(0, 100)
     assert begun(queue, [], running=0) == [presses[0]] and list(queue) == [presses[1]]
+
+
+def test_while_many_presses_wait_the_first_queue_takes_others_too():
+    """It could otherwise run nearly empty for minutes, because of a few slow presses."""
+    queue, presses = filled(1, 0, 0, 0, slow=[1], environments=2)
+    queue.has_help = True
+    queue.learn(0, 100)
+    assert begun(queue, [], running=0) == presses[:3]  # then one waits, and there are two environments
+    queue, presses = filled(1, 0, slow=[1], environments=3)
+    queue.has_help = True
+    queue.learn(0, 100)
+    assert begun(queue, [], running=0) == presses[:1]
