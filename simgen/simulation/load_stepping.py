@@ -132,7 +132,8 @@ class LoadStepping:
         slow = sorted(np.flatnonzero(self.running & slow), key=lambda env: -self._try_iterations[env])
         slow = list(dict.fromkeys(self.press[env] for env in slow))
         beside_slow = self.queue.has_help and self.has_slow_press
-        for env, press in zip(free, self.queue.next_presses(slow, int(self.running.sum()), beside_slow), strict=False):
+        presses = self.queue.next_presses(slow, int(self.running.sum()), beside_slow)
+        for env, press in zip(free, presses, strict=False):  # an environment first, or a press would be lost
             self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
             self._step_scale[env] = self.tries[env].step_scale
@@ -303,7 +304,7 @@ class LoadStepping:
         self.queue.learn(press.shape, self._try_iterations[env])
         press.decide()
         if press.status is None:
-            if len(press.tries) == 1:
+            if press.all_failed:
                 self.queue.add(press)
             self._release(np.arange(self.scene.batch) == env)
         else:  # other tries may be running, too

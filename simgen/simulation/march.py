@@ -38,10 +38,9 @@ class March:
             print(sample.step, sample.outputs["force"])
         march.result.force
 
-    The first try of a press may fail or be slow. A second try then begins from rest with half load steps (see
-    `simgen.simulation.tries`), and yields the steps from 0 on again. If the first try counts in the end, its samples
-    are yielded once more. So the newest sample of each step belongs to the result. Only steps that the result has
-    reached count.
+    The first try of a press may fail or be slow. Another try then begins from rest (see `simgen.simulation.tries`), and
+    yields the steps from 0 on again. If an earlier try counts in the end, its samples are yielded once more. So the
+    newest sample of each step belongs to the result. Only steps that the result has reached count.
 
     The scene serves one march at a time: a new one ends the one before. Raises `InputError` as `follow` does.
     """

@@ -161,12 +161,13 @@ class Pool:
 
     @property
     def _place(self) -> int:
-        """Place of this pool's kernels on the device: the number of pools that go first.
+        """Place of this pool's kernels on the device: the number of pools that go first. At first use it is fixed.
 
-        Of two pools of a sensor the first one goes first, because it has the slow presses.
+        Of two pools of a sensor the first one goes first, because it has the slow presses. Idle pools of other jobs do
+        not count.
         """
         with FREED:
-            return sum(pool.rank < self.rank for pool in POOLS)
+            return sum(pool.rank < self.rank and bool(pool.remaining or not pool._advances) for pool in POOLS)
 
     def drop(self):
         """Drop all unfinished presses."""

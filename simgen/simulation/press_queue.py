@@ -21,13 +21,13 @@ class PressQueue:
     hard indenters begin first, in the order of their longest tries. All other presses begin in such an order that they
     end in the order of their arrival: those with longer tries begin earlier. So tasks end one after the other, and the
     last presses of a run end together. The queue learns the lengths of tries from tries that have ended. An indenter
-    without an ended try counts as the hardest. A second try goes before all others.
+    without an ended try counts as the hardest. Second tries go before all others, third and fourth tries beside slow
+    ones go last.
 
     A second queue can share the presses that begin their first try. The first queue then takes the hardest, and the
-    second queue takes hard and slow ones last, and only if all environments of the first one are in use. Once fewer
-    presses wait than the first queue has environments, it takes only slow and hard ones while slow ones run: with few
-    presses, its iterations are short. Before, that would leave the device idle. All this holds while the second queue
-    is in use.
+    second queue takes hard and slow ones last, and only if all environments of the first one are in use. While the
+    second queue is in use and slow presses run, the first queue takes only slow and hard ones: with few presses, its
+    iterations are short. It takes others, too, while as many presses wait as it has environments.
 
     beside : the first queue, for a second one
     slow : shapes that count as slow, whatever the mean of their tries is. Short tries end first, so the mean of a slow
@@ -62,9 +62,9 @@ class PressQueue:
     def next_presses(self, slow: Sequence[Press], running: int, beside_slow: bool) -> Iterator[Press]:
         """Yield presses whose next try should begin now, in order. The caller begins each before it asks for the next.
 
-        slow : presses with a slow running try, the slowest first
+        slow : presses whose running try has taken long enough for another try beside it, the slowest first
         running : number of running tries
-        beside_slow : True if one of them is slow
+        beside_slow : True if one of them is slow, see `is_slow`
         """
         for press in second_tries(slow, not len(self)):
             running += 1
@@ -168,9 +168,8 @@ class _Shared:
             self._all_tries += 1
 
     def hardest_first(self, shape: int) -> tuple:
-        """Sort key. Of the indenters without an ended try, those that are probably slow go first."""
-        unknown = not self._tries[shape]
-        return -self._hardness(shape), not (unknown and self.is_slow(shape))
+        """Sort key. Shapes that are probably slow go before others that are as hard."""
+        return -self._hardness(shape), shape not in self._slow
 
     def easiest_first(self, shape: int) -> tuple:
         return self.is_slow(shape), self._hardness(shape)

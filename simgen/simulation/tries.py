@@ -1,4 +1,4 @@
-"""A press and its tries: a press whose first try fails or is slow is solved again from rest, with other load steps."""
+"""A press and its tries: a press whose first try fails or is slow is solved again from rest."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 
 from simgen.simulation.measurements import PressSample, PressSamples
 
-# Longest load steps of a press's tries over those of the first. On a CPU a press has at most two tries. On a GPU a try
-# with the steps of the first takes another path, because the order of sums depends on the threads. Of 128 such tries of
-# hard cubes and rings on the DIGIT 2 miss a depth, of those with 0.7 and 0.5 times the steps 12 and 7 (two H200s,
+# Longest load steps of a press's tries over those of the first. On a GPU a try with the steps of the first takes
+# another path, because the order of sums depends on the threads. 2 of 128 such tries of hard cubes and rings on the
+# DIGIT miss a depth. With 0.7 and 0.5 times these steps 12 and 7 do (two H200s,
 # `docs/benchmarks/few_presses_h200.json`).
 STEP_SCALES = (1.0, 0.5, 1.0, 0.7)
+MOST_WITHOUT_A_RACE = 2  # tries of a press on a CPU
 # Newton iterations since the last sample, after which the second try begins beside the first if an environment is free,
 # and the same for the iterations of a whole try. A run ends when its last press ends. Computed from both tries of slow
 # cubes and rings on the DIGIT, that would be after 1,031 to 1,383 iterations if the try that ends first counts. With
@@ -21,7 +22,7 @@ STEP_SCALES = (1.0, 0.5, 1.0, 0.7)
 # runs on H200s, `docs/benchmarks/two_tries_h200.json`).
 SECOND_TRY_ITERATIONS = 150
 SECOND_TRY_AFTER = 350
-# Slow presses have up to four tries while fewer than these run in a pool, and no press may begin there.
+# Third and fourth tries begin beside slow ones while fewer tries than these run in a pool and no press may begin there.
 FEW_TRIES = 8
 
 
@@ -47,6 +48,11 @@ class Try:
     def completed(self) -> bool:
         """True if the try has ended and has not failed."""
         return self.status is not None and not self.failed
+
+    @property
+    def reached(self) -> int:
+        """Number of steps that have converged."""
+        return len(self.samples)
 
     def keep(self, samples: PressSamples, place: int, steps: int):
         """Keep one of several samples. Each of its large outputs goes into one array for all steps of the path."""
@@ -96,6 +102,16 @@ class Press:
         """Large outputs (d, ...) of the kept try by name; empty without a sample."""
         return {} if self.kept is None else self.kept.large
 
+    @property
+    def most_tries(self) -> int:
+        """Number of tries that the press may have."""
+        return len(STEP_SCALES) if self.race else MOST_WITHOUT_A_RACE
+
+    @property
+    def all_failed(self) -> bool:
+        """True if all tries have ended and failed."""
+        return all(each.failed for each in self.tries)
+
     def next_try(self) -> Try:
         """Begin the next try."""
         self.tries.append(Try(STEP_SCALES[len(self.tries)]))
@@ -104,18 +120,19 @@ class Press:
     def decide(self):
         """End the press if its tries decide the result: the first try counts unless it failed, else the second.
 
-        In a ``race`` any try counts that completes before the first, unless a running one has got further. If all have
-        failed, the one that got furthest counts. So the result depends on which try ends first only in a race.
+        In a ``race`` any try counts that completes before the first, unless a running one has got further. If all tries
+        that a press may have have failed, the one that got furthest counts. So the result depends on which try ends
+        first only in a race.
         """
         first, *others = self.tries
-        running = [each for each in self.tries if each.status is None]
-        reached = max((len(each.samples) for each in running), default=0)
+        reached = max((each.reached for each in self.tries if each.status is None), default=0)
         if first.completed:
             self.kept = first
         elif self.race or first.failed:
-            self.kept = next((each for each in others if each.completed and len(each.samples) >= reached), None)
-        if self.kept is None and others and not running:
-            self.kept = max(reversed(self.tries), key=lambda each: len(each.samples))
+            completed = [each for each in others if each.completed and each.reached >= reached]
+            self.kept = max(completed, key=lambda each: each.reached, default=None)
+        if self.kept is None and self.all_failed and len(self.tries) == self.most_tries:
+            self.kept = max(reversed(self.tries), key=lambda each: each.reached)
         if self.kept is not None:
             self.status, self.tries = self.kept.status, [self.kept]
 
@@ -126,12 +143,12 @@ def second_tries(slow: Iterable[Press], none_waits: bool) -> list[Press]:
 
 
 def more_tries(slow: Iterable[Press], running: int) -> Iterator[Press]:
-    """Yield slow presses whose third or fourth try should begin, once for each try. Only presses of a race have them.
+    """Yield slow presses whose third or fourth try should begin, once for each try.
 
     slow : the slowest first
     running : number of running tries
     """
     for press in slow:
-        while press.race and 2 <= len(press.tries) < len(STEP_SCALES) and running < FEW_TRIES:
+        while 2 <= len(press.tries) < press.most_tries and running < FEW_TRIES:
             yield press  # and the try begins
             running += 1

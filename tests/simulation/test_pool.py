@@ -97,15 +97,17 @@ def test_the_second_of_two_pools_takes_slow_presses_only_if_the_first_is_full(bl
 
 
 def test_the_kernels_of_a_sensor_s_first_pool_go_before_those_of_its_second_and_these_before_smaller_sensors(block):
-    small = make_pool(make_block((2, 4, 2)), 1)
+    """Pools that have had presses, and have none, do not count."""
+    idle, small = make_pool(make_block((8, 4, 2)), 1), make_pool(make_block((2, 4, 2)), 1)
     pool = make_pool(block, 1)
     other = make_pool(block, 1, pool)
-    before = pool._place  # pools of other tests may not be gone yet
-    assert (other._place, small._place) == (before + 1, before + 2)
+    assert idle._place < pool._place < other._place < small._place
+    before, idle._advances = pool._place, 1
+    assert pool._place == before - 1
 
 
 def test_a_pool_of_few_presses_goes_first_on_the_device_only_if_one_of_them_is_slow(block):
-    """The block's cube counts as slow until a try of each shape has ended. Two pools with short presses take turns."""
+    """The block's cube counts as slow. Two pools with short presses take turns."""
     pool, spheres = make_pool(block, 2), make_pool(block, 2)
     ranks = [(pool.device_rank, spheres.device_rank)]
     tasks = [press(pool, 0, 2), spheres.press([0, 0], POSES[:2], np.full(2, 2))]

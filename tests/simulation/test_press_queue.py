@@ -221,7 +221,7 @@ def begun(queue, slow, running, beside_slow=False):
 def test_second_tries_go_before_presses_that_wait_and_more_tries_after_them():
     queue, waiting = filled(0, 0)
     one, two = (a_press(0, tries, race=True) for tries in (1, 2))
-    assert begun(queue, [one, two], running=1) == [one, *waiting, one, one, two, two]
+    assert begun(queue, [one, two], running=3) == [one, *waiting, one, one]  # eight tries run then
 
 
 def test_more_tries_begin_beside_slow_presses_while_presses_wait_for_the_second_queue():
@@ -242,7 +242,7 @@ def test_a_slow_press_that_begins_keeps_others_from_the_first_queue():
 
 
 def test_while_many_presses_wait_the_first_queue_takes_others_too():
-    """It could otherwise run nearly empty for minutes, because of a few slow presses."""
+    """It would otherwise run nearly empty for long, because of a few slow presses."""
     queue, presses = filled(1, 0, 0, 0, slow=[1], environments=2)
     queue.has_help = True
     queue.learn(0, 100)
@@ -251,3 +251,10 @@ def test_while_many_presses_wait_the_first_queue_takes_others_too():
     queue.has_help = True
     queue.learn(0, 100)
     assert begun(queue, [], running=0) == presses[:1]
+
+
+def test_slow_shapes_begin_before_others_that_are_as_hard():
+    queue, presses = filled(0, 1, 0, 1, slow=[1])
+    for shape, iterations in ((0, 100), (1, 110)):
+        queue.learn(shape, iterations)
+    assert order(queue, presses) == [1, 3, 0, 2]

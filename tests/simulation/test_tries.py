@@ -88,8 +88,10 @@ def test_the_first_try_counts_unless_it_failed_and_then_the_one_that_got_further
         (((2, None, False), (1, Status.FORCE_LIMIT, False)), None),
         ((UNDER_WAY, failed(2)), None),
         ((failed(2), UNDER_WAY), None),
-        ((failed(2), failed(1, Status.NOT_RESOLVED)), 0),
+        ((failed(2), failed(1)), None),
+        ((failed(2), failed(1), failed(2)), None),
         ((failed(2), failed(1), UNDER_WAY), None),
+        ((failed(2), (1, Status.NOT_RESOLVED, False), WHOLE), 2),
         ((failed(2), (1, Status.FORCE_LIMIT, False), UNDER_WAY), 1),
         ((UNDER_WAY, failed(2), UNDER_WAY, WHOLE), 3),
         ((UNDER_WAY, WHOLE, WHOLE), 1),
@@ -231,6 +233,21 @@ def test_in_a_race_four_tries_run_beside_each_other(block, monkeypatch):
     assert most == len(STEP_SCALES) and one.kept is tries[2]
     assert one.status == Status.CONVERGED and len(one.samples) == 2
     assert stepping.press == stepping.tries == [None] * 6 and not stepping.solver.working.any()
+
+
+def test_in_a_race_a_press_fails_once_four_tries_have_failed(block, monkeypatch):
+    """With one environment they run one after the other."""
+    fail_beyond(monkeypatch, (0.25, 0.1, 0.3, 0.1))
+    scene = Scene(block, GEL, settings=SolverSettings(smallest_substep=1e-3))
+    scene.reset([SPHERE])
+    stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
+    [one] = begin_presses(stepping, [SPHERE], [0], pose(), np.array([2]))
+    one.race = True
+    while stepping.remaining:
+        tries = one.tries
+        stepping.advance()
+    assert [each.step_scale for each in tries] == list(STEP_SCALES)
+    assert one.status == Status.NEWTON_STALLED and one.kept is tries[2] and len(one.samples) == 1
 
 
 def test_tries_that_end_together_end_their_press_once(block):
