@@ -2,13 +2,17 @@
 
 import gc
 import weakref
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from simgen.config.solver_settings import SolverSettings
 from simgen.fem.nonlinear.status import Status
+from simgen.pipeline.presser import Pools
 from simgen.simulation.load_stepping import LoadStepping
+from simgen.simulation.pool import Pool
 from simgen.simulation.press import Scene, begin_presses, press
 from simgen.simulation.tries import FEW_TRIES, STEP_SCALES, Press, more_tries, second_tries
 from simulation.blocks import GEL, SPHERE, pose
@@ -276,3 +280,40 @@ def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
     stepping.drop([one])
     assert stepping.remaining == 0 and stepping.press == stepping.tries == [None, None]
     assert not stepping.solver.working.any()
+
+
+def test_races_in_two_pools_lose_no_press(block, monkeypatch):
+    """The tries of presses at 0, 1 and -1 mm fail once, twice and never, and those of tilted presses always."""
+    accept, begin, begun = LoadStepping._accept_or_reject, Press.next_try, Counter()
+
+    def failing(press):
+        return 4 if press.pose[0, 1] else {0: 1, 1: 2, -1: 0}[round(press.pose[0, 3])]
+
+    def reject(stepping, ended):
+        for env in np.flatnonzero(ended & (stepping.target > 0.25)):
+            press = stepping.press[env]
+            if press is not None and press.tries.index(stepping.tries[env]) < failing(press):
+                stepping.solver.increment.status[env] = Status.NEWTON_STALLED
+        accept(stepping, ended)
+
+    def next_try(press):
+        press.race = True
+        begun[press] += 1
+        return begin(press)
+
+    def make_pool(beside=None):
+        path = np.array([[0.0, 0.2e-3, 0.0], [0.0, 0.4e-3, 0.0]])
+        return Pool(Scene(block, GEL, batch=3), [SPHERE], path, np.zeros(2), np.inf, beside)
+
+    monkeypatch.setattr(LoadStepping, "_accept_or_reject", reject)
+    monkeypatch.setattr(Press, "next_try", next_try)
+    monkeypatch.setattr("simgen.simulation.load_stepping.SECOND_TRY_AFTER", 8)
+    first, poses = make_pool(), np.concatenate([pose(), pose(x=1.0), pose(tilt_deg=5.0), pose(x=-1.0)])
+    pools = Pools([first, make_pool(first)])
+    tasks = [pools.press([0] * 4, poses, np.full(4, 2)) for _ in range(3)]
+    with ThreadPoolExecutor(3) as threads:
+        assert [len(results) for results in threads.map(list, tasks)] == [4, 4, 4]
+    for one in (each for task in tasks for each in task.presses):
+        fails = failing(one)
+        assert one.status == (Status.NEWTON_STALLED if fails == 4 else Status.CONVERGED)
+        assert begun[one] > fails or begun[one] == fails == 4
