@@ -114,7 +114,9 @@ class DatasetPage:
 
     async def begin(self) -> None:
         """Show the sample that the link names, and follow later changes of the link."""
-        ui.add_head_html("<script>addEventListener('hashchange', () => emitEvent('link', location.hash))</script>")
+        # The event's own address: a late `set_link` may have changed the page's address since.
+        follow = "addEventListener('hashchange', (event) => emitEvent('link', new URL(event.newURL).hash))"
+        ui.add_head_html(f"<script>{follow}</script>")
         ui.on("link", lambda event: self.follow_link(event.args))
         self._press_is_new()
         await ui.context.client.connected()

@@ -163,6 +163,13 @@ def test_a_link_opens_its_sample_and_a_changed_link_is_followed(loaded, shown):
     shown(loaded, 5, 0)
 
 
+def test_a_changed_link_is_followed_though_the_page_changes_the_address_at_the_same_time(browser, shown):
+    """As it does when it names a sample that was shown just before."""
+    change = "location.hash = '#press=7&depth=3'; history.replaceState(null, '', '#press=0&depth=4')"
+    browser.execute_script(change)
+    shown(browser, 7, 3)
+
+
 def test_a_bad_link_gives_its_sentence(browser, shown):
     go_to(browser, "#press=12")
     notice(browser, "link: press: '12'; allowed: 0 to 11")
