@@ -60,7 +60,8 @@ class LoadStepping:
         self.running, self._starting = np.zeros((2, batch), dtype=bool)  # has a try; begins its next increment
         self._shape, self._poses, self._reach = np.zeros(batch), np.tile(np.eye(4), (batch, 1, 1)), np.zeros(batch)
         self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
-        self._successes, self._repeats = np.zeros((2, batch), dtype=int)  # since a failed increment; of the current one
+        self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
+        self._repeats = np.zeros(batch, dtype=int)  # of the current increment
         self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since a sample; deepest where one is due
         self._measured: tuple[np.ndarray, Measured] | None = None  # where a sample is due, (env,) bool, and its values
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
