@@ -17,7 +17,9 @@ from simgen.fem.contact.contact import Last
 from simgen.fem.device import read_together
 from simgen.fem.nonlinear.newton import REPEATABLE_ITERATIONS
 from simgen.fem.nonlinear.status import Status
+from simgen.simulation.halved_steps import begin_halves, halve, has_partner, smallest_steps, superseded
 from simgen.simulation.measurements import Solution, take_samples
+from simgen.simulation.moving_presses import move_together
 from simgen.simulation.press_path import PressPath, longest_way
 from simgen.simulation.press_queue import PressQueue
 from simgen.simulation.scene import Scene
@@ -32,12 +34,6 @@ MIN_OVERLAP_MM = 0.01  # an indenter that overlaps more without a force lies bet
 # runs of the paired job (8a88ef0, 5c68dee; one H200) none took more than 951.
 MAX_ITERATIONS = 1000
 MAX_REPEATS = 12  # of an increment whose state has inverted elements or too much overlap
-# Attributes of `LoadStepping` with one value for each environment, which belongs to its press.
-OF_PRESS = (
-    "_shape", "_poses", "_reach", "travelled", "previous", "target", "step", "goal", "max_step", "_step_scale",
-    "_successes", "_repeats", "_damping", "_reinforced", "_repeated", "_converged", "_try_iterations",
-    "_target_poses", "running", "_starting",
-)  # fmt: skip
 
 
 class LoadStepping:
@@ -46,7 +42,8 @@ class LoadStepping:
     path (d, 4): offsets, mm, and turns about the press axis, rad. A press ends after its last step, or where its force
     along the press axis exceeds ``max_force_n``, which may be infinite. The scene holds the indenters' shapes.
     ``travelled``, ``target`` and ``goal`` (env,) are path lengths in mm: at the last converged increment, at the end of
-    the current increment, and at the next point to store. ``queue`` has the presses that wait for an environment.
+    the current increment, and at the next point to store. ``halved`` (env,) bool marks increments that were begun again
+    in halves, see `halved_steps`. ``queue`` has the presses that wait for an environment.
     """
 
     _counted = 0.0  # s, time up to which wall time has been shared out among presses
@@ -60,14 +57,15 @@ class LoadStepping:
         self.running, self._starting = np.zeros((2, batch), dtype=bool)  # has a try; begins its next increment
         self._shape, self._poses, self._reach = np.zeros(batch), np.tile(np.eye(4), (batch, 1, 1)), np.zeros(batch)
         self.travelled, self.previous, self.target, self.step = np.zeros((4, batch))
-        self._successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
-        self._repeats = np.zeros(batch, dtype=int)  # of the current increment
+        self.successes = np.zeros(batch, dtype=int)  # converged increments since the last failed one
+        self.repeats = np.zeros(batch, dtype=int)  # of the current increment
         self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since a sample; deepest where one is due
         self._measured: tuple[np.ndarray, Measured] | None = None  # where a sample is due, (env,) bool, and its values
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self._repeated = np.zeros(batch, dtype=bool)  # the last increment was repeated
-        self._converged = np.zeros(batch, dtype=bool)  # the current one has converged once, and was repeated
-        self._step_scale = np.ones(batch)  # of the current tries
+        self.converged_once = np.zeros(batch, dtype=bool)  # the current one has converged once, and was repeated
+        self.halved, self._iterations_before = np.zeros(batch, dtype=bool), np.zeros(batch, dtype=np.int64)
+        self.step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
         # Newton iterations of the current tries; Newton and Krylov iterations and sub-steps since the last sample
         self._try_iterations, self.cost = np.zeros(batch, dtype=np.int64), np.zeros((3, batch), dtype=np.int64)
@@ -87,7 +85,7 @@ class LoadStepping:
         for press in presses:
             press.dropped = True
         self.queue.remove_dropped()
-        self._release(np.array([press is not None and press.dropped for press in self.press]))
+        self.release(np.array([press is not None and press.dropped for press in self.press]))
 
     @property
     def unfinished(self) -> list[Press]:
@@ -107,9 +105,9 @@ class LoadStepping:
     def advance(self):
         """Advance all running presses by one iteration."""
         begin = time.perf_counter()
-        self._starting |= self._start_tries()
+        self._starting |= self._start_tries() | begin_halves(self)
         self.queue.note_room(not self.running.all())
-        self._move_together()
+        move_together(self)
         self._begin_increments(self._starting)
         self._starting[:] = False
         running = [press for press in self.press if press is not None]
@@ -137,33 +135,18 @@ class LoadStepping:
         for env, press in zip(free, presses, strict=False):  # an environment first, or a press would be lost
             self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
-            self._step_scale[env] = self.tries[env].step_scale
+            self.step_scale[env] = self.tries[env].step_scale
             fresh[env] = True
         if not fresh.any():
             return fresh
         self.running |= fresh
-        self._repeats[fresh] = self._try_iterations[fresh] = self.cost[:, fresh] = 0
+        self.repeats[fresh] = self._try_iterations[fresh] = self.cost[:, fresh] = 0
         self.travelled[fresh] = self.previous[fresh] = self._damping[fresh] = 0.0
-        self._successes[fresh] = GROWTH_DELAY
-        self._reinforced[fresh] = self._repeated[fresh] = self._converged[fresh] = False
-        self.step[fresh] = self.max_step[fresh] = self._step_scale[fresh] * self.path.max_steps[0]
+        self.successes[fresh] = GROWTH_DELAY
+        self._reinforced[fresh] = self._repeated[fresh] = self.converged_once[fresh] = False
+        self.step[fresh] = self.max_step[fresh] = self.step_scale[fresh] * self.path.max_steps[0]
         self.scene.load(fresh, self._shape)
         return fresh
-
-    def _move_together(self):
-        """Move presses to free environments with lower numbers: scattered ones cost a GPU as much as those between."""
-        sources, targets = batch_arrays.lower_columns(self.running & self.solver.movable, ~self.running)
-        if not len(sources):
-            return
-        for name in OF_PRESS:
-            values = getattr(self, name)
-            values[targets] = values[sources]
-        self.cost[:, targets] = self.cost[:, sources]
-        for source, target in zip(sources, targets, strict=True):
-            self.press[target], self.tries[target] = self.press[source], self.tries[source]
-        self.solver.move(sources, targets)
-        batch_arrays.move([self.x_start, self.x_previous], self.solver.active, sources, targets)
-        self._release(np.isin(np.arange(self.scene.batch), sources))
 
     def _begin_increments(self, starting: np.ndarray):
         """Begin the next increment in the environments (env,) bool.
@@ -176,7 +159,7 @@ class LoadStepping:
         solver = self.solver
         segment = [0 if each is None else min(len(each.samples), len(self.path) - 1) for each in self.tries]
         self.goal = self.path.lengths[1:][segment]
-        max_step = self._step_scale * self.path.max_steps[segment]
+        max_step = self.step_scale * self.path.max_steps[segment]
         self.step = np.where(max_step != self.max_step, max_step, self.step)
         self.max_step = max_step
         target = np.minimum(self.travelled + self.step, self.goal)
@@ -187,6 +170,7 @@ class LoadStepping:
         ratio = (last * now).sum(axis=-1) / np.where(length > 0.0, length, np.inf)
         continued = np.where(ratio <= MAX_EXTRAPOLATION, np.maximum(ratio, 0.0), 0.0)
         ratio = np.clip(ratio, 0.0, MAX_EXTRAPOLATION)
+        self.halved[starting], self._iterations_before[starting] = False, self._try_iterations[starting]
         marked = solver.mark(starting)
         batch_arrays.copy(solver.x, marked, self.x_start)
         batch_arrays.extrapolate(self.x_previous, self.x_start, ratio, marked, solver.trial)
@@ -202,7 +186,7 @@ class LoadStepping:
             contact.begin_increment(start, guess, at_rest, at_rest, travel, Last(self.x_previous, at_rest, continued))
         for contact in solver.contacts:
             contact.extrapolate(ratio)
-        solver.begin(starting, self._repeated & (self._repeats < MAX_REPEATS))
+        solver.begin(starting, self._repeated & (self.repeats < MAX_REPEATS))
 
     def _repeat(self, ended: np.ndarray) -> np.ndarray:
         """Repeat increments that have ended in a state that cannot be kept; returns their environments (env,) bool.
@@ -215,7 +199,7 @@ class LoadStepping:
         """
         solver, out = self.solver, self.solver.increment
         converged = ended & (out.status == Status.CONVERGED)
-        repeatable = converged & (self._repeats < MAX_REPEATS)
+        repeatable = converged & (self.repeats < MAX_REPEATS)
         again = repeatable & (out.newton_iterations <= REPEATABLE_ITERATIONS)
         due = converged & (self.target == self.goal)
         readings = []
@@ -241,12 +225,24 @@ class LoadStepping:
                     contact.stiffen(solver.x)
                 again |= too_far
         if again.any():
-            self._repeats[again] += 1
-            self._converged |= again & converged
+            self.repeats[again] += 1
+            self.converged_once |= again & converged
             self._count_cost(again)
             batch_arrays.copy(solver.x, solver.mark(again), solver.trial)
-            solver.begin(again, self._repeats < MAX_REPEATS)
+            solver.begin(again, self.repeats < MAX_REPEATS)
         return again
+
+    @property
+    def increment_iterations(self) -> np.ndarray:
+        """Newton iterations (env,) of the current increments, with those before a repeat."""
+        return self._try_iterations - self._iterations_before + self.solver.increment.newton_iterations
+
+    def restore(self, environments: np.ndarray):
+        """Go back to the start of the increments in the environments (env,) bool."""
+        marked = self.solver.mark(environments)
+        batch_arrays.copy(self.x_start, marked, self.solver.x)
+        for contact in self.solver.contacts:
+            contact.restore(marked)
 
     def _count_cost(self, ended: np.ndarray):
         out = self.solver.increment
@@ -257,25 +253,23 @@ class LoadStepping:
     def _accept_or_reject(self, ended: np.ndarray):
         """Keep the increments (env,) that have converged; undo the others and halve their steps, or end their tries."""
         solver, out = self.solver, self.solver.increment
+        dropped = superseded(self, ended)
+        self.release(dropped)
+        ended = ended & ~dropped
         self._count_cost(ended)
         self.cost[2, ended] += 1
         converged = ended & (out.status == Status.CONVERGED)
         failed = ended & ~converged
         if failed.any():
-            marked = solver.mark(failed)
-            batch_arrays.copy(self.x_start, marked, solver.x)
-            for contact in solver.contacts:
-                contact.restore(marked)
+            self.restore(failed)
         # An increment that had converged and whose repeat fails is solved from its start, without further repeats.
-        unchecked = failed & self._converged & (self._repeats <= MAX_REPEATS) & (out.status != Status.NOT_RESOLVED)
-        self._repeated[ended], self._converged[ended] = self._repeats[ended] > 0, False
-        self._repeats[ended] = np.where(unchecked, MAX_REPEATS + 1, 0)[ended]
+        unchecked = failed & self.converged_once & (self.repeats <= MAX_REPEATS) & (out.status != Status.NOT_RESOLVED)
+        self._repeated[ended], self.converged_once[ended] = self.repeats[ended] > 0, False
+        self.repeats[ended] = np.where(unchecked, MAX_REPEATS + 1, 0)[ended]
         failed &= ~unchecked
         if failed.any():
-            self.step[failed], self._successes[failed] = (self.target - self.travelled)[failed] / 2.0, 0
-            # Sub-steps are compared with the leg's longest step, or with the first leg's if that is shorter.
-            smallest = self.scene.settings.smallest_substep
-            too_short = self.step < smallest * np.minimum(self.max_step / self._step_scale, self.path.max_steps[0])
+            halve(self, failed)
+            too_short = self.step < smallest_steps(self)
             too_costly = failed & (self.cost[0] > MAX_ITERATIONS)
             reinforce = failed & too_short & ~too_costly & ~self._reinforced
             given_up = failed & too_short & ~reinforce | too_costly
@@ -284,15 +278,18 @@ class LoadStepping:
                 self._reinforced |= reinforce
                 self.step[reinforce] = self.max_step[reinforce]
             for env in np.flatnonzero(given_up):
-                self._end(env, out.status[env], failed=True)
+                if has_partner(self, env):
+                    self.release(np.arange(self.scene.batch) == env)
+                else:
+                    self._end(env, out.status[env], failed=True)
         marked = solver.mark(converged)
         batch_arrays.copy(self.x_start, marked, self.x_previous)
         for contact in solver.contacts:
             contact.keep(marked)
         self.previous[converged] = self.travelled[converged]
         self.travelled[converged] = self.target[converged]
-        self._successes[converged] += 1
-        longer = converged & (self._successes >= GROWTH_DELAY)
+        self.successes[converged] += 1
+        longer = converged & (self.successes >= GROWTH_DELAY)
         self.step[longer] = np.minimum(2.0 * self.step, self.max_step)[longer]
         self._store_samples(converged & (self.target == self.goal))
 
@@ -307,11 +304,11 @@ class LoadStepping:
         if press.status is None:
             if press.all_failed:
                 self.queue.add(press)
-            self._release(np.arange(self.scene.batch) == env)
+            self.release(np.array([each is ended for each in self.tries]))
         else:  # other tries may be running, too
-            self._release(np.array([each is press for each in self.press]))
+            self.release(np.array([each is press for each in self.press]))
 
-    def _release(self, environments: np.ndarray):
+    def release(self, environments: np.ndarray):
         """Remove the tries from the environments (env,) bool."""
         for env in np.flatnonzero(environments):
             self.press[env] = self.tries[env] = None

@@ -282,11 +282,11 @@ def test_a_failed_repeat_is_solved_from_its_start_only_if_the_increment_had_conv
     begin_presses(stepping, [SPHERE], [0], pose(), np.array([1]))
     stepping.advance()
     before = stepping.target[0]
-    stepping._repeats[0], stepping._converged[0] = 1, converged
+    stepping.repeats[0], stepping.converged_once[0] = 1, converged
     scene.solver.increment.status[0] = Status.NEWTON_STALLED
     stepping._accept_or_reject(np.ones(1, dtype=bool))
     assert stepping.step[0] == (0.5 * before if halved else before)
-    assert (stepping._repeats[0] > MAX_REPEATS) != halved and not stepping._converged[0]
+    assert (stepping.repeats[0] > MAX_REPEATS) != halved and not stepping.converged_once[0]
 
 
 def test_elements_that_will_be_inverted_are_stabilised_before_an_increment_converges(block, monkeypatch):

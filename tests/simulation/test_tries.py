@@ -11,6 +11,8 @@ import pytest
 from simgen.config.solver_settings import SolverSettings
 from simgen.fem.nonlinear.status import Status
 from simgen.pipeline.presser import Pools
+from simgen.simulation import halved_steps
+from simgen.simulation.halved_steps import HALVE_AFTER
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.pool import Pool
 from simgen.simulation.press import Scene, begin_presses, press
@@ -282,8 +284,13 @@ def test_a_press_is_dropped_with_both_its_tries(block, monkeypatch):
     assert not stepping.solver.working.any()
 
 
-def test_races_in_two_pools_lose_no_press(block, monkeypatch):
-    """The tries of presses at 0, 1 and -1 mm fail once, twice and never, and those of tilted presses always."""
+@pytest.mark.parametrize("halve_after", [HALVE_AFTER, 2])
+def test_races_in_two_pools_lose_no_press(block, monkeypatch, halve_after):
+    """The tries of presses at 0, 1 and -1 mm fail once, twice and never, and those of tilted presses always.
+
+    Once with the usual load steps, and once with many that are also begun in halves.
+    """
+    monkeypatch.setattr(halved_steps, "HALVE_AFTER", halve_after)
     accept, begin, begun = LoadStepping._accept_or_reject, Press.next_try, Counter()
 
     def failing(press):
