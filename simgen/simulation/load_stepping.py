@@ -42,8 +42,8 @@ class LoadStepping:
     path (d, 4): offsets, mm, and turns about the press axis, rad. A press ends after its last step, or where its force
     along the press axis exceeds ``max_force_n``, which may be infinite. The scene holds the indenters' shapes.
     ``travelled``, ``target`` and ``goal`` (env,) are path lengths in mm: at the last converged increment, at the end of
-    the current increment, and at the next point to store. ``halved`` (env,) bool marks increments that were begun again
-    in halves, see `halved_steps`. ``queue`` has the presses that wait for an environment.
+    the current increment, and at the next point to store. ``halved`` (env,) bool marks increments whose halves have
+    begun beside them, see `halved_steps`. ``queue`` has the presses that wait for an environment.
     """
 
     _counted = 0.0  # s, time up to which wall time has been shared out among presses
@@ -62,7 +62,7 @@ class LoadStepping:
         self._damping, self._overlap_mm = np.zeros((2, batch))  # largest since a sample; deepest where one is due
         self._measured: tuple[np.ndarray, Measured] | None = None  # where a sample is due, (env,) bool, and its values
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
-        self._repeated = np.zeros(batch, dtype=bool)  # the last increment was repeated
+        self.repeated = np.zeros(batch, dtype=bool)  # the last increment was repeated
         self.converged_once = np.zeros(batch, dtype=bool)  # the current one has converged once, and was repeated
         self.halved, self._iterations_before = np.zeros(batch, dtype=bool), np.zeros(batch, dtype=np.int64)
         self.step_scale = np.ones(batch)  # of the current tries
@@ -131,7 +131,8 @@ class LoadStepping:
         slow = sorted(np.flatnonzero(self.running & slow), key=lambda env: -self._try_iterations[env])
         slow = list(dict.fromkeys(self.press[env] for env in slow))
         beside_slow = self.queue.has_help and self.has_slow_press
-        presses = self.queue.next_presses(slow, int(self.running.sum()), beside_slow)
+        tries = {id(each) for each in self.tries if each is not None}  # some have two environments
+        presses = self.queue.next_presses(slow, len(tries), beside_slow)
         for env, press in zip(free, presses, strict=False):  # an environment first, or a press would be lost
             self.press[env], self.tries[env] = press, press.next_try()
             self._shape[env], self._poses[env], self._reach[env] = press.shape, press.pose, press.lateral_reach
@@ -143,7 +144,7 @@ class LoadStepping:
         self.repeats[fresh] = self._try_iterations[fresh] = self.cost[:, fresh] = 0
         self.travelled[fresh] = self.previous[fresh] = self._damping[fresh] = 0.0
         self.successes[fresh] = GROWTH_DELAY
-        self._reinforced[fresh] = self._repeated[fresh] = self.converged_once[fresh] = False
+        self._reinforced[fresh] = self.repeated[fresh] = self.converged_once[fresh] = False
         self.step[fresh] = self.max_step[fresh] = self.step_scale[fresh] * self.path.max_steps[0]
         self.scene.load(fresh, self._shape)
         return fresh
@@ -186,7 +187,7 @@ class LoadStepping:
             contact.begin_increment(start, guess, at_rest, at_rest, travel, Last(self.x_previous, at_rest, continued))
         for contact in solver.contacts:
             contact.extrapolate(ratio)
-        solver.begin(starting, self._repeated & (self.repeats < MAX_REPEATS))
+        solver.begin(starting, self.repeated & (self.repeats < MAX_REPEATS))
 
     def _repeat(self, ended: np.ndarray) -> np.ndarray:
         """Repeat increments that have ended in a state that cannot be kept; returns their environments (env,) bool.
@@ -227,7 +228,7 @@ class LoadStepping:
         if again.any():
             self.repeats[again] += 1
             self.converged_once |= again & converged
-            self._count_cost(again)
+            self.count_cost(again)
             batch_arrays.copy(solver.x, solver.mark(again), solver.trial)
             solver.begin(again, self.repeats < MAX_REPEATS)
         return again
@@ -244,7 +245,8 @@ class LoadStepping:
         for contact in self.solver.contacts:
             contact.restore(marked)
 
-    def _count_cost(self, ended: np.ndarray):
+    def count_cost(self, ended: np.ndarray):
+        """Count the iterations of the increments that have ended (env,) bool."""
         out = self.solver.increment
         self.cost[:2, ended] += np.stack([out.newton_iterations, out.krylov_iterations])[:, ended]
         self._try_iterations[ended] += out.newton_iterations[ended]
@@ -256,7 +258,7 @@ class LoadStepping:
         dropped = superseded(self, ended)
         self.release(dropped)
         ended = ended & ~dropped
-        self._count_cost(ended)
+        self.count_cost(ended)
         self.cost[2, ended] += 1
         converged = ended & (out.status == Status.CONVERGED)
         failed = ended & ~converged
@@ -264,7 +266,7 @@ class LoadStepping:
             self.restore(failed)
         # An increment that had converged and whose repeat fails is solved from its start, without further repeats.
         unchecked = failed & self.converged_once & (self.repeats <= MAX_REPEATS) & (out.status != Status.NOT_RESOLVED)
-        self._repeated[ended], self.converged_once[ended] = self.repeats[ended] > 0, False
+        self.repeated[ended], self.converged_once[ended] = self.repeats[ended] > 0, False
         self.repeats[ended] = np.where(unchecked, MAX_REPEATS + 1, 0)[ended]
         failed &= ~unchecked
         if failed.any():

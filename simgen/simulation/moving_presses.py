@@ -14,7 +14,7 @@ from simgen.fem import batch_arrays
 # Attributes of `LoadStepping` with one value for each environment, which belongs to its press.
 OF_PRESS = (
     "_shape", "_poses", "_reach", "travelled", "previous", "target", "step", "goal", "max_step", "step_scale",
-    "successes", "repeats", "_damping", "_reinforced", "_repeated", "converged_once", "_try_iterations",
+    "successes", "repeats", "_damping", "_reinforced", "repeated", "converged_once", "_try_iterations",
     "_target_poses", "running", "_starting", "halved", "_iterations_before",
 )  # fmt: skip
 

@@ -12,6 +12,7 @@ from simgen.simulation import halved_steps, load_stepping
 from simgen.simulation.halved_steps import superseded
 from simgen.simulation.load_stepping import LoadStepping
 from simgen.simulation.press import Scene, begin_presses
+from simgen.simulation.press_queue import PressQueue
 from simulation.blocks import GEL, SPHERE, pose
 
 CONVERGED, FAILED = Status.CONVERGED, Status.NEWTON_STALLED
@@ -30,32 +31,42 @@ WHOLE, FIRST_HALF, SECOND_HALF = (0.0, 0.2), (0.0, 0.1), (0.1, 0.2)  # mm: trave
         (SECOND_HALF, (FAILED, None), (True, False)),
         (FIRST_HALF, (None, FAILED), (False, False)),  # it is halved again
         (SECOND_HALF, (None, FAILED), (False, False)),
+        ((0.1, 0.2 - 3e-17), (None, CONVERGED), (True, False)),  # rounding
         (FIRST_HALF, (FAILED, FAILED), (True, False)),
         (FIRST_HALF, (FAILED, CONVERGED), (True, False)),
         (SECOND_HALF, (FAILED, CONVERGED), (True, False)),
     ],
 )
 def test_the_one_that_comes_further_first_goes_on(half, ended, dropped):
-    """Environments: the whole step, its half, another press whose step fails, and a free one."""
+    assert superseded(*beside(half, ended)).tolist() == [*dropped, False, False]
+
+
+def test_a_whole_step_that_had_converged_is_solved_once_more():
+    stepping, ended = beside(FIRST_HALF, (FAILED, None))
+    stepping.converged_once[0] = True
+    assert not superseded(stepping, ended).any()
+
+
+def beside(half, ended) -> tuple[SimpleNamespace, np.ndarray]:
+    """Environments of a whole step, its half, another press whose step fails, and a free one; where steps ended."""
     travelled, target = np.transpose([WHOLE, half, WHOLE, (0.0, 0.0)])
     one, other = object(), object()
     status = np.array([0 if each is None else each for each in (*ended, FAILED, None)])
     stepping = SimpleNamespace(
         solver=SimpleNamespace(increment=SimpleNamespace(status=status)), tries=[one, one, other, None],
-        travelled=travelled, target=target,
+        travelled=travelled, target=target, converged_once=np.zeros(4, dtype=bool),
     )  # fmt: skip
-    have_ended = np.array([*(each is not None for each in ended), True, False])
-    assert superseded(stepping, have_ended).tolist() == [*dropped, False, False]
+    return stepping, np.array([*(each is not None for each in ended), True, False])
 
 
-def pressed(block, batch=2, race=True, watch=lambda stepping: None):
+def pressed(block, batch=2, race=True, watch=lambda stepping: None, element="P2-P1"):
     """A sphere, pressed to 0.2 and 0.4 mm as in a race, and the load stepping."""
-    scene = Scene(block, GEL, batch=batch, settings=SolverSettings(smallest_substep=1e-3))
+    scene = Scene(block, GEL, batch=batch, settings=SolverSettings(smallest_substep=1e-3, element=element))
     scene.reset([SPHERE])
     stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
     [one] = begin_presses(stepping, [SPHERE], [0], pose(), np.array([2]))
     one.race = race
-    while stepping.remaining:
+    while one.status is None:
         stepping.advance()
         watch(stepping)
     assert stepping.press == stepping.tries == [None] * batch and not stepping.solver.working.any()
@@ -116,11 +127,23 @@ def test_halves_go_on_while_the_whole_step_takes_long(block, monkeypatch):
     assert targets == pytest.approx([0.1, 0.3]) and max(most) == 2
     assert one.status == Status.CONVERGED and len(one.samples) == 2
     np.testing.assert_allclose(forces(one)[:, 1], forces(alone)[:, 1], rtol=5e-3)
+    assert [sample.value("certificate/substeps") for sample in one.samples] == [1, 3]  # the whole one and two halves
+    assert iterations(one)[1] > 3 + 2
 
 
-@pytest.mark.parametrize(("race", "batch", "most"), [(False, 2, 16), (True, 1, 16), (True, 2, 1)])
-def test_without_a_race_or_room_no_step_is_halved(block, monkeypatch, race, batch, most):
+@pytest.mark.parametrize(
+    ("race", "batch", "most", "element"),
+    [(False, 2, 16, "P2-P1"), (True, 1, 16, "P2-P1"), (True, 2, 1, "P2-P1"), (True, 2, 16, "P1")],
+)
+def test_without_a_race_or_room_and_with_factors_no_step_is_halved(block, monkeypatch, race, batch, most, element):
     monkeypatch.setattr(halved_steps, "MOST_RUNNING", most)
     targets = count_halves(monkeypatch, 1)
-    one, _ = pressed(block, batch, race)
+    one, _ = pressed(block, batch, race, element=element)
+    assert not targets and one.status == Status.CONVERGED
+
+
+def test_while_presses_wait_no_step_is_halved(block, monkeypatch):
+    targets = count_halves(monkeypatch, 1)
+    monkeypatch.setattr(PressQueue, "__len__", lambda queue: 1)
+    one, _ = pressed(block)
     assert not targets and one.status == Status.CONVERGED

@@ -99,7 +99,10 @@ class NewtonSolver:
         return ~(self.systems.solving | self.preconditioner.factored)
 
     def move(self, sources: np.ndarray, targets: np.ndarray):
-        """Move increments from `movable` environments to others, given by number: (k,) each."""
+        """Move increments from `movable` environments to others, given by number: (k,) each.
+
+        Copies of an increment with a linear system under way are of use only after :meth:`abandon`.
+        """
         records = (self.increment, self.damping, self._search)
         of_records = [values for record in records for values in vars(record).values()]
         flags = self.working, self._at_guess, self._new_step, self._looks_early
