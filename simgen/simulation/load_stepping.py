@@ -93,7 +93,7 @@ class LoadStepping:
 
     @property
     def remaining(self) -> int:
-        """Number of waiting presses and running tries."""
+        """Number of waiting presses, and of environments in use."""
         return len(self.queue) + int(self.running.sum())
 
     @property

@@ -99,7 +99,7 @@ class Pool:
 
     @property
     def remaining(self) -> int:
-        """Number of presses that have arrived or wait, and of running tries."""
+        """Number of presses that have arrived or wait, and of environments in use."""
         return self._stepping.remaining + self.arrived
 
     @property
