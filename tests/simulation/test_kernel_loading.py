@@ -7,6 +7,7 @@ import pytest
 import warp as wp
 
 from simgen.errors import InputError
+from simgen.fem import device
 from simgen.fem.material import LAWS
 from simgen.sensors.indenter import load_indenter
 from simgen.sensors.sensor import load_sensor
@@ -23,6 +24,7 @@ def test_the_listed_modules_are_those_that_a_press_launches(monkeypatch):
         return launch(kernel, *args, **more)
 
     monkeypatch.setattr(wp, "launch", recorded)
+    monkeypatch.setattr(device, "_LAUNCHES", {})  # launches of an earlier scene, whose memory this one may get
     digit = load_sensor("digit", "coarse")
     material = digit.materials["solid"]
     scene = Scene(digit, material)
