@@ -60,24 +60,26 @@ def _steps_to_halve(stepping: Any) -> tuple[np.ndarray, np.ndarray]:
 
     While presses wait, there are none. Environments with sparse factors have none either: factors are not copied.
     """
-    running, solver = stepping.running, stepping.solver
-    room = 0 if len(stepping.queue) else max(0, MOST_RUNNING - int(running.sum()))
+    running, solver, none = stepping.running, stepping.solver, np.zeros(0, dtype=int)
+    room = MOST_RUNNING - int(running.sum())
+    if room <= 0 or len(stepping.queue):
+        return none, none
     long = running & solver.working & ~stepping.halved & (stepping.increment_iterations >= HALVE_AFTER)
     long &= ~solver.preconditioner.factored
     long &= (stepping.target - stepping.travelled) / 2.0 >= smallest_steps(stepping)
-    chosen = [env for env in np.flatnonzero(long) if stepping.press[env].race and not has_partner(stepping, env)]
+    paired = partners(stepping)
+    chosen = [env for env in np.flatnonzero(long) if stepping.press[env].race and env not in paired]
     pairs = list(zip(chosen[:room], np.flatnonzero(~running), strict=False))
     return tuple(np.array(pairs, dtype=int).reshape(-1, 2).T)
 
 
-def has_partner(stepping: Any, env: int) -> bool:
-    """True if another environment has the same try."""
-    return bool(_partners(stepping, env))
-
-
-def _partners(stepping: Any, env: int) -> list[int]:
-    own = stepping.tries[env]
-    return [other for other, each in enumerate(stepping.tries) if each is own and own is not None and other != env]
+def partners(stepping: Any) -> dict[int, int]:
+    """Pairs of environments that have the same try: the number of the one by that of the other."""
+    first, found = {}, {}
+    for env, each in enumerate(stepping.tries):
+        if each is not None and (other := first.setdefault(id(each), env)) != env:
+            found[env], found[other] = other, env
+    return found
 
 
 def superseded(stepping: Any, ended: np.ndarray) -> np.ndarray:
@@ -89,14 +91,13 @@ def superseded(stepping: Any, ended: np.ndarray) -> np.ndarray:
     """
     converged = ended & (stepping.solver.increment.status == Status.CONVERGED)
     dropped, target, travelled = np.zeros_like(ended), stepping.target, stepping.travelled
-    for env in np.flatnonzero(ended):
-        for other in _partners(stepping, env):
-            if dropped[env] or dropped[other]:
-                continue
-            if converged[env]:
-                dropped[other] = target[env] >= target[other] - ROUNDING_MM
-            elif not stepping.converged_once[env]:
-                ahead = travelled[other] - travelled[env]
-                is_whole = abs(ahead) <= ROUNDING_MM and target[env] > target[other] + ROUNDING_MM
-                dropped[env] = ahead > ROUNDING_MM or is_whole
+    for env, other in sorted(partners(stepping).items()):
+        if not ended[env] or dropped[env] or dropped[other]:
+            continue
+        if converged[env]:
+            dropped[other] = target[env] >= target[other] - ROUNDING_MM
+        elif not stepping.converged_once[env]:
+            ahead = travelled[other] - travelled[env]
+            is_whole = abs(ahead) <= ROUNDING_MM and target[env] > target[other] + ROUNDING_MM
+            dropped[env] = ahead > ROUNDING_MM or is_whole
     return dropped

@@ -17,7 +17,7 @@ from simgen.fem.contact.contact import Last
 from simgen.fem.device import read_together
 from simgen.fem.nonlinear.newton import REPEATABLE_ITERATIONS
 from simgen.fem.nonlinear.status import Status
-from simgen.simulation.halved_steps import begin_halves, halve, has_partner, smallest_steps, superseded
+from simgen.simulation.halved_steps import begin_halves, halve, partners, smallest_steps, superseded
 from simgen.simulation.measurements import Solution, take_samples
 from simgen.simulation.moving_presses import move_together
 from simgen.simulation.press_path import PressPath, longest_way
@@ -64,7 +64,8 @@ class LoadStepping:
         self._reinforced = np.zeros(batch, dtype=bool)  # retried with reinforced elements
         self.repeated = np.zeros(batch, dtype=bool)  # the last increment was repeated
         self.converged_once = np.zeros(batch, dtype=bool)  # the current one has converged once, and was repeated
-        self.halved, self._iterations_before = np.zeros(batch, dtype=bool), np.zeros(batch, dtype=np.int64)
+        self.halved = np.zeros(batch, dtype=bool)
+        self._iterations_before = np.zeros(batch, dtype=np.int64)  # of the current tries, before the current increment
         self.step_scale = np.ones(batch)  # of the current tries
         self.goal, self.max_step = np.zeros(batch), np.full(batch, self.path.max_steps[0])  # on the current leg
         # Newton iterations of the current tries; Newton and Krylov iterations and sub-steps since the last sample
@@ -280,7 +281,7 @@ class LoadStepping:
                 self._reinforced |= reinforce
                 self.step[reinforce] = self.max_step[reinforce]
             for env in np.flatnonzero(given_up):
-                if has_partner(self, env):
+                if env in partners(self):
                     self.release(np.arange(self.scene.batch) == env)
                 else:
                     self._end(env, out.status[env], failed=True)

@@ -60,7 +60,7 @@ def beside(half, ended) -> tuple[SimpleNamespace, np.ndarray]:
 
 
 def pressed(block, batch=2, race=True, watch=lambda stepping: None, element="P2-P1"):
-    """A sphere, pressed to 0.2 and 0.4 mm as in a race, and the load stepping."""
+    """A sphere, pressed to 0.2 and 0.4 mm as in a race."""
     scene = Scene(block, GEL, batch=batch, settings=SolverSettings(smallest_substep=1e-3, element=element))
     scene.reset([SPHERE])
     stepping = LoadStepping(scene, np.array([[0.0, 0.2, 0.0, 0.0], [0.0, 0.4, 0.0, 0.0]]), np.inf)
@@ -70,10 +70,10 @@ def pressed(block, batch=2, race=True, watch=lambda stepping: None, element="P2-
         stepping.advance()
         watch(stepping)
     assert stepping.press == stepping.tries == [None] * batch and not stepping.solver.working.any()
-    return one, stepping
+    return one
 
 
-def count_halves(monkeypatch, after: int) -> list[int]:
+def count_halves(monkeypatch, after: int) -> list[float]:
     """Begin halves after so many Newton iterations; returns a list of the targets, mm, of those that begin."""
     monkeypatch.setattr(halved_steps, "HALVE_AFTER", after)
     begin, targets = halved_steps.begin_halves, []
@@ -97,9 +97,9 @@ def iterations(press) -> list[int]:
 
 def test_a_whole_step_that_converges_is_as_without_halves(block, monkeypatch):
     """The halves need more iterations here, and are dropped: no number changes."""
-    alone, _ = pressed(block)
+    alone = pressed(block)
     targets = count_halves(monkeypatch, 2)
-    one, _ = pressed(block)
+    one = pressed(block)
     assert targets == pytest.approx([0.1, 0.3])
     np.testing.assert_array_equal(forces(one), forces(alone))
     assert iterations(one) == iterations(alone)
@@ -107,7 +107,7 @@ def test_a_whole_step_that_converges_is_as_without_halves(block, monkeypatch):
 
 def test_halves_go_on_while_the_whole_step_takes_long(block, monkeypatch):
     """The second step never ends. Its halves reach its end, and the force there is that of the whole step."""
-    alone, _ = pressed(block)
+    alone = pressed(block)
     targets, most = count_halves(monkeypatch, 3), []
     iterate, advance, now = NewtonSolver.iterate, LoadStepping.advance, []
 
@@ -123,7 +123,7 @@ def test_halves_go_on_while_the_whole_step_takes_long(block, monkeypatch):
 
     monkeypatch.setattr(NewtonSolver, "iterate", endless)
     monkeypatch.setattr(LoadStepping, "advance", note)
-    one, _ = pressed(block, batch=3, watch=lambda stepping: most.append(int(stepping.running.sum())))
+    one = pressed(block, batch=3, watch=lambda stepping: most.append(int(stepping.running.sum())))
     assert targets == pytest.approx([0.1, 0.3]) and max(most) == 2
     assert one.status == Status.CONVERGED and len(one.samples) == 2
     np.testing.assert_allclose(forces(one)[:, 1], forces(alone)[:, 1], rtol=5e-3)
@@ -138,12 +138,12 @@ def test_halves_go_on_while_the_whole_step_takes_long(block, monkeypatch):
 def test_without_a_race_or_room_and_with_factors_no_step_is_halved(block, monkeypatch, race, batch, most, element):
     monkeypatch.setattr(halved_steps, "MOST_RUNNING", most)
     targets = count_halves(monkeypatch, 1)
-    one, _ = pressed(block, batch, race, element=element)
+    one = pressed(block, batch, race, element=element)
     assert not targets and one.status == Status.CONVERGED
 
 
 def test_while_presses_wait_no_step_is_halved(block, monkeypatch):
     targets = count_halves(monkeypatch, 1)
     monkeypatch.setattr(PressQueue, "__len__", lambda queue: 1)
-    one, _ = pressed(block)
+    one = pressed(block)
     assert not targets and one.status == Status.CONVERGED
